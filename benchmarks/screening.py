@@ -22,7 +22,7 @@ sys.path.insert(0, str(ROOT))
 
 def problems() -> dict[str, Any]:
     """A search's problem by model."""
-    from ident.tracing.candidate_model.problem import TraceProblem
+    from ident.tracing.problem import TraceProblem
     from ident.tracing.settings import TraceSettings
     from ident.tracing.wrong_samples import measured_masks
     from sim.vehicles.factory import model_from_constants
@@ -57,10 +57,10 @@ def least(act: Callable[[], object], runs: int) -> float:
 
 
 def main() -> None:
-    from ident.tracing.evidence.priors import set_prior
-    from ident.tracing.evidence.scan import leads_of, prepared, shown_by
-    from ident.tracing.screening.context import search_context
-    from scenarios.diagnosis.candidates import candidates_for
+    from ident.tracing.context import search_context
+    from ident.tracing.priors import set_prior
+    from ident.tracing.scan import leads_of, prepared, shown_by
+    from scenarios.diagnosis.opening import candidates_for
 
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter

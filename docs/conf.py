@@ -2,6 +2,7 @@
 anything.
 """
 
+import os
 import sys
 from importlib import metadata
 from pathlib import Path
@@ -116,7 +117,16 @@ html_title = f"flightid {release}".strip()
 # Pages with nothing below them have no navigation of their own section.
 html_sidebars = {
     name: []
-    for name in ("index", "start", "limits", "made/changelog", "search", "genindex", "py-modindex")
+    for name in (
+        "index",
+        "start",
+        "limits",
+        "made/gallery",
+        "made/changelog",
+        "search",
+        "genindex",
+        "py-modindex",
+    )
 }
 html_static_path = ["_static"]
 html_search_scorer = str(ROOT / "docs" / "_static" / "scorer.js")
@@ -126,13 +136,19 @@ html_copy_source = False
 # it fetches pages, which browsers forbid where the site is opened as files
 html_show_search_summary = False
 html_context = {"default_mode": "auto"}
+# The address at which a page is edited, with {page} for its path below docs: where the sources are
+# hosted is not known here. Without it pages have no link to it.
+edit_address = os.environ.get("FLIGHTID_EDIT_PAGE", "")
+if edit_address:
+    html_context["edit_page_url_template"] = edit_address.replace("{page}", "{{ file_name }}")
 html_theme_options = {
     "logo": {"text": "flightid"},
     "navbar_align": "left",
     "header_links_before_dropdown": 6,
     "show_toc_level": 2,
     "navigation_with_keys": False,
-    "secondary_sidebar_items": ["page-toc"],
+    "secondary_sidebar_items": ["page-toc", *(["edit-this-page"] if edit_address else [])],
+    "use_edit_page_button": bool(edit_address),
     "footer_start": ["copyright"],
     "footer_end": [],
     "show_prev_next": True,

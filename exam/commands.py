@@ -20,9 +20,8 @@ from exam.campaigns import (
 from exam.options import Parser, ended_in_one_line, figures_of, manner_of, seed
 from exam.surrogates.catalogue import USUAL, load_surrogate, surrogate_names
 from scenarios.files.declarations import named_after
-from scenarios.report.progress import progress_bar
-from scenarios.report.summary import details_in, written_to
-from scenarios.report.text_tables import terminal_width
+from scenarios.report.summary import details_in, terminal_width, written_to
+from scenarios.report.terminal import progress_bar
 from scenarios.studies.catalogue import scenario_file
 from sim.errors import DeclarationError
 

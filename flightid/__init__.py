@@ -12,9 +12,10 @@ in `scenarios.api`.
 
 from __future__ import annotations
 
+import sys
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-from flightid.hiding import refuse_hidden
 
 if TYPE_CHECKING:
     from flightid import plot
@@ -27,12 +28,11 @@ if TYPE_CHECKING:
         find_maneuvers,
         frequency_response,
     )
-    from scenarios.api.design import Design, design
+    from scenarios.api.design import Design, Structure, design, export, structure
     from scenarios.api.diagnosis import Diagnosis, Survey, diagnose, survey
     from scenarios.api.identification import Identification, Prediction, identify, predict
     from scenarios.api.record import Record, read_record
     from scenarios.api.shown import Parameter, Parameters
-    from scenarios.api.structure import Structure, export, structure
     from scenarios.api.study import Campaign, Study, campaign, run, simulate
     from scenarios.api.tables import InputError, Table, effects, models, scenarios, vehicles
     from scenarios.api.vehicle import Vehicle, vehicle
@@ -54,7 +54,7 @@ _EXPORTS = {
     **dict.fromkeys(("Parameter", "Parameters"), "shown"),
     **dict.fromkeys(("Prediction", "predict"), "identification"),
     **dict.fromkeys(("Record", "read_record"), "record"),
-    **dict.fromkeys(("Structure", "export", "structure"), "structure"),
+    **dict.fromkeys(("Structure", "export", "structure"), "design"),
     **dict.fromkeys(("Study", "run", "simulate"), "study"),
     **dict.fromkeys(("Survey", "survey"), "diagnosis"),
     "Table": "tables",
@@ -104,7 +104,61 @@ __all__ = [
     "vehicles",
 ]
 
-refuse_hidden(__file__)
+_PACKAGES = ("sim", "ident", "scenarios")
+
+
+def _refuse_hidden(ours: str) -> None:
+    """Raise ImportError, with the file that hides it, where a package beside the file ``ours``'s
+    folder is not what Python would import: a user's own module of that name comes first.
+
+    Nothing is imported for it.
+    """
+    home = Path(ours).resolve().parent.parent
+    for room in _PACKAGES:
+        found = _place_of(room)
+        if found is not None and found.resolve() != home / room:
+            shown = (
+                found
+                if found.is_dir()
+                else found.with_suffix(".py")
+                if found.with_suffix(".py").is_file()
+                else found
+            )
+            remedy = (
+                "rename it, or move it out of the folders that Python searches (sys.path), then "
+                "start Python again"
+            )
+            # With the name `python -m flightid` tells it in one line.
+            raise ImportError(
+                f"{shown} hides the package {room!r} of flightid: {remedy}",
+                name="flightid",
+                path=str(shown),
+            )
+
+
+def _place_of(room: str) -> Path | None:
+    """The folder of the package that the name leads to, or the file without its ending where it
+    leads to a module; None where nowhere.
+    """
+    loaded = sys.modules.get(room)
+    try:
+        spec = loaded.__spec__ if loaded is not None else find_spec(room)
+    except ValueError:  # a module without a spec, made by hand
+        spec = None
+    places = (
+        list(getattr(loaded, "__path__", []))
+        if loaded is not None
+        else list(spec.submodule_search_locations or [])
+        if spec is not None
+        else []
+    )
+    if places:
+        return Path(places[0])
+    file = getattr(loaded, "__file__", None) or (spec.origin if spec is not None else None)
+    return Path(file).with_suffix("") if file else None
+
+
+_refuse_hidden(__file__)
 
 
 def __getattr__(name: str) -> Any:

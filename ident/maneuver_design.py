@@ -22,17 +22,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ident.statistics.intervals import inverse_information
-from ident.tracing.candidate_model.fitted_model import (
+from ident.tracing.context import search_context
+from ident.tracing.decision import CERTAIN
+from ident.tracing.fitted_model import (
     FittedModel,
     added_parameters,
     is_event,
     known_beforehand,
 )
-from ident.tracing.evidence.decision import CERTAIN
-from ident.tracing.evidence.priors import FEWEST, ODDS
-from ident.tracing.evidence.set_search import starts_at
-from ident.tracing.screening.context import search_context
-from ident.tracing.thresholds import PLACES
+from ident.tracing.priors import FEWEST, ODDS
+from ident.tracing.scan import PLACES, starts_at
 from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records, without_sensitivities
 from ident.whole_record.layout import (
     FitLayout,

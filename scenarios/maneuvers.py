@@ -21,7 +21,7 @@ from ident.maneuver_detection import (
     active_share,
     find_maneuvers,
 )
-from scenarios.files.channels import ColumnChoice
+from scenarios.files.declarations import ColumnChoice
 from scenarios.files.measured.columns import RecordFile, opened, with_names
 from scenarios.files.records import read_record, refuse_rate
 from scenarios.files.sources import InputFile, versions
@@ -48,9 +48,8 @@ from scenarios.report.document import (
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import figures, write_page
 from scenarios.report.quantities import console, shown_in, spaced
-from scenarios.report.summary import BELOW, Summary, print_summary
+from scenarios.report.summary import BELOW, Summary, print_paragraph, print_summary
 from scenarios.report.terminal import show_table
-from scenarios.report.text_tables import print_paragraph
 from sim.record import Record
 
 # ---- A record file searched for maneuvers

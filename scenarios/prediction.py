@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.tracing.diagnosis import ErrorFigures, Quantity
-from ident.tracing.later_record import predict
-from scenarios.diagnosis.candidates import checked_effects, read_effects
-from scenarios.files.channels import CHANNEL_UNITS, read_channel_map
+from ident.tracing.predictive import predict
+from scenarios.diagnosis.opening import checked_effects, read_effects
+from scenarios.files.declarations import CHANNEL_UNITS, read_channel_map
 from scenarios.files.measured.columns import RecordFile, all_simulated, opened
 from scenarios.files.sources import InputFile, read_source, versions
 from scenarios.files.user_models import OwnModel, channel_units
@@ -56,8 +56,8 @@ from scenarios.report.document import (
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import figures, write_page
 from scenarios.report.shared_tables import FITS, NO_FIT, fit_cells, rows_table
+from scenarios.report.summary import WIDTH, wrapped
 from scenarios.report.terminal import table_as_lines
-from scenarios.report.text_tables import WIDTH, wrapped
 from scenarios.tolerances import (
     ToleranceVerdict,
     read_tests,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sim.aerodynamics.terms import FLOW, parse_term
+from sim.aerodynamics import FLOW, parse_term
 from sim.vehicles.aircraft import DEFAULTS, Aircraft
 
 SURFACES = {"elevator": "rad", "aileron": "rad", "rudder": "rad"}

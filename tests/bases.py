@@ -20,9 +20,9 @@ from sim.maths import G0
 from sim.propagation import Step, drive_from_record, make_grid, rk4_step, simulate
 from sim.record import Hold
 from sim.vehicles.aircraft import aircraft_model
-from sim.vehicles.ballistic import Ballistic
 from sim.vehicles.factory import model_from_constants
-from sim.vehicles.short_period import ShortPeriod
+from sim.vehicles.other_vehicles import Ballistic
+from sim.vehicles.uncoupled import ShortPeriod
 from tests.airliner import AIRLINER, ELEVATOR, THRUST
 
 RIGID_VALUES = {

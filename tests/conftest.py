@@ -11,7 +11,7 @@ import signal
 import pytest
 from hypothesis import settings
 
-from scenarios.report import progress
+from scenarios.report import terminal
 
 # Set before any test imports numpy; small matrices gain nothing from threads, and processes inherit
 # it.
@@ -24,7 +24,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile("flightid", deadline=None, derandomize=True)
 settings.load_profile("flightid")
-progress.EVERY = 1e6  # s; a command's stderr is empty on a busy machine, too
+terminal.EVERY = 1e6  # s; a command's stderr is empty on a busy machine, too
 
 
 @pytest.hookimpl(tryfirst=True)

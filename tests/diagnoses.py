@@ -22,7 +22,7 @@ from ident.tracing.diagnosis import (
     Step,
     Verdict,
 )
-from ident.tracing.verdict import not_noise
+from ident.tracing.result import not_noise
 from scenarios.diagnosis.tracing import Inputs, Tracing
 from scenarios.files.sources import InputFile
 from scenarios.files.vehicles import VehicleFile

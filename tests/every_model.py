@@ -14,7 +14,7 @@ from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
 from sim.record import Channel, Record
 from sim.vehicles.factory import model_from_constants
-from sim.vehicles.multirotor import Multirotor
+from sim.vehicles.other_vehicles import Multirotor
 from tests import whole_axes
 from tests.bases import (
     BALLISTIC_VALUES,

@@ -6,16 +6,12 @@ from __future__ import annotations
 
 from sim.declaration.effect import Effect, Station
 from sim.declaration.model import Equations
-from sim.effects.dynamics.missing_term import MissingTerm
 from sim.effects.dynamics.structural_mode import StructuralMode
+from sim.effects.dynamics.varies import MissingTerm
 from sim.effects.library import catch_all_terms_for, effects_for, library
 from sim.vehicles.aircraft import aircraft_model
-from sim.vehicles.ballistic import Ballistic
-from sim.vehicles.lateral import Lateral
-from sim.vehicles.loes import Loes
-from sim.vehicles.longitudinal import Longitudinal
-from sim.vehicles.multirotor import Multirotor
-from sim.vehicles.short_period import ShortPeriod
+from sim.vehicles.other_vehicles import Ballistic, Multirotor
+from sim.vehicles.uncoupled import Lateral, Loes, Longitudinal, ShortPeriod
 from tests.airliner import AIRLINER
 
 # Every instance on these is held to every law; on the whole axes those of ``representatives``.

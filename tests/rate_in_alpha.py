@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Parameter, Regularity, Station
 from sim.declaration.proposal import Probe, SearchContext, Traits
-from sim.effects.sensor_path.sensor_position import VaneOffset
+from sim.effects.sensor_path.sensor_mounting import VaneOffset
 
 
 @dataclass(frozen=True)

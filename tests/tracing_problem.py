@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ident.tracing.candidate_model.fitted_model import FittedModel
-from ident.tracing.candidate_model.problem import TraceProblem
+from ident.tracing.fitted_model import FittedModel
+from ident.tracing.problem import TraceProblem
 from ident.tracing.settings import TraceSettings
 from ident.tracing.wrong_samples import measured_masks
 from sim.declaration.model import Model

@@ -10,7 +10,7 @@ from benchmarks.peers.least_squares import answer_of
 from benchmarks.peers.short_period import Problem
 from ident.structure.products import products_of
 from ident.structure.selection import stepwise
-from sim.aerodynamics.terms import Factor, Term
+from sim.aerodynamics import Factor, Term
 
 
 def prepare(problem: Problem) -> Callable[[], dict[str, np.ndarray]]:

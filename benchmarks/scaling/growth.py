@@ -33,7 +33,7 @@ def _traced(candidates: int) -> Callable[[], Any]:
     first.
     """
     from ident.tracing.loop import diagnose
-    from scenarios.diagnosis.candidates import candidates_for
+    from scenarios.diagnosis.opening import candidates_for
     from scenarios.studies.catalogue import load_document
     from scenarios.trials.planted.flights import fly_trace
     from scenarios.trials.planted.schema import trace_scenario_of

@@ -24,6 +24,16 @@ VEHICLES = {
     "longitudinal": "navion_longitudinal",
 }
 
+# Effects that a designed 3-2-1-1 does not show, by the scenario whose flight does; with what is
+# hidden in it where that is another effect.
+FLIGHTS: dict[str, tuple[str, list[dict[str, Any]] | None]] = {
+    "gust-turbulence": ("trace-turbulence", None),
+    "missing-term": ("trace-aircraft", None),
+    "drag-jump": ("trace-drag", None),
+    "density-scale-height": ("trace-density", None),
+    "drag-mach": ("trace-density", [{"name": "drag-mach", "values": {"shape1": 0.2}}]),
+}
+
 
 def thumbnail(rows: list[tuple[np.ndarray, str]], *, words: str) -> str:
     """Lines over the same time in one frame each above the other; those of one frame share it.
@@ -119,11 +129,41 @@ def effects() -> Iterator[tuple[str, str]]:
             )
 
 
+def flown_effects() -> Iterator[tuple[str, str]]:
+    """Name and signature of each effect of ``FLIGHTS``: one flight with it and without it, under
+    the same noise.
+    """
+    import flightid as fid
+
+    clean = {
+        "hidden": [],
+        "distance": "nothing missing",
+        "expect.verdicts": ["consistent"],
+        "expect.effects": [],
+    }
+    for family, (name, hidden) in FLIGHTS.items():
+        changes = None if hidden is None else {"hidden": hidden}
+        with_it = fid.simulate(name, set=changes).record
+        without = fid.simulate(name, set=clean).record
+        pairs = {each: np.array([without[each], with_it[each]]) for each in with_it.output_names}
+        output = max(
+            pairs, key=lambda each: np.ptp(np.diff(pairs[each], axis=0)) / np.ptp(pairs[each][0])
+        )
+        pair = pairs[output]
+        yield (
+            family,
+            thumbnail(
+                [(pair, BLUE), (np.diff(pair, axis=0), GREEN)],
+                words=f"{family}: {output} of {name} without and with it, and the difference",
+            ),
+        )
+
+
 def main(words: list[str] | None = None) -> None:
     """Write the pictures, and take away those that are no longer made."""
     argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0]).parse_args(words)
     made: dict[str, Any] = {f"scenario-{name}": svg for name, svg in scenarios()}
-    made |= {f"effect-{name}": svg for name, svg in effects()}
+    made |= {f"effect-{name}": svg for name, svg in (*effects(), *flown_effects())}
     FOLDER.mkdir(exist_ok=True)
     for old in FOLDER.glob("*.svg"):
         if old.stem not in made:

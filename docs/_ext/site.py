@@ -75,11 +75,18 @@ def clean(app: Any, error: Exception | None) -> None:
         shutil.rmtree(Path(app.srcdir) / "made", ignore_errors=True)
 
 
+def no_edit(app: Any, name: str, template: str, context: dict[str, Any], tree: Any) -> None:
+    """Pages that are made from code have no file of their own to edit."""
+    if name.startswith("made/") or not context.get("page_source_suffix"):
+        context["theme_use_edit_page_button"] = False
+
+
 def setup(app: Any) -> dict[str, object]:
     """Sphinx's hook of an extension."""
     app.add_lexer("csv", TextLexer)
     app.add_config_value("contents", {}, "env")
     app.connect("builder-inited", write_made_pages)
     app.connect("source-read", read)
+    app.connect("html-page-context", no_edit)
     app.connect("build-finished", clean)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

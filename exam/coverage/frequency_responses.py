@@ -23,7 +23,7 @@ import flightid as fid
 from exam.coverage.estimators import read_rows
 from exam.coverage.streams import beside_the_bank, stick_multisine, watched
 from exam.options import Parser
-from ident.flying_qualities.bandwidth import GAIN_MARGIN, attitude_bandwidth
+from ident.flying_qualities.attitude_criteria import GAIN_MARGIN, attitude_bandwidth
 from ident.flying_qualities.stability_margins import NORMAL, stability_margins
 from ident.frequency_response import Signals, Spectra, estimate_responses
 from ident.frequency_response.estimate import frequencies as response_frequencies

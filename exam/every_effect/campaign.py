@@ -20,7 +20,7 @@ from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text
 from scenarios.report.figure_formats import USUAL, Formats
 from scenarios.report.folder import write_page
-from scenarios.report.text_tables import WIDTH
+from scenarios.report.summary import WIDTH
 
 NAME = "every-effect"
 SCHEMA = "flightid/campaign/1"

@@ -17,7 +17,7 @@ from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.writing import study_folder, write_json
 from scenarios.report.figure_formats import USUAL, Formats
-from scenarios.report.text_tables import WIDTH
+from scenarios.report.summary import WIDTH
 from scenarios.tasks.work import Task, seed_of
 
 

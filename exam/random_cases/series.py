@@ -15,7 +15,7 @@ from exam.random_cases.case import Case, CaseScore, Named
 from exam.random_cases.examination import examine
 from exam.random_cases.kinds import KINDS
 from exam.repeated import Flown, LoopFlights, fly_all
-from scenarios.report.progress import progress_bar
+from scenarios.report.terminal import progress_bar
 from scenarios.tasks.study import Execution
 from sim.errors import DeclarationError
 

@@ -10,7 +10,7 @@ from exam.calibration import Statement, reliability
 from exam.random_cases.case import CaseScore
 from exam.random_cases.kinds import KINDS
 from ident.statistics.intervals import clopper_pearson, clustered_share
-from scenarios.report.text_tables import columns_of, table_lines
+from scenarios.report.summary import columns_of, table_lines
 from scenarios.trials.planted.declaration import OWN
 
 TWO_SIGMAS = 2.0

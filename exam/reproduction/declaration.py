@@ -106,9 +106,16 @@ class Part(_Strict):
     statements: list[Statement] = []
 
 
+class Remark(_Strict):
+    """A comparison of one study, ``SCENARIO`` or ``SCENARIO/METHOD``, with the paper in words."""
+
+    study: Text
+    text: Text
+
+
 class Paper(_Strict):
     """One paper. ``turned``: quantities whose sign is ours turned; ``published`` names its file of
-    published numbers.
+    published numbers; ``remarks`` stand at the end.
     """
 
     schema_: Literal["flightid/reproduction/1"] = Field(alias="schema")
@@ -118,6 +125,7 @@ class Paper(_Strict):
     published: Text
     turned: list[str] = []
     parts: list[Part]
+    remarks: list[Remark] = []
 
 
 @dataclass(frozen=True)

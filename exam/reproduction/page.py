@@ -71,8 +71,14 @@ def _paper(paper: Paper, numbers: Numbers) -> str:
     parts = "".join(_part(paper, part, numbers, tally) for part in paper.parts)
     return (
         "\n## "
-        f"{paper.title}\n\n{_wrapped(paper.source)}\n\n{_wrapped(paper.about)}\n\n{_wrapped(tally.line())}\n{parts}"
+        f"{paper.title}\n\n{_wrapped(paper.source)}\n\n{_wrapped(paper.about)}\n\n{_wrapped(tally.line())}\n{parts}{_remarks(paper)}"
     )
+
+
+def _remarks(paper: Paper) -> str:
+    """The remarks of each study in one paragraph each; empty where there are none."""
+    told = [_wrapped(f"**`{remark.study}`**: {remark.text}") for remark in paper.remarks]
+    return "\n\n".join(["\n### Remarks on single studies", *told]) + "\n" if told else ""
 
 
 def _part(paper: Paper, part: Part, numbers: Numbers, tally: Tally) -> str:

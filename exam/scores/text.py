@@ -19,8 +19,8 @@ from exam.scores.tables import (
     said_rows,
 )
 from scenarios.report.shared_tables import rows_table
+from scenarios.report.summary import WIDTH, wrapped
 from scenarios.report.terminal import table_as_lines
-from scenarios.report.text_tables import WIDTH, wrapped
 
 RIGHT = (
     "rates of each verdict; right: what is hidden is named, or among the names of an ambiguous "

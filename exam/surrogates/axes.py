@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from exam.surrogates.declaration import LATERAL, LONGITUDINAL, MEASURED, OPTIONAL
 from sim.vehicles.factory import RIGID_CONSTANTS
-from sim.vehicles.lateral import LATERAL_CONSTANTS, Lateral
+from sim.vehicles.uncoupled import LATERAL_CONSTANTS, Lateral
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,8 @@ from scenarios.report.document import PURE, Cell, Column, Number, Page, counted
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import write_page
 from scenarios.report.shared_tables import rows_table
-from scenarios.report.summary import BELOW, Summary, summary_lines
+from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines
 from scenarios.report.terminal import cell_text, table_as_lines
-from scenarios.report.text_tables import WIDTH
 
 SHARES = (Column("share"), *SHARED)
 EFFECTS = (

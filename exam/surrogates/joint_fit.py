@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.statistics.intervals import local_model, unresolved
+from ident.statistics.minimise import local_model, unresolved
 from ident.whole_record.gauss_newton import evaluate
 from ident.whole_record.layout import FitLayout, FitProblem, FitSettings, lay_out
 from sim.declaration.model import System

@@ -25,8 +25,7 @@ from exam.surrogates.flights.lateral.maneuvers import PAIRS
 from exam.surrogates.flights.maneuvers import KINDS as MANEUVERS
 from exam.surrogates.flights.maneuvers import USUAL
 from exam.surrogates.flights.sizes import SIZES
-from scenarios.files.channels import CHANNEL_UNITS
-from scenarios.files.declarations import checked, closest
+from scenarios.files.declarations import CHANNEL_UNITS, checked, closest
 from scenarios.files.schemas import VEHICLES_SCHEMA_STRICT
 from scenarios.studies.schema import Quantity, positive, si
 from sim.errors import DeclarationError

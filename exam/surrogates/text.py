@@ -24,9 +24,8 @@ from scenarios.report.document import (
     table,
 )
 from scenarios.report.quantities import quantity_text
-from scenarios.report.summary import BELOW, Summary, summary_lines
+from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines
 from scenarios.report.terminal import table_as_lines
-from scenarios.report.text_tables import WIDTH
 
 
 def surrogate_text(study: SurrogateStudy, width: int = WIDTH, details: str = BELOW) -> str:

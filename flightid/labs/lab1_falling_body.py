@@ -36,16 +36,18 @@ def _(mo):
     A body falls straight down from 200 000 ft at 6000 ft/s. A radar measures its altitude $h$ ten times a second. Its drag depends on one number,
     the **ballistic coefficient** $\beta = m / (C_D A)$, mass over drag area, truly 500 lb/ft² (pounds of mass: 2441 kg/m²):
 
-    $$ \ddot h = \frac{\rho(h)\,\dot h^2}{2\,\beta} - g , \qquad \rho(h) = \rho_0\, e^{-h/H} . $$
+    $$ \ddot h = \frac{\rho(h)\,\dot h^2}{2\,\beta} - g , \qquad \rho(h) = \rho_0\, e^{-h/h_0} , $$
 
-    *A parameter as a state.* The extended Kalman filter (EKF) takes $x = (h, \dot h, \beta)$ with $\dot\beta = 0$. Between two samples it carries
-    mean and
-    covariance along,
+    with the air density $\rho$, which falls by the factor $e$ over $h_0$ = 22 000 ft, and the acceleration of gravity $g$.
+
+    *A parameter as a state.* The extended Kalman filter (EKF) takes $x = (h, \dot h, \beta)$ with $\dot\beta = 0$. Between two samples, $\Delta t$ apart, it carries
+    the mean $\hat x$ and the
+    covariance $P$ along,
 
     $$ \dot{\hat x} = f(\hat x) , \qquad P \leftarrow \Phi P \Phi^T , \qquad \Phi \approx I + F\,\Delta t + \tfrac12 (F\,\Delta t)^2, \qquad
     F = \left.\frac{\partial f}{\partial x}\right|_{\hat x} , $$
 
-    and at a sample $z$ with noise variance $R$ it weighs prediction against measurement, with $H = (1, 0, 0)$:
+    and at a sample $z$ with noise variance $R$ it weighs prediction against measurement. The matrix $H = (1, 0, 0)$ takes the measured altitude from the state; $K$ is the gain:
 
     $$ K = P H^T (H P H^T + R)^{-1} , \qquad \hat x \leftarrow \hat x + K (z - H \hat x) , \qquad P \leftarrow (I - K H) P . $$
 
@@ -60,7 +62,7 @@ def _(mo):
     a second
     *pass* is for: the filter runs again, now linearised about what the first pass found.
 
-    *An honest sigma* holds the truth within two standard deviations in 95 of 100 repetitions. One run cannot show this; a **campaign** can.
+    *An honest sigma:* the interval of two standard deviations contains the true value in 95 of 100 repetitions. One run cannot show this; a **campaign** of many runs can.
     """)
     return
 
@@ -184,8 +186,8 @@ def _(close, lab, page):
             "β, in km?",
             page.number_field("km"),
             lambda value: close(value, _at["altitude then"], 0.05),
-            "It stands under the sliders, and the band in the figure shows it.",
-            "Above that the air is too thin: drag is lost in 25 ft of noise, and a "
+            "Read the line below the sliders; the band in the figure shows it too.",
+            "Above this altitude the air is too thin: the noise of 25 ft hides the drag, and a "
             "third of the record contains no information about β.",
         ),
         "honest": page.Question(

@@ -47,6 +47,8 @@ def _(mo):
     $$ \dot\alpha = q - \frac{\rho V S}{2m}\Big(C_{L_\alpha}\alpha + C_{L_q}\tfrac{\bar c}{2V} q + C_{L_{\delta_e}}\delta_e\Big), \qquad
        \dot q = \frac{\rho V^2 S \bar c}{2 I_y}\Big(C_{m_\alpha}\alpha + C_{m_q}\tfrac{\bar c}{2V} q + C_{m_{\delta_e}}\delta_e\Big) . $$
 
+    Here $V$ is the airspeed, $\rho$ the air density, $S$ the wing area, $\bar c$ the mean chord, $m$ the mass and $I_y$ the moment of inertia in pitch.
+
     Written short with $L$ for lift and $M$ for moment, $\dot\alpha = L_\alpha \alpha + L_q q + L_\delta \delta_e$ and $\dot q = M_\alpha \alpha + M_q
     q + M_\delta \delta_e$, where $L_\alpha < 0$ and
     $L_q \approx 1$. The swing has
@@ -67,7 +69,7 @@ def _(mo):
     $$ \operatorname{cov} \hat\theta \;\ge\; \Big[ \sum_k \Big(\frac{\partial y_k}{\partial\theta}\Big)^{\!T} R^{-1}
     \frac{\partial y_k}{\partial\theta} \Big]^{-1} . $$
 
-    In a linear model the sensitivities go with the amplitude $A$ of the input, and the sum with the number of samples $n$: every sigma goes with
+    In a linear model the sensitivities are proportional to the amplitude $A$ of the input, and the sum to the number of samples $n$: every sigma is proportional to
     $\sigma_{\text{noise}} / (A \sqrt n)$. The *shape* of the maneuver decides the rest. The bound supposes that the model is right, and that the
     recorded input is the one that acted.
     """)
@@ -186,7 +188,7 @@ def _(close, lab, page):
                 value == round(lab.sigma_ratio(lab.changes(), lab.changes(amplitude=3.0)) ** 2)
             ),
             "Every sigma doubles. With n equal flights it falls by the root of n.",
-            "Sigma goes with noise over amplitude, and with one over the root of the number of "
+            "Sigma is proportional to noise over amplitude, and to one over the root of the number of "
             "samples.",
         ),
         "doublet": page.Question(
@@ -195,7 +197,7 @@ def _(close, lab, page):
             and compare the sigmas with those of a doublet of 0.5 s.)""",
             page.number_field("s"),
             lambda value: close(value, lab.tuned_doublet(lab.numbers()["frequency"]), 0.03),
-            "The natural frequency stands under the table, in rad/s.",
+            "Read the natural frequency below the table, in rad/s.",
             "Input power near the frequency of the short period gives the most information.",
         ),
         "limit": page.Question(
@@ -204,7 +206,7 @@ def _(close, lab, page):
             "the slider that keeps it?",
             page.number_field("s"),
             lambda value: close(value, lab.longest_unit(10.0), 1e-6),
-            "The largest angle of attack stands under the table.",
+            "Read the largest angle of attack below the table.",
             "Longer units give smaller sigmas, but larger angles of attack, where the"
             " linear model no longer holds.",
         ),
@@ -220,8 +222,8 @@ def _(close, lab, page):
             "and C_mq, so that each of these stays near the filter's starting value.",
         ),
         "rate": page.Question(
-            "Both outputs again, 25 samples a second: C_mα is 18 sigmas off. At 20 a second all is "
-            "well. What is wrong at 25?",
+            "Both outputs again, 25 samples a second: the error of C_mα is 18 sigmas. At 20 samples a "
+            "second it is small. What is wrong at 25?",
             page.choice(
                 [
                     "25 Hz is too slow for a short period of 2 rad/s",

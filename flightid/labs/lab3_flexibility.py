@@ -12,7 +12,7 @@ def _():
     from flightid.labs.figures import figure_residual
     from flightid.labs.workings import flexibility as lab
     from flightid.labs.workings.trying import close, command, residuals, sigmas_off
-    from scenarios.plots.comparison import EquivalentRow, figure_equivalents
+    from scenarios.plots.residuals import EquivalentRow, figure_equivalents
 
     return (
         EquivalentRow,
@@ -63,7 +63,7 @@ def _(mo):
 
     *A stiff structure follows its loads at once.* With $\dot\eta = \ddot\eta = 0$ the modes become algebraic,
     $\eta = -A^{-1}(b_\alpha\alpha + b_q q +
-    b_\delta\delta_e)$, and vanish into the six
+    b_\delta\delta_e)$, and become part of the six
     derivatives, which are then called **condensed** (or quasi-static, or elastic equivalents):
 
     $$ C_{m_\alpha}^{\text{cond}} = C_{m_\alpha} - C_{m_\eta} A^{-1} b_\alpha , \quad \text{and so for the others.} $$
@@ -71,11 +71,10 @@ def _(mo):
     This is what a rigid model can absorb. It does not find the derivatives of the rigid
     aircraft, but those of the aircraft with its wing bent.
 
-    *What it cannot absorb* is that the structure lags: it needs time to bend, and it rings. The six derivatives then bend to imitate the lag, which
-    is a bias against the condensed values, and
-    what they cannot imitate stands in the residual, about the frequencies of the modes. The *innovations* of a Kalman filter with a right model are
+    *What it cannot absorb* is the lag of the structure: it needs time to bend, and it oscillates. The six derivatives take biased values that imitate the lag;
+    the rest of it appears in the residual, near the frequencies of the modes. The *innovations* of a Kalman filter with a correct model are
     white: uncorrelated, with the variance
-    the filter states. Ljung and Box's test asks for the first, the normalised innovations squared (NIS) for the second.
+    that the filter computes. The test of Ljung and Box checks the first property, the normalised innovations squared (NIS) the second.
 
     *Process noise* of density $Q$ on $\dot q$ tells the filter that its model is incomplete.
     Its sigmas grow. It is no model of a mode, though: the

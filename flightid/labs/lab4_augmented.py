@@ -45,7 +45,7 @@ def _(mo):
     control law moves three surfaces forty times a second and makes it fly. Sensors, filters, actuators and delays of one or more computer cycles give the closed
     loop some thirty states.
 
-    The pilot notices none of them: he moves the **stick** $\delta_p$ and sees a short period, somewhat late. The **low-order equivalent system** (LOES)
+    The pilot notices none of these states: the **stick** $\delta_p$ moves, and the aircraft answers with a short period, slightly late. The **low-order equivalent system** (LOES)
     models exactly this:
 
     $$ \dot\delta = \tfrac1\tau\big(\delta_p(t - t_d) - \delta\big) + \delta_0 , \qquad
@@ -102,7 +102,7 @@ def _(controls, figure_fit, mo, page, response_of, seed, study):
             ),
         ),
         "measured angle of attack, pitch rate and load factor, those of the equivalent system, and "
-        "what is left",
+        "the residual",
     )
     mo.vstack(
         [
@@ -205,7 +205,7 @@ def _(close, lab, page):
             "in ms?",
             page.number_field("ms"),
             lambda value: close(value, 1000 * lab.numbers()["doubles in"], 0.03),
-            "It stands above the table, in seconds.",
+            "Read the line above the table; it is in seconds.",
             "A third of a second is too fast for a pilot. The record nevertheless "
             "shows a stable aircraft.",
         ),
@@ -223,7 +223,7 @@ def _(close, lab, page):
             "allow by MIL-F-8785C?",
             page.choice(["Level 1", "Level 2", "Level 3"]),
             lambda value: value == lab.level_of_delay(),
-            "The bounds stand at the end of the theory.",
+            "The bounds are at the end of the theory.",
             "Damping, frequency and CAP are all of Level 1. The pilot will complain about the delay.",
         ),
         "trade": page.Question(

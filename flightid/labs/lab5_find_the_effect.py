@@ -43,16 +43,16 @@ def _(lab, mo, page):
             mo.md(r"""
     ## Theory
 
-    Fit the wrong model by output error, and its residual $v = z - \hat y$ is noise plus what the model lacks, projected off what the parameters could
+    If a model that lacks an effect is fitted by output error, its residual $v = z - \hat y$ is the noise plus the part of the missing response that the parameters cannot
     imitate:
 
     $$ v \;\approx\; e + \big(I - S (S^T R^{-1} S)^{-1} S^T R^{-1}\big)\, d , $$
 
-    where $d$ is the response that the missing effect makes in the outputs, $S$ the sensitivities of the fitted parameters, $e$ the noise. Part of $d$
-    has gone into the derivatives, which are now **biased**;
+    where $d$ is the response of the outputs to the missing effect, $S$ the sensitivities of the outputs to the fitted parameters, $R$ the covariance of the sensor noise and $e$ the noise. Part of $d$
+    is absorbed by the derivatives, which are now **biased**;
     the rest remains in the residual and has a *signature*: in which channel, when, at which frequency, with which maneuver.
 
-    **Reading it.** Which channels? What came before: a switch of the elevator, or nothing? Does it return, or fade, or grow? Is it one frequency?
+    **Reading it.** Which channels? Does it follow a switch of the elevator? Does it return, decay or grow? Does it have a single frequency?
 
     **What the loop does.** It tries each effect that it knows: how much of the residual does its signature explain (a *score*, one linear step), then
     a full fit, then the prediction of a **second record that was not fitted**.

@@ -51,13 +51,13 @@ def _(mo):
 
     $$ \dot x = f(x, u) + w , \quad \operatorname{E} w w^T = Q\,\delta(t - t') , \qquad z_k = h(x_k) + v_k , \quad \operatorname{E} v v^T = R . $$
 
-    If $R$ is wrong by a factor, sigma is wrong by its root; the slider scales $\sqrt R$, so that sigma changes by the slider's factor. If forces act that nobody told the estimator of, the residual becomes **coloured**: each
+    If $R$ is wrong by a factor, sigma is wrong by its root; the slider scales $\sqrt R$, so that sigma changes by the slider's factor. If forces act that the estimator does not assume, the residual becomes **coloured**: each
     sample resembles the one before, and $n$ samples are worth
-    far fewer than $n$. An estimator that counts them as $n$ independent ones is too sure.
+    far fewer than $n$. An estimator that counts them as $n$ independent ones reports sigmas that are too small.
 
-    *Mending it.* Tell the filter the right $Q$, and it weighs the data rightly: sigma *and* estimate improve. Or keep the estimator and correct its
-    sigmas for the colour of the residual it left, as output error does here,
-    with the residual's autocorrelation in the middle:
+    *Two remedies.* Give the filter the right $Q$, and it weighs the data correctly: sigma *and* estimate improve. Or keep the estimator and correct its
+    sigmas for the colour of the residual, as output error does here,
+    with the autocorrelation $\mathcal{R}_{vv}$ of the residual in the middle and the sensitivities $S_i$ of the outputs:
 
     $$ \operatorname{cov}\hat\theta = M^{-1} \Big[ \sum_{i,j} S_i^T R^{-1}\,\mathcal{R}_{vv}(i-j)\,R^{-1} S_j \Big] M^{-1} ,
     \qquad M = \sum_i S_i^T R^{-1} S_i . $$
@@ -69,7 +69,7 @@ def _(mo):
 def _(lab, mo, page):
     controls = mo.ui.dictionary(
         {
-            "believed": page.slider(0.5, 2.0, 0.25, 1.0, "sensor noise believed / true"),
+            "believed": page.slider(0.5, 2.0, 0.25, 1.0, "sensor noise assumed / true"),
             "acting": mo.ui.slider(
                 steps=list(lab.DENSITIES),
                 value=0.0,
@@ -80,7 +80,7 @@ def _(lab, mo, page):
             "told": mo.ui.slider(
                 steps=list(lab.DENSITIES),
                 value=0.0,
-                label="process noise that the filter is told",
+                label="process noise that the filter assumes",
                 show_value=True,
                 debounce=True,
             ),
@@ -107,9 +107,9 @@ def _(controls, figure_scatter, lab, many, mo, page, runs):
                     page.sliders(controls),
                     runs,
                     mo.md(
-                        "Where process noise acts every run is a flight of its own: fifty take a few "
+                        "With process noise, every run is a flight of its own: fifty take a few "
                         "seconds. "
-                        "(Output error knows no process noise, whatever the third slider says.)"
+                        "(Output error assumes no process noise: the third slider has no effect on it.)"
                     ),
                 ],
                 _figure,
@@ -143,7 +143,7 @@ def _(command, controls, lab, mo, page, runs):
             page.table(
                 [
                     "derivative, 1/rad",
-                    "bias, of its own sigma",
+                    "bias, in its standard errors",
                     "scatter",
                     "reported sigma",
                     "scatter / reported",
@@ -204,7 +204,7 @@ def _(close, lab, page):
             "which the bound does not contain.)",
         ),
         "sensors": page.Question(
-            "Believe in sensors twice as good as they are (0.5). What happens?",
+            "Let the filter assume half the true sensor noise (0.5). What happens?",
             page.choice(
                 [
                     "sigma and scatter both halve",
@@ -239,9 +239,8 @@ def _(close, lab, page):
             "colour from the residual of one maneuver, which determines it poorly.",
         ),
         "right": page.Question(
-            "Kalman filter again, 0.1 acts, and tell it 0.1. Sigmas are honest. By what factor has "
-            "the *scatter* of C_Lq become smaller than "
-            "when it was told nothing?",
+            "Kalman filter again: 0.1 acts, and it assumes 0.1. Now the sigmas are honest. By what "
+            "factor is the *scatter* of C_Lq smaller than when it assumes 0?",
             page.number_field("times"),
             lambda value: close(
                 value,
@@ -249,11 +248,11 @@ def _(close, lab, page):
                 / lab.numbers(acting=0.1, told=0.1)["scatter of CL_q"],
                 0.1,
             ),
-            "Divide the scatter at 0 told by the one at 0.1 told.",
+            "Divide the scatter at 0 assumed by the one at 0.1 assumed.",
             "The right weights not only give correct sigmas, they also improve the estimate.",
         ),
         "modest": page.Question(
-            "Now let nothing act, but tell the filter 0.1. Is that safe?",
+            "Now no process noise acts, but the filter assumes 0.1. Is that safe?",
             page.choice(
                 [
                     "yes, and it costs nothing",
@@ -282,7 +281,7 @@ def _(mo):
     mo.md(r"""
     ## To think about
 
-    On measured data there is no truth and no campaign. What is left that tells whether your sigmas are honest? (Whiteness of the residual. Scatter
+    On measured data there is no truth and no campaign. What else shows whether your sigmas are honest? (Whiteness of the residual. Scatter
     from record to record. The prediction of a record that was not fitted.)
     `flightid identify --method filter-error` finds the size of $Q$ from the record itself.
     """)

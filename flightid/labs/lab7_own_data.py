@@ -38,7 +38,7 @@ def _(mo):
 
     $$ \dot\alpha = q - \frac{g_0}{V}\,(n_z - n_{z0}) , \qquad \alpha_{\text{vane}} = \lambda\,\alpha - \frac{x_v}{V}\, q + b_\alpha . $$
 
-    Integrate measured rates and load factor, compare with the measured angle: what does not fit is bias, scale, delay or a vane off the centre of
+    Integrate the measured rates and load factor and compare the result with the measured angle: a difference shows a bias, a scale error, a delay or a vane away from the centre of
     gravity. This is the **data compatibility check**.
 
     *2. Identification* fits the derivatives by output error (lab 2), with a bias for each output. Its sigmas are honest only if its residual is white
@@ -47,9 +47,9 @@ def _(mo):
     *3. Diagnosis* (lab 5) tries what the model may lack and judges by a record, or a part of one, that was not fitted.
 
     **What you need.** A record: a table (CSV, Excel, MATLAB, HDF5, ...) or the log of a flight computer (ArduPilot, PX4). It has the time, an input
-    that moves (`elevator`; `stick`; `aileron` and `rudder`), and at least one output (`alpha`, `q`, `nz`). Units stand in the header, `alpha [deg]`, in
-    the log itself, or in a channel map. The map also says which column is which channel: a log holds servo pulses, for example, and the map makes the
-    elevator of them. A vehicle file has mass, geometry, flight condition and starting values that may be 30 % wrong. Signs: nose up is positive; the
+    that moves (`elevator`; `stick`; `aileron` and `rudder`), and at least one output (`alpha`, `q`, `nz`). Units are given in the header, `alpha [deg]`, in
+    the log itself, or in a channel map. The map also says which column is which channel, and converts, for example, the servo pulses of a log to the
+    elevator angle. A vehicle file has mass, geometry, flight condition and starting values that may be 30 % wrong. Signs: nose up is positive; the
     elevator is positive trailing edge down.
     """)
     return

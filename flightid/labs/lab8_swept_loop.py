@@ -11,7 +11,7 @@ def _():
     from flightid.labs import page
     from flightid.labs.workings import swept_loop as lab
     from flightid.labs.workings.trying import close, command
-    from scenarios.plots.low_order import figure_margins, figure_response
+    from scenarios.plots.flying_qualities import figure_margins, figure_response
 
     return close, command, figure_margins, figure_response, lab, mo, page
 
@@ -36,11 +36,11 @@ def _(mo):
 
     $$ e = r - f , \qquad p = P\,e , \qquad f = C\,p , \qquad L = C P . $$
 
-    $e$ is the command behind the sum and $f$ the signal that returns. The **broken-loop response** $L =
+    $P$ is the transfer function of the aircraft and $C$ that of the law, $e$ the command behind the sum and $f$ the signal that returns. The **broken-loop response** $L =
     f/e$ gives the margins, although the loop stays closed: where $|L| = 1$ the phase margin is the angle to $-180°$, where the angle is $-180°$ the gain margin is $-20 \log_{10} |L|$.
 
-    *Noise goes round the loop.* The gyro and rough air put $n$ into $f$, and from there into $e$. A **direct** estimate
-    $\hat L = S_{fe}/S_{ee}$ then mixes
+    *Noise goes round the loop.* Gyro noise and rough air enter $f$, and from there $e$. Let $S_{fe}$ be the cross spectrum of $f$ and $e$, and $S_{ee}$ the power spectrum of $e$. A **direct** estimate
+    $\hat L = S_{fe}/S_{ee}$ then mixes two values,
 
     $$ L \ \text{(the sweep's share)} \quad\text{and}\quad -1 \ \text{(what noise alone would give: } e = -f\text{)} . $$
 

@@ -34,7 +34,9 @@ def _(mo):
 
     Accelerometers and the slopes of measured rates give the **coefficients** of force and moment over time; of the pitching moment, for example,
 
-    $$ C_m = \frac{I_y \dot q + (I_x - I_z)\, p r + I_{xz}\,(p^2 - r^2) - T z_T}{\bar q S \bar c} . $$
+    $$ C_m = \frac{I_y \dot q + (I_x - I_z)\, p r + I_{xz}\,(p^2 - r^2) - T z_T}{\bar q S \bar c} , $$
+
+    with the moments of inertia $I$, the thrust $T$ and its arm $z_T$, the dynamic pressure $\bar q$, the wing area $S$ and the mean chord $\bar c$.
 
     Each is modelled as a sum $z = \theta_0 + \sum_j \theta_j\, t_j$ of **terms** $t_j$: signals ($\alpha$, $\hat q = q \bar c / 2V$, $\delta_e$) and
     their products. Which of them? With eight signals there are 44 terms up to the second degree: 8 signals, 8 squares, 28 products.

@@ -5,7 +5,7 @@ determine.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,7 @@ from ident.compatibility.kinematics import (
     LAG,
     SCALE,
     SensorFault,
+    Unknown,
     evaluate,
     faults_of,
     linearised,
@@ -92,37 +93,17 @@ def fit(
         sizes = first.astype(float)
     begun = first_noise(signals)
     noise = begin.noise if begin is not None else begun
-    largest = np.array([fault.largest for fault in faults])
     priors = [np.array([1.0 / item.prior**2 for item in u]) for u in unknowns]
     lines = [
         linearised(s, u, faults, o, sizes) for s, u, o in zip(signals, unknowns, own, strict=True)
     ]
+    search = KinematicDescent(
+        tuple(signals), tuple(unknowns), tuple(faults), tuple(priors), evaluate, linearised
+    )
     cost = 0.0
     for turn in range(passes):
         whiteners = [weigher(s, noise) for s in signals]
-        for _ in range(_ITERATIONS):
-            information, gradient = normal_equations(signals, priors, own, lines, whiteners)
-            step = bounded_inverse(information) @ gradient
-            if float(gradient @ step) < _SMALL:
-                break
-            here = misfit(signals, priors, own, [y for y, _ in lines], whiteners)
-            for share in (1.0, 0.5, 0.2, 0.05, 0.01):
-                moved = np.split(share * step, np.cumsum([len(o) for o in own]))
-                trial = [o + d for o, d in zip(own, moved, strict=False)]
-                size = np.clip(sizes + moved[-1], -largest, largest)
-                shown = [
-                    evaluate(s, u, faults, o[None], size[None])[:, 0]
-                    for s, u, o in zip(signals, unknowns, trial, strict=True)
-                ]
-                if misfit(signals, priors, trial, shown, whiteners) < here:
-                    break
-            else:
-                break
-            own, sizes = trial, size
-            lines = [
-                linearised(s, u, faults, o, sizes)
-                for s, u, o in zip(signals, unknowns, own, strict=True)
-            ]
+        own, sizes, lines = descended(search, (own, sizes, lines), whiteners)
         before = noise.logs
         residuals = tuple(residual_of(s, y) for s, (y, _) in zip(signals, lines, strict=True))
         columns = tuple(
@@ -148,6 +129,62 @@ def fit(
         tuple(slope for _, slope in lines),
         tuple(y for y, _ in lines),
     )
+
+
+# Unknowns of each record, sizes of the faults, and outputs with slopes there.
+Reached = tuple[list[np.ndarray], np.ndarray, list[tuple[np.ndarray, np.ndarray]]]
+
+
+@dataclass(frozen=True, eq=False)
+class KinematicDescent:
+    """What Gauss-Newton steps on records need, of whatever kinematics.
+
+    ``evaluate`` and ``linearised`` are those of the kinematics; ``shares`` of a step are tried in
+    turn until one gains, at most ``steps`` times, or until a step gained less than ``enough``.
+    """
+
+    signals: tuple[KinematicSignals, ...]
+    unknowns: tuple[Sequence[Unknown], ...]
+    faults: tuple[SensorFault, ...]
+    priors: tuple[np.ndarray, ...]
+    evaluate: Callable[..., np.ndarray]
+    linearised: Callable[..., tuple[np.ndarray, np.ndarray]]
+    shares: tuple[float, ...] = (1.0, 0.5, 0.2, 0.05, 0.01)
+    steps: int = _ITERATIONS
+    enough: float = 0.0
+
+
+def descended(search: KinematicDescent, at: Reached, whiteners: Sequence[Weigher]) -> Reached:
+    """Unknowns and sizes of least squares under a given noise, and the lines there."""
+    (own, sizes, lines), signals, priors = at, search.signals, search.priors
+    largest = np.array([fault.largest for fault in search.faults])
+    here = misfit(signals, priors, own, [y for y, _ in lines], whiteners)
+    for _ in range(search.steps):
+        information, gradient = normal_equations(signals, priors, own, lines, whiteners)
+        step = bounded_inverse(information) @ gradient
+        if float(gradient @ step) < _SMALL:
+            break
+        for share in search.shares:
+            moved = np.split(share * step, np.cumsum([len(o) for o in own]))
+            trial = [o + d for o, d in zip(own, moved, strict=False)]
+            size = np.clip(sizes + moved[-1], -largest, largest)
+            shown = [
+                search.evaluate(s, u, search.faults, o[None], size[None])[:, 0]
+                for s, u, o in zip(signals, search.unknowns, trial, strict=True)
+            ]
+            there = misfit(signals, priors, trial, shown, whiteners)
+            if there < here:
+                break
+        else:
+            break
+        own, sizes, gained, here = trial, size, here - there, there
+        lines = [
+            search.linearised(s, u, search.faults, o, sizes)
+            for s, u, o in zip(signals, search.unknowns, own, strict=True)
+        ]
+        if gained < search.enough:
+            break
+    return own, sizes, lines
 
 
 def misfit(

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.flying_qualities.bandwidth import (
+from ident.flying_qualities.attitude_criteria import (
     REACH,
     BandwidthQuantity,
     parabola_at,

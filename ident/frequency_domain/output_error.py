@@ -34,21 +34,18 @@ from ident.frequency_domain.transform import (
 from ident.regression.equation_error import run_equation_error
 from ident.statistics import intervals
 from ident.statistics.intervals import (
-    LocalModel,
     ProfileInterval,
     add_normal_equations,
     determined_and_open,
     inverse_information,
-    local_model,
-    unresolved,
 )
+from ident.statistics.minimise import Descent, LocalModel, local_model, minimise, unresolved
 from sim.declaration.model import System
 from sim.errors import FlightidError, ModelError
 from sim.record import Record
 
 # ---- Output error in the frequency domain
 
-_STEEPEST = 1e8  # damping from which no descent is left
 # steps that gained less log likelihood than this together (0.04 sigmas) will gain no more
 _WINDOW, _NOTHING = 8, 1e-3
 _ROUNDING = 1e-24  # of an output's mean square, below which it is met exactly
@@ -228,31 +225,27 @@ def fit_transforms(
     )
     if fit is None:
         return None
-    damping, costs, refused = 1e-4, [fit.cost], [False]
-    while len(costs) <= problem.iterations and not _arrived(fit) and not _between(costs, refused):
-        model = fit.model
-        trial = evaluate(
-            problem, np.clip(fit.theta + model.scale * model.step(damping), *problem.open)
-        )
-        better = trial is not None and trial.cost <= fit.cost + unresolved(float(fit.counts.sum()))
-        if trial is not None and better:
-            fit, damping = trial, max(damping / 10.0, 1e-12)
-        elif damping > _STEEPEST:
-            break
-        else:
-            damping *= 10.0
-        costs.append(fit.cost)
-        refused.append(not better)
-    settled = _arrived(fit) or _between(costs, refused)
+    costs, refused = [fit.cost], [False]
+
+    def trial(fit: FrequencyFit, model: LocalModel, damping: float) -> FrequencyFit | None:
+        theta = np.clip(fit.theta + model.scale * model.step(damping), *problem.open)
+        tried = evaluate(problem, theta)
+        if tried is not None and not tried.cost <= fit.cost + unresolved(float(fit.counts.sum())):
+            tried = None
+        costs.append(fit.cost if tried is None else tried.cost)
+        refused.append(tried is None)
+        return tried
+
+    def settled(fit: FrequencyFit, model: LocalModel) -> bool:
+        return model.promised < 0.5 * problem.tolerance**2 or _between(costs, refused)
+
+    found = minimise(Descent(lambda fit: fit.model, trial, settled), fit, problem.iterations)
+    done = settled(found.point, found.model)
     return replace(
-        fit,
-        outcome=Outcome.CONVERGED if settled else Outcome.MAX_ITERATIONS,
-        iterations=len(costs) - 1,
+        found.point,
+        outcome=Outcome.CONVERGED if done else Outcome.MAX_ITERATIONS,
+        iterations=found.steps,
     )
-
-
-def _arrived(fit: FrequencyFit) -> bool:
-    return fit.model.promised < 0.5 * fit.problem.tolerance**2
 
 
 def _between(costs: Sequence[float], refused: Sequence[bool]) -> bool:

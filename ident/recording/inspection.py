@@ -25,8 +25,8 @@ from ident.recording.kinematic_relations import (
     RENAME,
     SHIFTS,
     UNITS,
-    Columns,
     ControlPower,
+    FlownColumns,
     Reading,
     all_readings,
     change,
@@ -66,7 +66,9 @@ PER_OCTAVE, OCTAVES = 4, 4
 CLOSE = 0.7
 
 
-def wrong_clock(columns: Columns, as_read: float, expected: Expectations) -> RecordFinding | None:
+def wrong_clock(
+    columns: FlownColumns, as_read: float, expected: Expectations
+) -> RecordFinding | None:
     """Certain where the control's power, or pitch attitude, tell it from a scale of a sensor, else
     likely; None where time is right.
     """
@@ -114,7 +116,7 @@ def wrong_clock(columns: Columns, as_read: float, expected: Expectations) -> Rec
     )
 
 
-def _control_agrees(columns: Columns, factor: float, expected: Expectations) -> bool:
+def _control_agrees(columns: FlownColumns, factor: float, expected: Expectations) -> bool:
     """Whether the control's power is that of the vehicle's data only with the other clock:
     accelerations go with its square.
     """
@@ -182,7 +184,7 @@ def misread(record: Record, expected: Expectations) -> list[RecordFinding]:
     )
 
 
-def _of_columns(columns: Columns, expected: Expectations) -> list[RecordFinding]:
+def _of_columns(columns: FlownColumns, expected: Expectations) -> list[RecordFinding]:
     shares = disagreement(columns)
     as_read = max(shares.values(), default=0.0)
     found = _of_lift(columns, as_read) or _of_angles(columns, as_read)
@@ -247,7 +249,7 @@ def _gravity(channel: Channel) -> RecordFinding | None:
     )
 
 
-def _of_lift(columns: Columns, as_read: float) -> RecordFinding | None:
+def _of_lift(columns: FlownColumns, as_read: float) -> RecordFinding | None:
     """nz against alpha, which lift ties to each other: of turned sign, or exchanged with the
     control, where the kinematics say so too.
     """
@@ -312,7 +314,7 @@ def _of_lift(columns: Columns, as_read: float) -> RecordFinding | None:
     )
 
 
-def _of_angles(columns: Columns, as_read: float) -> RecordFinding | None:
+def _of_angles(columns: FlownColumns, as_read: float) -> RecordFinding | None:
     """All angles in degrees at once: they agree with each other, but not with nz, and move further
     than any aircraft's in radians.
     """
@@ -341,7 +343,7 @@ def _of_angles(columns: Columns, as_read: float) -> RecordFinding | None:
     )
 
 
-def _best(columns: Columns, as_read: float, expected: Expectations) -> RecordFinding | None:
+def _best(columns: FlownColumns, as_read: float, expected: Expectations) -> RecordFinding | None:
     readings = sorted(
         (one for one in all_readings(columns) if one.left < _right(one, columns)),
         key=lambda one: one.left,
@@ -376,7 +378,9 @@ def _best(columns: Columns, as_read: float, expected: Expectations) -> RecordFin
     return wrong_clock(columns, as_read, expected)
 
 
-def _implausible_as_read(reading: Reading, columns: Columns, expected: Expectations) -> bool | None:
+def _implausible_as_read(
+    reading: Reading, columns: FlownColumns, expected: Expectations
+) -> bool | None:
     """Whether columns that a reading exchanges or turns are also implausible by what kinematics do
     not use; None where nothing else is known.
 
@@ -408,7 +412,9 @@ def _implausible_as_read(reading: Reading, columns: Columns, expected: Expectati
     return _likelier((1.0 - power.explained, count), (1.0 - other.explained, count))
 
 
-def _pitching(columns: Columns, expected: Expectations) -> tuple[bool | None, ControlPower | None]:
+def _pitching(
+    columns: FlownColumns, expected: Expectations
+) -> tuple[bool | None, ControlPower | None]:
     """Whether the control has the power that the vehicle's data say, None where it cannot be relied
     on; and that power.
     """
@@ -437,7 +443,7 @@ def _likelier(before: tuple[float, float] | None, after: tuple[float, float] | N
     )
 
 
-def _right(reading: Reading, columns: Columns) -> float:
+def _right(reading: Reading, columns: FlownColumns) -> float:
     """What a reading may leave; less where the control takes part, which a feedback makes look like
     what it feeds back.
     """
@@ -462,7 +468,7 @@ def _by_control(rivals: Sequence[Reading], expected: Expectations) -> tuple[Read
     return kept[0], kept[1:]
 
 
-def _of_control(columns: Columns, expected: Expectations) -> list[RecordFinding]:
+def _of_control(columns: FlownColumns, expected: Expectations) -> list[RecordFinding]:
     """A control whose sign, or unit, is not that of the vehicle's data."""
     if expected.control_power is None or not expected.control_power:
         return []
@@ -507,7 +513,7 @@ def _of_control(columns: Columns, expected: Expectations) -> list[RecordFinding]
     return []
 
 
-def _contradicted(columns: Columns, power: float) -> bool:
+def _contradicted(columns: FlownColumns, power: float) -> bool:
     """Whether a control power has the other sign with nz in the place of alpha: a vane that is very
     late bends it so far.
     """

@@ -40,7 +40,7 @@ LATE = 0.3  # s: delays, lags, and arms over the airspeed, which are effects of 
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
+class FlownColumns:
     """Channels as arrays on one time base, gaps bridged and lone wrong samples taken out, ``(N,)``
     each; ``control`` is held between samples.
     """
@@ -51,7 +51,7 @@ class Columns:
     control_name: str
     gravity_over_speed: float | None
 
-    def times(self, factors: Mapping[str, float]) -> Columns:
+    def times(self, factors: Mapping[str, float]) -> FlownColumns:
         """The same with some channels multiplied; ``control`` and ``time`` are names, too."""
         outputs = {name: values * factors.get(name, 1.0) for name, values in self.outputs.items()}
         control = (
@@ -61,7 +61,7 @@ class Columns:
             self, time=self.time * factors.get("time", 1.0), outputs=outputs, control=control
         )
 
-    def exchanged(self, first: str, second: str) -> Columns:
+    def exchanged(self, first: str, second: str) -> FlownColumns:
         """The same with two channels in each other's place."""
         held = dict(self.outputs)
         if self.control is not None and self.control_name in (first, second):
@@ -72,7 +72,7 @@ class Columns:
         return replace(self, outputs=held)
 
 
-def columns_of(record: Record, expected: Expectations) -> Columns | None:
+def columns_of(record: Record, expected: Expectations) -> FlownColumns | None:
     """The channels that one motion joins; None where they are fewer than two or too short. ``az``
     stands for nz as -az/g0.
     """
@@ -97,13 +97,13 @@ def columns_of(record: Record, expected: Expectations) -> Columns | None:
         else _from_record(record, expected.gravity)
     )
     values = control.values[rows] if control is not None else None
-    columns = Columns(
+    columns = FlownColumns(
         record.time[rows], outputs, values, control.name if control is not None else "", over
     )
     return columns if sparse * SPARSE <= lag_of(columns) else None
 
 
-def disagreement(columns: Columns) -> dict[str, float]:
+def disagreement(columns: FlownColumns) -> dict[str, float]:
     """For each relation the share of its power that it does not explain: 0 where it holds, 1 where
     its sides are unrelated, up to 2.
     """
@@ -115,7 +115,7 @@ def disagreement(columns: Columns) -> dict[str, float]:
     }
 
 
-def relations(columns: Columns, lag: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def relations(columns: FlownColumns, lag: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Both sides of every relation that the columns allow, about their means, shape ``(N -
     lag,)``.
     """
@@ -152,7 +152,7 @@ def relations(columns: Columns, lag: int) -> dict[str, tuple[np.ndarray, np.ndar
     }
 
 
-def unexplained_lift(columns: Columns) -> tuple[float, float] | None:
+def unexplained_lift(columns: FlownColumns) -> tuple[float, float] | None:
     """Share of the load's change that lift leaves, and the number of independent stretches it is
     seen in; None without alpha or nz.
 
@@ -197,7 +197,7 @@ def _share_of_lift(load: np.ndarray, flow: np.ndarray, surface: np.ndarray) -> f
     return max(1.0 - explained / power, FLOOR)
 
 
-def lag_of(columns: Columns) -> int:
+def lag_of(columns: FlownColumns) -> int:
     """Rows over which the motion changes most of what it changes at once: where its autocorrelation
     has halved.
     """
@@ -276,13 +276,13 @@ class Reading:
 
     kind: Kind
     channel: str
-    columns: Columns
+    columns: FlownColumns
     sentence: str
     remedy: str
     left: float
 
 
-def all_readings(columns: Columns) -> list[Reading]:
+def all_readings(columns: FlownColumns) -> list[Reading]:
     """Every simple fault that the columns could have."""
     names, out = list(columns.outputs), []
     for name in names:
@@ -341,7 +341,9 @@ def all_readings(columns: Columns) -> list[Reading]:
     return out
 
 
-def _reading(kind: Kind, channel: str, columns: Columns, sentence: str, remedy: str) -> Reading:
+def _reading(
+    kind: Kind, channel: str, columns: FlownColumns, sentence: str, remedy: str
+) -> Reading:
     return Reading(
         kind, channel, columns, sentence, remedy, max(disagreement(columns).values(), default=2.0)
     )
@@ -378,7 +380,7 @@ class ControlPower:
     damped: bool = True
 
 
-def control_power(columns: Columns) -> ControlPower | None:
+def control_power(columns: FlownColumns) -> ControlPower | None:
     """M_delta of the columns; None where q, a control or a second output is not there, or too
     little of it.
     """

@@ -31,8 +31,8 @@ from ident.statistics.intervals import (
     conditional_scale,
     determined_and_open,
     inverse_information,
-    unresolved,
 )
+from ident.statistics.minimise import unresolved
 from ident.statistics.residual_spectrum import RecordScores, corrected_covariance, sandwich
 from sim.declaration.model import System
 from sim.errors import ModelError

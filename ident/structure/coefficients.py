@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.aerodynamics.terms import Term
+from sim.aerodynamics import Term
 from sim.errors import RecordError
 
 BODY, WIND, MOMENTS = ("CX", "CY", "CZ"), ("CD", "CY", "CL"), ("Cl", "Cm", "Cn")

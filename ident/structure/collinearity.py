@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.aerodynamics.terms import Term
+from sim.aerodynamics import Term
 
 HIGH_INFLATION = 10.0  # variance inflation factor: the references' usual limit
 HIGH_CORRELATION = 0.9

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from ident.structure.coefficients import Histories
-from sim.aerodynamics.terms import Term
+from sim.aerodynamics import Term
 
 LARGE = 1.3  # residual over noise, above which a share of the residual is enough
 OF_RESIDUAL = 0.02  # that share
@@ -128,7 +128,7 @@ def products_of(
 
 @dataclass(frozen=True, eq=False)
 class ScaledEquations:
-    """ScaledEquations equations of chosen columns, each scaled to a unit sum of squares.
+    """Normal equations of chosen columns, each scaled to a unit sum of squares.
 
     Attributes
     ----------

@@ -42,8 +42,7 @@ from ident.structure.products import (
     ratio_of,
     values_of,
 )
-from sim.aerodynamics.symmetry import is_linear, parents
-from sim.aerodynamics.terms import Term
+from sim.aerodynamics import Term, is_linear, parents
 
 F_IN = 20.0  # partial F ratio: Klein and Morelli, section 5.4, for many samples
 LEAST = 2e-4  # share of the variance that a term has to explain

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.tracing.candidate_model.fitted_model import FittedModel
-from ident.tracing.candidate_model.problem import TraceProblem
 from ident.tracing.diagnosis import Claim, Step
-from ident.tracing.validation.held_out import HeldOutData, held_out
+from ident.tracing.fitted_model import FittedModel
+from ident.tracing.held_out import HeldOutData, held_out
+from ident.tracing.problem import TraceProblem
 from ident.tracing.wrong_samples import cleaned_inputs, held_out_masks, mended_inputs, spike_masks
 from ident.whole_record.output_error import failed_fit
 from sim.errors import ModelError

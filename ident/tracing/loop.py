@@ -8,9 +8,18 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ident.statistics.residuals import LEVEL
-from ident.tracing.candidate_model.fitted_model import FittedModel
-from ident.tracing.candidate_model.problem import TraceProblem, untold
-from ident.tracing.candidate_model.quantities import quantities, records_of
+from ident.tracing.between_records import (
+    RecordScatter,
+    of_each_record,
+    scatter_between_records,
+)
+from ident.tracing.decision import (
+    CERTAIN,
+    Decision,
+    Named,
+    decided,
+    searched,
+)
 from ident.tracing.declared import Declared, fit_declared, held_out_data
 from ident.tracing.diagnosis import (
     TIMES,
@@ -23,22 +32,14 @@ from ident.tracing.diagnosis import (
     Trained,
     Verdict,
 )
-from ident.tracing.evidence.decision import (
-    CERTAIN,
-    Decision,
-    Named,
-    decided,
-    searched,
-)
-from ident.tracing.evidence.priors import FEWEST, ODDS
-from ident.tracing.evidence.search import Search
-from ident.tracing.result import After, Before, reported
+from ident.tracing.fitted_model import FittedModel, quantities, records_of
+from ident.tracing.held_out import HeldOut, HeldOutData, predicted_by
+from ident.tracing.predictive import predictive_gains
+from ident.tracing.priors import FEWEST, ODDS
+from ident.tracing.problem import TraceProblem, untold
+from ident.tracing.result import After, Before, Judgement, not_noise, reported, residual_tests
+from ident.tracing.search import Search
 from ident.tracing.settings import TraceSettings
-from ident.tracing.validation.between_records import RecordScatter, scatter_between_records
-from ident.tracing.validation.each_record import of_each_record
-from ident.tracing.validation.held_out import HeldOut, HeldOutData, predicted_by
-from ident.tracing.validation.predictive import predictive_gains
-from ident.tracing.verdict import Judgement, not_noise, residual_tests
 from ident.tracing.wrong_samples import measured_masks, spike_claims
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.model import Model

@@ -21,10 +21,11 @@ from ident.process_noise.best_start import levels_at_limit
 from ident.process_noise.filter_error import noise_levels
 from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.residuals import ResidualTest
-from ident.tracing.candidate_model.fitted_model import FittedModel
-from ident.tracing.candidate_model.problem import TraceProblem
+from ident.tracing.between_records import RecordScatter, form_spread
 from ident.tracing.diagnosis import (
+    Caution,
     Claim,
+    Concern,
     Diagnosis,
     FittedRecord,
     Prediction,
@@ -32,13 +33,11 @@ from ident.tracing.diagnosis import (
     Requirement,
     Verdict,
 )
-from ident.tracing.later_record import spike_masks_of
-from ident.tracing.residual_noise import noise_floors, noise_shown
-from ident.tracing.validation.between_records import RecordScatter
-from ident.tracing.validation.error_figures import error_figures, prediction
-from ident.tracing.validation.form_spread import form_spread
-from ident.tracing.validation.held_out import HeldOutData
-from ident.tracing.verdict import Judgement
+from ident.tracing.fitted_model import FittedModel
+from ident.tracing.held_out import HeldOut, HeldOutData
+from ident.tracing.predictive import error_figures, prediction, spike_masks_of
+from ident.tracing.problem import TraceProblem
+from ident.tracing.whiteness import noise_floors, noise_shown, whiteness
 from ident.tracing.wrong_samples import measured_masks
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.effect import DynamicsEffect
@@ -322,3 +321,64 @@ def _in_units(fitted: FittedModel, r: int, levels: Mapping[str, float]) -> np.nd
         fitted.fit.residuals[r]
         * np.array([levels[name] for name in fitted.system.output_names])[:, None]
     )
+
+
+# ---- Residual tests and the judgement
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualTests:
+    """Residual tests of the fitted records, and of held-out ones under what the fitted ones
+    taught.
+    """
+
+    fitted: tuple[ResidualTest, ...]
+    others: tuple[ResidualTest, ...] = ()
+
+    @property
+    def all(self) -> tuple[ResidualTest, ...]:
+        """All of them."""
+        return (*self.fitted, *self.others)
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """A verdict on a set of effects.
+
+    Attributes
+    ----------
+    best : the set. out : that set on data that were not fitted.
+    claims : its effects and hints. tests : of what it leaves. cautions : what speaks against more.
+    """
+
+    verdict: Verdict
+    best: FittedModel
+    out: HeldOut
+    claims: tuple[Claim, ...]
+    tests: ResidualTests
+    cautions: tuple[Caution, ...]
+
+
+def residual_tests(best: FittedModel, out: HeldOut) -> ResidualTests:
+    """Is what remains noise, on the fitted records and on the others?"""
+    others = whiteness(out.informed, "held out") if out.informed is not None else ()
+    return ResidualTests(tuple(whiteness(best.fit, "fitted")), tuple(others))
+
+
+def not_noise(tests: Sequence[ResidualTest], least: float) -> list[Caution]:
+    """What is left: a caution for each test whose p-value is below ``least``."""
+    return [
+        Caution(
+            Concern.NOT_NOISE,
+            f"{test.channel}: {test.sentence} (p = {test.p_value:.1e})",
+            test,
+            Requirement(
+                f"the p-value of the residual test of {test.channel}",
+                test.p_value,
+                least,
+                at_least=True,
+            ),
+        )
+        for test in tests
+        if test.p_value < least
+    ]

@@ -18,16 +18,17 @@ from ident.statistics.noise_levels import (
     input_spikes,
     provisional_mask,
 )
-from ident.tracing import thresholds
-from ident.tracing.candidate_model.fitted_model import FittedModel, is_event
-from ident.tracing.candidate_model.problem import TraceProblem
+from ident.tracing.context import search_context
 from ident.tracing.diagnosis import Claim, Quantity, Step
-from ident.tracing.evidence.evidence import evidence_of
-from ident.tracing.evidence.priors import FEWEST, ODDS
-from ident.tracing.screening.context import search_context
-from ident.tracing.validation.held_out import HeldOut
+from ident.tracing.evidence import evidence_of
+from ident.tracing.fitted_model import FittedModel, is_event
+from ident.tracing.held_out import HeldOut
+from ident.tracing.priors import FEWEST, ODDS
+from ident.tracing.problem import TraceProblem
 from sim.declaration.effect import full_name
 from sim.record import Channel, Record
+
+NEAR_EVENT = 0.15  # s around the edge of a fitted event, where its form may be a little off
 
 
 def measured_masks(records: Sequence[Record], outputs: Sequence[str]) -> list[np.ndarray]:
@@ -225,5 +226,5 @@ def _near_events(fitted: FittedModel, r: int, record: Record) -> np.ndarray:
         }
         onset = known[effect.traits.onset]
         for edge in (onset, onset + known.get("duration", 0.0)):
-            blocked |= np.abs(record.time - edge) < thresholds.NEAR_EVENT
+            blocked |= np.abs(record.time - edge) < NEAR_EVENT
     return blocked

@@ -8,7 +8,7 @@ accepted on the defect-corrected residual, see `ident.whole_record.linearise`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -16,11 +16,16 @@ import numpy as np
 from ident.estimate import LARGEST, Outcome
 from ident.statistics import intervals
 from ident.statistics.intervals import (
-    LocalModel,
     ProfileInterval,
     add_normal_equations,
     inverse_information,
+)
+from ident.statistics.minimise import (
+    LEAST_DAMPING,
+    Descent,
+    LocalModel,
     local_model,
+    minimise,
     unresolved,
 )
 from ident.whole_record.layout import (
@@ -35,7 +40,6 @@ from ident.whole_record.linearise import Linearisation, linearise
 
 # ---- Levenberg-Marquardt over whole records: the engine of every maximum-likelihood fit
 
-_LEAST_DAMPING = 1e-12  # of a step where a quadratic holds
 _REMEMBERED = 4  # steps whose change of gradient is used
 # of log likelihood: what a step along a direction that the data hardly know may still promise (0.04
 # sigmas)
@@ -154,81 +158,114 @@ def fit_whole_records(
     the start where it has been evaluated. Outcomes: ``CONVERGED`` or ``MAX_ITERATIONS``; whether
     all directions are determined is for the caller to judge.
     """
-    layout, noise_model, settings = problem.layout, problem.noise_model, problem.layout.settings
-    low, high = problem.low, problem.high
     fit = _sound(begun) or _begun(problem, guesses)
     if fit is None:
         return None
-    damping, outcome, done, idle = 1e-4, Outcome.MAX_ITERATIONS, 0, 0
-    gain = np.inf
-    bare, refused = without_sensitivities(problem), 0.0
-    curved = bool(noise_model.names)
-    floor = settings.least_damping if curved else _LEAST_DAMPING
-    moves: list[tuple[np.ndarray, np.ndarray]] = []
-    valley = _Valley(bare)
-    gradient = fit.normal_equations()[1]
-    model = local_model(*fit.normal_equations(), fit.theta, low, high)
-    while done < settings.iterations:
-        done += 1
-        least, most = noise_model.step_bounds(layout, fit.theta)
-        bent = valley.along(fit, model, np.maximum(low, least), np.minimum(high, most))
+    settings = problem.layout.settings
+    search = _Search(problem)
+    descent = Descent(search.model, search.trial, search.settled, search.shortcut, search.least)
+    found = minimise(descent, fit, settings.iterations)
+    fit, done = found.point, found.steps
+    # At the optimum if the undamped step says so too. Steps along a direction that the data do not
+    # know may stay long for ever; the likelihood settles.
+    ended = done == settings.iterations or search.idle == _IDLE
+    converged = (search.near or found.stuck or (ended and search.gain < _NOTHING)) and arrived(
+        found.model, fit.theta, settings
+    )
+    return replace(
+        _sound(joined_up(fit)) or fit,
+        outcome=Outcome.CONVERGED if converged else Outcome.MAX_ITERATIONS,
+        iterations=done,
+    )
+
+
+@dataclass(eq=False)
+class _Search:
+    """State of a search over whole records, and the functions that its `Descent` is made of.
+
+    Attributes
+    ----------
+    gain : of log likelihood by the last step taken; none is infinite. near : whether that step was
+    small. idle : trials in a row that changed the likelihood by less than is enough. refused :
+    damping of the last step that was not taken. moves : the last steps with their changes of
+    gradient. curved : whether the noise's levels are unknowns, for which these are used.
+    """
+
+    problem: FitProblem
+    gain: float = np.inf
+    near: bool = False
+    idle: int = 0
+    refused: float = 0.0
+    moves: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.curved = bool(self.problem.noise_model.names)
+        self.bare = without_sensitivities(self.problem)
+        self.valley = _Valley(self.bare)
+        self.used: list[tuple[np.ndarray, np.ndarray]] = []
+
+    def model(self, fit: Fit) -> LocalModel:
+        """The quadratic at a fit, with the curvature that the last steps showed; after a curved
+        step without.
+        """
+        information, gradient = fit.normal_equations()
+        information = _with_curvature(information, self.used)
+        return local_model(information, gradient, fit.theta, self.problem.low, self.problem.high)
+
+    def least(self) -> float:
+        """Near the optimum no damping goes too far, and any would creep along what the data know a
+        hundredth as well.
+        """
+        steady = not self.curved or self.gain <= _NEAR
+        return LEAST_DAMPING if steady else self.problem.layout.settings.least_damping
+
+    def settled(self, fit: Fit, model: LocalModel) -> bool:
+        """Whether the last step was small and the next would be; a step that damping or a bound
+        made small says nothing of the way that is left, the undamped one does. Or whether a fit
+        that is only compared gains no more.
+        """
+        settings = self.problem.layout.settings
+        if self.idle == _IDLE and settings.enough > 0.0:
+            return True
+        return self.near and arrived(model, fit.theta, settings)
+
+    def shortcut(self, fit: Fit, model: LocalModel) -> Fit | None:
+        """A step along the curved floor of a valley."""
+        problem = self.problem
+        least, most = problem.noise_model.step_bounds(problem.layout, fit.theta)
+        low, high = np.maximum(problem.low, least), np.minimum(problem.high, most)
+        bent = self.valley.along(fit, model, low, high)
         if bent is not None:
-            gain, fit = fit.cost - bent.cost, bent
-            gradient = fit.normal_equations()[1]
-            model = local_model(*fit.normal_equations(), fit.theta, low, high)
-            continue
-        trial_theta = np.clip(fit.theta + model.scale * model.step(damping), least, most)
+            self.gain, self.near, self.used = fit.cost - bent.cost, False, []
+        return bent
+
+    def trial(self, fit: Fit, model: LocalModel, damping: float) -> Fit | None:
+        """The fit after a damped step; None where the cost rises or is not finite."""
+        problem, settings = self.problem, self.problem.layout.settings
+        least, most = problem.noise_model.step_bounds(problem.layout, fit.theta)
+        theta = np.clip(fit.theta + model.scale * model.step(damping), least, most)
         # A damping that was too small for the last steps is likely to be so again: the cost alone,
         # which is cheaper, tells that.
-        trial = evaluate(
-            bare if damping <= refused else problem, trial_theta, carried(fit, trial_theta)
-        )
+        first = self.bare if damping <= self.refused else problem
+        trial = evaluate(first, theta, carried(fit, theta))
         most_cost = fit.cost + unresolved(float(fit.counts.sum()))
         level = trial is not None and abs(trial.cost - fit.cost) < max(settings.enough, _NOTHING)
-        idle = idle + 1 if level else 0
-        if damping <= refused and trial is not None and trial.cost <= most_cost:
-            trial, refused = evaluate(problem, trial_theta, carried(fit, trial_theta)), 0.0
-        if trial is not None and trial.cost <= most_cost and _sound(trial) is not None:
-            small = np.abs(trial.theta - fit.theta) < np.maximum(
-                settings.tolerance * model.scale, ROUNDING * np.abs(fit.theta)
-            )
-            before, fit = fit, trial
-            gain, (information, after) = before.cost - fit.cost, fit.normal_equations()
-            valley.slow = gain
-            # Near the optimum no damping goes too far, and any would creep along what the data know
-            # a hundredth as well.
-            damping = max(damping / 10.0, floor if gain > _NEAR else _LEAST_DAMPING)
-            if curved and gain < _NEAR:
-                moves = [*moves[-_REMEMBERED + 1 :], (fit.theta - before.theta, gradient - after)]
-            model = local_model(_with_curvature(information, moves), after, fit.theta, low, high)
-            gradient = after
-            # A step that damping or a bound made small says nothing of the way that is left: the
-            # undamped one does.
-            if (np.all(small) or gain < settings.enough) and arrived(model, fit.theta, settings):
-                outcome = Outcome.CONVERGED
-                break
-        else:
-            refused = damping
-            damping *= 10.0
-            if damping > 1e8:
-                # No descent is left: at the optimum if the undamped step says so too.
-                outcome = (
-                    Outcome.CONVERGED
-                    if arrived(model, fit.theta, settings)
-                    else Outcome.MAX_ITERATIONS
-                )
-                break
-        if idle == _IDLE and settings.enough > 0.0:
-            break
-    # Steps along a direction that the data do not know may stay long for ever; the likelihood
-    # settles.
-    if (
-        (done == settings.iterations or idle == _IDLE)
-        and gain < _NOTHING
-        and arrived(model, fit.theta, settings)
-    ):
-        outcome = Outcome.CONVERGED
-    return replace(_sound(joined_up(fit)) or fit, outcome=outcome, iterations=done)
+        self.idle = self.idle + 1 if level else 0
+        if first is self.bare and trial is not None and trial.cost <= most_cost:
+            trial, self.refused = evaluate(problem, theta, carried(fit, theta)), 0.0
+        if trial is None or not trial.cost <= most_cost or _sound(trial) is None:
+            self.refused = damping
+            return None
+        small = np.abs(trial.theta - fit.theta) < np.maximum(
+            settings.tolerance * model.scale, ROUNDING * np.abs(fit.theta)
+        )
+        self.gain = self.valley.slow = fit.cost - trial.cost
+        self.near = bool(np.all(small)) or self.gain < settings.enough
+        if self.curved and self.gain < _NEAR:
+            change = fit.normal_equations()[1] - trial.normal_equations()[1]
+            self.moves = [*self.moves[-_REMEMBERED + 1 :], (trial.theta - fit.theta, change)]
+        self.used = self.moves
+        return trial
 
 
 def _begun(problem: FitProblem, guesses: list[np.ndarray] | None) -> Fit | None:
@@ -275,7 +312,7 @@ class _Valley:
         enough = max(fit.layout.settings.enough, self.slow / _SLOW, _NOTHING)
         if self.straight >= 0 or model.promised <= enough:
             return None
-        step = model.scale * model.step(_LEAST_DAMPING)
+        step = model.scale * model.step(LEAST_DAMPING)
         bend = self._bend(fit, model, step, low, high)
         for share in _WAY:
             if bend is None or share > 2.0 * self.share:
@@ -310,7 +347,7 @@ class _Valley:
             columns, jacobian = fit.layout.columns(r), fit.jacobians[r]
             second = (after - before + jacobian @ (_NEARBY * step[columns])) * (2.0 / _NEARBY**2)
             pull[columns] += np.einsum("mnc,mn->c", jacobian, second / fit.variance[:, None])
-        curved: np.ndarray = replace(model, gradient=model.scale * pull).step(_LEAST_DAMPING)
+        curved: np.ndarray = replace(model, gradient=model.scale * pull).step(LEAST_DAMPING)
         return model.scale * curved
 
 

@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import Outcome
-from ident.statistics.intervals import LocalModel, inverse_information, local_model, unresolved
+from ident.statistics.intervals import inverse_information
+from ident.statistics.minimise import Descent, LocalModel, local_model, minimise, unresolved
 from ident.statistics.residual_spectrum import corrected_covariance
 from ident.whole_record.gauss_newton import Fit, arrived, carried, evaluate, joined_up
 from ident.whole_record.layout import FitLayout, FitProblem
@@ -31,7 +32,6 @@ from sim.maths import complex_step_jacobian
 GROWN = 3.0
 _FIRST = 3.0  # e-foldings of the first part; each further part is twice as long
 _ROUGH = 0.3  # tolerance, in sigmas, of all parts but the whole
-_STEEPEST = 1e8  # damping from which no descent is left
 # to a record's own unknowns, at most; of log likelihood: what gains less is left to the next step
 # of all
 _OWN_STEPS, _OWN_GAIN = 12, 0.1
@@ -240,34 +240,31 @@ def _fit_part(layout: FitLayout, limit: int, guesses: list[np.ndarray] | None = 
         begun = evaluate(problem, layout.start, layout.guesses(layout.start))
     if begun is None:
         return None
-    fit = _settled(begun)
-    left, damping, done, outcome = _projected(fit), 1e-4, 0, Outcome.MAX_ITERATIONS
-    model = _model(fit, left)
-    while done < limit and not arrived(model, fit.theta[:n], settings):
-        done += 1
+
+    def model(at: tuple[Fit, _Projected]) -> LocalModel:
+        fit, left = at
+        bounds = layout.low[:n], layout.high[:n]
+        return local_model(left.information, left.gradient, fit.theta[:n], *bounds)
+
+    def trial(
+        at: tuple[Fit, _Projected], model: LocalModel, damping: float
+    ) -> tuple[Fit, _Projected] | None:
+        fit, left = at
         step = left.own_steps(fit, model.scale * model.step(damping))
         theta = np.clip(fit.theta + step, layout.low, layout.high)
-        trial = evaluate(problem, theta, carried(fit, theta))
-        trial = None if trial is None else _settled(trial)
-        if trial is not None and trial.cost <= fit.cost + unresolved(float(fit.counts.sum())):
-            fit, damping = trial, max(damping / 10.0, 1e-12)
-            left = _projected(fit)
-            model = _model(fit, left)
-        elif damping > _STEEPEST:
-            break
-        else:
-            damping *= 10.0
-    outcome = (
-        Outcome.CONVERGED if arrived(model, fit.theta[:n], settings) else Outcome.MAX_ITERATIONS
-    )
-    return replace(joined_up(fit), outcome=outcome, iterations=done)
+        tried = evaluate(problem, theta, carried(fit, theta))
+        tried = None if tried is None else _settled(tried)
+        if tried is None or not tried.cost <= fit.cost + unresolved(float(fit.counts.sum())):
+            return None
+        return tried, _projected(tried)
 
+    def settled(at: tuple[Fit, _Projected], model: LocalModel) -> bool:
+        return arrived(model, at[0].theta[:n], settings)
 
-def _model(fit: Fit, left: _Projected) -> LocalModel:
-    n = len(fit.layout.shared)
-    return local_model(
-        left.information, left.gradient, fit.theta[:n], fit.layout.low[:n], fit.layout.high[:n]
-    )
+    fit = _settled(begun)
+    found = minimise(Descent(model, trial, settled), (fit, _projected(fit)), limit)
+    outcome = Outcome.CONVERGED if settled(found.point, found.model) else Outcome.MAX_ITERATIONS
+    return replace(joined_up(found.point[0]), outcome=outcome, iterations=found.steps)
 
 
 def _settled(fit: Fit) -> Fit:

@@ -14,7 +14,6 @@ from ident.flying_qualities.stability_margins import Margin
 from ident.frequency_response import LEAST_COHERENCE
 from scenarios import maneuvers
 from scenarios.api import plot, tables
-from scenarios.api.keywords import band_of, in_python_words, names_of, told_in_python
 from scenarios.api.records import Choices, choices_of
 from scenarios.api.requests import (
     KEPT,
@@ -28,10 +27,11 @@ from scenarios.api.requests import (
     with_parts,
 )
 from scenarios.api.shown import write_report
+from scenarios.api.tables import band_of, in_python_words, names_of, told_in_python
 from scenarios.api.vehicle import Vehicle
 from scenarios.compatibility import check as checking
 from scenarios.compatibility.report import finding_lines
-from scenarios.files.channels import read_channel_map
+from scenarios.files.declarations import read_channel_map
 from scenarios.preparation.plan import Parts
 from scenarios.report.figure_formats import formats_wanted
 from scenarios.responses import analysis

@@ -11,7 +11,6 @@ from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any
 
 from scenarios.api import plot, tables
-from scenarios.api.keywords import in_python_words, told_in_python
 from scenarios.api.record import Record, record_of
 from scenarios.api.records import Choices
 from scenarios.api.requests import (
@@ -36,6 +35,7 @@ from scenarios.api.shown import (
     write_report,
     write_sheets,
 )
+from scenarios.api.tables import in_python_words, told_in_python
 from scenarios.api.vehicle import Vehicle
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.diagnosis.tracing import Tracing

@@ -15,7 +15,6 @@ import numpy as np
 
 from scenarios import prediction as predicting
 from scenarios.api import plot, tables
-from scenarios.api.keywords import in_python_words, told_in_python
 from scenarios.api.record import Record, record_of
 from scenarios.api.records import Choices, choices_of
 from scenarios.api.requests import (
@@ -40,8 +39,9 @@ from scenarios.api.shown import (
     write_report,
     write_sheets,
 )
+from scenarios.api.tables import in_python_words, told_in_python
 from scenarios.api.vehicle import Vehicle
-from scenarios.files.channels import TIME
+from scenarios.files.declarations import TIME
 from scenarios.identification.assessment import Options
 from scenarios.identification.identify import Identified, identify_files
 from scenarios.prediction import PredictionRequest, figures_of, predict_record

@@ -79,7 +79,7 @@ def response(found: Responding, number: int = 0) -> Figure:
     """Magnitude, phase and coherence of a frequency response; ``number`` counts the responses from
     0, outputs first.
     """
-    from scenarios.plots.low_order import figure_response
+    from scenarios.plots.flying_qualities import figure_response
     from scenarios.responses.analysis import pairs
 
     row, column, _ = _one_of(pairs(found.details), number, "responses")
@@ -90,7 +90,7 @@ def mismatch(found: Responding, number: int = 0) -> Figure:
     """A frequency response over its fitted transfer function, between the envelopes of dynamics
     that a pilot does not notice.
     """
-    from scenarios.plots.low_order import figure_mismatch
+    from scenarios.plots.flying_qualities import figure_mismatch
     from scenarios.responses.analysis import pairs
 
     row, column, _ = _one_of(pairs(found.details), number, "responses")
@@ -101,7 +101,7 @@ def bandwidth(found: Responding, number: int = 0) -> Figure:
     """An attitude response with its bandwidths and phase delay; ``number`` counts those that have
     one from 0.
     """
-    from scenarios.plots.low_order import figure_bandwidth
+    from scenarios.plots.flying_qualities import figure_bandwidth
 
     return shown(figure_bandwidth(found.details, number))
 
@@ -128,7 +128,7 @@ def step(found: Responding, number: int = 0) -> Figure:
 
 def loop(found: Responding) -> Figure:
     """A broken-loop response with its stability margins."""
-    from scenarios.plots.low_order import figure_margins
+    from scenarios.plots.flying_qualities import figure_margins
 
     return shown(figure_margins(found.details))
 
@@ -336,8 +336,8 @@ def shown(figure: Figure) -> Figure:
 
 
 def _of_diagnosis(found: Traced, stem: str, number: int) -> Figure:
-    from scenarios.diagnosis.report.figures import figures_of as made
-    from scenarios.diagnosis.report.figures import numbered, pictured
+    from scenarios.diagnosis.report.files import figures_of as made
+    from scenarios.diagnosis.report.files import numbered, pictured
 
     figures = dict(made(pictured(found.details)))
     name = numbered(stem, number)

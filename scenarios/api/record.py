@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from scenarios.api import tables
-from scenarios.api.keywords import in_python
 from scenarios.api.records import (
     INPUTS,
     ChannelColumn,
@@ -25,7 +24,8 @@ from scenarios.api.records import (
     opened_source,
     refuse_unreadable,
 )
-from scenarios.files.channels import TIME
+from scenarios.api.tables import in_python
+from scenarios.files.declarations import TIME
 from scenarios.files.measured.columns import RecordFile
 from scenarios.files.records import refuse_without_clock, window_of
 from sim import record as sim_record

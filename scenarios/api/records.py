@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from scenarios.files.channels import (
+from scenarios.files.declarations import (
     CHANNEL_UNITS,
     STICK,
     TIME,
     ColumnChoice,
+    closest,
     read_channel_map,
     split_header,
 )
-from scenarios.files.declarations import closest
 from scenarios.files.formats.cells import CellTable, header_cell, numbers
 from scenarios.files.formats.parquet import frame_header
 from scenarios.files.measured.columns import RecordFile, Sidecar, read_record_file, suffix_unit

@@ -97,14 +97,14 @@ def _trace(name: str, changes: Sequence[str]) -> Runner:
 
 def _loop(name: str, changes: Sequence[str]) -> Runner:
     from scenarios.x29.files import write_loop
-    from scenarios.x29.printing import print_loop
+    from scenarios.x29.printing import print_loop, print_loop_brief
     from scenarios.x29.study import loop_scenario, run_loop
 
     scenario = loop_scenario(name, changes)
     return Runner(
         lambda seed, progress: run_loop(scenario, seed),
         write_loop,
-        _on_console(print_loop),
+        _on_console(print_loop_brief),
         _as_text(print_loop),
     )
 
@@ -144,7 +144,7 @@ def _printed(text: Callable[[Any, int, str], str]) -> Callable[[Any, str], None]
     """Prints a study's text as wide as the terminal is."""
 
     def show(study: Any, details: str) -> None:
-        from scenarios.report.text_tables import terminal_width
+        from scenarios.report.summary import terminal_width
 
         print(text(study, terminal_width(), details), end="")
 

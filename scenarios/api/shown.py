@@ -16,7 +16,7 @@ from ident.tracing.diagnosis import Diagnosis
 from scenarios.api import tables
 from scenarios.diagnosis.report.text import effect_heading, wording_of
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.files.channels import TIME
+from scenarios.files.declarations import TIME
 from scenarios.identification.assessment import IdentificationResult, RecordFit
 from scenarios.report.quantities import determined, number_text, value_text
 from scenarios.report.summary import PAGE
@@ -122,13 +122,13 @@ class Parameters(Mapping[str, Parameter]):
 
     def to_markdown(self) -> str:
         """A Markdown table with the digits that the sigmas make sensible."""
-        from scenarios.report.exports import to_markdown
+        from scenarios.report.folder import to_markdown
 
         return to_markdown(self._table(""))
 
     def to_latex(self) -> str:
         """A LaTeX ``tabular`` with the rules of the package ``booktabs``."""
-        from scenarios.report.exports import to_latex
+        from scenarios.report.folder import to_latex
 
         return to_latex(self._table(""))
 
@@ -137,7 +137,7 @@ class Parameters(Mapping[str, Parameter]):
         return write_sheets(path, {"parameters": self})
 
     def _table(self, caption: str) -> Table:
-        from scenarios.report.exports import estimates
+        from scenarios.report.folder import estimates
 
         rows = [(each.name, each.unit, each.value, each.sigma) for each in self._items.values()]
         return estimates(caption, rows)
@@ -157,7 +157,7 @@ class Parameters(Mapping[str, Parameter]):
 
 def write_sheets(path: str | PathLike[str], sheets: Mapping[str, Parameters]) -> Path:
     """Write parameters as a workbook, a sheet for each set that is not empty; the path."""
-    from scenarios.report.exports import write_workbook
+    from scenarios.report.folder import write_workbook
 
     return write_workbook([each._table(name) for name, each in sheets.items() if each], Path(path))
 

@@ -15,7 +15,6 @@ import numpy as np
 from ident.flying_qualities.modes import state_space, to_control
 from scenarios.api import plot, tables
 from scenarios.api.diagnosis import Diagnosis
-from scenarios.api.keywords import told_in_python
 from scenarios.api.record import Record, record_of
 from scenarios.api.requests import (
     KEPT,
@@ -26,6 +25,7 @@ from scenarios.api.requests import (
     no_progress,
 )
 from scenarios.api.shown import Parameter, Parameters, row_of, write_report, write_sheets
+from scenarios.api.tables import told_in_python
 from scenarios.files.declarations import named_after
 from scenarios.files.user_models import is_own
 from scenarios.identification.low_order import linearised

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from scenarios.api.tables import TITLES
-from scenarios.report.text_tables import (
+from scenarios.report.summary import (
     TableColumn,
     columns_of,
     folded,
@@ -248,9 +248,7 @@ def show_models(name: str | None) -> None:
     refuse_unknown_model(name, "flightid models")
     if not is_model_file(name):
         equations, constants, derivatives = _built_in(name)
-        print(
-            f"{name}: {TITLES[name]}\n\n{(sys.modules[_home(equations)].__doc__ or '').strip()}\n"
-        )
+        print(f"{name}: {TITLES[name]}\n\n{_explanation(equations)}\n")
         _print_equations(equations, constants.items(), derivatives.items())
         return
     own = read_model_file(name, MODELS)
@@ -266,12 +264,15 @@ def show_models(name: str | None) -> None:
     print_checks(own.model)
 
 
-def _home(equations: Equations) -> str:
-    """Name of the module that says what the equations are."""
+def _explanation(equations: Equations) -> str:
+    """What the equations are: their ``explanation``, or what the file that holds them says."""
     from scenarios.files.vehicles import AIRCRAFT
 
+    if text := getattr(equations, "explanation", ""):
+        return str(text)
     own = equations.name == AIRCRAFT
-    return "sim.vehicles.aircraft" if own else type(equations).__module__
+    home = "sim.vehicles.aircraft" if own else type(equations).__module__
+    return (sys.modules[home].__doc__ or "").strip()
 
 
 def show_example(name: str | None) -> None:
@@ -320,7 +321,7 @@ def _print_equations(
     parameters: Iterable[tuple[str, str]],
     own: Model | None = None,
 ) -> None:
-    from scenarios.diagnosis.candidates import can_act
+    from scenarios.diagnosis.opening import can_act
     from sim.declaration.effect import Station
     from sim.effects.library import effects_for, other_names
 

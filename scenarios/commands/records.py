@@ -18,10 +18,15 @@ from scenarios.preparation.drafting import Draft, drafted, map_text
 from scenarios.preparation.plan import Plan, Request, plan_of
 from scenarios.preparation.vehicle_drafts import vehicle_text
 from scenarios.report.figure_formats import Formats
-from scenarios.report.progress import progress_bar
 from scenarios.report.quantities import shown_in, unit_cell
-from scenarios.report.summary import details_in, written_to
-from scenarios.report.text_tables import TableColumn, table_lines, terminal_width
+from scenarios.report.summary import (
+    TableColumn,
+    details_in,
+    table_lines,
+    terminal_width,
+    written_to,
+)
+from scenarios.report.terminal import progress_bar
 from scenarios.responses.analysis import ResponseOptions, responses_of
 from scenarios.responses.fitting import FitOptions, ModelOptions
 from scenarios.responses.qualities import LevelOptions, pilot_demand
@@ -148,7 +153,7 @@ def search_record(
     record: Path, channels: Path | None, plan: Plan, out: Path | None, figures: Formats
 ) -> None:
     """Read, search, write the folder, print."""
-    from scenarios.files.channels import read_channel_map
+    from scenarios.files.declarations import read_channel_map
 
     found = maneuvers_of(record, read_channel_map(channels) if channels is not None else None, plan)
     if out is not None:
@@ -291,7 +296,7 @@ def _print_topics(draft: Draft, *, whole: bool) -> None:
 
 
 def _print_channels(draft: Draft) -> None:
-    from scenarios.files.channels import CHANNEL_UNITS
+    from scenarios.files.declarations import CHANNEL_UNITS
 
     usable = [guess for guess in draft.guesses if not guess.fault and guess.samples]
     if not usable:
@@ -371,8 +376,7 @@ def diagnose_records(
             tell("writing the study", 0.97)
             write_diagnosis(tracing, out, figures=figures)
     from scenarios.diagnosis.report.text import diagnosis_text
-    from scenarios.report.summary import details_in, written_to
-    from scenarios.report.text_tables import terminal_width
+    from scenarios.report.summary import details_in, terminal_width, written_to
 
     print(diagnosis_text(tracing, terminal_width(), details_in(out)))
     if out is not None:

@@ -12,8 +12,8 @@ from scenarios.files.declarations import named_after
 from scenarios.files.writing import write_text
 from scenarios.maneuver_design.setting import DesignRequest
 from scenarios.report.figure_formats import USUAL, Formats
-from scenarios.report.progress import progress_bar
 from scenarios.report.summary import details_in, written_to
+from scenarios.report.terminal import progress_bar
 from scenarios.studies.campaign import CampaignRuns, Rebuilt, fly_campaign
 from scenarios.studies.campaign import Progress as CampaignProgress
 from scenarios.studies.campaign_causes import Judgement, judge
@@ -129,7 +129,10 @@ def _write(scenario: TraceScenario, file: str, out: Path, seed: int | None) -> l
         ]
         write_text(scratch / vehicle.name, flown.vehicle_file)
     written = [out.parent / path.name for path in paths]
-    print(f"{out.name}; for --validate: {out.stem}_validate.csv; for --vehicle: {vehicle.name}")
+    print(
+        f"written: {out.name}, {out.stem}_validate.csv (a second flight, for --validate) and "
+        f"{vehicle.name} (for --vehicle)"
+    )
     return [*written, vehicle]
 
 
@@ -433,7 +436,7 @@ def design_maneuver(
     """Design, write, print; ``progress`` False: nothing is shown of how far it is."""
     from scenarios.maneuver_design.design import design
     from scenarios.maneuver_design.report import design_text
-    from scenarios.report.text_tables import terminal_width
+    from scenarios.report.summary import terminal_width
 
     with progress_bar(progress) as tell:
         found = design(asked, tell)
@@ -460,11 +463,11 @@ def rebuild_pages(folders: Sequence[Path], *, tables: bool = False, pdf: bool = 
     for folder in folders:
         print(f"written to {rebuilt(folder)}")
         if tables:
-            from scenarios.report.exports import write_tables
+            from scenarios.report.folder import write_tables
 
             files = write_tables(stored_page(folder), folder)
             print(f"tables: {', '.join(map(str, files))}")
         if pdf:
-            from scenarios.report.exports import write_pdf
+            from scenarios.report.folder import write_pdf
 
             print(f"PDF: {write_pdf(folder)}")

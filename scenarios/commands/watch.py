@@ -301,7 +301,7 @@ def _prepared(
     plan: Plan | None,
     needed: Sequence[str],
 ) -> Watch:
-    from scenarios.files.channels import read_channel_map
+    from scenarios.files.declarations import read_channel_map
     from scenarios.files.measured.columns import read_sidecar
 
     known = read_reference(reference, needed) if reference is not None else None

@@ -17,7 +17,7 @@ from ident.compatibility.trials import (
     SensorFinding,
 )
 from ident.recording.series import Expectations, measurable_noise
-from scenarios.files.channels import STICK, TIME, ColumnChoice
+from scenarios.files.declarations import STICK, TIME, ColumnChoice
 from scenarios.files.measured.columns import (
     RecordFile,
     all_simulated,

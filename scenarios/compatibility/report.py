@@ -49,9 +49,8 @@ from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import figures, write_page
 from scenarios.report.quantities import console, number_text, shown_in, spaced
 from scenarios.report.shared_tables import fixed_table, levels_of_noise
-from scenarios.report.summary import BELOW, Summary, print_summary
+from scenarios.report.summary import BELOW, Summary, print_paragraph, print_summary
 from scenarios.report.terminal import show_blocks
-from scenarios.report.text_tables import print_paragraph
 
 if TYPE_CHECKING:
     from scenarios.plots.drawing import Named
@@ -107,7 +106,7 @@ def print_check(
         show_blocks(out, _estimates(check))
         print_paragraph(
             out,
-            f"noise (1 sigma; integrated channels: as in the integral): {_noise(check)}",
+            f"noise (1 sigma; of integrated channels: that of their integral): {_noise(check)}",
         )
     for line in finding_lines(check):
         print_paragraph(out, line, indent=0)
@@ -373,9 +372,9 @@ def _page_estimates(check: CompatibilityCheck) -> list[Block]:
         for name, std in noise_levels(check).items()
         if std is not None
     }
-    caption = "Noise, one sigma; integrated channels: as in the integral"
+    caption = "Noise, one sigma; of integrated channels, that of their integral"
     blocks = _estimates(check)
-    gain = Prose("Gain of the log likelihood by this fault alone.", "note")
+    gain = Prose("Gain: increase of the log likelihood when this fault alone is added.", "note")
     return [*blocks, gain, levels_of_noise(caption, noise)] if blocks else []
 
 
@@ -391,7 +390,7 @@ def _made(check: CompatibilityCheck) -> list[Block]:
     return [
         Bullets(parts),
         Table(
-            "Which channels each relation joins",
+            "Channels of each kinematic relation",
             (Column("relation of"), Column("channels")),
             relations,
         ),

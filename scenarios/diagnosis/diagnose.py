@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ident.tracing.diagnosis import Claim, Data, Diagnosis, Prediction, Verdict
-from scenarios.diagnosis.candidates import can_act, candidates_for
 from scenarios.diagnosis.kinematics import OF_MODEL, kinematics_of_files
 from scenarios.diagnosis.opening import (
     InputReading,
     Opened,
     Posed,
     at_bounds,
+    can_act,
+    candidates_for,
     opened_files,
     own_effects,
     posed_for,

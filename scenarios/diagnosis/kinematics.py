@@ -24,7 +24,7 @@ from sim.errors import FlightidError
 from sim.record import Record
 
 if TYPE_CHECKING:
-    from scenarios.files.channels import ColumnChoice
+    from scenarios.files.declarations import ColumnChoice
     from scenarios.files.measured.columns import RecordFile
     from scenarios.files.vehicles import VehicleFile
     from scenarios.preparation.plan import Plan, Segment
@@ -140,7 +140,7 @@ def _agreement(claim: Claim, result: Compatibility) -> Agreement:
             claim.name,
             IN_KIND,
             found,
-            f"kinematics alone say: {kin.name} {with_sigma(found)}: {words}",
+            f"kinematics alone give {kin.name} {with_sigma(found)}: {words}",
         )
     return _ruled_out(claim, result) or _unproven(
         claim,
@@ -161,7 +161,7 @@ def _comparable(finding: SensorFinding, name: str) -> bool:
 
 def _compared(claim: Claim, mine: Quantity, same: SensorFinding) -> Agreement:
     found = Quantity(same.value, same.std, same.unit)
-    told = f"kinematics alone say: {same.name} {with_sigma(found)}"
+    told = f"kinematics alone give {same.name} {with_sigma(found)}"
     group = (
         ""
         if same.name == claim.name
@@ -174,8 +174,16 @@ def _compared(claim: Claim, mine: Quantity, same: SensorFinding) -> Agreement:
         )
         return Agreement(claim.name, DIFFERS, found, f"{told}: {group}{words}")
     return Agreement(
-        claim.name, AGREES, found, f"{told}: {group}agrees with the diagnosis, {with_sigma(mine)}"
+        claim.name,
+        AGREES,
+        found,
+        f"{told}: {group}agrees with the diagnosis, {with_sigma(mine)} (from the same records)",
     )
+
+
+def _agrees(mine: Quantity) -> str:
+    """Both see the same records, so that the agreement is no independent proof."""
+    return f"agrees with the diagnosis, {with_sigma(mine)} (from the same records)"
 
 
 def _on_the_other_side(
@@ -184,7 +192,7 @@ def _on_the_other_side(
     """An arm where the kinematics found its twin, whose arm points the other way."""
     as_mine = Quantity(-found.value, found.std, found.unit)
     told = (
-        f"kinematics alone say: {kin.name} {with_sigma(found)}, which they cannot tell from "
+        f"kinematics alone give {kin.name} {with_sigma(found)}, which they cannot tell from "
         f"{claim.name} {with_sigma(as_mine)}"
     )
     if _differ(as_mine, mine, worth_of(kin)):
@@ -194,7 +202,10 @@ def _on_the_other_side(
         )
         return Agreement(claim.name, DIFFERS, found, f"{told}: {words}")
     return Agreement(
-        claim.name, AGREES, found, f"{told}: agrees with the diagnosis, {with_sigma(mine)}"
+        claim.name,
+        AGREES,
+        found,
+        f"{told}: agrees with the diagnosis, {with_sigma(mine)} (from the same records)",
     )
 
 
@@ -213,7 +224,7 @@ def _ruled_out(claim: Claim, result: Compatibility) -> Agreement | None:
         claim.name,
         CONTRADICTS,
         found,
-        f"kinematics alone say: {other.name} {with_sigma(found)}; {words}",
+        f"kinematics alone give {other.name} {with_sigma(found)}; {words}",
     )
 
 
@@ -244,7 +255,7 @@ def _unproven(claim: Claim, mine: Quantity, item: SensorEstimate | None) -> Agre
             f"kinematics alone say nothing of {claim.name}: these channels cannot tell it",
         )
     found = Quantity(item.smoother.value, item.smoother.std, item.unit)
-    told = f"kinematics alone say: {claim.name} {with_sigma(found)}"
+    told = f"kinematics alone give {claim.name} {with_sigma(found)}"
     absent = Quantity(1.0 if item.kind == "scale" else 0.0, 0.0, item.unit)
     if not item.agrees:
         return Agreement(

@@ -14,7 +14,7 @@ from ident.flying_qualities.levels import Flown
 from ident.tracing.diagnosis import Data, Diagnosis
 from ident.tracing.settings import NORMAL, TraceSettings
 from scenarios.diagnosis.kinematics import Kinematics
-from scenarios.files.channels import STICK
+from scenarios.files.declarations import STICK
 from scenarios.files.sources import InputFile
 from scenarios.files.vehicles import VehicleFile
 from scenarios.kept import DIAGNOSE, KeptModel, KeptReading

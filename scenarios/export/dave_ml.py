@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from xml.etree import ElementTree as XML
 
 from scenarios.export.model import ExportedModel
-from sim.aerodynamics.terms import Factor, Term
+from sim.aerodynamics import Factor, Term
 from sim.vehicles.aircraft import CONSTANTS, MOMENTS
 
 if TYPE_CHECKING:

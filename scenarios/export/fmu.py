@@ -25,8 +25,7 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
-from scenarios.export.expressions import Formulas, Operation, formulas_of, statements
-from scenarios.export.model import ExportedModel
+from scenarios.export.model import ExportedModel, Formulas, Operation, formulas_of, statements
 
 MAX_STEP = 0.01
 _NAMESPACE = uuid.UUID("6ff2cb6d-0d0b-4d94-9d7a-33a3a5a8f1c4")

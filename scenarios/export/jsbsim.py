@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from xml.etree import ElementTree as XML
 
 from scenarios.export.model import ExportedModel
-from sim.aerodynamics.terms import Factor, Term
+from sim.aerodynamics import Factor, Term
 from sim.errors import DeclarationError
 from sim.vehicles.aircraft import MOMENTS, WIND_AXES
 

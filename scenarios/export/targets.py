@@ -1,17 +1,178 @@
-"""What writes the model of a study for each target."""
+"""What writes the model of a study for each target, and its form as a Python module that needs
+NumPy and nothing else.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from scenarios.export.model import ExportedModel, model_of_study
+from scenarios.export.model import (
+    ExportedModel,
+    Formulas,
+    Operation,
+    formulas_of,
+    model_of_study,
+    statements,
+)
 from scenarios.files.writing import write_content
+from sim.declaration.effect import Signal
 from sim.errors import DeclarationError
+
+_CALLS = {
+    "sin": "np.sin",
+    "cos": "np.cos",
+    "tan": "np.tan",
+    "exp": "np.exp",
+    "log": "np.log",
+    "sqrt": "np.sqrt",
+    "tanh": "np.tanh",
+    "atan": "np.arctan",
+    "asin": "np.arcsin",
+    "asinh": "np.arcsinh",
+    "atan2": "np.arctan2",
+    "abs": "np.abs",
+    "maximum": "np.maximum",
+    "minimum": "np.minimum",
+    "choose": "np.where",
+    "power": "np.power",
+}
+_SIMULATE = '''
+
+def simulate(time, inputs, start=None, parameters=None, hold=True, max_step=0.02):
+    """Outputs ``(len(OUTPUTS), N)`` and states ``(len(STATES), N)`` at the times ``(N,)``.
+
+    ``inputs`` is ``(len(INPUTS), N)``; ``hold``: constant until the next sample, else straight
+    lines between samples. Classical Runge-Kutta steps of ``max_step`` seconds at most.
+    """
+    time, inputs = np.asarray(time, dtype=float), np.asarray(inputs, dtype=float)
+    if inputs.shape != (len(INPUTS), len(time)):
+        raise ValueError(f"inputs has the shape {inputs.shape}, not {(len(INPUTS), len(time))}")
+    start, p = START if start is None else {**START, **start}, parameters
+    x = np.array([start[name] for name in STATES], dtype=float)
+    states = np.empty((len(x), len(time)))
+    for k in range(len(time)):
+        states[:, k] = x
+        if k == len(time) - 1:
+            break
+        first, last = inputs[:, k], inputs[:, k if hold else k + 1]
+        whole = time[k + 1] - time[k]
+        steps = max(1, int(np.ceil(whole / max_step - 1e-9)))
+        dt = whole / steps
+        for i in range(steps):
+            t = time[k] + i * dt
+            u0, u1, u2 = (first + (last - first) * ((i + part) / steps) for part in (0, 0.5, 1))
+            k1 = derivatives(t, x, u0, p)
+            k2 = derivatives(t + dt / 2, x + dt / 2 * k1, u1, p)
+            k3 = derivatives(t + dt / 2, x + dt / 2 * k2, u1, p)
+            k4 = derivatives(t + dt, x + dt * k3, u2, p)
+            x = x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return outputs(time, states, inputs, p), states
+'''
+
+
+def python_module(model: ExportedModel) -> str:
+    """The text of the module: names with units, values, ``derivatives``, ``outputs`` and
+    ``simulate``.
+
+    Parameters
+    ----------
+    model : of a study; SI and radians.
+
+    Raises
+    ------
+    DeclarationError : see ``formulas_of``.
+    """
+    formulas = formulas_of(model.system)
+    system = model.system
+    values = {item.name: item.value for item in system.parameters}
+    units = {item.name: item.unit for item in system.parameters}
+    remarks = "".join(f"\n{each}" for each in model.remarks)
+    lines = [
+        f'"""{_plain(model.name)}: model {_plain(model.model)}, written by flightid export.',
+        "",
+        f"SI and radians; sign conventions of flightid (nz positive up).{remarks}",
+        '"""',
+        "",
+        "import numpy as np",
+        "",
+        _table("STATES", system.states),
+        _table("INPUTS", system.inputs),
+        _table("OUTPUTS", system.outputs),
+        _dictionary("START", {item.name: item.value for item in system.initial}, {}),
+        _dictionary("PARAMETERS", values, units),
+        "",
+        "",
+        "def derivatives(t, x, u, parameters=None):",
+        '    """Rates of the states, ``(len(STATES), ...)``; x and u as STATES and INPUTS."""',
+        *_body(formulas, formulas.rates),
+        "",
+        "",
+        "def outputs(t, x, u, parameters=None):",
+        '    """Readings of the sensors, ``(len(OUTPUTS), ...)``."""',
+        *_body(formulas, formulas.outputs),
+    ]
+    return "\n".join(lines) + "\n" + _SIMULATE
+
+
+def _plain(text: str) -> str:
+    """A name that may stand in a docstring."""
+    return "".join(c if c.isprintable() and c not in '"\\' else "?" for c in text)
+
+
+def _table(title: str, signals: Sequence[Signal]) -> str:
+    pairs = "".join(f"    {signal.name!r}: {signal.unit!r},\n" for signal in signals)
+    return f"{title} = {{  # with their units\n{pairs}}}"
+
+
+def _dictionary(title: str, values: dict[str, float], units: dict[str, str]) -> str:
+    lines = "".join(
+        f"    {name!r}: {value!r},{f'  # {units[name]}' if name in units else ''}\n"
+        for name, value in values.items()
+    )
+    return f"{title} = {{\n{lines}}}"
+
+
+def _body(formulas: Formulas, results: Sequence[int]) -> list[str]:
+    """Statements of a function, indented."""
+    system = formulas.system
+    used = {
+        formulas.operations[place].value
+        for place in formulas.needed(results)
+        if formulas.operations[place].name == "signal"
+    }
+    names = {"t": "t"}
+    groups = (("x", system.state_names), ("u", system.input_names))
+    names |= {
+        f"{kind}:{name}": f"{kind}[{i}]" for kind, group in groups for i, name in enumerate(group)
+    }
+    own = [item.name for item in system.parameters if f"p:{item.name}" in used]
+    names |= {f"p:{name}": _variable(name) for name in own}
+    lines = ["    p = PARAMETERS if parameters is None else {**PARAMETERS, **parameters}"]
+    lines += [f"    {_variable(name)} = p[{name!r}]" for name in own]
+    made, found = statements(formulas, results, names, _special)
+    lines += [f"    {name} = {formula}" for name, formula in made]
+    lines += [
+        "    shape = np.broadcast_shapes(np.shape(t), *map(np.shape, x), *map(np.shape, u))",
+        f"    rows = ({''.join(f'{text}, ' for text in found)})",
+        "    return np.array([np.broadcast_to(row, shape) for row in rows])",
+    ]
+    return lines
+
+
+def _variable(name: str) -> str:
+    return "p_" + re.sub(r"\W", "_", name)
+
+
+def _special(operation: Operation, arguments: Sequence[str]) -> str:
+    if operation.name == "interpolate":
+        knots, values = operation.value
+        return f"np.interp({arguments[0]}, {list(knots)!r}, {list(values)!r})"
+    return f"{_CALLS[operation.name]}({', '.join(arguments)})"
 
 
 def _python(model: ExportedModel) -> tuple[bytes, str]:
-    from scenarios.export.python_module import python_module
 
     return python_module(model).encode(), "needs NumPy alone"
 

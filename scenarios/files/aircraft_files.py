@@ -23,7 +23,7 @@ from scenarios.files.user_models import (
     take_constraints,
 )
 from scenarios.files.user_models import TABLES as CONSTRAINTS
-from sim.aerodynamics.terms import parse_term
+from sim.aerodynamics import parse_term
 from sim.errors import DeclarationError
 from sim.vehicles.aircraft import (
     BIASED,

@@ -12,7 +12,7 @@ from typing import ParamSpec
 
 import numpy as np
 
-from scenarios.files.channels import CHANNEL_UNITS, TIME, ColumnChoice
+from scenarios.files.declarations import CHANNEL_UNITS, TIME, ColumnChoice
 from scenarios.files.formats.cells import CellTable, Numbers, mark_fault, numbers
 from scenarios.files.measured.clock import grid_of_coarse_stamps, sorted_rows
 from scenarios.files.measured.columns import (

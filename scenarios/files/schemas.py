@@ -27,7 +27,7 @@ from scenarios.files.sources import LARGEST
 from scenarios.files.units import to_si
 from sim.errors import DeclarationError
 from sim.vehicles.factory import ABOVE_ZERO, FAMILIES, MODE_DERIVATIVES, WHOLE_AXES, mode_parameter
-from sim.vehicles.multirotor import DELAY, LAG
+from sim.vehicles.other_vehicles import DELAY, LAG
 
 # ---- The pydantic schema of a channel map; imported only when one is read
 

@@ -16,8 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.files.channels import CHANNEL_UNITS, TIME
-from scenarios.files.declarations import WANTED, closest, run_python, toml_of
+from scenarios.files.declarations import CHANNEL_UNITS, TIME, WANTED, closest, run_python, toml_of
 from scenarios.files.sources import InputFile, Source, read_source
 from sim.declaration.model import Model, Tie
 from sim.declaration.user_equations import OwnEquations, Starts, parameters_read

@@ -129,6 +129,9 @@ def vehicle_next_to(record: Path | RecordFile) -> Path | None:
     return beside if beside is not None and beside.is_file() else None
 
 
+ALSO_READ = "also read, because found beside the records"
+
+
 def files_read_unnamed(records: Sequence[RecordFile], vehicle: Path | None) -> tuple[str, ...]:
     """A sentence that names the files that were read without being named: a vehicle file and the
     JSON files of records; empty without one.
@@ -141,11 +144,7 @@ def files_read_unnamed(records: Sequence[RecordFile], vehicle: Path | None) -> t
         for record in records
         if record.sidecar.file and not record.in_memory
     ]
-    return (
-        (f"also read, because found beside the records: {', '.join(dict.fromkeys(names))}",)
-        if names
-        else ()
-    )
+    return (f"{ALSO_READ}: {', '.join(dict.fromkeys(names))}",) if names else ()
 
 
 def refuse_unknown_model(model: str | OwnModel, where: str) -> None:

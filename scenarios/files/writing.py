@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.files.channels import TIME
+from scenarios.files.declarations import TIME
 from scenarios.files.measured.columns import SCHEMA, SIMULATED
 from scenarios.files.sources import escaped, found_json, resolved
 from sim.errors import FlightidError

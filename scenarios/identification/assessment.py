@@ -17,7 +17,7 @@ from ident.statistics.intervals import ProfileInterval, variance_along
 from ident.statistics.noise_levels import input_edges, isolated_wrong
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import ErrorFigures, Trained
-from ident.tracing.validation.error_figures import error_figures
+from ident.tracing.predictive import error_figures
 from ident.whole_record.gauss_newton import fit_whole_records
 from ident.whole_record.layout import FitProblem, FitSettings, lay_out
 from ident.whole_record.output_error import in_pieces
@@ -30,7 +30,7 @@ from scenarios.preparation.declared_model import BETTER
 from scenarios.preparation.filtering import Parted, parts_of, put_together
 from scenarios.preparation.recording import NOTHING_SEEN, RecordCheck, Seen
 from scenarios.report.document import BY_ROW, SIGMAS, Column, Table, estimate, formatted, table
-from scenarios.studies.rows import Row
+from scenarios.studies.published import Row
 from sim.declaration.model import Model, System
 from sim.errors import DeclarationError
 from sim.record import Channel, Hold, Record

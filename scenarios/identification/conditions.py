@@ -38,7 +38,7 @@ from scenarios.identification.assessment import simulated
 from scenarios.preparation.declared_model import BETTER, better_by
 from scenarios.preparation.plan import ATTITUDE
 from scenarios.report.quantities import number_text, shown_in, spaced
-from scenarios.studies.rows import Row
+from scenarios.studies.published import Row
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import full_name
 from sim.declaration.model import Model, System

@@ -15,7 +15,7 @@ from ident.flying_qualities.modes import characteristics, modal_estimate
 from ident.statistics.intervals import ProfileInterval
 from ident.statistics.residuals import ResidualTest, residual_tests
 from ident.whole_record.layout import FitSettings
-from scenarios.files.channels import CHANNEL_UNITS
+from scenarios.files.declarations import CHANNEL_UNITS
 from scenarios.files.measured.columns import (
     RecordFile,
     path_of,
@@ -77,7 +77,6 @@ from scenarios.identification.methods import (
     uses_attitude,
 )
 from scenarios.identification.model_checks import consider, considered_sentences
-from scenarios.preparation.aircraft_records import refuse_unfit_records
 from scenarios.preparation.declared_model import (
     BETTER,
     held_by_computer,
@@ -93,9 +92,9 @@ from scenarios.preparation.plausibility import (
     refuse_unpredictable,
     refuse_unrelated_records,
 )
-from scenarios.preparation.reading import prepare
-from scenarios.report.summary import residual_phrase
-from scenarios.studies.rows import rows_of
+from scenarios.preparation.reading import prepare, refuse_unfit_records
+from scenarios.report.summary import NEXT, residual_phrase
+from scenarios.studies.published import rows_of
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, System
 from sim.effects.disturbance.airspeed import ATTITUDE, SPEED
@@ -106,7 +105,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from ident.flying_qualities.levels import Flown
-    from scenarios.files.channels import ColumnChoice
+    from scenarios.files.declarations import ColumnChoice
     from scenarios.preparation.plan import Plan
     from scenarios.preparation.reading import Prepared
 
@@ -579,7 +578,8 @@ def _not_to_be_used(
         if disturbed_outputs(records, found.estimate, found.tests)
         else ""
     )
-    follows = f"; next: {_command(request, 'diagnose')}" if vehicle.model != "loes" else ""
+    second = "" if request.validate else "; a second record (--validate) would check the diagnosis"
+    follows = f"{second}{NEXT}{_command(request, 'diagnose')}" if vehicle.model != "loes" else ""
     return (f"do not use these sigmas: the residuals are {failed_in}{gusts}{follows}",)
 
 

@@ -35,7 +35,7 @@ from scenarios.files.vehicles import VehicleFile
 from scenarios.files.writing import write_content
 from scenarios.identification.assessment import IdentificationResult
 from scenarios.studies.comparison import bank_content
-from scenarios.studies.rows import rows_of
+from scenarios.studies.published import rows_of
 from sim.closed_loop.airframe import load_x29
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise, System

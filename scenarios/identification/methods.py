@@ -25,10 +25,10 @@ from scenarios.studies.comparison import UNSCENTED
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Parameter, ParameterSet
 from sim.declaration.model import Model, Noise, System
-from sim.effects.input_path.actuator_dynamics import ActuatorLag
+from sim.effects.input_path.actuator import ActuatorLag
 from sim.errors import DeclarationError, RecordError
 from sim.record import Channel, Record, refuse_beyond_measure
-from sim.vehicles.multirotor import Multirotor
+from sim.vehicles.other_vehicles import Multirotor
 
 FILTERS = ("ekf", "ukf")
 METHODS = ("ekf", "ukf", "output-error", "filter-error", "equation-error", FREQUENCY)

@@ -41,6 +41,7 @@ from scenarios.report.document import (
     Prose,
     Table,
     as_sentence,
+    as_warning,
     capital,
     now,
     reproduction,
@@ -75,13 +76,14 @@ from scenarios.report.summary import (
     BELOW,
     Summary,
     levels_line,
+    print_caution,
+    print_paragraph,
     print_summary,
     residual_phrase,
     result_phrase,
 )
 from scenarios.report.terminal import show_blocks, show_table
-from scenarios.report.text_tables import print_paragraph
-from scenarios.studies.rows import Row
+from scenarios.studies.published import Row
 
 # ---- What stands beside an estimate, for comparison.json
 
@@ -385,7 +387,7 @@ def print_identification(
         *(f"caution: {caution}" for caution in found.cautions),
     ]
     for line in (*said, *record_lines(found.look), *bound_lines(found.at_bounds, found.tied)):
-        print_paragraph(out, line, 0)
+        print_caution(out, line)
     show_table(out, _estimates("", found, (*found.rows, *found.biases)))
     show_blocks(out, [*_considered(found), *_intervals(found)])
     if found.reading:
@@ -412,11 +414,7 @@ def print_identification(
 def identification_summary(found: IdentificationResult, details: str = BELOW) -> Summary:
     """Records, model and method; the outcome; what matters most; what the fit leaves."""
     records = (found.record, *found.others)
-    named = (
-        found.record.name
-        if len(records) == 1
-        else f"{found.record.name} and {len(records) - 1} more"
-    )
+    named = found.record.name + (f" and {len(found.others)} more" if found.others else "")
     samples = sum(len(record) for record in records)
     rows = [(row.name, row.estimate, row.std, row.unit) for row in found.rows]
     vague = [row.name for row in found.rows if not determined(row.estimate, row.std)]
@@ -512,7 +510,7 @@ def identification_page(
             f"{len(found.rows)} parameters from {samples}" + (f". {capital(hint)}" if hint else "")
         ),
         summary=summary_sentences(identification_summary(found)),
-        warnings=tuple(map(as_sentence, (*found.doubts, *found.cautions, *reading))),
+        warnings=tuple(map(as_warning, (*found.doubts, *found.cautions, *reading))),
         sections=(
             *section("Recorded and estimated", *first_figure(drawn)[0]),
             *section("Estimates", *_found(found, flown)),

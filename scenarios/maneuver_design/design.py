@@ -37,7 +37,7 @@ from ident.maneuver_design import (
     sigmas_of,
     simulated,
 )
-from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.fitted_model import FittedModel
 from scenarios.maneuver_design.limits import no_faster, offset_of
 from scenarios.maneuver_design.setting import (
     JUST_FOUND,

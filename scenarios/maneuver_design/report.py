@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ident.maneuver_design import Acting, Contest
-from scenarios.files.channels import TIME
+from scenarios.files.declarations import TIME
 from scenarios.files.sources import versions
 from scenarios.files.vehicles import vehicle_with_file
 from scenarios.files.writing import csv_text, study_folder, write_json, write_record, write_text
@@ -47,9 +47,8 @@ from scenarios.report.document import (
 )
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import figures, write_page
-from scenarios.report.summary import BELOW, Summary, summary_lines
+from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines, wrapped
 from scenarios.report.terminal import table_as_lines
-from scenarios.report.text_tables import WIDTH, wrapped
 from sim.record import Record
 
 if TYPE_CHECKING:
@@ -79,7 +78,7 @@ def design_text(design: DesignResult, width: int = WIDTH, details: str = BELOW) 
             "or more, and random error"
         )
         lines += ["", *table_as_lines(responses_table(design, caption), width)]
-    for note in (*notes_of(design), f"again: {design.asked.command()}"):
+    for note in (*notes_of(design), f"command: {design.asked.command()}"):
         lines += wrapped(note, width)
     return "\n".join(lines) + "\n"
 
@@ -122,8 +121,8 @@ def _title(design: DesignResult) -> str:
         )
     told = "; log likelihood and chance are the least over who acts" if design.acting else ""
     return (
-        "maneuvers at equal amplitude and time, within the limits, the best first; mean sigma: "
-        f"geometric mean over the values{told}"
+        "maneuvers of equal amplitude and duration, within the limits, the best first; mean sigma: "
+        f"geometric mean of sigma over value{told}"
     )
 
 

@@ -106,8 +106,8 @@ def flown_text(design: DesignResult) -> str:
         else f"flown by {flown.name}"
     )
     return (
-        f"{text}; motions are computed with rate-limited inputs; margin: by how much the motion "
-        "may be larger than the model's until it reaches a limit"
+        f"{text}; motions are computed with rate-limited inputs; margin: by how much the real "
+        "motion may exceed that of the model before it reaches a limit"
     )
 
 

@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from ident.maneuver_detection import AXES, PAUSE, Maneuver
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA, axis_label, display_unit, plain
-from scenarios.plots.interactive import ORNAMENT
+from scenarios.plots.drawing import ORNAMENT
 from scenarios.plots.style import (
     BLACK,
     BLUE,

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ident.recording.missing_samples import fill_value
-from scenarios.files.channels import CHANNEL_UNITS, TIME, ColumnChoice, split_header
+from scenarios.files.declarations import CHANNEL_UNITS, TIME, ColumnChoice, split_header
 from scenarios.files.formats.cells import Topic, numbers
 from scenarios.files.measured.clock import SECONDS, grid_of_coarse_stamps
 from scenarios.files.measured.columns import RecordFile, split_at

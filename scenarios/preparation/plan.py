@@ -13,12 +13,12 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scenarios.files.channels import CHANNEL_UNITS
+from scenarios.files.declarations import CHANNEL_UNITS
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
     from ident.flying_qualities.levels import Flown
-    from scenarios.files.channels import ColumnChoice
+    from scenarios.files.declarations import ColumnChoice
     from scenarios.files.measured.columns import RecordFile
     from scenarios.files.sources import Source
     from scenarios.files.user_models import OwnModel
@@ -254,7 +254,7 @@ def column_choices(
     """The channel map that a request names, of the channels ``known``, read now; None where it
     names none. Raises DeclarationError.
     """
-    from scenarios.files.channels import read_channel_map
+    from scenarios.files.declarations import read_channel_map
 
     return read_channel_map(request.channels, known) if request.channels is not None else None
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ident.maneuver_detection import AXES, FlightSignals, active_share
 from ident.statistics.noise_levels import robust_sigma_about_zero
-from scenarios.files.channels import STICK
+from scenarios.files.declarations import STICK
 from scenarios.preparation.plan import MEASURED_MOTION
 from sim.declaration.model import Model
 from sim.errors import RecordError

@@ -16,7 +16,7 @@ from pathlib import Path
 from scenarios.files.sources import versions
 from scenarios.report.plot_data import PlotData
 from scenarios.report.quantities import determined, number_text, value_parts
-from scenarios.report.summary import Summary
+from scenarios.report.summary import NEXT, Summary
 from sim.errors import ModelError
 
 # ---- What stands in a cell of a page
@@ -165,6 +165,11 @@ def signs(text: str) -> str:
 def as_sentence(text: str) -> str:
     """With a large first letter and an end."""
     return capital(text) + ("" if text.endswith((".", ":", "?", "!")) else ".")
+
+
+def as_warning(text: str) -> str:
+    """The same, without an end where a command to copy stands last, behind ``NEXT``."""
+    return capital(text) if NEXT in text else as_sentence(text)
 
 
 def summary_sentences(summary: Summary) -> tuple[str, ...]:

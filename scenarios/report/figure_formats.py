@@ -115,7 +115,7 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
         "compared_responses": "Outputs of all studies over time",
         "normality": "Errors of all parameters against the normal distribution",
         "consistency": "Squared errors and innovations of all runs against chi-square",
-        "coverage": "Share of the runs whose interval holds the reference",
+        "coverage": "Share of the runs whose interval contains the reference",
         "campaign": (
             "Errors of all runs in their own sigmas, and the share of intervals that hold the "
             "reference"

@@ -1,19 +1,362 @@
-"""The page in a study folder, its JSON, and pages made again from it."""
+"""The page in a study folder, its JSON, and pages made again from it; tables of a study for other
+programs (Markdown, LaTeX and XLSX), and its page as PDF.
+"""
 
 from __future__ import annotations
 
+import re
+import shutil
+import subprocess
 from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from scenarios.files.sources import MOST_DOCUMENT, found_json, json_value, read_content
 from scenarios.files.writing import write_json, write_text
-from scenarios.report.document import Figure, Page
+from scenarios.report.document import (
+    BY_ROW,
+    PURE,
+    Column,
+    Figure,
+    Link,
+    Number,
+    Page,
+    Section,
+    Table,
+    estimate,
+    table,
+)
 from scenarios.report.figure_formats import Drawn
-from scenarios.report.html import page_html
-from scenarios.report.page_json import page_content, page_of
-from scenarios.report.summary import PAGE
+from scenarios.report.html import page_content, page_html, page_of
+from scenarios.report.summary import PAGE, TableColumn
+from scenarios.report.terminal import printed_columns
 from sim.errors import FlightidError
+
+# ---- Markdown and LaTeX: the digits that the terminal shows
+
+_LATEX = {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    **{mark: f"\\{mark}" for mark in "&%$#_{}"},
+}
+# Signs beyond ASCII that tables contain; what is not here is left to the LaTeX engine.
+_SIGNS = {
+    "σ": r"$\sigma$",
+    "±": r"$\pm$",
+    "−": "$-$",
+    "–": "--",
+    "→": r"$\to$",
+    "<": r"$<$",
+    ">": r"$>$",
+    "\N{NO-BREAK SPACE}": "~",
+}
+_SYMBOL = re.compile(r"(C[LDmYln]|L|M)_(alpha|beta|delta|de|da|dr|q|p|r|V|0)")
+_SUBSCRIPTS = {
+    "alpha": r"\alpha",
+    "beta": r"\beta",
+    "delta": r"\delta",
+    "de": r"{\delta_e}",
+    "da": r"{\delta_a}",
+    "dr": r"{\delta_r}",
+}
+
+
+def estimates(caption: str, rows: Sequence[tuple[str, str, float, float]]) -> Table:
+    """A table of estimates.
+
+    Parameters
+    ----------
+    caption : title of the table.
+    rows : name, unit, value and standard deviation of each parameter; an infinite standard
+        deviation says that the data do not determine the parameter.
+
+    Returns
+    -------
+    Table
+        Parameter, unit, estimate and sigma.
+
+    Examples
+    --------
+    >>> print(to_markdown(estimates("", [("Cm_q", "1/rad", -34.712, 0.09)])))
+    | parameter | unit | estimate | +- sigma |
+    | :-- | :-- | --: | --: |
+    | Cm_q | 1/rad | -34.712 | 0.090 |
+    """
+    return table(
+        caption,
+        (Column("parameter"), [name for name, *_ in rows]),
+        (
+            Column("estimate", BY_ROW),
+            [estimate(value, sigma) for _, _, value, sigma in rows],
+        ),
+        units=[unit or PURE for _, unit, *_ in rows],
+    )
+
+
+def to_markdown(shown: Table) -> str:
+    """A table as Markdown (pipe tables of GitHub and Pandoc), its caption in bold above it."""
+    columns = printed_columns(shown)
+    lines = [
+        _markdown_row([_heading(column) for column in columns]),
+        _markdown_row([":--" if column.left else "--:" for column in columns]),
+        *(_markdown_row(list(row)) for row in _rows(columns)),
+    ]
+    title = f"**{_marked(shown.caption)}**\n\n" if shown.caption else ""
+    return title + "\n".join(lines)
+
+
+def to_latex(shown: Table) -> str:
+    r"""A table as LaTeX: a ``tabular`` with the rules of the package ``booktabs``.
+
+    Derivatives are set as symbols (``Cm_alpha`` is :math:`C_{m_\alpha}`). The caption is a comment
+    above the table, so that the document chooses how it is set.
+    """
+    columns = printed_columns(shown)
+    sides = "".join("l" if column.left else "r" for column in columns)
+    body = [_latex_row(row) for row in _rows(columns)]
+    heading = _latex_row([_heading(column).replace("+-", "±") for column in columns])
+    title = [f"% {' '.join(shown.caption.split())}"] if shown.caption else []
+    return "\n".join(
+        [
+            *title,
+            f"\\begin{{tabular}}{{{sides}}}",
+            "\\toprule",
+            heading,
+            "\\midrule",
+            *body,
+            "\\bottomrule",
+            "\\end{tabular}",
+        ]
+    )
+
+
+def _heading(column: TableColumn) -> str:
+    """The heading, without the sigma that has a column of its own."""
+    return column.heading.strip().removesuffix(" ± σ")
+
+
+def _rows(columns: Sequence[TableColumn]) -> list[tuple[str, ...]]:
+    return list(zip(*(column.cells for column in columns), strict=True))
+
+
+def _marked(text: str) -> str:
+    return " ".join(text.split()).replace("|", r"\|")
+
+
+def _markdown_row(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(_marked(cell) for cell in cells)} |"
+
+
+def _latex_row(cells: Sequence[str]) -> str:
+    return f"{' & '.join(map(_latex_cell, cells))} \\\\"
+
+
+def _latex_cell(text: str) -> str:
+    if found := _SYMBOL.fullmatch(text):
+        name, subscript = found[1], _SUBSCRIPTS.get(found[2], found[2])
+        if len(name) == 2:
+            return f"${name[0]}_{{{name[1]}_{subscript}}}$"
+        return f"${name}_{subscript}$"
+    if re.fullmatch(r"[+-]?[\d.]+(e[+-]?\d+)?", text):
+        return f"${text}$"
+    if "^" not in text and (power := re.fullmatch(r"(.*[A-Za-z])([234])", text)):
+        return f"{_escaped(power[1])}$^{power[2]}$"
+    return _escaped(text)
+
+
+def _escaped(text: str) -> str:
+    return "".join(_LATEX.get(mark) or _SIGNS.get(mark, mark) for mark in text)
+
+
+# ---- XLSX: full precision
+
+_SHEET = re.compile(r"[\[\]:*?/\\']")
+_LONGEST = 31  # letters of a sheet's name in XLSX
+
+
+def write_workbook(tables: Sequence[Table], path: Path) -> Path:
+    """Write tables as a workbook, a sheet each; numbers have their full precision.
+
+    Parameters
+    ----------
+    tables : each caption names a sheet.
+    path : of the ``.xlsx`` file.
+
+    Raises
+    ------
+    FlightidError
+        The package ``openpyxl`` is not installed, there is no table, or the file cannot be written.
+    """
+    try:
+        from openpyxl import Workbook
+        from openpyxl.styles import Font
+    except ImportError:
+        raise FlightidError(
+            "writing XLSX needs the package openpyxl",
+            where=str(path),
+            remedy='install it: python -m pip install "flightid[spreadsheets]"',
+        ) from None
+    if not tables:
+        raise FlightidError("there is no table", where=str(path), remedy="name another study")
+    book = Workbook()
+    book.remove(book.active)
+    for shown in tables:
+        sheet = book.create_sheet(_sheet_name(shown.caption, book.sheetnames))
+        for row in _sheet_rows(shown):
+            sheet.append(row)
+        for cell in sheet[1]:
+            cell.font = Font(bold=True)
+        sheet.freeze_panes = "A2"
+    try:
+        book.save(path)
+    except OSError as error:
+        raise FlightidError(
+            f"cannot be written ({error.strerror})",
+            where=str(path),
+            remedy="name a file that you may write",
+        ) from None
+    return path
+
+
+def _sheet_name(caption: str, there: Sequence[str]) -> str:
+    plain = " ".join(_SHEET.sub(" ", caption).split())[:_LONGEST].strip() or "table"
+    name, number = plain, 2
+    while name.lower() in {each.lower() for each in there}:
+        suffix = f" {number}"
+        name, number = plain[: _LONGEST - len(suffix)] + suffix, number + 1
+    return name
+
+
+def _sheet_rows(shown: Table) -> list[list[str | float | None]]:
+    """Headings, then the rows; a sigma in the column behind its value."""
+    sigmas = [
+        any(isinstance(row[at], Number) and row[at].sigma for row in shown.rows)  # type: ignore[union-attr]
+        for at in range(len(shown.columns))
+    ]
+    headings: list[str | float | None] = []
+    for at, column in enumerate(shown.columns):
+        unit = f", {column.unit}" if column.unit not in (None, PURE, BY_ROW) else ""
+        headings.append(f"{column.heading.replace(' ± σ', '')}{unit}")
+        headings += ["sigma"] if sigmas[at] else []
+        headings += ["unit"] if at == 0 and shown.units else []
+    out = [headings]
+    for number, row in enumerate(shown.rows):
+        line: list[str | float | None] = []
+        for at, cell in enumerate(row):
+            if isinstance(cell, Number):
+                line.append(cell.value)
+                line += [cell.sigma] if sigmas[at] else []
+            else:
+                line.append(_words(cell.text if isinstance(cell, Link) else cell))
+                line += [None] if sigmas[at] else []
+            line += [shown.units[number]] if at == 0 and shown.units else []
+        out.append(line)
+    return out
+
+
+def _words(text: str) -> str:
+    """Words of a cell; a spreadsheet must not read them as a formula."""
+    return f"'{text}" if text[:1] in ("=", "+", "@") else text
+
+
+# ---- All tables of a page
+
+TABLES = "tables.md", "tables.tex", "tables.xlsx"
+
+
+def tables_of(page: Page) -> tuple[Table, ...]:
+    """The tables of a page, in the order in which it shows them."""
+
+    def within(parts: Sequence[Section]) -> list[Table]:
+        found: list[Table] = []
+        for each in parts:
+            for block in each.blocks:
+                if isinstance(block, Table):
+                    found.append(block if block.caption else _captioned(block, each.title))
+            found += within(each.parts)
+        return found
+
+    return tuple(within(page.sections))
+
+
+def _captioned(shown: Table, caption: str) -> Table:
+    return Table(caption, shown.columns, shown.rows, shown.units, shown.printed)
+
+
+def write_tables(page: Page, folder: Path) -> tuple[Path, ...]:
+    """Write all tables of a page as Markdown, LaTeX and XLSX beside it; the files."""
+    tables = tables_of(page)
+    markdown, latex, book = (folder / name for name in TABLES)
+    write_workbook(tables, book)
+    for path, show in ((markdown, to_markdown), (latex, to_latex)):
+        text = "\n\n".join(map(show, tables)) + "\n"
+        path.write_text(text, encoding="utf-8", newline="\n")
+    return markdown, latex, book
+
+
+# ---- PDF by a browser without a window
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+PDF = "report.pdf"
+PATIENCE = 60.0  # s
+
+
+def browser() -> str | None:
+    """Path of Chromium or Chrome: on the search path, else the one that Playwright installed."""
+    for name in BROWSERS:
+        if found := shutil.which(name):
+            return found
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        return None
+    with sync_playwright() as driver:
+        path = driver.chromium.executable_path
+    return path if Path(path).is_file() else None
+
+
+def write_pdf(folder: Path) -> Path:
+    """Print the page of a study's folder as ``report.pdf`` beside it, by Chromium or Chrome.
+
+    Raises
+    ------
+    FlightidError
+        There is no such browser, or it did not print.
+    """
+    program = browser()
+    if program is None:
+        raise FlightidError(
+            "a PDF needs Chromium or Chrome, and none was found",
+            where=str(folder / PAGE),
+            remedy="install one of them, or print the page from your own browser",
+        )
+    target = folder / PDF
+    with TemporaryDirectory(prefix="flightid-") as scratch:
+        made = Path(scratch) / PDF
+        words = [
+            program,
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--no-pdf-header-footer",
+            f"--user-data-dir={scratch}/profile",
+            f"--print-to-pdf={made}",
+            (folder / PAGE).resolve().as_uri(),
+        ]
+        try:
+            subprocess.run(words, check=True, capture_output=True, timeout=PATIENCE)
+            content = made.read_bytes()
+        except (OSError, subprocess.SubprocessError):
+            raise FlightidError(
+                f"{Path(program).name} did not print the page",
+                where=str(folder / PAGE),
+                remedy="print the page from your own browser",
+            ) from None
+    target.write_bytes(content)
+    return target
+
 
 CONTENT = "report.json"
 _FURTHER = ("maneuvers.json",)

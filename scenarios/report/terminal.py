@@ -1,8 +1,16 @@
-"""Blocks of a document on a terminal: tables with units and sigmas in columns of their own."""
+"""Blocks of a document on a terminal: tables with units and sigmas in columns of their own; and on
+stderr how far long work is: a bar where that is a terminal, else plain lines, rarely.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 
 from rich.console import Console
 
@@ -20,7 +28,7 @@ from scenarios.report.document import (
     Table,
 )
 from scenarios.report.quantities import unit_cell
-from scenarios.report.text_tables import (
+from scenarios.report.summary import (
     WIDTH,
     TableColumn,
     print_paragraph,
@@ -101,3 +109,113 @@ def cell_text(cell: Cell, apart: bool = False) -> str:
     if isinstance(cell, Number):
         return cell.value_text if apart else cell.plain
     return "-" if cell == MISSING else cell if isinstance(cell, str) else cell.text
+
+
+Advance = Callable[[str, float], None]
+
+SHORT = 2.0  # s, before which nothing is shown
+EVERY = 10.0  # s, between plain lines
+LOOK = 0.2  # s, between looks at what was told
+EARLY = 0.02  # of the work, before which nothing is known of the time that is left
+
+
+@dataclass
+class LastProgress:
+    """What was told last: what is done, and which share of all (0 to 1); since when work goes
+    on.
+    """
+
+    stage: str = ""
+    share: float = 0.0
+    since: float = field(default_factory=time.monotonic)
+
+    def line(self, now: float) -> str:
+        """``"37 of 100 flights, 24 s, about 41 s left"``."""
+        passed = now - self.since
+        left = passed * (1.0 - self.share) / self.share if EARLY < self.share < 1.0 else 0.0
+        return ", ".join(
+            [
+                *([self.stage] if self.stage else []),
+                time_text(passed),
+                *([f"about {time_text(left)} left"] if round(left) else []),
+            ]
+        )
+
+
+@contextmanager
+def progress_bar(
+    shown: bool = True, *, counted: bool = True, before: tuple[int, int, float] | None = None
+) -> Iterator[Advance]:
+    """Gives a function of stage and share done (0 to 1), which is shown while the body runs.
+
+    ``counted`` False: the share is no measure of time, as in a search; what is being done is told
+    with the time that has passed. ``before``: how many like this are done already, of how many,
+    since when; the share is then that of all.
+    """
+    done, of, since = before or (0, 1, time.monotonic())
+    number = f"{done + 1} of {of}: " if of > 1 else ""
+    told = LastProgress(f"{done} of {of} done" if of > 1 else "", done / of, since)
+
+    def advance(stage: str, share: float) -> None:
+        within = min(max(share, 0.0), 1.0) if counted else 0.0
+        told.stage, told.share = f"{number}{stage}", (done + within) / of
+
+    if not shown:
+        yield advance
+        return
+    ended = threading.Event()
+    show = _bar if sys.stderr.isatty() else _lines
+    thread = threading.Thread(target=show, args=(told, ended), daemon=True)
+    thread.start()
+    try:
+        yield advance
+    finally:
+        ended.set()
+        thread.join()
+
+
+def time_text(seconds: float) -> str:
+    """``"24 s"``, ``"3 min 20 s"``, ``"2 h 5 min"``."""
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    minutes, rest = divmod(whole, 60)
+    if minutes < 60:
+        return f"{minutes} min {rest} s" if rest else f"{minutes} min"
+    hours, rest = divmod(minutes, 60)
+    return f"{hours} h {rest} min" if rest else f"{hours} h"
+
+
+def _lines(told: LastProgress, ended: threading.Event) -> None:
+    """A plain line every ``EVERY`` seconds until the work has ended."""
+    while not ended.wait(EVERY):
+        with contextlib.suppress(OSError, ValueError):  # stderr may be closed
+            print(f"flightid: {told.line(time.monotonic())}", file=sys.stderr, flush=True)
+
+
+def _bar(told: LastProgress, ended: threading.Event) -> None:
+    """A bar that is taken away when the work has ended; one that only moves where no share is
+    known.
+    """
+    if ended.wait(SHORT):
+        return
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    from scenarios.files.sources import styled_stream
+    from scenarios.report.quantities import EscapingConsole
+
+    columns = (BarColumn(bar_width=24), TextColumn("{task.description}", markup=False))
+    console = EscapingConsole(file=styled_stream(sys.stderr))
+    with Progress(
+        *columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False
+    ) as bar:
+        task = bar.add_task("", total=None)
+        while True:
+            bar.update(
+                task,
+                description=told.line(time.monotonic()),
+                total=1.0 if told.share else None,
+                completed=told.share,
+            )
+            if ended.wait(LOOK):
+                return

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.flying_qualities.pilot_in_loop import PilotDemand
+from ident.flying_qualities.attitude_criteria import PilotDemand
 from ident.frequency_response import (
     LEAST_COHERENCE,
     FrequencyResponses,
@@ -25,7 +25,7 @@ from ident.frequency_response.estimate import (
     lowest_frequency,
     window_lengths,
 )
-from scenarios.files.channels import CHANNEL_UNITS
+from scenarios.files.declarations import CHANNEL_UNITS
 from scenarios.files.measured.columns import identities, read_record_files, refuse_twice
 from scenarios.files.sources import InputFile
 from scenarios.preparation.plan import Request, column_choices
@@ -277,7 +277,7 @@ def estimated(
     if not options.band:
         begins = "the tapers" if options.tapers else "the longest window"
         band = f"band {low:.3g} to {high:.3g} Hz"
-        notes.append(f"{band}: lower end by {begins}, upper end by 99 % of the inputs' power")
+        notes.append(f"{band}: from {begins}, and up to 99 % of the inputs' power")
     if high > 0.45 * rate:
         what, remedy = f"{high:g} Hz is above 0.45 of the rate of {rate:.4g} Hz", "give a lower one"
         raise DeclarationError(what, where="--band", remedy=remedy)
@@ -308,7 +308,7 @@ def estimated(
             _without(found, between),
             None if direct is None else _without(direct, between),
         )
-        notes += ["the inputs are held between samples, and the hold is taken out of the responses"]
+        notes += ["the inputs are held between samples; the responses are corrected for this hold"]
     return found, direct, step, notes
 
 

@@ -8,15 +8,21 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
-from ident.flying_qualities.bandwidth import (
+from ident.flying_qualities.attitude_criteria import (
+    DROOP,
+    PILOT_DELAY,
     PITCH_SOURCE,
     AttitudeCurve,
     Bandwidth,
     BandwidthQuantity,
+    NealSmith,
+    PilotDemand,
     attitude_bandwidth,
     attitude_curve,
     dropback,
+    neal_smith,
     pitch_bandwidth_level,
+    pitch_overshoot,
 )
 from ident.flying_qualities.levels import (
     CATEGORIES,
@@ -25,14 +31,6 @@ from ident.flying_qualities.levels import (
     Quality,
     form_levels,
     form_qualities,
-)
-from ident.flying_qualities.pilot_in_loop import (
-    DROOP,
-    PILOT_DELAY,
-    NealSmith,
-    PilotDemand,
-    neal_smith,
-    pitch_overshoot,
 )
 from ident.flying_qualities.stability_margins import NORMAL
 from ident.frequency_response import FrequencyResponses

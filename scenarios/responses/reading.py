@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.frequency_response import Signals
-from scenarios.files.channels import CHANNEL_UNITS, TIME, ColumnChoice, split_header
+from scenarios.files.declarations import CHANNEL_UNITS, TIME, ColumnChoice, split_header
 from scenarios.files.formats.cells import CellTable
 from scenarios.files.measured.columns import RecordFile, with_names
 from scenarios.files.measured.grid import stated_unit

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.console import Console
 
-from ident.flying_qualities.pilot_in_loop import step_response
+from ident.flying_qualities.attitude_criteria import step_response
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text
 from scenarios.report.document import (
@@ -38,9 +38,8 @@ from scenarios.report.document import (
 from scenarios.report.figure_formats import USUAL, Drawn, Formats, caption_of
 from scenarios.report.folder import figures, write_page
 from scenarios.report.quantities import console, number_text
-from scenarios.report.summary import BELOW, Summary, print_summary
+from scenarios.report.summary import BELOW, Summary, print_paragraph, print_summary
 from scenarios.report.terminal import show_blocks, show_table
-from scenarios.report.text_tables import print_paragraph
 from scenarios.responses.analysis import ResponseEstimates, pairs
 from scenarios.responses.fitting import (
     Fits,
@@ -310,7 +309,7 @@ def write_responses(
         drawn: tuple[Drawn, ...] = ()
         if figures:
             from scenarios.plots.drawing import drawn_for_page
-            from scenarios.plots.low_order import figure_response
+            from scenarios.plots.flying_qualities import figure_response
 
             several = len(pairs(found)) > 1
             named = [
@@ -321,7 +320,7 @@ def write_responses(
                 for n, (row, column, _) in enumerate(pairs(found), start=1)
             ]
             if found.fits is not None:
-                from scenarios.plots.low_order import figure_mismatch
+                from scenarios.plots.flying_qualities import figure_mismatch
 
                 named += [
                     (
@@ -338,7 +337,7 @@ def write_responses(
             }
             named += quality_figures(found)
             if any(each.curve is not None for each in found.qualities):
-                from scenarios.plots.low_order import figure_bandwidth
+                from scenarios.plots.flying_qualities import figure_bandwidth
 
                 named += [
                     (
@@ -348,7 +347,7 @@ def write_responses(
                     for n in range(1, len(found.qualities) + 1)
                 ]
             if found.loop is not None:
-                from scenarios.plots.low_order import figure_margins
+                from scenarios.plots.flying_qualities import figure_margins
 
                 named.append(("loop", partial(figure_margins, found)))
             drawn = tuple(

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.files.channels import CHANNEL_UNITS, TIME
+from scenarios.files.declarations import CHANNEL_UNITS, TIME
 from scenarios.files.measured.columns import SIMULATED as SIMULATED_ORIGIN
 from scenarios.files.sources import found_json, read_json, resolved
 from scenarios.files.writing import PREDICTED, RESPONSE, TRUE
@@ -326,7 +326,7 @@ def _ordered(names: set[str]) -> tuple[str, ...]:
 
 # ---- Study folders to columns of a comparison
 
-STUDIES = {"comparison.json": "flightid/comparison/1", "diagnosis.json": "flightid/diagnosis/1"}
+STUDIES = {"comparison.json": "flightid/comparison/1", "diagnosis.json": "flightid/diagnosis/2"}
 WRITERS = "name a folder that run, identify, watch or diagnose wrote with --out"
 BEFORE = "before"  # the method of a diagnosis that is the declared model
 OWN = "own"  # the name of a closed-loop study's main method among its methods
@@ -441,9 +441,8 @@ def _column(
     outcome = table.get("outcome", content.get("outcome", ""))
     if content["schema"] == STUDIES["diagnosis.json"]:
         when = method or "after"
-        parameters, derived = (
-            part.get(when) if isinstance(part, dict) else None for part in (parameters, derived)
-        )
+        parameters = parameters.get(when) if isinstance(parameters, dict) else None
+        derived = table.get("derived_before" if method == BEFORE else "derived")
         estimator, outcome = f"diagnose, {when}", content.get("verdict", "")
     seed = content.get("seed")
     return StudyColumn(

@@ -38,8 +38,8 @@ from scenarios.report.document import (
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import figures, write_page
 from scenarios.report.quantities import console, shown_in
+from scenarios.report.summary import GAP, print_paragraph
 from scenarios.report.terminal import show_blocks
-from scenarios.report.text_tables import GAP, print_paragraph
 from scenarios.side_by_side.comparison import SideBySide, StudyColumn, StudyResponses, Value
 from scenarios.side_by_side.comparison import StudyColumn as Study
 

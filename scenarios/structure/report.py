@@ -17,7 +17,7 @@ from ident.structure.selection import F_IN, ORTHOGONAL, STEPWISE, Selection
 from scenarios.files.aircraft_files import written
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text
-from scenarios.preparation.aircraft_records import commanded
+from scenarios.preparation.reading import commanded
 from scenarios.report.document import (
     PURE,
     Bullets,
@@ -35,9 +35,8 @@ from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import figures as page_figures
 from scenarios.report.folder import write_page
 from scenarios.report.shared_tables import rows_table
-from scenarios.report.summary import BELOW, Summary, summary_lines
+from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines, wrapped
 from scenarios.report.terminal import table_as_lines
-from scenarios.report.text_tables import WIDTH, wrapped
 from scenarios.structure.study import FoundStructure
 
 if TYPE_CHECKING:

@@ -31,14 +31,14 @@ from scenarios.files.measured.columns import (
 )
 from scenarios.files.sources import InputFile, Source
 from scenarios.files.vehicles import BESIDE
-from scenarios.preparation.aircraft_records import (
+from scenarios.preparation.plan import WHOLE, Request, column_choices
+from scenarios.preparation.reading import (
     commanded,
+    prepare,
     refuse_moving_together,
     refuse_other_units,
 )
-from scenarios.preparation.plan import WHOLE, Request, column_choices
-from scenarios.preparation.reading import prepare
-from sim.aerodynamics.terms import Term, parse_term
+from sim.aerodynamics import Term, parse_term
 from sim.errors import DeclarationError, RecordError
 from sim.record import Hold, Record
 from sim.vehicles.aircraft import SENSORS, Aircraft, aircraft_model

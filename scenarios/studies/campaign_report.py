@@ -419,7 +419,7 @@ def campaign_page(
     low, high = pooled.interval
     wrong = judgement.findings.found
     share = (
-        f"{100 * pooled.within_two:.1f} % of all 2-sigma intervals hold the reference (95 % "
+        f"{100 * pooled.within_two:.1f} % of all 2-sigma intervals contain the reference (95 % "
         f"interval {100 * low:.1f} to {100 * high:.1f} %, "
     )
     share += f"{100 * TWO_SIGMA:.1f} % expected)"
@@ -470,14 +470,14 @@ def campaign_page(
             *section(
                 "How it was made",
                 Prose(
-                    f"Truth and model: {scenario.distance}. Each run has a seed of its own; "
-                    "flightid run with it repeats one."
+                    f"Truth and model: {scenario.distance}. Each run has its own seed, with "
+                    "which flightid run repeats it."
                 ),
             ),
         ),
         reproduction=reproduction(
             command,
-            f"The seeds of all runs spring from {campaign.root}; they stand in estimates.csv.",
+            f"The seeds of all runs follow from seed {campaign.root}; estimates.csv lists them.",
             files,
         ),
         created=now(),
@@ -485,7 +485,7 @@ def campaign_page(
 
 
 SIZES_NOTE = (
-    "Bias: mean error with the sigma of a mean. Scatter: standard deviation of the estimates. "
+    "Bias: mean error with its standard error. Scatter: standard deviation of the estimates. "
     "Reported: root mean square of the sigmas."
 )
 

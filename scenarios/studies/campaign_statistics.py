@@ -545,9 +545,9 @@ def squares_sentence(squares: Squares) -> str:
     )
     return (
         f"{squares.name} ({MEANINGS[squares.name]}) over its degrees of freedom: "
-        f"{_near_one(squares.mean)}, {said} (95 % of right ones "
-        f"{low:.3f} to {high:.3f}); {100 * squares.inside:.1f} % of the runs within their own 95 % "
-        "interval"
+        f"{_near_one(squares.mean)}, {said} (correct sigmas give "
+        f"{low:.3f} to {high:.3f} in 95 % of campaigns); {100 * squares.inside:.1f} % of the "
+        "runs within their own 95 % interval"
     )
 
 
@@ -558,11 +558,9 @@ def _near_one(value: float) -> str:
 # ---- Statistics of a campaign in tables
 
 NOTE = (
-    "Efficiency: variance of the Cramer-Rao bound at the reference over that of the estimates; one "
-    "where nothing is lost. The bound is that of an "
-    "estimator with the method's priors, which keep estimates from scattering. All intervals hold "
-    "95 %: of ratios by chi-square, of shares those of "
-    "Clopper and Pearson."
+    "Efficiency: variance of the Cramer-Rao bound at the reference over that of the estimates; 1 "
+    "is the best possible. The bound includes the priors of the method. All intervals are at "
+    "95 %: those of ratios by chi-square, those of shares by Clopper and Pearson."
 )
 
 
@@ -610,7 +608,7 @@ def statistics_blocks(found: CampaignStatistics) -> list[Block]:
             column = Column(heading, "%", printed=f"{heading.replace('σ', 'sigma')}, %")
             shares.append((column, [Number(100.0 * value, digits=1) for value in values]))
     covering = table(
-        "share of the runs whose interval holds the reference (a normal distribution's: 68.3, "
+        "share of the runs whose interval contains the reference (a normal distribution's: 68.3, "
         "95.4, 99.7 %)",
         names,
         *shares,

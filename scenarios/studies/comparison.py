@@ -20,8 +20,7 @@ from scenarios.files.writing import csv_text
 from scenarios.report.quantities import AXES
 from scenarios.report.summary import levels_content
 from scenarios.studies.declaration import Choice, Estimation, FlightPlan, Scenario, Start
-from scenarios.studies.published import published_remark
-from scenarios.studies.rows import Row
+from scenarios.studies.published import Row, published_remark
 from scenarios.studies.study import MethodDetermination, MethodResult, Scatter, StudyResult
 from scenarios.studies.sweep import sweep_content
 from sim.vehicles.flexibility import LARGEST_MISFIT, Flexibility
@@ -29,7 +28,8 @@ from sim.vehicles.library import Origin, VehicleData, read_parameter_set
 
 # ---- What a study must tell beside its numbers
 
-HEADING = "chosen by this project [own]; no source prints it, or it prints another:"
+HEADING = "chosen for this study [own], not published or published otherwise:"
+SEE_PAPERS = "docs/papers.md compares these values with the published ones"
 # origins that a reader would not expect of a published aircraft
 STATED_ORIGINS = (Origin.OWN, Origin.REMEMBERED, Origin.CONVERTED)
 _MODAL = re.compile(
@@ -85,7 +85,7 @@ def vehicle_line(flight: FlightPlan) -> str:
         for name, (flies, printed) in misprints(flight).items()
     ]
     return (
-        f"numbers of {flight.vehicle} that its source does not print so: {'; '.join(told)}"
+        f"numbers of {flight.vehicle} that its source does not give as flown: {'; '.join(told)}"
         if told
         else ""
     )

@@ -38,8 +38,8 @@ from sim.truth.flight import TOLERANCE, Truth
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from scenarios.plots.comparison import EquivalentRow
     from scenarios.plots.drawing import Named
+    from scenarios.plots.residuals import EquivalentRow
     from scenarios.plots.signals import Response
     from scenarios.plots.studies import Coverage, DeterminedBy
 
@@ -155,7 +155,7 @@ MOST_PANELS = 30  # parameters: more histories, or a larger matrix, on one page 
 
 def study_figures(study: StudyResult) -> Iterator[Named]:
     """A scenario's figures: the stem of each file, and what draws it."""
-    from scenarios.plots.comparison import (
+    from scenarios.plots.residuals import (
         ComparisonRow,
         ErrorCloud,
         figure_comparison,
@@ -352,7 +352,7 @@ def _response(method: MethodResult) -> Response:
 
 
 def _equivalents(study: StudyResult) -> list[EquivalentRow]:
-    from scenarios.plots.comparison import EquivalentRow
+    from scenarios.plots.residuals import EquivalentRow
 
     return [
         EquivalentRow(

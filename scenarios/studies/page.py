@@ -29,9 +29,14 @@ from scenarios.report.shared_tables import (
     tests_table,
 )
 from scenarios.report.summary import levels_line
-from scenarios.studies.comparison import choice_lines, engine_line, other_flight_line, vehicle_line
-from scenarios.studies.published import published_remark
-from scenarios.studies.rows import Row
+from scenarios.studies.comparison import (
+    SEE_PAPERS,
+    choice_lines,
+    engine_line,
+    other_flight_line,
+    vehicle_line,
+)
+from scenarios.studies.published import Row
 from scenarios.studies.study import MethodResult, StudyResult, flexibility_sentences
 from scenarios.studies.text import (
     determination_blocks,
@@ -110,12 +115,11 @@ def _found(study: StudyResult, method: MethodResult) -> list[Block]:
     scenario, estimation = study.scenario, method.estimation
     estimate = method.result.estimate
     flown = scenario.flown
-    remark = published_remark(estimation.published)
     sentences = (
         other_flight_line(scenario, estimation),
         levels_line(method.levels, flown, method.tests) if flown is not None else "",
         estimation.explanation,
-        f"published: {remark}" if remark else "",
+        SEE_PAPERS if estimation.published is not None else "",
     )
     blocks: list[Block] = [
         estimates_table(
@@ -189,7 +193,7 @@ def _made(study: StudyResult) -> list[Block]:
     choices = choice_lines(scenario.choices)
     blocks += (
         [
-            Prose("Chosen by this project; no source prints it, or it prints another:"),
+            Prose("Chosen for this study, not published or published otherwise:"),
             Bullets(tuple(choices)),
         ]
         if choices

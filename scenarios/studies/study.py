@@ -15,7 +15,7 @@ from ident.flying_qualities.modes import characteristics, modal_estimate
 from ident.statistics.intervals import Determination, clustered_share, determination
 from ident.statistics.residuals import ResidualTest, residual_tests
 from ident.whole_record.layout import weighted_sensitivities
-from scenarios.files.channels import CHANNEL_UNITS
+from scenarios.files.declarations import CHANNEL_UNITS
 from scenarios.files.user_models import moves_about_rest
 from scenarios.report.quantities import in_hertz, shown_in, spaced
 from scenarios.studies.declaration import EMPTY, Estimation, Scenario, Variation, seen_by
@@ -32,8 +32,7 @@ from scenarios.studies.estimating import (
     measured_again,
     true_model,
 )
-from scenarios.studies.published import published_values
-from scenarios.studies.rows import Row
+from scenarios.studies.published import Row, published_values
 from scenarios.studies.sweep import Sweep
 from sim.declaration.model import Model
 from sim.errors import ModelError

@@ -35,21 +35,21 @@ from scenarios.report.summary import (
     TEXT,
     Summary,
     levels_line,
+    print_paragraph,
     print_summary,
     residual_phrase,
     result_phrase,
 )
 from scenarios.report.terminal import show_blocks, show_table
-from scenarios.report.text_tables import print_paragraph
 from scenarios.studies.comparison import (
     HEADING,
+    SEE_PAPERS,
     choice_lines,
     engine_line,
     other_flight_line,
     vehicle_line,
 )
-from scenarios.studies.published import published_remark
-from scenarios.studies.rows import Row
+from scenarios.studies.published import Row
 from scenarios.studies.study import (
     MethodDetermination,
     MethodResult,
@@ -306,7 +306,7 @@ def print_brief(study: StudyResult, out: Console | None = None, details: str = B
     """
     out = out or console()
     main = study.main
-    print_summary(out, study_summary(study, _rest(details)))
+    print_summary(out, study_summary(study, rest_of(details)))
     rows = [replace(row, published=None) for row in with_display(study, main.rows)]
     show_table(out, estimates_table("", rows))
     for line in (derived_line(main.derived), test_line(main.tests)):
@@ -314,7 +314,7 @@ def print_brief(study: StudyResult, out: Console | None = None, details: str = B
             print_paragraph(out, line)
 
 
-def _rest(details: str) -> str:
+def rest_of(details: str) -> str:
     """Where the rest of the study is to be read."""
     if details == BELOW:
         return "--out FOLDER keeps the whole study, with a page to read"
@@ -363,15 +363,14 @@ def _print_method(study: StudyResult, method: MethodResult, out: Console) -> Non
     flown = study.scenario.flown
     levels = levels_line(method.levels, flown, method.tests) if flown is not None else ""
     seen = other_flight_line(study.scenario, method.estimation)
-    remark = published_remark(method.estimation.published)
-    printed = f"published: {remark}" if remark else ""
+    compared = SEE_PAPERS if method.estimation.published is not None else ""
     for line in (
         seen,
         derived_line(method.derived),
         levels,
         test_line(method.tests),
         method.estimation.explanation,
-        printed,
+        compared,
     ):
         if line:
             print_paragraph(out, line)

@@ -32,7 +32,7 @@ from scenarios.tasks.work import Row, Task
 from sim.errors import FlightidError
 
 if TYPE_CHECKING:
-    from ident.tracing.candidate_model.fitted_model import FitData, FittedModel
+    from ident.tracing.fitted_model import FitData, FittedModel
     from ident.whole_record.layout import FitSettings
     from scenarios.tasks.work import RowTable
     from sim.declaration.proposal import Traceable
@@ -118,11 +118,16 @@ def fitted_sets(
     have named one thing for two that recur.
     """
     from ident.statistics.residual_spectrum import effective_share
-    from ident.tracing.candidate_model.fitted_model import FitData
+    from ident.tracing.fitted_model import FitData
     from ident.tracing.wrong_samples import measured_masks
     from ident.whole_record.layout import FitSettings
-    from scenarios.diagnosis.candidates import candidates_for
-    from scenarios.diagnosis.opening import opened_files, own_effects, posed_for, vehicle_path_of
+    from scenarios.diagnosis.opening import (
+        candidates_for,
+        opened_files,
+        own_effects,
+        posed_for,
+        vehicle_path_of,
+    )
     from scenarios.preparation.declared_model import step_for
     from scenarios.survey.recurring import is_of_flight
 
@@ -134,11 +139,8 @@ def fitted_sets(
         each.name: each
         for each in candidates_for(posed.model, own_effects(request.effects, posed.model)[0])
     }
-    outputs = [
-        signal.name
-        for signal in posed.model.equations.outputs
-        if any(signal.name in record.output_names for record in records)
-    ]
+    measured = {name for record in records for name in record.output_names}
+    outputs = [item.name for item in posed.model.equations.outputs if item.name in measured]
     data = FitData(records, measured_masks(records, outputs), posed.model, outputs)
     settings = FitSettings(max_step=step_for(posed.model, posed.records, 0.01), enough=1e-6)
     able = [name for name in names if name in known]
@@ -221,7 +223,7 @@ class _Search:
         return found
 
     def fitted(self, names: Sequence[str], start: FittedModel | None) -> FittedModel | None:
-        from ident.tracing.candidate_model.fitted_model import fit_set, start_from
+        from ident.tracing.fitted_model import fit_set, start_from
 
         return fit_set(
             self.data,

@@ -26,9 +26,8 @@ from scenarios.report.document import (
     table,
 )
 from scenarios.report.quantities import number_text, shown_in, spaced
-from scenarios.report.summary import BELOW, Summary, summary_lines
+from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines, wrapped
 from scenarios.report.terminal import table_as_lines
-from scenarios.report.text_tables import WIDTH, wrapped
 from scenarios.survey.flights import FOLDER
 from scenarios.survey.growing import GROWING_SCHEMA
 from scenarios.survey.recurring import EQUAL, FALSE_DISCOVERY_RATE, LIBRARY, Derivative, Recurring
@@ -136,8 +135,8 @@ def rivals_phrase(each: Recurring) -> str:
         )
     if told:
         least = (
-            f"by {min(told.values()):.3g} of twice the log "
-            f"likelihood{' at least' if len(told) > 1 else ''}"
+            f"(twice the log likelihood larger by {min(told.values()):.4g}"
+            f"{' at least' if len(told) > 1 else ''})"
         )
         out.append(
             "preferred to "

@@ -39,16 +39,15 @@ from scenarios.report.folder import figures as figure_blocks
 from scenarios.report.folder import write_page
 from scenarios.report.quantities import console, number_text
 from scenarios.report.shared_tables import estimates_table
-from scenarios.report.summary import BELOW, Summary, print_summary
+from scenarios.report.summary import BELOW, Summary, print_paragraph, print_summary
 from scenarios.report.terminal import show_blocks, show_table
-from scenarios.report.text_tables import print_paragraph
 from scenarios.responses.analysis import ResponseEstimates, ResponseOptions, responses_of
 from scenarios.responses.fitting import FitOptions
 from scenarios.responses.loops import MINUS, UNITS, loop_tables, margin_lines, margins_content
 from scenarios.responses.reading import Names
 from scenarios.responses.report import fit_lines, fit_tables, responses_csv
 from scenarios.studies.comparison import SCHEMA, estimate_content
-from scenarios.studies.rows import Row
+from scenarios.studies.published import Row
 from scenarios.studies.schema import Quantity, positive, si
 from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.linear import LoopNoise, loop_test, open_loop
@@ -519,7 +518,11 @@ def write_sweep(study: SweepStudy, folder: str | Path, *, figures: Formats = USU
         drawn: tuple[Drawn, ...] = ()
         if figures:
             from scenarios.plots.drawing import drawn_for_page
-            from scenarios.plots.low_order import figure_margins, figure_mismatch, figure_response
+            from scenarios.plots.flying_qualities import (
+                figure_margins,
+                figure_mismatch,
+                figure_response,
+            )
 
             named: list[tuple[str, Any]] = [
                 ("response", partial(figure_response, study.response or study.loop))

@@ -23,7 +23,7 @@ from ident.frequency_response.estimate import RANDOM_ERROR, frequencies, longest
 from ident.frequency_response.online import OnlineResponses, estimated, interrupt, online_responses
 from ident.frequency_response.online import take as take_samples
 from ident.frequency_response.transfer_function import Target
-from scenarios.files.channels import CHANNEL_UNITS, TIME
+from scenarios.files.declarations import CHANNEL_UNITS, TIME
 from scenarios.files.sources import versions
 from scenarios.responses.fitting import target_of
 from scenarios.responses.loops import (

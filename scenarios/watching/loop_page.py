@@ -26,8 +26,8 @@ from scenarios.report.document import Block, Bullets, Page, as_sentence, now, re
 from scenarios.report.folder import figures as page_figures
 from scenarios.report.folder import write_page
 from scenarios.report.quantities import console
+from scenarios.report.summary import print_paragraph
 from scenarios.report.terminal import show_table
-from scenarios.report.text_tables import print_paragraph
 from scenarios.responses.loops import (
     UNITS,
     WORDS,
@@ -86,8 +86,7 @@ def write_loop(
     """Write the study of a loop in a stream, whole or not at all; ``source`` is the file of its
     rows, None of a pipe."""
     from scenarios.plots.drawing import drawn_for_page
-    from scenarios.plots.flying_qualities import figure_margin_history
-    from scenarios.plots.low_order import figure_margins
+    from scenarios.plots.flying_qualities import figure_margin_history, figure_margins
     from scenarios.report.figure_formats import USUAL
 
     loop = margins_of(session)

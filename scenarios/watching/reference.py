@@ -309,7 +309,7 @@ def line(view: View) -> str:
             shown.append(f"{word} {HANGING if item.hanging else told}")
     best = int(np.argmax(view.weights))
     shown.append(f"most likely {view.delays[best]:g} s (weight {view.weights[best]:.2f})")
-    outside = outside_of(view.standings)
+    outside = [_word(item.name) for item in view.standings if item.beyond]
     return (
         f"{_heading(view)}: "
         + ", ".join(shown)
@@ -317,9 +317,38 @@ def line(view: View) -> str:
     )
 
 
-def outside_of(items: Sequence[CrossValidation]) -> list[str]:
-    """Names of what lies outside the reference's bounds."""
-    return [WORDS.get(item.name, item.name) for item in items if item.beyond]
+def against(outside: Sequence[str], compared: int, name: str, hanging: Sequence[str] = ()) -> str:
+    """How a stream agrees with its reference ``name``: quantities that are ``outside`` its bounds
+    of two sigmas, how many were ``compared``, and which depend on the start and were not.
+    """
+    left = (
+        f"; not compared, as they depend on the start: {', '.join(map(_word, hanging))}"
+        if hanging
+        else ""
+    )
+    if outside:
+        verb = "quantities is" if len(outside) == 1 else "quantities are"
+        names = ", ".join(map(_word, outside))
+        return (
+            f"{len(outside)} of {compared} {verb} more than two sigmas from {name}: {names}{left}"
+        )
+    if not compared:
+        return f"no quantity could be compared with {name}{left}"
+    return f"all {compared} compared quantities agree with {name} within two sigmas{left}"
+
+
+def against_items(items: Sequence[CrossValidation], name: str) -> str:
+    """The same of compared quantities."""
+    return against(
+        [item.name for item in items if item.beyond],
+        sum(item.z is not None for item in items),
+        name,
+        [item.name for item in items if item.hanging],
+    )
+
+
+def _word(name: str) -> str:
+    return WORDS.get(name, name)
 
 
 def _heading(view: View) -> str:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scenarios.files.channels import CHANNEL_UNITS, STICK, TIME, ColumnChoice
+from scenarios.files.declarations import CHANNEL_UNITS, STICK, TIME, ColumnChoice
 from scenarios.files.formats.cells import MISSING, CellTable, header_cell, is_number
 from scenarios.files.measured.columns import (
     RecordFile,

@@ -39,7 +39,7 @@ from ident.banks.relinearised import (
     on_a_grid_that_fits,
     sharper_of,
 )
-from scenarios.files.channels import ColumnChoice
+from scenarios.files.declarations import ColumnChoice
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.low_order import filter_system, less, noise_levels, trim_of
 from scenarios.watching.reference import Reference, vehicle_to_watch

@@ -30,18 +30,19 @@ from scenarios.report.document import (
 from scenarios.report.folder import write_page
 from scenarios.report.quantities import console, number_text
 from scenarios.report.shared_tables import derived_table, estimates_table, fixed_table
-from scenarios.report.text_tables import TableColumn, print_table
+from scenarios.report.summary import TableColumn, print_table
 from scenarios.studies.comparison import SCHEMA
-from scenarios.studies.rows import Row
+from scenarios.studies.published import Row
 from scenarios.watching.history_figure import history_section
 from scenarios.watching.reference import (
     WORDS,
     CrossValidation,
     Reference,
     View,
+    against,
+    against_items,
     comparisons,
     live_table,
-    outside_of,
     rows_and_vehicle,
     usual_command,
     vehicle_sentence,
@@ -128,11 +129,7 @@ def print_spectral_end(watch: Watch, session: SpectralSession) -> None:
     if unknown := undetermined(session):
         out.print(f"{UNKNOWN} by this stream: {', '.join(unknown)}", highlight=False)
     if watch.reference is not None:
-        outside = outside_of(items)
-        words = f"outside the bounds of {watch.reference.name}: {', '.join(outside)}"
-        out.print(
-            words if outside else f"inside the bounds of {watch.reference.name}", highlight=False
-        )
+        out.print(against_items(items, watch.reference.name), highlight=False)
 
 
 def beside_lines(session: SpectralSession | None, bank: Estimate) -> list[str]:
@@ -206,6 +203,11 @@ def spectral_page(
         f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['mended']} mended"
     )
     outside: Sequence[str] = content.get("reference", {}).get("outside", ())
+    words = (
+        against(outside, len(content["reference"]["differences"]), content["reference"]["study"])
+        if "reference" in content
+        else ""
+    )
     verdict = (
         "outside the reference" if outside else "identified" if content["parameters"] else UNKNOWN
     )
@@ -215,7 +217,7 @@ def spectral_page(
         kind=f"Watch of {name}, {content['model']}, equation error in the frequency domain",
         verdict=verdict,
         tone="fair" if outside else "good" if content["parameters"] else "open",
-        sentence=as_sentence(_against(content["reference"]) if "reference" in content else told),
+        sentence=as_sentence(words or told),
         summary=(as_sentence(told),) if "reference" in content else (),
         warnings=tuple(map(as_sentence, content.get("warnings", ()))),
         sections=(
@@ -234,14 +236,6 @@ def spectral_page(
         ),
         created=now(),
     )
-
-
-def _against(reference: Mapping[str, Any]) -> str:
-    """How many quantities are outside the reference's bounds, and which."""
-    outside, count = reference["outside"], len(reference["differences"])
-    names = f": {', '.join(WORDS.get(each, each) for each in outside)}" if outside else ""
-    study = reference["study"]
-    return f"{len(outside)} of {count} quantities are more than two sigmas off {study}{names}"
 
 
 def found_blocks(content: Mapping[str, Any]) -> list[Block]:
@@ -363,19 +357,8 @@ def print_end(watch: Watch, session: Session, end: Outcome) -> None:
         terminal.print(
             f"{what}, or leave out --no-refine" if not watch.refine else what, highlight=False
         )
-    outside = outside_of(end.standings)
     if watch.reference is not None:
-        inside = (
-            "inside the bounds of"
-            if any(item.z is not None for item in end.standings)
-            else "nothing to hold against"
-        )
-        said = (
-            f"outside the bounds of {watch.reference.name}: {', '.join(outside)}"
-            if outside
-            else f"{inside} {watch.reference.name}"
-        )
-        terminal.print(said, highlight=False)
+        terminal.print(against_items(end.standings, watch.reference.name), highlight=False)
     if watch.beside:
         terminal.print(
             f"note: {watch.beside} was found beside the record and read for its units",

@@ -26,7 +26,7 @@ from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.low_order import derived_of
 from scenarios.preparation.declared_model import model_of_file
 from scenarios.studies.comparison import estimate_content
-from scenarios.studies.rows import Row
+from scenarios.studies.published import Row
 from scenarios.watching.rows import LOES, StreamSignals
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, System

@@ -42,12 +42,13 @@ from scenarios.report.folder import CONTENT, write_page
 from scenarios.report.shared_tables import derived_table, estimates_table, fixed_table
 from scenarios.report.summary import PAGE
 from scenarios.studies.comparison import DERIVED_UNITS, SCHEMA, estimate_content
-from scenarios.studies.rows import Row
+from scenarios.studies.published import Row
 from scenarios.watching.history_figure import history_section
 from scenarios.watching.reference import (
     WORDS,
     CrossValidation,
     Reference,
+    against,
     rows_and_vehicle,
     usual_command,
 )
@@ -351,7 +352,12 @@ def watch_page(
         f"mended, {stream['spikes']} spikes"
     )
     words = (
-        against(outside, content.get("start_dependent", ()), len(reference["differences"]))
+        against(
+            outside,
+            len(reference["differences"]),
+            reference["study"],
+            content.get("start_dependent", ()),
+        )
         if reference
         else ""
     )
@@ -395,23 +401,6 @@ def watch_page(
         ),
         created=now(),
     )
-
-
-def against(outside: Sequence[str], hanging: Sequence[str], compared: int) -> str:
-    """How a stream stands against its reference: quantities ``outside`` it, how many were
-    ``compared``, and which hang on the start instead.
-    """
-    if outside:
-        return (
-            f"outside the reference, {len(outside)} of {compared} quantities: "
-            f"{', '.join(WORDS.get(each, each) for each in outside)}"
-        )
-    left = f"; {', '.join(hanging)} not compared, for the start decides" if hanging else ""
-    return (
-        f"every quantity that was compared agrees with its reference, {compared} of them"
-        if compared
-        else "nothing was compared"
-    ) + left
 
 
 def _found(content: Mapping[str, Any]) -> list[Block]:

@@ -23,7 +23,13 @@ from scenarios.x29.declaration import (
     printed_start,
 )
 from scenarios.x29.estimating import LARGE, LoopMethodResult, Misfit, OverSeeds, between_grid_points
-from scenarios.x29.findings import bias_rows, not_identifiable, own_method, sentences
+from scenarios.x29.findings import (
+    bias_rows,
+    not_identifiable,
+    own_method,
+    paper_sentences,
+    sentences,
+)
 from scenarios.x29.loop import linear_content
 from scenarios.x29.open_margins import margins_content
 from scenarios.x29.study import LoopResult, LoopStudy
@@ -34,6 +40,13 @@ from sim.vehicles.factory import LOES_DERIVATIVES
 
 # in whose row R stands, as in the paper's tables by column
 _BY_OUTPUT = {"alpha": "alpha", "q": "q", "nz": "nz_0"}
+
+
+def units_of(study: LoopStudy) -> dict[str, str]:
+    """Units of states and parameters, and of the frequency, damping ratio and delay."""
+    estimate, system = study.result.estimate, study.result.setting.system
+    units = {item.name: item.unit for item in (*system.initial, *system.parameters)}
+    return units | dict(zip(estimate.names, estimate.units, strict=True)) | {"delay": "s"}
 
 
 def paper_content(study: LoopStudy) -> dict[str, Any]:
@@ -240,6 +253,7 @@ def loop_comparison(study: LoopStudy) -> dict[str, Any]:
         "iterations": estimate.iterations,
         "method": "bank of extended Kalman filters, refined",
         "findings": [*sentences(study), *([scenario.findings] if scenario.findings else [])],
+        "published_findings": list(paper_sentences(study)),
         "versions": versions(),
     }
     content |= {} if study.linear is None else {"linear": linear_content(study.linear)}

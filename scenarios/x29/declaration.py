@@ -45,9 +45,9 @@ _NONE: Mapping[str, float] = MappingProxyType({})
 # table.
 METHODS: Mapping[str, str] = MappingProxyType(
     {
-        "paper": "the paper's: plain bank, printed P0",
-        "paper-other": "its filter on the record's other side",
-        "paper-density": "the paper's, printed Q as a density",
+        "paper": "plain bank, published P0",
+        "paper-other": "plain filter at the next grid point",
+        "paper-density": "plain bank, published Q as a density",
         "plain-quarter": "plain bank, P0 a quarter of the start",
         "held": "plain filter at the refined delay",
         "relinearised": "linearised anew at the bank's delay",

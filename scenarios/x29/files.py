@@ -25,11 +25,11 @@ from scenarios.report.document import (
     section,
 )
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
-from scenarios.report.folder import figures, write_page
+from scenarios.report.folder import first_figure, write_page
 from scenarios.report.quantities import as_text, number_text
 from scenarios.report.shared_tables import tests_table
 from scenarios.report.summary import HERE, residual_phrase
-from scenarios.studies.comparison import HEADING, bank_line, choice_lines
+from scenarios.studies.comparison import HEADING, SEE_PAPERS, bank_line, choice_lines
 from scenarios.x29.content import loop_comparison
 from scenarios.x29.declaration import printed_column
 from scenarios.x29.findings import sentences
@@ -65,6 +65,7 @@ def loop_page(study: LoopStudy, drawn: Sequence[Drawn] = ()) -> Page:
     white = all(test.passed for test in study.tests)
     window = f"{record.time[0]:g} to {record.time[-1]:g} s"
     choices = choice_lines(scenario.choices)
+    first, others = first_figure(drawn)
     return Page(
         title=capital(scenario.title),
         kind=f"Closed-loop study {scenario.name}, delay refined over a bank of filters",
@@ -78,11 +79,14 @@ def loop_page(study: LoopStudy, drawn: Sequence[Drawn] = ()) -> Page:
         summary=tuple(as_sentence(line) for line in (qualities, scenario.findings) if line),
         warnings=(),
         sections=(
-            *section("Figures", *figures(drawn)),
+            *section("Recorded and estimated", *first),
             *tables["Estimate"],
             *section(
-                "What it says", *(Prose(as_sentence(line)) for line in sentences(study) if line)
+                "Findings",
+                *(Prose(as_sentence(line)) for line in sentences(study) if line),
+                Prose(as_sentence(SEE_PAPERS)) if scenario.published else None,
             ),
+            *section("Further figures", *others),
             *(each for title, parts in tables.items() if title != "Estimate" for each in parts),
             *section("Residuals", tests_table("Residual tests", study.tests)),
             *_made(study, window, choices),
@@ -137,7 +141,14 @@ def loop_figures(study: LoopStudy) -> Iterator[Named]:
     yield (
         "fit",
         partial(
-            figure_fit, record, simulated, None, f"{title}\nfree simulation", noise, SIMULATED_DATA
+            figure_fit,
+            record,
+            simulated,
+            None,
+            f"{title}\nfree simulation",
+            noise,
+            SIMULATED_DATA,
+            above=record.inputs,
         ),
     )
     if (
@@ -298,7 +309,7 @@ def _margins(study: LoopStudy, found: OpenMargins) -> Figure:
     effects = [
         (item.label, found.effects[item.name]) for item in OPEN if item.name in found.effects
     ]
-    title = f"{study.scenario.title}\nphase margins that the paper's numbers leave open"
+    title = f"{study.scenario.title}\nphase margins that the published numbers leave open"
     return figure_open_margins(clouds, declared, effects, title)
 
 

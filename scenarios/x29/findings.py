@@ -338,7 +338,6 @@ def _same_way(pair: np.ndarray, before: float, after: float) -> bool:
 
 BEYOND = 2.0  # sigmas
 DISAGREE = 0.1  # of a frequency
-PAPER_PHASE = "the paper saw its larger damping in flight as a larger phase margin too"
 
 
 @dataclass(frozen=True)
@@ -451,16 +450,14 @@ def sentences(study: LoopStudy) -> tuple[str, ...]:
     out += _margins(study)
     if study.scenario.published:
         out.append(
-            "published L_delta, M_delta and delta_0 are shown with the sign turned: the paper's "
-            "pseudo-control is minus ours"
+            "published L_delta, M_delta and delta_0 are shown with the opposite sign, as "
+            "the published pseudo-control has it"
         )
-    return (*out, *verdicts(study), *paper_sentences(study))
+    return (*out, *verdicts(study))
 
 
 def _margins(study: LoopStudy) -> list[str]:
-    """Margins of the two loops and of one beside them, against what the paper saw, and what it
-    leaves open.
-    """
+    """Margins of the two loops and of one more, and what the open values do to them."""
     if len(study.margins) < 2:
         return []
     (own, mine), (against, theirs), *beside = study.margins.items()
@@ -470,7 +467,7 @@ def _margins(study: LoopStudy) -> list[str]:
     ]
     word = "larger" if mine.phase > theirs.phase else "smaller"
     out = (
-        f"margins of the loop broken at the command: {', '.join(told)}; {PAPER_PHASE}: that of "
+        f"margins of the loop broken at the command: {', '.join(told)}; the phase margin of "
         f"{own} is {word} than that of {against}"
     )
     for name, each in beside:

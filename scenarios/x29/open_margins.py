@@ -291,13 +291,13 @@ def margins_sentence(found: OpenMargins) -> str:
     ]
     points = len(found.designs[0].places)
     out = (
-        f"{points} points of a Latin hypercube over {len(OPEN)} values that the paper leaves open, "
-        "both airframes fitted to its two columns at each: "
+        f"{points} points of a Latin hypercube over {len(OPEN)} values that the publication "
+        "leaves open, both airframes fitted to its two columns at each: "
     )
     out += (
         f"the flight's phase margin is the larger {', '.join(told)}"
         if told
-        else "no point has the paper's equivalents"
+        else "no point has the published equivalents"
     )
     if found.effects:
         ordered = sorted(found.effects.items(), key=lambda item: -abs(item[1]))
@@ -318,10 +318,10 @@ def margins_sentence(found: OpenMargins) -> str:
     larger = sum(each.larger for each in found.designs)
     plausible = sum(int(each.plausible.sum()) for each in found.designs)
     if plausible:
-        mixed = "the paper's numbers do not decide the sign"
+        mixed = "the published numbers do not decide the sign"
         out += (
             ": "
-            f"{mixed if 0 < larger < plausible else 'none of these has its sign' if larger == 0 else 'all of these have its sign'}"  # noqa: E501
+            f"{mixed if 0 < larger < plausible else 'none of these has the published sign' if larger == 0 else 'all of these have the published sign'}"  # noqa: E501
         )
     return out
 

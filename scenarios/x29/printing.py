@@ -1,4 +1,4 @@
-"""A closed-loop study in tables and sentences, those of the paper beside them."""
+"""A closed-loop study in tables and sentences."""
 
 from __future__ import annotations
 
@@ -29,12 +29,23 @@ from scenarios.report.document import (
     table,
 )
 from scenarios.report.quantities import console, is_frequency, number_text, test_line
-from scenarios.report.summary import BELOW, Summary, print_summary, residual_phrase, value_phrase
+from scenarios.report.summary import (
+    BELOW,
+    Summary,
+    print_paragraph,
+    print_summary,
+    residual_phrase,
+    value_phrase,
+)
 from scenarios.report.terminal import show_blocks
-from scenarios.report.text_tables import print_paragraph
-from scenarios.studies.comparison import bank_line, choice_lines
-from scenarios.studies.text import print_choices
-from scenarios.x29.content import correlation_content, noted_pairs, procedure_and_printed
+from scenarios.studies.comparison import SEE_PAPERS, bank_line, choice_lines
+from scenarios.studies.text import print_choices, rest_of
+from scenarios.x29.content import (
+    correlation_content,
+    noted_pairs,
+    procedure_and_printed,
+    units_of,
+)
 from scenarios.x29.declaration import (
     has_table,
     printed_checks,
@@ -45,16 +56,12 @@ from scenarios.x29.estimating import LARGE, LoopMethodResult, Misfit
 from scenarios.x29.findings import COMPARED, off, own_method, sentences
 from scenarios.x29.study import LoopStudy
 
-# ---- What the paper prints beside what its procedure gives here
-
 TITLES = {"simulation": "Table 1", "flight": "Table 2"}
 SQUARED = "unit²"  # of a variance whose row names the quantity
 
 
 def paper_blocks(study: LoopStudy) -> list[Block]:
-    """Tables 1 or 2 and their correlations beside the paper's procedure here, the methods, and
-    restarts of plain filters.
-    """
+    """Published tables beside the published method here, all methods, restarts."""
     column = study.scenario.published[0] if study.scenario.published else ""
     out: list[Block] = []
     if study.scenario.methods and has_table(column):
@@ -64,6 +71,11 @@ def paper_blocks(study: LoopStudy) -> list[Block]:
     if study.scenario.methods:
         out += _methods(study, column)
     return [*out, *_restarts(study)]
+
+
+def _bare(heading: str, unit: str) -> Column:
+    """A column whose unit stands on the page alone."""
+    return Column(heading, unit, printed=heading)
 
 
 def _triangle(title: str, names: tuple[str, ...], C: np.ndarray) -> Table:
@@ -102,7 +114,7 @@ def _states(study: LoopStudy, column: str) -> list[Block]:
 
     units = units_of(study)
     shown = table(
-        f"{TITLES[column]} and the paper's procedure on this record (plain bank, "
+        f"{TITLES[column]} and the published method on this record (plain bank, "
         f"{study.plain.delay:.3f} s)",
         (Column("state"), list(rows)),
         *block("initial", "initial", BY_ROW),
@@ -114,8 +126,8 @@ def _states(study: LoopStudy, column: str) -> list[Block]:
         units=[units[name] for name in rows],
     )
     note = (
-        "SI, in the paper's units R of alpha and q are deg2 and (deg/s)2; Q here is a spectral "
-        "density; R of nz stands with nz_0"
+        "SI; the publication has R of alpha and q in deg2 and (deg/s)2; Q here is a spectral "
+        "density; R of nz is in the row of nz_0"
     )
     return [shown, Prose(note, "note")]
 
@@ -126,7 +138,10 @@ def _pairs(study: LoopStudy, column: str) -> Table:
         f"largest correlations of {TITLES[column]}",
         (Column("correlation of"), [f"{a}, {b}" for a, b, *_ in rows]),
         (Column("published", PURE), [formatted(value, "+.3f") for _, _, value, _, _ in rows]),
-        (Column("paper's procedure", PURE), [formatted(c, "+.3f") for _, _, _, c, _ in rows]),
+        (
+            Column("its method, here", PURE),
+            [formatted(c, "+.3f") for _, _, _, c, _ in rows],
+        ),
         (Column("ours, refined", PURE), [formatted(c, "+.3f") for *_, c in rows]),
     )
 
@@ -139,16 +154,13 @@ def _methods(study: LoopStudy, column: str) -> list[Block]:
         """A printed number; the paper prints no frequency and no damping ratio of its Table 3."""
         return formatted(printed[name].value if name in printed else None, form)
 
-    def bare(heading: str, unit: str) -> Column:
-        return Column(heading, unit, printed=heading)
-
     shown = table(
         "methods by name",
         (Column("method"), [*(m.label for m in found), "published"]),
-        (bare("delay", "s"), [*(formatted(m.delay, ".4f") for m in found), ""]),
+        (_bare("delay", "s"), [*(formatted(m.delay, ".4f") for m in found), ""]),
         *(
             (
-                bare(n, units[n]),
+                _bare(n, units[n]),
                 [
                     *(Number(m.values[n], shown=number_text(m.values[n], m.std[n])) for m in found),
                     told(n, "g"),
@@ -225,7 +237,7 @@ WORDS = {
 
 
 def print_loop(study: LoopStudy, out: Console | None = None, details: str = BELOW) -> None:
-    """Everything there is to read of a study: a summary, the estimate, the rest."""
+    """Everything of a study: a summary, the estimate, the other tables, the findings."""
     out = out or console()
     print_summary(out, loop_summary(study, details))
     scenario, record = study.scenario, study.result.setting.record
@@ -245,6 +257,18 @@ def print_loop(study: LoopStudy, out: Console | None = None, details: str = BELO
     for sentence in (*sentences(study), test_line(study.tests), scenario.findings):
         if sentence:
             print_paragraph(out, sentence, indent=0)
+    if scenario.published:
+        print_paragraph(out, SEE_PAPERS, indent=0)
+
+
+def print_loop_brief(study: LoopStudy, out: Console | None = None, details: str = BELOW) -> None:
+    """What a terminal shows of a study: summary, estimate, findings of its scenario."""
+    out = out or console()
+    print_summary(out, loop_summary(study, rest_of(details)))
+    show_blocks(out, _estimate(study))
+    if study.scenario.findings:
+        out.print()
+        print_paragraph(out, study.scenario.findings, indent=0)
 
 
 def loop_summary(study: LoopStudy, details: str = BELOW) -> Summary:
@@ -263,13 +287,6 @@ def loop_summary(study: LoopStudy, details: str = BELOW) -> Summary:
         residual_phrase(study.tests),
         details,
     )
-
-
-def units_of(study: LoopStudy) -> dict[str, str]:
-    """Units of states and parameters, and of the frequency, damping ratio and delay."""
-    estimate, system = study.result.estimate, study.result.setting.system
-    units = {item.name: item.unit for item in (*system.initial, *system.parameters)}
-    return units | dict(zip(estimate.names, estimate.units, strict=True)) | {"delay": "s"}
 
 
 def _estimate(study: LoopStudy) -> list[Block]:
@@ -318,22 +335,19 @@ def _filter_states(study: LoopStudy) -> list[Block]:
     def scientific(values: Iterable[float]) -> list[Cell]:
         return [formatted(float(value), ".3e") for value in values]
 
-    def bare(heading: str, unit: str) -> Column:
-        return Column(heading, unit, printed=heading)
-
     shown = table(
         f"states of the filter at the refined delay (R of nz {noise['nz'] ** 2:.3e} g2)",
         (Column("state"), list(history.names)),
         (Column("initial", BY_ROW), scientific(item.value for item in items)),
         (Column("final", BY_ROW), scientific(history.mean[:, -1])),
-        (bare("initial variance", SQUARED), scientific(item.prior_std**2 for item in items)),
-        (bare("final variance", SQUARED), scientific(history.std[:, -1] ** 2)),
+        (_bare("initial variance", SQUARED), scientific(item.prior_std**2 for item in items)),
+        (_bare("final variance", SQUARED), scientific(history.std[:, -1] ** 2)),
         (
-            bare("R", SQUARED),
+            _bare("R", SQUARED),
             [formatted(noise[n] ** 2, ".3e") if n in noise else "" for n in history.names],
         ),
         (
-            bare("Q", f"{SQUARED}/s"),
+            _bare("Q", f"{SQUARED}/s"),
             [formatted(density.get(n, 0.0), ".1e") for n in history.names],
         ),
         units=[units[name] for name in history.names],
@@ -348,11 +362,11 @@ def _correlation(study: LoopStudy) -> list[Block]:
 
 
 def _qualities(study: LoopStudy) -> list[Block]:
-    found = [
-        each
-        for q in study.result.qualities
-        for each in ([q, _hertz(q)] if is_frequency(q.name, q.unit) else [q])
-    ]
+    found = []
+    for q in study.result.qualities:
+        found.append(q)
+        if is_frequency(q.name, q.unit):
+            found.append(replace(q, value=q.value / math.tau, std=q.std / math.tau, unit="Hz"))
 
     def at(q: Quality, sigmas: float) -> Cell:
         value = q.value + sigmas * q.std
@@ -375,15 +389,10 @@ def _qualities(study: LoopStudy) -> list[Block]:
     return out
 
 
-def _hertz(q: Quality) -> Quality:
-    return replace(q, value=q.value / (2.0 * math.pi), std=q.std / (2.0 * math.pi), unit="Hz")
-
-
 def _level(row: Level) -> str:
     words = {1: "1", 2: "2", 3: "3", 4: "outside 3"}
-    return words[row.level] + (
-        f" ({words[row.best]} to {words[row.worst]} within 2 sigma)" if row.uncertain else ""
-    )
+    between = f" ({words[row.best]} to {words[row.worst]} within 2 sigma)"
+    return words[row.level] + (between if row.uncertain else "")
 
 
 def _check(study: LoopStudy) -> list[Block]:
@@ -462,7 +471,7 @@ def _together(study: LoopStudy) -> list[Block]:
 
     printed = [(key, printed_column(key)) for key in study.scenario.published]
     shown = table(
-        "robustness: plain bank, most likely delay, side by side as the paper's Table 3",
+        "robustness: plain bank, most likely delay, side by side",
         (Column("parameter"), names),
         *(
             (Column(key.removeprefix("x29-"), BY_ROW), cells(found.estimate, found.delay))
@@ -543,26 +552,27 @@ def _over_seeds(study: LoopStudy) -> list[Block]:
     found = study.over_seeds
     if found is None:
         return []
-    rows = [(f"{delay:.3f}", block) for delay, block in found.by_delay()]
+    rows = [block for _, block in found.by_delay()]
     delays = list[Cell](formatted(delay, ".3f") for delay, _ in found.by_delay())
     if len(rows) > 1:
-        rows, delays = [*rows, ("all", found.values)], [*delays, "all"]
+        rows, delays = [*rows, found.values], [*delays, "all"]
     units = units_of(study)
     columns = [
         (
             Column(name, units[name], printed=name, together=True),
-            [_mean_cell(block[:, found.names.index(name)]) for _, block in rows],
+            [_mean_cell(block[:, found.names.index(name)]) for block in rows],
         )
         for name in ("L_alpha", "M_alpha", "M_delta", "L_q", "M_q", "inv_tau")
     ]
-    shown = table(
-        f"the paper's bank on flights with seeds 1 to {len(found.seeds)}: delay chosen, mean +- "
-        "standard deviation",
-        (Column("delay", "s", left=True), delays),
-        (Column("flights", PURE), [Number(len(block), digits=0) for _, block in rows]),
-        *columns,
-    )
-    return [shown]
+    return [
+        table(
+            f"the plain bank on flights with seeds 1 to {len(found.seeds)}: delay chosen, mean +- "
+            "standard deviation",
+            (Column("delay", "s", left=True), delays),
+            (Column("flights", PURE), [Number(len(block), digits=0) for block in rows]),
+            *columns,
+        )
+    ]
 
 
 def _mean_cell(values: np.ndarray) -> Cell:
@@ -579,10 +589,10 @@ BLOCKS: Mapping[str, Callable[[LoopStudy], list[Block]]] = {
     "Correlation": _correlation,
     "Flying qualities": _qualities,
     "Check by frequency response": _check,
-    "The paper's numbers": paper_blocks,
     "Against the other study": _differences,
     "Side by side": _together,
     "Started again": _passes,
     "With changes": _variants,
     "Over seeds": _over_seeds,
+    "Published values": paper_blocks,
 }

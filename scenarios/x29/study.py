@@ -19,7 +19,7 @@ from ident.banks.delays import (
 )
 from ident.estimate import Estimate
 from ident.flying_qualities.levels import Level, Quality, levels, qualities
-from ident.frequency_response.multitaper import estimate_response, fit_response
+from ident.frequency_response.segments import estimate_response, fit_response
 from ident.statistics.residuals import Comparison, ResidualTest, compare_estimates, residual_tests
 from scenarios.studies.catalogue import load_document
 from scenarios.x29.declaration import FlownLoop, LoopScenario, fly_loop, low_order_model

@@ -152,7 +152,7 @@ class OwnEquations:
     file says of the equations. ``multiplying``: estimated parameters that multiply signals, with
     their units. ``products``: port, signal and estimated parameter, where the parameter multiplies
     the signal in a rate to which the port adds. ``terms``: of equations whose ports are
-    coefficients that are sums of terms, coefficient and text of each (`sim.aerodynamics.terms`).
+    coefficients that are sums of terms, coefficient and text of each (`sim.aerodynamics`).
 
     A number beyond the range of floats, or a division by zero, makes the answer NaN, which an
     estimator steps back from; every other error in a function is a ModelError that names file and

@@ -1,7 +1,7 @@
 """A rigid aircraft with six degrees of freedom and coefficients that are sums of named terms.
 
 Body axes, x forward, y to the right, z down. With the components u, v, w of the velocity, surfaces
-and non-dimensional rates as signals of the terms (see `sim.aerodynamics.terms`),
+and non-dimensional rates as signals of the terms (see `sim.aerodynamics`),
 
     u_dot = r v - q w - g sin(theta) + (qS CX + T cos(e))/m
     v_dot = p w - r u + g cos(theta) sin(phi) + qS CY/m
@@ -29,7 +29,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.aerodynamics.terms import AS_TERM, FLOW, RATES, Term, TermTable
+from sim.aerodynamics import AS_TERM, FLOW, RATES, Term, TermTable
 from sim.declaration.effect import FROM_OUTPUTS, Parameter, ParameterSet
 from sim.declaration.model import Model
 from sim.declaration.user_equations import OwnEquations

@@ -16,13 +16,25 @@ from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.input_path.input_delay import InputDelay
 from sim.errors import DeclarationError
 from sim.maths import complex_step_jacobian
-from sim.vehicles.ballistic import Ballistic
-from sim.vehicles.lateral import LATERAL_CONSTANTS, LATERAL_DERIVATIVES, Lateral
 from sim.vehicles.library import Number, Origin, VehicleData
-from sim.vehicles.loes import Loes
-from sim.vehicles.longitudinal import LONGITUDINAL_CONSTANTS, LONGITUDINAL_DERIVATIVES, Longitudinal
-from sim.vehicles.multirotor import DELAY, LAG, MULTIROTOR_DERIVATIVES, Multirotor, motor_path
-from sim.vehicles.short_period import ShortPeriod
+from sim.vehicles.other_vehicles import (
+    DELAY,
+    LAG,
+    MULTIROTOR_DERIVATIVES,
+    Ballistic,
+    Multirotor,
+    motor_path,
+)
+from sim.vehicles.uncoupled import (
+    LATERAL_CONSTANTS,
+    LATERAL_DERIVATIVES,
+    LONGITUDINAL_CONSTANTS,
+    LONGITUDINAL_DERIVATIVES,
+    Lateral,
+    Loes,
+    Longitudinal,
+    ShortPeriod,
+)
 
 # ---- From a vehicle's numbers to its Model; one way for built-in sets and for a user's file
 

@@ -4,6 +4,7 @@ sort and copy.
 
 from __future__ import annotations
 
+import io
 import json
 import re
 from collections.abc import Callable
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from openpyxl import load_workbook
 
 from scenarios.report.document import Column, Number, Section, Table
 from scenarios.report.folder import write_page
@@ -139,6 +141,24 @@ def test_tables_are_copied_with_full_numbers_and_a_column_of_sigmas(
     ]
     assert lines[1] == ["Cm_alpha", "1/rad", "-1.66", "-1.657", "0.0018", "0.18"]
     assert lines[4] == ["delay", "s", "–", "not determined", "", "–"]
+    choice = page.locator("select.formats").nth(0)
+    choice.select_option("markdown")
+    page.wait_for_function("async () => (await navigator.clipboard.readText()).startsWith('|')")
+    copied = page.evaluate("() => navigator.clipboard.readText()").splitlines()
+    assert copied[0] == "| parameter | unit | true | estimate ± σ | error (%) |"
+    assert copied[2] == "| Cm_alpha | 1/rad | −1.66 | −1.6570 ± 0.0018 | 0.18 |"
+    choice.select_option("latex")
+    page.wait_for_function("async () => (await navigator.clipboard.readText()).startsWith('\\\\')")
+    copied = page.evaluate("() => navigator.clipboard.readText()").splitlines()
+    assert copied[0] == r"\begin{tabular}{llrrr}" and copied[-1] == r"\end{tabular}"
+    assert copied[4] == r"Cm\_alpha & 1/rad & $-$1.66 & $-$1.6570 $\pm$ 0.0018 & 0.18 \\"
+    with page.expect_download() as download:
+        choice.select_option("xlsx")
+    book = load_workbook(io.BytesIO(download.value.path().read_bytes()))
+    assert [[cell.value for cell in row] for row in book.active.iter_rows(max_row=2)] == [
+        lines[0],
+        ["Cm_alpha", "1/rad", -1.66, -1.657, 0.0018, 0.18],
+    ]
     context.close()
     assert complaints.found == []
 

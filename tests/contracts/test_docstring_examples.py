@@ -17,14 +17,14 @@ MODULES = [
     "scenarios.api.diagnosis",
     "scenarios.api.estimators",
     "scenarios.api.identification",
-    "scenarios.api.keywords",
+    "scenarios.api.tables",
     "scenarios.api.plot",
     "scenarios.api.record",
-    "scenarios.api.structure",
+    "scenarios.api.design",
     "scenarios.api.study",
     "scenarios.api.tables",
     "scenarios.api.vehicle",
-    "scenarios.report.exports",
+    "scenarios.report.folder",
     "sim.declaration.user_model",
 ]
 

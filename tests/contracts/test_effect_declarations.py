@@ -7,7 +7,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-from sim.aerodynamics.terms import FLOW, parse_term
+from sim.aerodynamics import FLOW, parse_term
 from sim.declaration.effect import (
     ClockEffect,
     DynamicsEffect,

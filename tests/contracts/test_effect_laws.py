@@ -14,7 +14,7 @@ from sim.declaration.effect import Effect, NoiseEffect, Regularity, full_name
 from sim.declaration.model import Model
 from sim.declaration.proposal import SearchContext, Traceable
 from sim.effects.dynamics.structural_mode import StructuralMode
-from sim.effects.sensor_path.sensor_scale import SensorCurve
+from sim.effects.sensor_path.sensor_calibration import SensorCurve
 from sim.maths import COMPLEX_STEP
 from sim.propagation import drive_from_record, make_grid, outputs_at_samples, rk4_step
 from sim.record import Hold

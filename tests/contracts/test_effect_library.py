@@ -21,8 +21,8 @@ from sim.effects.library import (
     library,
 )
 from sim.errors import ModelError
-from sim.vehicles.ballistic import Ballistic
-from sim.vehicles.short_period import ShortPeriod
+from sim.vehicles.other_vehicles import Ballistic
+from sim.vehicles.uncoupled import ShortPeriod
 from tests.bases import base_for
 from tests.effect_cases import GUARDS, OFFERED, OFFERED_GUARDS
 from tests.offered import made
@@ -30,8 +30,12 @@ from tests.offered import made
 ROOT = Path(__file__).parents[2]
 # Files with the effects of one family; every other file has one effect, in whatever variants.
 FAMILIES = {
-    "actuator_dynamics": {"actuator-lag", "actuator-second-order"},
-    "actuator_limits": {"actuator-rate-limit", "actuator-saturation"},
+    "actuator": {
+        "actuator-lag",
+        "actuator-second-order",
+        "actuator-rate-limit",
+        "actuator-saturation",
+    },
     "airspeed": {"phugoid", "speed-variation"},
     "atmosphere": {"density-scale-height", "drag-mach"},
     "derivative_jump": {"derivative-jump", "drag-jump"},
@@ -39,14 +43,17 @@ FAMILIES = {
     "input_delay": {"input-delay", "input-recorded-late"},
     "input_play": {"input-backlash", "input-deadband"},
     "load_nonlinearity": {
-        f"{load}-nonlinearity" for load in ("drag", "lift", "moment", "roll", "side-force", "yaw")
+        "flow-separation",
+        *(
+            f"{load}-nonlinearity"
+            for load in ("drag", "lift", "moment", "roll", "side-force", "yaw")
+        ),
     },
-    "sensor_delay": {"sensor-delay", "sensor-lag"},
-    "sensor_drift": {"sensor-drift", "sensor-step"},
+    "sensor_calibration": {"sensor-scale", "sensor-curve", "sensor-drift", "sensor-step"},
+    "sensor_mounting": {"accelerometer-offset", "vane-offset", "sensor-coupling"},
     "sensor_play": {"sensor-backlash", "sensor-deadband"},
-    "sensor_position": {"accelerometer-offset", "vane-offset"},
-    "sensor_sampling": {"sensor-hold", "time-base"},
-    "sensor_scale": {"sensor-scale", "sensor-curve"},
+    "sensor_timing": {"sensor-delay", "sensor-lag", "sensor-hold", "time-base"},
+    "varies": {"missing-term", "varies"},
 }
 
 

@@ -30,17 +30,14 @@ LONG_FILES: frozenset[str] = frozenset(
         "ident/compatibility/fault_sets.py",
         "ident/compatibility/six_degrees/kinematics.py",
         "ident/frequency_domain/online.py",
-        "ident/frequency_domain/output_error.py",
         "ident/maneuver_detection/search.py",
         "ident/process_noise/innovations_model.py",
         "ident/recording/inspection.py",
         "ident/regression/equation_error.py",
-        "ident/whole_record/layout.py",
         "scenarios/api/records.py",
         "scenarios/files/user_models.py",
         "scenarios/identification/assessment.py",
         "scenarios/identification/identify.py",
-        "scenarios/plots/low_order.py",
         "scenarios/studies/campaign_report.py",
         "scenarios/studies/campaign_statistics.py",
         "scenarios/studies/campaign_trials.py",
@@ -66,15 +63,8 @@ ONE_A_FILE = ("sim/effects/", "scenarios/files/formats/")
 SHORT_OF_ONE: frozenset[str] = frozenset(
     {
         "sim/vehicles/aircraft_numbers.py",  # beside it aircraft.py would be too long
-        "flightid/hiding.py",
         "flightid/plot.py",
         "ident/tracing/declared.py",
-        "ident/tracing/validation/training_knowledge.py",
-        "sim/vehicles/ballistic.py",
-        "sim/vehicles/lateral.py",
-        "sim/vehicles/loes.py",
-        "sim/vehicles/longitudinal.py",
-        "sim/vehicles/short_period.py",
     }
 )
 

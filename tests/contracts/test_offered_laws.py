@@ -21,8 +21,8 @@ from sim.effects.dynamics.control_nonlinearity import (
     ControlWeakening,
 )
 from sim.effects.library import catch_all_terms_for, effects_for
-from sim.vehicles.ballistic import Ballistic
-from sim.vehicles.short_period import ShortPeriod
+from sim.vehicles.other_vehicles import Ballistic
+from sim.vehicles.uncoupled import ShortPeriod
 from tests.offered import ALL_VEHICLES, WHOLE_AXES, stem
 
 ON_INPUTS = {

@@ -11,7 +11,7 @@ import pytest
 
 from ident.tracing.diagnosis import Diagnosis, Verdict
 from ident.tracing.loop import diagnose
-from scenarios.diagnosis.candidates import can_act, candidates_for
+from scenarios.diagnosis.opening import can_act, candidates_for
 from sim.declaration import own_model
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable

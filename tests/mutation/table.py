@@ -160,12 +160,12 @@ ONCE_UNNOTICED = (
 # Equations, effects, truth, loops and maneuvers.
 SIM = (
     *changes(
-        "sim/vehicles/lateral.py",
+        "sim/vehicles/uncoupled.py",
         ("tests/unit/sim/vehicles/test_textbook_modes.py",),
         ("s.p * sin(p.trim_alpha) - s.r", "s.p * sin(p.trim_alpha) + s.r"),
     ),
     *changes(
-        "sim/vehicles/multirotor.py",
+        "sim/vehicles/other_vehicles.py",
         ("tests/unit/sim/vehicles/test_multirotor.py",),
         ("p.M_pr * s.p * s.r", "p.M_pr * s.p * s.q"),
         ("p.Z_0 + p.Z_col * s.thrust_command", "p.Z_0 - p.Z_col * s.thrust_command"),
@@ -185,24 +185,24 @@ SIM = (
         ("in record.input_names and not np.any(", "in record.input_names and np.any("),
     ),
     *changes(
-        "sim/vehicles/longitudinal.py",
+        "sim/vehicles/uncoupled.py",
         ("tests/unit/sim/vehicles/test_second_writings.py",),
         ("lift * cosine + drag * sine", "lift * cosine - drag * sine"),
         ("_lift(s, p) + s.thrust * sin(s.alpha)", "_lift(s, p) - s.thrust * sin(s.alpha)"),
         ("/ (p.mass * s.airspeed)", "/ (p.mass * s.V)"),
     ),
     *changes(
-        "sim/vehicles/loes.py",
+        "sim/vehicles/uncoupled.py",
         ("tests/unit/sim/vehicles/test_second_writings.py",),
         ("p.vane_arm / s.V * s.q", "p.vane_arm / p.airspeed * s.q"),
     ),
     *changes(
-        "sim/vehicles/short_period.py",
+        "sim/vehicles/uncoupled.py",
         ("tests/unit/sim/vehicles/test_second_writings.py",),
         ("s.q * p.chord / (2.0 * V)", "s.q * p.chord / (2.0 * p.airspeed)"),
     ),
     *changes(
-        "sim/vehicles/ballistic.py",
+        "sim/vehicles/other_vehicles.py",
         ("tests/unit/sim/vehicles/test_second_writings.py",),
         ("s.velocity * absolute(s.velocity)", "-s.velocity * s.velocity"),
     ),
@@ -222,12 +222,12 @@ SIM = (
         ('s.V if hasattr(s, "V") else getattr(vehicle, speed)', "getattr(vehicle, speed)"),
     ),
     *changes(
-        "sim/effects/timing.py",
+        "sim/effects/loads.py",
         ("tests/unit/sim/effects/test_events.py",),
         ("(time - at) / width + 0.5", "(time - at) / width"),
     ),
     *changes(
-        "sim/effects/input_path/actuator_limits.py",
+        "sim/effects/input_path/actuator.py",
         (
             "tests/unit/sim/effects/input_path/test_actuator_rate_limit.py",
             "tests/unit/sim/effects/input_path/test_memoryless_inputs.py",
@@ -370,7 +370,7 @@ IDENT = (
         ("(transform / 0.375) ** 2", "transform / 0.375"),
     ),
     *changes(
-        "ident/flying_qualities/bandwidth.py",
+        "ident/flying_qualities/attitude_criteria.py",
         ("tests/unit/ident/flying_qualities/test_bandwidth.py",),
         ("NEUTRAL + MARGIN", "NEUTRAL + 2.0 * MARGIN"),
         ("half = 0.5 * math.pi / 180.0", "half = math.pi / 180.0"),
@@ -397,7 +397,7 @@ IDENT = (
         ("0.5 * (1.0 - LEVEL) / len(known)", "0.5 * (1.0 - LEVEL)"),
     ),
     *changes(
-        "ident/frequency_response/multitaper.py",
+        "ident/frequency_response/segments.py",
         ("tests/unit/ident/frequency_response/test_multitaper.py",),
         ("np.abs(between) ** 2", "np.abs(between)"),
     ),
@@ -506,8 +506,8 @@ IDENT = (
         ("z, abs(z) > limit", "z, z > limit"),
     ),
     *changes(
-        "ident/tracing/validation/error_figures.py",
-        ("tests/unit/ident/tracing/validation/test_error_figures.py",),
+        "ident/tracing/predictive.py",
+        ("tests/unit/ident/tracing/test_error_figures.py",),
         ("1.0 - (error / spread) ** 2", "1.0 - error / spread"),
     ),
     *changes(

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.files.channels import ColumnChoice
+from scenarios.files.declarations import ColumnChoice
 from tests.recorders.logs import write_dataflash, write_dataflash_text, write_ulog
 
 DEGREE = np.pi / 180.0

@@ -12,7 +12,7 @@ import pytest
 from scipy.stats import binomtest
 
 from ident.maneuver_design import CLEAR, ODDS_COST, Acting, price
-from ident.tracing.candidate_model.fitted_model import FitData, FittedModel, Start, fit_set
+from ident.tracing.fitted_model import FitData, FittedModel, Start, fit_set
 from ident.whole_record.layout import FitSettings
 from scenarios.maneuver_design.design import DesignResult, design
 from scenarios.maneuver_design.setting import DesignRequest, as_held

@@ -11,7 +11,7 @@ import pytest
 from ident.structure.coefficients import Airframe, histories_of
 from ident.structure.selection import select
 from scenarios.structure.study import StructureOptions, coefficients_of, structure_of
-from sim.aerodynamics.terms import FLOW, Term, parse_term
+from sim.aerodynamics import FLOW, Term, parse_term
 from sim.declaration.compile import compile_model
 from sim.record import Channel, Hold, Record
 from sim.vehicles.aircraft import DEFAULTS, Aircraft, aircraft_model

@@ -21,7 +21,8 @@ def gallery_page() -> str:
         "`flightid diagnose` looks for.\n",
         "## Effects\n",
         "An output in a 3-2-1-1 without the effect (grey) and with it at its usual values (blue); "
-        "below, the difference (green).\n",
+        "below, the difference (green). Effects of a falling body are shown on its fall, "
+        "turbulence and a missing term on a simulated flight.\n",
         *_cards(
             (name, f"effects.md#{name.lower()}", first_sentence(some[0].explanation), "effect")
             for name, some in by_family(library()).items()

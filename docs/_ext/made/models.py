@@ -62,7 +62,11 @@ def models_page() -> str:
         parts += [
             f"## {name}\n",
             equations_of(name),
-            plain_block(sys.modules[type(equations).__module__].__doc__ or ""),
+            plain_block(
+                getattr(equations, "explanation", "")
+                or sys.modules[type(equations).__module__].__doc__
+                or ""
+            ),
         ]
         for title, signals in (
             ("states", equations.states),

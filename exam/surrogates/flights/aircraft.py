@@ -12,7 +12,7 @@ from typing import Any
 
 from sim.declaration.effect import Signal
 from sim.maths import cos
-from sim.vehicles.short_period import ShortPeriod
+from sim.vehicles.uncoupled import ShortPeriod
 
 BASE = ShortPeriod()
 

@@ -62,7 +62,7 @@ class Studied:
 def aircraft() -> Aircraft:
     """The true aircraft: the generic airliner, with terms that are products of two signals."""
     from scenarios.files.aircraft_files import example
-    from sim.aerodynamics.terms import parse_term
+    from sim.aerodynamics import parse_term
     from sim.vehicles.aircraft import declaration_of
 
     plain = declaration_of(example())
@@ -322,7 +322,7 @@ def archive(studied: Studied) -> bytes:
     from flightid.labs.workings.trying import PREFIX
     from scenarios.files.aircraft_files import written
     from scenarios.files.writing import write_record
-    from sim.aerodynamics.terms import Term
+    from sim.aerodynamics import Term
 
     plain = {axis: {Term(): 0.0} for axis in studied.true.coefficients}
     out = io.BytesIO()

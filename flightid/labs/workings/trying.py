@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from scenarios.studies.campaign import CampaignRuns
-    from scenarios.studies.rows import Row
+    from scenarios.studies.published import Row
     from scenarios.studies.study import MethodResult, StudyResult
 
 KEPT = 64  # studies that are remembered: some hundred kB each

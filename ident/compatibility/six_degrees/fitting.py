@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.compatibility.fitting import (
+    KinematicDescent,
     KinematicFit,
+    descended,
     least_misfit,
     misfit,
-    normal_equations,
     residual_of,
 )
 from ident.compatibility.kinematics import BIAS, DELAY, LAG, SensorFault
@@ -226,8 +227,20 @@ def fit(
     lines = [
         linearised(s, u, faults, o, sizes) for s, u, o in zip(signals, unknowns, own, strict=True)
     ]
+    search = KinematicDescent(
+        tuple(signals),
+        tuple(unknowns),
+        tuple(faults),
+        tuple(priors),
+        evaluate,
+        linearised,
+        (1.0, 0.5, 0.2, 0.05),
+        _STEPS,
+        _SMALL,
+    )
     for _ in range(_PASSES):
-        own, sizes, lines = _descended(signals, faults, priors, own, sizes, lines, noise)
+        whiteners = [shortened(s, noise) for s in signals]
+        own, sizes, lines = descended(search, (own, sizes, lines), whiteners)
         residuals = [residual_of(s, y) for s, (y, _) in zip(signals, lines, strict=True)]
         before, noise = (
             noise,
@@ -266,48 +279,6 @@ def likelihoods(fits: Sequence[KinematicFit]) -> np.ndarray:
     whiteners = [shortened(s, fits[int(np.argmin(whole))].noise) for s in fits[0].signals]
     priors = [np.array([item.prior**-2 for item in unknowns_of(s)]) for s in fits[0].signals]
     return np.array([least_misfit(each, whiteners, priors) for each in fits])
-
-
-def _descended(
-    signals: Sequence[KinematicSignals],
-    faults: Sequence[SensorFault],
-    priors: Sequence[np.ndarray],
-    own: list[np.ndarray],
-    sizes: np.ndarray,
-    lines: list[tuple[np.ndarray, np.ndarray]],
-    noise: RelationNoise,
-) -> tuple[list[np.ndarray], np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
-    """Unknowns and sizes of least squares under a given noise, and the lines there."""
-    unknowns = [unknowns_of(s) for s in signals]
-    largest = np.array([fault.largest for fault in faults])
-    whiteners = [shortened(s, noise) for s in signals]
-    here = misfit(signals, priors, own, [y for y, _ in lines], whiteners)
-    for _ in range(_STEPS):
-        information, gradient = normal_equations(signals, priors, own, lines, whiteners)
-        step = bounded_inverse(information) @ gradient
-        if float(gradient @ step) < _SMALL:
-            break
-        for share in (1.0, 0.5, 0.2, 0.05):
-            moved = np.split(share * step, np.cumsum([len(o) for o in own]))
-            trial = [o + d for o, d in zip(own, moved, strict=False)]
-            size = np.clip(sizes + moved[-1], -largest, largest)
-            shown = [
-                evaluate(s, u, faults, o[None], size[None])[:, 0]
-                for s, u, o in zip(signals, unknowns, trial, strict=True)
-            ]
-            there = misfit(signals, priors, trial, shown, whiteners)
-            if there < here:
-                break
-        else:
-            break
-        own, sizes, gained, here = trial, size, here - there, there
-        lines = [
-            linearised(s, u, faults, o, sizes)
-            for s, u, o in zip(signals, unknowns, own, strict=True)
-        ]
-        if gained < _SMALL:
-            break
-    return own, sizes, lines
 
 
 # ---- All faults of all sensors beside a fit

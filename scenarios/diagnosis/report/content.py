@@ -17,7 +17,6 @@ from ident.tracing.diagnosis import (
     Step,
 )
 from scenarios.diagnosis.report.evidence import warnings_of
-from scenarios.diagnosis.report.figures import LARGEST
 from scenarios.diagnosis.report.tables import derived_of, kinematics_content, levels_both
 from scenarios.diagnosis.report.text import headline, verdict_advice, wording_of
 from scenarios.diagnosis.report.wording import (
@@ -35,6 +34,8 @@ from scenarios.preparation.recording import record_content
 if TYPE_CHECKING:
     from scenarios.maneuver_design.design import DesignResult
 
+# what a number that has run away is written as: it reads back everywhere, and its square is finite
+LARGEST = 1e30
 SCHEMA = "flightid/diagnosis/2"
 DECIDES = "decides.csv"  # the input to be flown, beside the diagnosis
 

@@ -13,8 +13,7 @@ import numpy as np
 from ident.statistics.residual_spectrum import autocovariance
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Quantity
-from ident.tracing.residual_noise import LARGEST, ResidualPart, residual_part
-from ident.tracing.thresholds import FEWEST_SAMPLES
+from ident.tracing.whiteness import FEWEST_SAMPLES, LARGEST, ResidualPart, residual_part
 from scenarios.diagnosis.report.wording import nothing_stands
 from scenarios.diagnosis.tracing import Tracing, overflow_sentence
 from scenarios.files.user_models import is_of_aircraft

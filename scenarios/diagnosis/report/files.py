@@ -1,9 +1,15 @@
-"""The study folder of a diagnosis: JSON, predictions, residuals, evidence, figures and the page."""
+"""The study folder of a diagnosis: JSON, predictions, residuals, evidence, its figures with their
+captions, and the page.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,28 +25,35 @@ from ident.tracing.diagnosis import (
 )
 from scenarios.diagnosis.opening import effort_sentence
 from scenarios.diagnosis.report import tables, text
-from scenarios.diagnosis.report.content import DECIDES, bounded, diagnosis_content
+from scenarios.diagnosis.report.content import DECIDES, LARGEST, bounded, diagnosis_content
 from scenarios.diagnosis.report.evidence import evidence_sentences
-from scenarios.diagnosis.report.figures import bounded_series, draw_diagnosis, numbered, pictured
 from scenarios.diagnosis.report.tables import kinematics_lines, levels_table, levels_title
 from scenarios.diagnosis.report.wording import (
     DECLARED,
+    as_declared,
     kind_of_predicted,
     nothing_stands,
     parameter_text,
     probability_sentence,
+    record_labels,
 )
 from scenarios.diagnosis.tracing import Tracing, kept_diagnosis
 from scenarios.files.user_models import channel_units
 from scenarios.files.writing import csv_text, study_folder, write_json, write_text
 from scenarios.kept import write_kept
+from scenarios.plots.display import (
+    MEASURED_DATA,
+    SIMULATED_DATA,
+    NamedEffects,
+    Pictured,
+    Replicated,
+)
 from scenarios.preparation.recording import record_table
 from scenarios.report.document import (
     PURE,
     Block,
     Bullets,
     Column,
-    Figure,
     Fold,
     Page,
     Prose,
@@ -50,11 +63,175 @@ from scenarios.report.document import (
     reproduction,
     section,
 )
+from scenarios.report.document import Figure as PageFigure
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import figures, write_page
 from scenarios.report.quantities import UNDETERMINED, determined
 from scenarios.report.shared_tables import p_value
 from sim.declaration.proposal import GUARD
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# ---- The part of a diagnosis that its figures show
+
+
+def pictured(tracing: Tracing) -> Pictured:
+    """The part of a diagnosis that figures show, its runaway numbers bounded."""
+    d = as_declared(tracing.diagnosis)
+    predictions = tuple(
+        Prediction(p.record, p.channels, bounded_series(p.before), bounded_series(p.after))
+        for p in d.predictions
+    )
+    claimed = [claim for claim in tracing.diagnosis.effects if claim.claimed]
+    standing = NamedEffects(
+        tuple(claim.name for claim in claimed),
+        {claim.name: claim.alternatives for claim in claimed if claim.alternatives},
+        tuple(claim.name for claim in tracing.diagnosis.effects if not claim.claimed),
+        d.verdict in (Verdict.CONSISTENT, Verdict.TRACED, Verdict.AMBIGUOUS),
+    )
+    shown = (
+        predictions,
+        d.candidates,
+        d.before,
+        d.after,
+        d.noise_floor,
+        standing,
+        kind_of_predicted(d),
+        _replicated(tracing),
+    )
+    return Pictured(d.fitted, *shown, SIMULATED_DATA if tracing.simulated else MEASURED_DATA)
+
+
+def _replicated(tracing: Tracing) -> tuple[Replicated, ...]:
+    labels = tuple(record_labels(tracing))
+    told = [claim for claim in tracing.diagnosis.effects if claim.by_record]
+    return tuple(
+        Replicated(claim.name, labels[: len(claim.by_record)], claim.by_record, claim.parameters)
+        for claim in told
+    )
+
+
+def bounded_series(values: np.ndarray) -> np.ndarray:
+    """Finite numbers: a simulation that ran away is written as large as it needs to be seen."""
+    return np.nan_to_num(np.clip(values, -LARGEST, LARGEST), nan=LARGEST)
+
+
+# ---- Which figures a diagnosis gets
+
+# File stem and caption, in the order of the report; further records get a number behind the stem.
+CAPTIONS = {
+    "replication": (
+        "Parameters of the effects from each record by itself and from the fitted records together"
+    ),
+    "held_out": ("Recorded and predicted outputs of data that were not fitted, with the residuals"),
+    "residuals": "Residuals of the fitted data with the declared model and with the effects",
+    "evidence": (
+        "Gain of each candidate as a bar, its log posterior odds, and why it was not chosen; "
+        "open bars are linearised"
+    ),
+    "derivatives": "Derivatives with the declared model and with the effects",
+    "spectra": (
+        "Spectra of the residuals over that of the noise, and their coherence with the inputs"
+    ),
+}
+DECLARED_CAPTIONS = {
+    **CAPTIONS,
+    "held_out": (
+        "Outputs of data that were not fitted, recorded and predicted by the declared model, with "
+        "the residuals"
+    ),
+    "residuals": "Residuals of the fitted data with the declared model",
+}  # where no effect stands beside it
+
+
+def draw_diagnosis(
+    shown: Pictured, folder: Path, formats: Formats = USUAL, *, declared: bool = False
+) -> tuple[Drawn, ...]:
+    """Draw all figures, into ``folder`` in every format and for the page, in the order of the
+    report; ``declared``: they show the declared model alone.
+    """
+    from scenarios.plots.drawing import drawn_for_page
+
+    drawn = drawn_for_page(figures_of(shown), folder, formats)
+    plots = {each.stem: each.plot for each in drawn}
+    named = captioned({each.stem: each.svg for each in drawn}, declared=declared)
+    return tuple(replace(each, plot=plots[each.stem]) for each in named)
+
+
+def figures_of(pictured: Pictured) -> list[tuple[str, Callable[[], Figure]]]:
+    """File stems of all figures, and what makes each."""
+    from scenarios.plots.residuals import figure_held_out, figure_residuals, figure_spectra
+    from scenarios.plots.tracing import figure_derivatives, figure_evidence
+
+    kind, noise = pictured.kind, pictured.noise
+    out: list[tuple[str, Callable[[], Figure]]] = []
+    for number, prediction in enumerate(pictured.predictions):
+        title = f"{prediction.record.name} ({kind}): {pictured.data} and predicted"
+        out.append(
+            (
+                numbered("held_out", number),
+                partial(figure_held_out, prediction, noise, title, pictured.data),
+            )
+        )
+    for number, fitted in enumerate(pictured.fitted):
+        name = fitted.record.name
+        out.append(
+            (
+                numbered("residuals", number),
+                partial(figure_residuals, fitted, noise, f"{name}: residuals"),
+            )
+        )
+        out.append(
+            (
+                numbered("spectra", number),
+                partial(figure_spectra, fitted, noise, f"{name}: spectra of the residuals"),
+            )
+        )
+    if pictured.candidates:
+        out.append(
+            (
+                "evidence",
+                partial(figure_evidence, pictured.candidates, pictured.standing, "Evidence"),
+            )
+        )
+    if pictured.before and pictured.after:
+        out.append(
+            (
+                "derivatives",
+                partial(figure_derivatives, pictured.before, pictured.after, "Derivatives"),
+            )
+        )
+    if pictured.replicated:
+        from scenarios.plots.tracing import figure_replication
+
+        out.append(
+            (
+                "replication",
+                partial(figure_replication, pictured.replicated, "Parameters by record"),
+            )
+        )
+    return out
+
+
+def numbered(stem: str, number: int) -> str:
+    """``residuals``, ``residuals_2``, ... for the records 0, 1, ..."""
+    return stem if number == 0 else f"{stem}_{number + 1}"
+
+
+def captioned(found: Mapping[str, str], *, declared: bool = False) -> tuple[Drawn, ...]:
+    """Figures by stem in the order of the report, with their captions; ``declared``: they show the
+    declared model alone.
+    """
+    out = []
+    for stem, caption in (DECLARED_CAPTIONS if declared else CAPTIONS).items():
+        names = sorted(
+            (name for name in found if re.fullmatch(rf"{stem}(_\d+)?", name)),
+            key=lambda name: (len(name), name),
+        )
+        out += [Drawn(name, found[name], caption) for name in names]
+    return tuple(out)
+
 
 TONES = {
     Verdict.CONSISTENT: "good",
@@ -65,9 +242,10 @@ TONES = {
 }
 PRINTED = 10  # candidates that stand on paper
 CANDIDATES_NOTE = (
-    "Gain of the log evidence, and the same with the prior odds: above zero it is more probable "
-    "that the candidate acts than that it does not. "
-    "Where it is linearised, both are those of its signature, and it was not fitted."
+    "Gain: increase of the log evidence when the candidate is added. With odds: the gain plus the "
+    "log of the prior odds; above zero the candidate is more probable than its absence. "
+    "Linearised: the gain is from the linearised model; the candidate was not fitted. "
+    "Like: changes the outputs in nearly the same way."
 )
 REPLICATION_NOTE = (
     "What remains is not noise. So the evidence for an effect has to be spread over the records: "
@@ -75,8 +253,8 @@ REPLICATION_NOTE = (
     "second is z of Vuong's test. Values from each record have the derivatives in common."
 )
 GUARD_NOTE = (
-    "A name that begins with guard: is a term that no effect of the library has; it competes, and "
-    "where it wins nothing is claimed."
+    "A name that begins with guard: is a catch-all term, which stands for causes outside the "
+    "library. It is never named; where it is the most probable, no effect is."
 )
 
 
@@ -141,7 +319,7 @@ def _effect(claim: Claim, tracing: Tracing) -> Section:
     return Section(claim.name, tuple(blocks), card="claim" if claim.claimed else "hint")
 
 
-def _replication(d: Diagnosis, figure: Figure | None) -> tuple[Section, ...]:
+def _replication(d: Diagnosis, figure: PageFigure | None) -> tuple[Section, ...]:
     told = [
         Prose(f"{_capital('; '.join(evidence_sentences(claim)))}.", term=f"{claim.name}:")
         for claim in d.effects
@@ -157,7 +335,12 @@ def _kinematics(tracing: Tracing) -> tuple[Section, ...]:
     lines = kinematics_lines(some, tracing.diagnosis.effects, text.wording_of(tracing))
     limits = tuple(some.result.cannot_tell) if some.result is not None else ()
     records = (
-        Prose(f"Without any aerodynamics, from {', '.join(some.records)}.", "note")
+        Prose(
+            "Without an aerodynamic model, but from records of the fit "
+            f"({', '.join(some.records)}): agreement supports the diagnosis and is not "
+            "independent of it.",
+            "note",
+        )
         if some.records
         else None
     )
@@ -169,7 +352,9 @@ def _kinematics(tracing: Tracing) -> tuple[Section, ...]:
 
 def _errors(tracing: Tracing) -> tuple[Section, ...]:
     d = tracing.diagnosis
-    after = "No effect stands as the cause, so there is nothing to hold against the declared model."
+    after = (
+        "No effect is named as the cause, so there is nothing to compare with the declared model."
+    )
     note = after if nothing_stands(d) else "Before: the declared model; after: with the effects."
     told = (
         f"Root mean square of measured minus simulated on {text.where_predicted(tracing)}; only "
@@ -181,23 +366,32 @@ def _errors(tracing: Tracing) -> tuple[Section, ...]:
 
 def _derivatives(tracing: Tracing) -> tuple[Section, ...]:
     d = tracing.diagnosis
-    note, title = tables.sigma_note(d), tables.moved_title(d)
+    sigmas, title = tables.sigma_note(d), tables.moved_title(d)
     brief, _, told = title.partition(" (" if title.endswith(")") else ": ")
     scatter = " Run-to-run: standard deviation between fits of single records." if d.scatter else ""
     levels = levels_table(tracing, "Levels of flying qualities")
-    parts = section(_capital(levels_title(tracing)), levels)
+    heading, assumed, rest = levels_title(tracing).partition(" (")
+    note = (
+        Prose(f"{_capital(rest.removesuffix(')'))}.", "note") if assumed and levels.rows else None
+    )
+    parts = section(_capital(heading), levels, note)
     alike = Prose(
-        "These data cannot tell them apart. * more than two of both sigmas from the first.", "note"
+        "These data cannot tell them apart. * differs from the first by more than two sigmas of "
+        "both together.",
+        "note",
     )
     for each in tables.member_tables(d, "Derivatives by member"):
-        parts += section("Under each member of the group", alike, each)
+        members = [column.heading for column in each.columns[1:]]
+        parts += section(f"Under {' or '.join(members)}", alike, each)
     return section(
         _capital(brief),
         Prose(f"{_capital(told.removesuffix(')'))}.", "note") if told else None,
         tables.derivatives_table(d, "Derivatives"),
         tables.derived_table(d, "Derived quantities"),
-        Prose(f"{note}; those of the frequency, the damping and the like follow.{scatter}", "note")
-        if note
+        Prose(
+            f"{sigmas}; those of the frequency, the damping and the like follow.{scatter}", "note"
+        )
+        if sigmas
         else None,
         parts=parts,
     )

@@ -32,7 +32,7 @@ from scenarios.diagnosis.report.wording import (
     shown_table,
 )
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.files.channels import CHANNEL_UNITS
+from scenarios.files.declarations import CHANNEL_UNITS
 from scenarios.report.document import (
     BY_ROW,
     MISSING,
@@ -347,7 +347,7 @@ def kinematics_lines(
         return [kinematics.why]
     lines = [each.sentence for each in agreements(kinematics, claims)]
     lines += [
-        f"kinematics alone say: {finding_sentence(finding, wording)}; "
+        f"kinematics alone give {finding_sentence(finding, wording)}; "
         f"{FREE if finding.kind == BIAS else 'the diagnosis does not name it'}"
         for finding in unnamed(kinematics, claims)
     ]

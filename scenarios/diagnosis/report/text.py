@@ -36,9 +36,8 @@ from scenarios.files.user_models import channel_units, is_of_aircraft
 from scenarios.preparation.recording import record_lines
 from scenarios.report.document import Table
 from scenarios.report.quantities import CHANNELS, shown_in, value_text
-from scenarios.report.summary import BELOW, Summary, residual_phrase, summary_lines
+from scenarios.report.summary import BELOW, WIDTH, Summary, residual_phrase, summary_lines, wrapped
 from scenarios.report.terminal import table_as_lines
-from scenarios.report.text_tables import WIDTH, wrapped
 
 
 def diagnosis_text(tracing: Tracing, width: int = WIDTH, details: str = BELOW) -> str:
@@ -103,7 +102,7 @@ def details_text(tracing: Tracing, width: int = WIDTH) -> str:
         *(_titled(each, width) for each in member_tables(d, MEMBER_TITLE)),
         _titled(derived_table(d, ""), width),
         _titled(levels_table(tracing, levels_title(tracing)), width),
-        _titled(candidates_table(d, CANDIDATE_TITLE), width, keys=2),
+        _titled(candidates_table(d, CANDIDATE_TITLE), width, CANDIDATE_LEGEND, keys=2),
         [
             line
             for warning in warnings_of(tracing)
@@ -116,11 +115,15 @@ def details_text(tracing: Tracing, width: int = WIDTH) -> str:
 
 
 MEMBER_TITLE = (
-    "derivatives under each effect that these data cannot tell apart (* more than two of both "
-    "sigmas from the first)"
+    "derivatives under each effect that these data cannot tell apart (* differs from the first "
+    "by more than two sigmas of both together)"
 )
-CANDIDATE_TITLE = (
-    "best candidates of each round: gain of the log evidence, and the same with the prior odds"
+CANDIDATE_TITLE = "best candidates of each round of the search"
+CANDIDATE_LEGEND = (
+    "gain: increase of the log evidence when the candidate is added; with odds: gain plus the log "
+    "of its prior odds, above zero where the candidate is more probable than its absence; "
+    "linearised: gain from the linearised model, not fitted; like: changes the outputs in nearly "
+    "the same way; guard: catch-all term of no effect of the library, which is never named"
 )
 
 

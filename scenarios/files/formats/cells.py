@@ -20,7 +20,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from scenarios.files.channels import CHANNEL_UNITS, is_clock, split_header
+from scenarios.files.declarations import CHANNEL_UNITS, is_clock, split_header
 from scenarios.files.units import is_unit
 from sim.errors import RecordError
 

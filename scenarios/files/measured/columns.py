@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.files.channels import CHANNEL_UNITS, STICK, ColumnChoice, split_header
-from scenarios.files.declarations import closest
+from scenarios.files.declarations import CHANNEL_UNITS, STICK, ColumnChoice, closest, split_header
 from scenarios.files.formats.cells import CellTable, Topic
 from scenarios.files.formats.registry import topics_of
 from scenarios.files.sources import (

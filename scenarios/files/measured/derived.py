@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from scenarios.files.channels import CHANNEL_UNITS, TIME, ColumnChoice, split_header
-from scenarios.files.declarations import closest
+from scenarios.files.declarations import CHANNEL_UNITS, TIME, ColumnChoice, closest, split_header
 from scenarios.files.formats.cells import CellTable, Topic, numbers
 from scenarios.files.measured.columns import RecordFile, inside_unit
 from scenarios.files.measured.expressions import evaluate, is_plain_name, parse

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scenarios.files.channels import TIME, ColumnChoice, is_clock, split_header
+from scenarios.files.declarations import TIME, ColumnChoice, is_clock, split_header
 from scenarios.files.formats.cells import CellTable, Topic, numbers
 from scenarios.files.measured.clock import (
     SECONDS,

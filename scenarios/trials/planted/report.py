@@ -40,9 +40,8 @@ from scenarios.report.document import (
 )
 from scenarios.report.figure_formats import USUAL, Formats
 from scenarios.report.quantities import quantity_text, shown_in
-from scenarios.report.summary import BELOW, Summary, summary_lines
+from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines, wrapped
 from scenarios.report.terminal import table_as_lines
-from scenarios.report.text_tables import WIDTH, wrapped
 from scenarios.trials.planted.declaration import hidden_units
 from scenarios.trials.planted.flights import write_flown
 from scenarios.trials.planted.study import TRUE, Grade, Scored, TraceStudy
@@ -89,7 +88,7 @@ def trace_summary(study: TraceStudy, details: str = BELOW) -> Summary:
 def scored_sentence(study: TraceStudy) -> str:
     """What was hidden, what was expected, and what the diagnosis is worth."""
     return (
-        f"scored with the truth: {_hidden(study)}; expected {_expected(study)}; the diagnosis is "
+        f"scored with the truth: {_hidden(study)}; expected: {_expected(study)}; the diagnosis is "
         f"{_verdict(study.grade)}"
     )
 
@@ -167,7 +166,10 @@ def table_title(study: TraceStudy) -> str:
 
 def comparable_sentences(study: TraceStudy) -> list[str]:
     """Where the comparable values come from, and why they differ from the true ones."""
-    told = [f"comparable, what the fitted model should find: {study.basis}", *study.reasons]
+    told = [
+        f"comparable: the value that the fitted model should find, from {study.basis}",
+        *study.reasons,
+    ]
     if study.basis == TRUE:
         told.append(
             "third record: gusts are not known beforehand, so that turbulence does not lower the "
@@ -235,7 +237,7 @@ def _hidden(study: TraceStudy) -> str:
 def _expected(study: TraceStudy) -> str:
     expect = study.scenario.expect
     sets = " or ".join(" + ".join(names) for names in expect.effects)
-    return " or ".join(expect.verdicts) + (f": {sets}" if sets else "")
+    return " or ".join(expect.verdicts) + (f", {sets}" if sets else "")
 
 
 def _verdict(grade: Grade) -> str:
@@ -246,9 +248,7 @@ def _verdict(grade: Grade) -> str:
 
 
 def scored_page(study: TraceStudy, page: Page) -> Page:
-    """The page of the diagnosis with the scenario's title, and the truth before what the loop says
-    of itself.
-    """
+    """The page of the diagnosis with the scenario's title; the truth follows the figures."""
     scenario = study.scenario
     scored = as_sentence(scored_sentence(study))
     truth = section(
@@ -271,7 +271,7 @@ def scored_page(study: TraceStudy, page: Page) -> Page:
         title=capital(scenario.title),
         kind=kind,
         summary=(*page.summary, scored),
-        sections=(*truth, *page.sections),
+        sections=(*page.sections[:1], *truth, *page.sections[1:]),
         reproduction=again,
     )
 

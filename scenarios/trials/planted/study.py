@@ -22,21 +22,22 @@ import numpy as np
 from ident.estimate import Estimate
 from ident.flying_qualities.modes import modal_estimate, propagated, slowest_oscillation
 from ident.process_noise.innovations_model import has_process_noise
-from ident.tracing.candidate_model.fitted_model import (
+from ident.tracing.diagnosis import Claim, Diagnosis, Quantity, Trained
+from ident.tracing.fitted_model import (
     carried,
     compiled_with,
     fit_as_declared,
     known_beforehand,
     local_names,
 )
-from ident.tracing.diagnosis import Claim, Diagnosis, Quantity, Trained
-from ident.tracing.later_record import Predicted, predict
+from ident.tracing.predictive import Predicted, predict
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import FitLayout, FitSettings, Prior, lay_out
 from ident.whole_record.output_error import estimate_of
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.diagnosis.tracing import SPIKES, Tracing
 from scenarios.files.declarations import read_toml_source
+from scenarios.files.vehicles import ALSO_READ
 from scenarios.preparation.plan import Request
 from scenarios.trials.planted.declaration import (
     CLOSED_LOOP,
@@ -506,6 +507,9 @@ def run_trace(
             Request((train,), scenario.model, vehicle, (validate,), effort=scenario.effort),
             progress,
         )
+        # Nor the notes on files that the user has not given.
+        kept = tuple(note for note in tracing.notes if not note.startswith(ALSO_READ))
+        tracing = replace(tracing, notes=kept)
     progress("comparing with the truth", 0.98)
     return scored(scenario, chosen, flown, tracing)
 

@@ -13,8 +13,7 @@ from sim.declaration.effect import Effect, Parameter, Regularity, Signal, Statio
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.effects.instances import labelled, load_ports
-from sim.effects.loads import LOADS, SizedOnPorts, load_parameters
-from sim.effects.timing import WIDTH, edge_width, risen
+from sim.effects.loads import LOADS, WIDTH, SizedOnPorts, edge_width, load_parameters, risen
 
 _USUAL_LOAD = {"1": 0.005, "1/s": 0.01, "rad/s": 0.01, "1/s2": 0.1, "rad/s2": 0.1}
 DURATIONS = (0.3, 0.7, 1.5, 3.0, 6.0)  # s, pulses that a search tries

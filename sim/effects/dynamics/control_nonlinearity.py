@@ -11,14 +11,15 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
-from sim.effects.controls import (
+from sim.effects.instances import (
     LATERAL_CONTROLS,
     SHARES,
     LateralControl,
     PlainControl,
+    all_labelled,
+    labelled,
     of_all_controls,
 )
-from sim.effects.instances import all_labelled, labelled
 from sim.maths import combine, natural_shapes, shape_names, sqrt
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.aerodynamics.terms import AS_TERM, parse_term
+from sim.aerodynamics import AS_TERM, parse_term
 from sim.declaration.effect import (
     Parameter,
     Regularity,
@@ -22,7 +22,7 @@ from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.declaration.user_equations import OwnEquations
 from sim.effects.instances import ANOTHER_FALL, labelled
-from sim.effects.timing import SLOW_WIDTH, WIDTH, edge_width, risen
+from sim.effects.loads import SLOW_WIDTH, WIDTH, edge_width, risen
 from sim.maths import log
 
 USUAL, LARGEST = 0.3, 10.0  # changes, as shares of the declared value

@@ -15,7 +15,7 @@ from sim.declaration.effect import Parameter, Regularity, Station
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, late_times
 from sim.effects.instances import all_labelled, for_inputs, labelled
-from sim.effects.timing import moved_ahead, moved_back
+from sim.effects.loads import moved_ahead, moved_back
 from sim.maths import each_column
 
 

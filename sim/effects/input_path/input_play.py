@@ -11,8 +11,18 @@ from typing import Any, ClassVar
 from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
-from sim.effects.controls import ABSENT, believed, half_width, played, tried
-from sim.effects.instances import MANY_SIZES, all_labelled, for_inputs, labelled, sized
+from sim.effects.instances import (
+    ABSENT,
+    MANY_SIZES,
+    all_labelled,
+    believed,
+    for_inputs,
+    half_width,
+    labelled,
+    played,
+    sized,
+    tried,
+)
 from sim.maths import clip, each_column
 
 

@@ -11,8 +11,14 @@ import numpy as np
 from sim.declaration.effect import Parameter, Regularity, Station
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
-from sim.effects.controls import ABSENT, believed, half_width, played
-from sim.effects.instances import further_outputs, large_output
+from sim.effects.instances import (
+    ABSENT,
+    believed,
+    further_outputs,
+    half_width,
+    large_output,
+    played,
+)
 from sim.maths import clip, each_column, trailing
 
 SHARES_OF_HALF_RANGE = (0.04, 0.12, 0.3)  # of half the range of the readings, tried as widths

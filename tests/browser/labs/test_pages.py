@@ -148,7 +148,7 @@ SLIDERS: Mapping[int, str] = {
     2: "amplitude, deg",
     3: "unit of the 3-2-1-1",
     4: "stick amplitude",
-    6: "sensor noise believed",
+    6: "sensor noise assumed",
     8: "amplitude of the sweep",
     9: "sensor noise, times the usual",
 }

@@ -21,7 +21,7 @@ from sim.record import Record
 from sim.truth.feedback import fly_with_feedback
 from sim.truth.flight import sample_times
 from sim.vehicles.factory import linearise
-from sim.vehicles.longitudinal import LONGITUDINAL_CONSTANTS
+from sim.vehicles.uncoupled import LONGITUDINAL_CONSTANTS
 
 DEGREE = float(np.deg2rad(1.0))
 SENSORS = {"airspeed": 0.2, "alpha": 0.002, "theta": 0.002, "q": 0.0026, "nz": 0.012, "nx": 0.004}

@@ -195,9 +195,9 @@ def test_what_the_engineer_reads_is_said_and_written(tmp_path: Path) -> None:
     flight = study("x29-flight")
     said = " ".join(sentences(flight))
     assert (
-        "that of F is smaller than that of S, that of D, whose" in said
+        "phase margin of F is smaller than that of S, that of D, whose" in said
         and "L_delta is not identifiable" in said
-        and "sign turned" in said
+        and "with the opposite sign" in said
     )
     assert "L_delta" in [name for name, _, _ in not_identifiable(flight.result.estimate)]
     folder = write_loop(flight, tmp_path / "study", figures=())

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from scenarios.diagnosis.report.content import SCHEMA
 from scenarios.side_by_side.comparison import read_responses
 from tests.integration.command_line import CommandLine, contents
 
@@ -158,8 +159,10 @@ def test_methods_and_diagnoses_are_columns_too(tmp_path: Path, flightid: Command
     third.mkdir()
     entry = {"value": 4.0, "std": 0.1, "unit": "1"}
     diagnosis = {
-        "schema": "flightid/diagnosis/1",
+        "schema": SCHEMA,
         "verdict": "traced",
+        "derived": {"damping_ratio": {**row, "value": 2.0}},
+        "derived_before": {"damping_ratio": {**row, "estimate": 5.0, "value": 5.0}},
         "parameters": {"before": {"beta": {**entry, "value": 9.0}}, "after": {"beta": entry}},
     }
     (third / "diagnosis.json").write_text(json.dumps(diagnosis))
@@ -185,6 +188,8 @@ def test_methods_and_diagnoses_are_columns_too(tmp_path: Path, flightid: Command
         f"{tmp_path.name}/d:before": 9.0,
         "a/s:other": 3.0,
     }
+    damping = content["derived"]["damping_ratio"]["studies"]
+    assert [each["estimate"] for each in damping.values()] == [2.0, 5.0]
     assert content["other_unit"] == ["k"] and content["not_shared"] == {"b/s": ["gain9", "gain10"]}
     assert content["parameters"]["beta"]["studies"]["b/s"]["error_sigmas"] == pytest.approx(5.0)
     assert "in different units, therefore not compared: k" in printed

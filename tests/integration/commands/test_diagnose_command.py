@@ -37,8 +37,8 @@ FORBIDDEN = (
 WATCHED = f"""
 import sys
 from scenarios.cli import main
-from scenarios.report import progress
-progress.EVERY = 1e6  # s; a busy machine would tell how far it is
+from scenarios.report import terminal
+terminal.EVERY = 1e6  # s; a busy machine would tell how far it is
 try:
     main()
 finally:
@@ -55,7 +55,7 @@ def flights(tmp_path_factory: pytest.TempPathFactory) -> Path:
     _, _, vehicle = written_inputs(folder)
     own = folder / "my_effects.py"
     own.write_text(EXAMPLE.read_text(encoding="utf-8").split("```python\n")[1].split("```")[0])
-    from scenarios.diagnosis.candidates import read_effects
+    from scenarios.diagnosis.opening import read_effects
 
     model = model_of_file(RIGID)
     turned = model.with_effects(*read_effects(own, model)).with_values({"vane-upwash.upwash": 0.2})

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from scenarios.commands.libraries import COLUMNS
-from scenarios.diagnosis.candidates import can_act
+from scenarios.diagnosis.opening import can_act
 from scenarios.files.user_models import read_user_model
 from scenarios.files.vehicles import MODELS
 from scenarios.files.writing import write_record

@@ -79,7 +79,10 @@ def test_the_record_is_what_the_equations_give(flightid: CommandLine, tmp_path: 
         "--rate",
         50,
     )
-    assert said == "new.csv; for --validate: new_validate.csv; for --vehicle: new_vehicle.toml\n"
+    assert said == (
+        "written: new.csv, new_validate.csv (a second flight, for --validate) and new_vehicle.toml "
+        "(for --vehicle)\n"
+    )
     units = {"force": "N", "x": "m", "acceleration": "m/s2"}
     flown = record(tmp_path / "new.csv", ["force"], ["x", "acceleration"], units)
     assert np.allclose(flown["force"].values, 10.0 * ((flown.time > 0.19) & (flown.time < 0.69)))

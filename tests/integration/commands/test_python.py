@@ -16,7 +16,7 @@ import pandas
 import pytest
 
 import flightid as fid
-from scenarios.api.keywords import as_keywords
+from scenarios.api.tables import as_keywords
 from tests.integration.command_line import CommandLine, contents
 
 SLOWER = {"flight.rate": 20}  # Hz

@@ -54,8 +54,8 @@ def test_what_identify_prints_and_writes(
         assert abs(row["estimate"] - TRUE[model][name]) < 3.5 * row["std"]
     assert {"fit.png", "record.png", "correlation.png", "record.csv"} <= set(contents(out))
     assert (
-        "levels by MIL-F-8785C, class I, category B (category assumed: --class, --category, or the "
-        "vehicle file): " in " ".join(printed.split())
+        "levels by MIL-F-8785C, class I, category B (category assumed, as neither an "
+        "option (--class, --category) nor the vehicle file gives it): " in " ".join(printed.split())
     )
     levels = content["flying_qualities"]["modes"]
     assert all(level["level"] == 1 and level["determined"] for level in levels.values())

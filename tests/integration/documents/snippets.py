@@ -155,7 +155,9 @@ class Reader:
     def ran(self, line: str) -> str:
         """What a command printed; ``> FILE`` takes it."""
         if line.startswith("python "):
-            return printed_by(lambda: runpy.run_path(line.split()[1], run_name="__main__"))
+            # Whole: processes that the program starts look for it from the folder of the tests.
+            program = str(Path(line.split()[1]).resolve())
+            return printed_by(lambda: runpy.run_path(program, run_name="__main__"))
         return run(line, self.flightid)
 
 

@@ -14,7 +14,7 @@ import pytest
 
 from ident.structure.products import products_of
 from ident.structure.selection import orthogonal, stepwise
-from sim.aerodynamics.terms import Term, parse_term
+from sim.aerodynamics import Term, parse_term
 from tests.integration.command_line import CommandLine
 
 AIRCRAFT = Path(__file__).parents[4] / "shared" / "flightdata" / "aircraft"

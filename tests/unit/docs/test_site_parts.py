@@ -235,6 +235,11 @@ def test_every_public_name_and_every_picture_is_shown() -> None:
         "docs/_ext/gallery_pictures.py makes them again"
     )
     assert all(f"scenario/{name}.md" in shown for name in scenario_names())
+    families = {name.partition(":")[0] for name in effect_names()}
+    assert {each.stem for each in pictures} >= {
+        *(f"effect-{family}" for family in families),
+        *(f"scenario-{name}" for name in scenario_names()),
+    }, "docs/_ext/gallery_pictures.py makes them"
     assert sum(each.stat().st_size for each in pictures) < 1_000_000
 
 

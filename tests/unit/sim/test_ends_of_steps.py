@@ -13,7 +13,7 @@ from scipy.linalg import expm
 
 from sim.declaration.compile import compile_model
 from sim.effects.input_path.input_delay import InputDelay
-from sim.effects.sensor_path.sensor_delay import SensorLag
+from sim.effects.sensor_path.sensor_timing import SensorLag
 from sim.maths import complex_step_jacobian
 from sim.propagation import CELL, drive_from_record, euler_step, make_grid, propagate, rk4_step
 from sim.record import Hold

@@ -15,7 +15,7 @@ from scipy.linalg import expm
 from sim.declaration.compile import compile_model
 from sim.declaration.model import System
 from sim.effects.input_path.input_delay import InputDelay
-from sim.effects.sensor_path.sensor_delay import SensorLag
+from sim.effects.sensor_path.sensor_timing import SensorLag
 from sim.maths import COMPLEX_STEP, complex_step_jacobian, cos
 from sim.propagation import Step, drive_from_record, euler_step, make_grid, propagate, rk4_step
 from sim.record import Hold

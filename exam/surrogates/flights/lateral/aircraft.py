@@ -12,7 +12,7 @@ from typing import Any
 
 from sim.declaration.effect import Signal
 from sim.maths import G0, cos
-from sim.vehicles.lateral import Lateral
+from sim.vehicles.uncoupled import Lateral
 
 BASE = Lateral()
 OWN_PARAMETERS: Mapping[str, str] = {

@@ -20,8 +20,8 @@ from sim.declaration.effect import Parameter, ParameterSet
 from sim.declaration.model import Model, Noise
 from sim.effects.library import find_effect
 from sim.vehicles.factory import linearise, model_from_constants
-from sim.vehicles.lateral import LATERAL_CONSTANTS, Lateral
 from sim.vehicles.library import read_parameter_set
+from sim.vehicles.uncoupled import LATERAL_CONSTANTS, Lateral
 
 CONDITION = ("airspeed", "air_density", "trim_alpha", "trim_theta", "cross_inertia")
 UNITS = (0.3, 1.5)  # s, of a 3-2-1-1

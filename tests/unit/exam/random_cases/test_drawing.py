@@ -25,7 +25,7 @@ from exam.random_cases.vehicles import (
 )
 from exam.random_cases.visible import all_visible
 from exam.scoring import same_fault
-from scenarios.diagnosis.candidates import candidates_for
+from scenarios.diagnosis.opening import candidates_for
 from sim.declaration.model import Model
 from sim.record import Record
 

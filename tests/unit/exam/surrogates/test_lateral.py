@@ -29,7 +29,7 @@ from sim.propagation import rk4_step
 from sim.record import Record
 from sim.truth.flight import fly, sample_times
 from sim.vehicles.factory import linearise
-from sim.vehicles.lateral import Lateral
+from sim.vehicles.uncoupled import Lateral
 from tests.surrogates import CALM, DEGREE, EVERY, NOTHING
 
 MEASURED = tuple(signal.name for signal in Lateral().outputs)

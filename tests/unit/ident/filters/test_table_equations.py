@@ -19,7 +19,7 @@ from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise, System
 from sim.effects.dynamics.derivative_jump import DerivativeJump
 from sim.effects.input_path.input_delay import InputDelay
-from sim.effects.sensor_path.sensor_scale import SensorScale
+from sim.effects.sensor_path.sensor_calibration import SensorScale
 from sim.propagation import euler_step
 from sim.record import Hold, Record
 from tests import loes_problem

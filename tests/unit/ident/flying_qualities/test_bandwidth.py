@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from ident.flying_qualities.bandwidth import attitude_bandwidth, dropback
+from ident.flying_qualities.attitude_criteria import attitude_bandwidth, dropback
 from ident.frequency_response.transfer_function import (
     FORMS,
     Target,

@@ -6,17 +6,15 @@ import control
 import numpy as np
 import pytest
 
-from ident.flying_qualities.bandwidth import (
+from ident.flying_qualities.attitude_criteria import (
     AttitudeCurve,
-    pitch_bandwidth_level,
-    shared_covariance,
-)
-from ident.flying_qualities.pilot_in_loop import (
     NealSmith,
     PilotDemand,
     neal_smith,
+    pitch_bandwidth_level,
     pitch_overshoot,
     resonance_level,
+    shared_covariance,
     step_response,
 )
 from ident.frequency_response.transfer_function import FORMS, FittedResponse, form_of

@@ -24,7 +24,7 @@ from ident.whole_record.gauss_newton import fit_whole_records
 from ident.whole_record.layout import FitProblem, FitSettings, lay_out
 from ident.whole_record.output_error import fit_output_error
 from sim.declaration.compile import compile_model
-from sim.effects.sensor_path.sensor_drift import SensorStep
+from sim.effects.sensor_path.sensor_calibration import SensorStep
 from sim.errors import ModelError
 from tests.linear_problem import matched_record, oscillator
 from tests.turbulence import DERIVATIVES, NOISE, TRUE, calm_model, rough_model, rough_record

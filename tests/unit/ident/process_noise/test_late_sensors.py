@@ -9,8 +9,7 @@ from ident.process_noise.linear_noise import Variation, discretised_noise, linea
 from ident.process_noise.whitener import whitener
 from ident.whole_record.record_problem import RecordProblem, record_problem
 from sim.declaration.compile import compile_model
-from sim.effects.sensor_path.sensor_delay import SensorDelay, SensorLag
-from sim.effects.sensor_path.sensor_sampling import SensorHold
+from sim.effects.sensor_path.sensor_timing import SensorDelay, SensorHold, SensorLag
 from tests.linear_problem import oscillator, record_of
 
 DENSITY = {"speed": 0.4, "position": 0.01}

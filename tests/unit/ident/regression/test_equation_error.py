@@ -23,7 +23,7 @@ from ident.whole_record.output_error import fit_output_error
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import ParameterSet
 from sim.effects.dynamics.structural_mode import StructuralMode
-from sim.effects.sensor_path.sensor_delay import SensorLag
+from sim.effects.sensor_path.sensor_timing import SensorLag
 from sim.errors import ModelError
 from sim.record import Channel, Hold, Record
 from sim.vehicles.factory import model_from_constants

@@ -20,7 +20,7 @@ from ident.structure.products import (
     values_of,
 )
 from ident.structure.selection import TermColumns, select, stepwise
-from sim.aerodynamics.terms import Term, parse_term
+from sim.aerodynamics import Term, parse_term
 
 NAMES = ("alpha", "beta", "p", "q", "r", "aileron")
 TERMS = tuple(parse_term(text, NAMES) for text in ("1", "alpha", "q", "alpha^2"))

@@ -29,7 +29,7 @@ from ident.structure.selection import (
     select,
     stepwise,
 )
-from sim.aerodynamics.terms import Term, parse_term
+from sim.aerodynamics import Term, parse_term
 from sim.declaration.compile import compile_model
 from sim.errors import RecordError
 from sim.record import Hold

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.fitted_model import FittedModel
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
-from sim.effects.sensor_path.sensor_delay import SensorLag
+from sim.effects.sensor_path.sensor_timing import SensorLag
 from tests.tracing_problem import fit_of, planted, problem_of
 
 PULSE = {

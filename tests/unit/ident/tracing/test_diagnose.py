@@ -13,18 +13,18 @@ import numpy as np
 import pytest
 
 from ident.tracing.diagnosis import Diagnosis, Verdict
-from ident.tracing.evidence.steady_search import SPREAD
 from ident.tracing.loop import diagnose
+from ident.tracing.steady_search import SPREAD
 from sim.declaration.proposal import Traceable
 from sim.effects.disturbance.unmeasured_input import discrepancy_for
 from sim.effects.library import catch_all_terms_for, effects_for
-from sim.effects.sensor_path.sensor_delay import SensorLag
-from sim.effects.sensor_path.sensor_position import VaneOffset
-from sim.effects.sensor_path.sensor_scale import SensorScale
+from sim.effects.sensor_path.sensor_calibration import SensorScale
+from sim.effects.sensor_path.sensor_mounting import VaneOffset
 from sim.effects.sensor_path.sensor_spikes import InputSpikes, SensorSpikes
+from sim.effects.sensor_path.sensor_timing import SensorLag
 from sim.errors import FlightidError
 from sim.record import Channel, Record
-from sim.vehicles.short_period import ShortPeriod
+from sim.vehicles.uncoupled import ShortPeriod
 from tests.bases import Flight
 from tests.tracing_problem import (
     OUTPUTS,

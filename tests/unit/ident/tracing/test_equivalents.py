@@ -7,12 +7,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ident.tracing.decision import CERTAIN
 from ident.tracing.diagnosis import Diagnosis, Verdict
-from ident.tracing.evidence.decision import CERTAIN
 from ident.tracing.loop import diagnose
 from sim.declaration.model import Model
 from sim.effects.guards.further_loads import VaneBehind
-from sim.effects.sensor_path.sensor_position import AccelerometerOffset, VaneOffset
+from sim.effects.sensor_path.sensor_mounting import AccelerometerOffset, VaneOffset
 from sim.record import Record
 from tests.bases import RIGID_VALUES, rigid_model
 from tests.rigid_problem import noisy

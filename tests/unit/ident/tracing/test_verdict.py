@@ -10,14 +10,14 @@ from dataclasses import replace
 import pytest
 
 from ident.statistics.residuals import ResidualTest
+from ident.tracing.decision import CERTAIN
 from ident.tracing.diagnosis import Concern, Diagnosis, Verdict
-from ident.tracing.evidence.decision import CERTAIN
+from ident.tracing.held_out import HeldOut, held_out
 from ident.tracing.loop import diagnose
-from ident.tracing.validation.held_out import HeldOut, held_out
-from ident.tracing.verdict import not_noise, residual_tests
+from ident.tracing.result import not_noise, residual_tests
 from sim.declaration.proposal import Traceable
-from sim.effects.sensor_path.sensor_delay import SensorLag
-from sim.effects.sensor_path.sensor_scale import SensorScale
+from sim.effects.sensor_path.sensor_calibration import SensorScale
+from sim.effects.sensor_path.sensor_timing import SensorLag
 from sim.record import Record
 from tests.tracing_problem import SETTINGS, declared, fit_of, planted, problem_of
 

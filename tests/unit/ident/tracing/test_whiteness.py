@@ -8,7 +8,7 @@ from scipy.signal import butter, lfilter
 from scipy.stats import kstest
 
 from ident.statistics.residuals import ljung_box
-from ident.tracing.candidate_model.fitted_model import FittedModel
+from ident.tracing.fitted_model import FittedModel
 from ident.tracing.whiteness import flat_spectrum, is_noise, whiteness
 from tests.tracing_problem import OUTPUTS, fit_of, planted, problem_of, with_output, without_output
 

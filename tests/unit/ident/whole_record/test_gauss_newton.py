@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ident.estimate import Outcome
-from ident.statistics.intervals import LocalModel, local_model
+from ident.statistics.minimise import LocalModel, local_model
 from ident.whole_record import gauss_newton
 from ident.whole_record.gauss_newton import (
     Fit,

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.whole_record.layout import FitSettings, known_states, lay_out
+from ident.whole_record.layout import FitSettings, lay_out
+from ident.whole_record.linearise import known_states
 from sim.declaration.compile import compile_model
 from sim.record import Channel, Record
 from tests.bases import RIGID_VALUES, ballistic_model, rigid_model

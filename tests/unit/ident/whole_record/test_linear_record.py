@@ -17,7 +17,7 @@ from ident.whole_record.record_problem import RecordProblem, linear_record, reco
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, System
 from sim.effects.input_path.input_delay import InputDelay
-from sim.effects.sensor_path.sensor_delay import SensorLag
+from sim.effects.sensor_path.sensor_timing import SensorLag
 from sim.propagation import Step, euler_step, rk4_step
 from sim.record import Hold, Record
 from tests.linear_problem import Oscillator, oscillator, record_of

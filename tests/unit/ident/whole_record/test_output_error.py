@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ident.estimate import Estimate, Outcome
-from ident.whole_record.layout import FitSettings, guess_states
-from ident.whole_record.linearise import linearise
+from ident.whole_record.layout import FitSettings
+from ident.whole_record.linearise import guess_states, linearise
 from ident.whole_record.output_error import fit_output_error
 from ident.whole_record.record_problem import record_problem
 from sim.declaration.compile import compile_model

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import flightid as fid
-from scenarios.api.keywords import as_keywords, in_python_words
+from scenarios.api.tables import as_keywords, in_python_words
 
 
 @pytest.fixture(scope="module")

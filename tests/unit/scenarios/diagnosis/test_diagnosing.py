@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from ident.tracing.diagnosis import Diagnosis, Verdict
-from scenarios.diagnosis.candidates import candidates_for, read_effects
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.diagnosis.kinematics import Kinematics
+from scenarios.diagnosis.opening import candidates_for, read_effects
 from scenarios.diagnosis.tracing import Tracing
-from scenarios.files.channels import ColumnChoice
+from scenarios.files.declarations import ColumnChoice
 from scenarios.files.measured.columns import RecordFile
 from scenarios.files.vehicles import VehicleFile, read_vehicle
 from scenarios.preparation.declared_model import model_of_file

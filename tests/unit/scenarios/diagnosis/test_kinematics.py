@@ -121,7 +121,7 @@ def test_a_late_channel_against_the_kinematics(kinematics: Kinematics, says: str
     (found,) = agreements(kinematics, [LATE])
     assert (found.effect, found.says) == ("sensor-delay:alpha", says)
     assert (
-        found.sentence.startswith("kinematics alone say")
+        found.sentence.startswith("kinematics alone ")
         and {AGREES: "agrees", CONTRADICTS: "contradicts"}.get(says, "") in found.sentence
     )
 
@@ -150,7 +150,7 @@ def test_only_sensor_effects_are_compared_and_others_found_are_told() -> None:
     assert [each.name for each in unnamed(kinematics, claims)] == ["sensor-delay:q"]
     lines = kinematics_lines(kinematics, claims, Wording())
     assert lines == [
-        "kinematics alone say: sensor-delay:q 0.0400 +- 0.0040 s, the pitch rate is read 0.040 s "
+        "kinematics alone give sensor-delay:q 0.0400 +- 0.0040 s, the pitch rate is read 0.040 s "
         "late (delay or lag: these records cannot tell); "
         "the diagnosis does not name it"
     ]

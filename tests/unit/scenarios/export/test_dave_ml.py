@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from scenarios.export.dave_ml import MATHML, NAMESPACE, dave_ml_file
 from scenarios.export.model import exported
-from sim.aerodynamics.terms import FLOW, parse_term
+from sim.aerodynamics import FLOW, parse_term
 from sim.declaration.model import Model
 from sim.errors import DeclarationError
 from sim.vehicles.aircraft import Aircraft, aircraft_model

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 from scenarios.export.jsbsim import jsbsim_file
 from scenarios.export.model import ExportedModel, exported
-from sim.aerodynamics.terms import FLOW, parse_term
+from sim.aerodynamics import FLOW, parse_term
 from sim.declaration.compile import compile_model
 from sim.errors import DeclarationError
 from sim.vehicles.aircraft import Aircraft, aircraft_model

@@ -17,8 +17,8 @@ import pytest
 
 from scenarios.export.fmu import MAX_STEP, c_source, fmu
 from scenarios.export.model import ExportedModel, exported
-from scenarios.export.python_module import python_module
-from sim.aerodynamics.terms import parse_term
+from scenarios.export.targets import python_module
+from sim.aerodynamics import parse_term
 from sim.declaration.user_model import own_model
 from sim.errors import DeclarationError
 from sim.vehicles.aircraft import Thrust, aircraft_model

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.files.channels import ColumnChoice, read_channel_map
+from scenarios.files.declarations import ColumnChoice, read_channel_map
 from sim.errors import DeclarationError
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenarios.files.channels import is_clock
+from scenarios.files.declarations import is_clock
 from scenarios.files.measured.clock import (
     REGULARLY,
     grid_of_coarse_stamps,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.files.channels import ColumnChoice, read_channel_map
+from scenarios.files.declarations import ColumnChoice, read_channel_map
 from scenarios.files.records import read_record
 from scenarios.files.units import is_unit, to_si
 from scenarios.files.user_models import channel_units, is_model_file, read_user_model

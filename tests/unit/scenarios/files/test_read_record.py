@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import sparse
 
-from scenarios.files.channels import ColumnChoice, read_channel_map
+from scenarios.files.declarations import ColumnChoice, read_channel_map
 from scenarios.files.records import read_record, rows_between
 from sim.errors import RecordError
 from sim.record import Hold

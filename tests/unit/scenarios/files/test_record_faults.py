@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenarios.files.channels import ColumnChoice
+from scenarios.files.declarations import ColumnChoice
 from scenarios.files.records import read_record
 from sim.errors import RecordError
 

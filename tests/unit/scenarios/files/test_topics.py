@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.files.channels import ColumnChoice, read_channel_map
+from scenarios.files.declarations import ColumnChoice, read_channel_map
 from scenarios.files.records import read_record, read_with_notes
 from sim.errors import RecordError
 from sim.record import Hold

@@ -337,7 +337,7 @@ def found_effect() -> Any:
 
 
 def fid_equations() -> Any:
-    from sim.vehicles.short_period import ShortPeriod
+    from sim.vehicles.uncoupled import ShortPeriod
 
     return ShortPeriod()
 

@@ -10,18 +10,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ident.estimate import Outcome
-from scenarios.plots.comparison import (
-    ComparisonRow,
-    EquivalentRow,
-    figure_comparison,
-    figure_equivalents,
-)
 from scenarios.plots.display import SIMULATED_DATA, course, sound_samples
 from scenarios.plots.estimates import (
     figure_correlation,
     figure_innovations,
     figure_parameter_histories,
     figure_poles,
+)
+from scenarios.plots.residuals import (
+    ComparisonRow,
+    EquivalentRow,
+    figure_comparison,
+    figure_equivalents,
 )
 from scenarios.plots.signals import (
     Response,

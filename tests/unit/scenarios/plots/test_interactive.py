@@ -17,13 +17,11 @@ from hypothesis.extra.numpy import arrays
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from scenarios.plots.drawing import figure_document
-from scenarios.plots.interactive import MOST, plot_data, words
+from scenarios.plots.drawing import MOST, figure_document, plot_data, words
 from scenarios.plots.style import MEASURED, finish, make_sheet, method_style, time_axis, y_label
 from scenarios.report.document import Figure as Drawing
 from scenarios.report.document import Page, Reproduction, section
-from scenarios.report.html import page_html
-from scenarios.report.page_json import page_content, page_of
+from scenarios.report.html import page_content, page_html, page_of
 from scenarios.report.plot_data import (
     BAND,
     HELD,

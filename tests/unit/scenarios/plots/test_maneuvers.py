@@ -11,7 +11,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from ident.maneuver_detection import Maneuver
-from scenarios.plots.interactive import plot_data
+from scenarios.plots.drawing import plot_data
 from scenarios.plots.maneuvers import BINS, envelope, figure_flight
 from sim.record import Channel, Record
 

@@ -7,7 +7,7 @@ import pytest
 from scipy import signal
 
 import flightid as fid
-from scenarios.plots.low_order import (
+from scenarios.plots.flying_qualities import (
     figure_bandwidth,
     figure_margins,
     figure_mismatch,

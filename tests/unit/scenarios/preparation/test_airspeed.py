@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ident.whole_record.output_error import fit_output_error
-from scenarios.diagnosis.candidates import candidates_for
+from scenarios.diagnosis.opening import candidates_for
 from scenarios.preparation.measured_inputs import (
     able,
     flow_doubts,

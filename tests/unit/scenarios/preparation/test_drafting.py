@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.files.channels import ColumnChoice
+from scenarios.files.declarations import ColumnChoice
 from scenarios.files.measured.columns import RecordFile, read_record_file
 from scenarios.files.records import read_with_notes
 from scenarios.preparation.drafting import Draft, drafted

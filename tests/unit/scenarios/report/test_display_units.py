@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from scenarios.commands.libraries import show_effects
-from scenarios.files.channels import CHANNEL_UNITS
+from scenarios.files.declarations import CHANNEL_UNITS
 from scenarios.plots.display import display_unit
 from scenarios.report.quantities import (
     DEGREES,
@@ -23,8 +23,8 @@ from scenarios.report.quantities import (
     unit_cell,
     value_parts,
 )
-from scenarios.report.text_tables import table_lines
-from scenarios.studies.rows import Row
+from scenarios.report.summary import table_lines
+from scenarios.studies.published import Row
 from scenarios.studies.text import with_display
 from sim.effects.library import library
 

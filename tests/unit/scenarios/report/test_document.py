@@ -26,8 +26,7 @@ from scenarios.report.document import (
     signs,
     table,
 )
-from scenarios.report.html import page_html
-from scenarios.report.page_json import page_content, page_of
+from scenarios.report.html import page_content, page_html, page_of
 from scenarios.report.quantities import as_text
 from scenarios.report.terminal import show_blocks
 from sim.errors import ModelError

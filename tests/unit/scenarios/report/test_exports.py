@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from openpyxl import load_workbook
 
-from scenarios.report import exports
+from scenarios.report import folder
 from scenarios.report.document import Column, Number, Table
-from scenarios.report.exports import (
+from scenarios.report.folder import (
     estimates,
     to_latex,
     to_markdown,
@@ -82,10 +82,10 @@ def test_a_workbook_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
 def test_no_browser_and_a_broken_one_are_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(exports, "browser", lambda: None)
+    monkeypatch.setattr(folder, "browser", lambda: None)
     with pytest.raises(FlightidError, match="none was found; install"):
         write_pdf(tmp_path)
-    monkeypatch.setattr(exports, "browser", lambda: str(tmp_path / "chromium"))
+    monkeypatch.setattr(folder, "browser", lambda: str(tmp_path / "chromium"))
     with pytest.raises(FlightidError, match="chromium did not print the page"):
         write_pdf(tmp_path)
     assert list(tmp_path.iterdir()) == []

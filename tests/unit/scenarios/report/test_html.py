@@ -19,8 +19,7 @@ import pytest
 from scenarios.plots import style
 from scenarios.report.document import reproduction
 from scenarios.report.folder import rebuilt, write_page
-from scenarios.report.html import page_html
-from scenarios.report.page_json import page_of
+from scenarios.report.html import page_html, page_of
 from sim.errors import FlightidError
 from tests.pages import HOSTILE, PAGE
 

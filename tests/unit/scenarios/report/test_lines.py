@@ -101,8 +101,9 @@ def test_what_is_assumed_and_what_is_doubted_is_said() -> None:
         == f"levels by MIL-F-8785C, class IV, category A: {told}"
     )
     assert (
-        "class II-L, category B (class and category assumed: --class, --category, or the vehicle "
-        "file): " in levels_line(some, Flown(), sound)
+        "class II-L, category B (class and category assumed, as neither an option "
+        "(--class, --category) nor the vehicle file gives it): "
+        in levels_line(some, Flown(), sound)
     )
     assert levels_line(some, Flown("IV", "A", ()), bad).startswith(
         "levels by MIL-F-8785C, class IV, category A, not valid here: the residual shows"

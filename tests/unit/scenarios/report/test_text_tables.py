@@ -17,7 +17,7 @@ from rich.console import Console
 
 from ident.tracing.diagnosis import Verdict
 from scenarios.diagnosis.report.text import diagnosis_text
-from scenarios.report.text_tables import (
+from scenarios.report.summary import (
     WIDTH,
     TableColumn,
     columns_of,

@@ -6,7 +6,7 @@ import pytest
 
 from scenarios.side_by_side.comparison import Value
 from scenarios.studies.declaration import Start
-from scenarios.studies.rows import Row
+from scenarios.studies.published import Row
 
 
 @pytest.mark.parametrize(

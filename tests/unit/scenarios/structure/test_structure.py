@@ -31,8 +31,7 @@ from scenarios.structure.study import (
     structure_of_files,
     with_plain_terms,
 )
-from sim.aerodynamics.symmetry import parents
-from sim.aerodynamics.terms import Term
+from sim.aerodynamics import Term, parents
 from sim.declaration.compile import compile_model
 from sim.errors import DeclarationError, RecordError
 from sim.record import Channel, Hold, Record

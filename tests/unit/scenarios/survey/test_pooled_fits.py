@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from scenarios.survey.growing import _told
-from sim.effects.sensor_path.sensor_delay import SensorLag
+from sim.effects.sensor_path.sensor_timing import SensorLag
 
 DECLARED = ("CL_alpha", "Cm_alpha", "Cm_q")
 INFORMATION = np.array([[9.0, 2.0, 0.5], [2.0, 4.0, 0.3], [0.5, 0.3, 1.0]])

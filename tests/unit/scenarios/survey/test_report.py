@@ -148,14 +148,15 @@ def test_unexplained_flights_are_told(found: SurveyResult) -> None:
 
 def test_what_an_effect_is_told_from(found: SurveyResult) -> None:
     (each,) = found.recurs
-    assert rivals_phrase(each).startswith("preferred to sensor-lag:q by ")
+    assert rivals_phrase(each).startswith("preferred to sensor-lag:q (twice the log ")
     equal = replace(
         each, rivals={"vane-offset": 1.0, "sensor-lag:q": 20.0, "sensor-lag:alpha": 30.0}
     )
     assert rivals_phrase(equal) == (
         "equally likely: vane-offset; chosen since the derivatives agree better between flights, "
         "or by the flights' diagnoses; "
-        "preferred to sensor-lag:q and sensor-lag:alpha by 20 of twice the log likelihood at least"
+        "preferred to sensor-lag:q and sensor-lag:alpha (twice the log likelihood larger by 20 at "
+        "least)"
     )
     assert rivals_phrase(replace(each, name="input-delay", rivals={})).startswith(
         "the same lag or delay in all recorded outputs"

@@ -5,30 +5,36 @@ from __future__ import annotations
 import pytest
 
 from scenarios.report.document import Table
+from scenarios.watching.reference import against
 from scenarios.watching.show import spectral_page
-from scenarios.watching.study import against
 
 
 @pytest.mark.parametrize(
     ("outside", "hanging", "compared", "said"),
     [
-        (["M_q"], ["delay"], 7, "outside the reference, 1 of 7 quantities: M_q"),
-        ([], [], 10, "every quantity that was compared agrees with its reference, 10 of them"),
+        (["M_q"], [], 7, "1 of 7 quantities is more than two sigmas from x: M_q"),
+        (["M_q", "L_q"], [], 7, "2 of 7 quantities are more than two sigmas from x: M_q, L_q"),
+        ([], [], 10, "all 10 compared quantities agree with x within two sigmas"),
         (
             [],
             ["M_q", "delay"],
             8,
-            "every quantity that was compared agrees with its reference, 8 of them; M_q, delay not "
-            "compared, for the start decides",
+            "all 8 compared quantities agree with x within two sigmas; not compared, as they "
+            "depend on the start: M_q, delay",
         ),
-        ([], ["M_q"], 0, "nothing was compared; M_q not compared, for the start decides"),
-        ([], [], 0, "nothing was compared"),
+        (
+            [],
+            ["M_q"],
+            0,
+            "no quantity could be compared with x; not compared, as they depend on the start: M_q",
+        ),
+        ([], [], 0, "no quantity could be compared with x"),
     ],
 )
 def test_agreement_is_told_of_what_was_compared_alone(
     outside: list[str], hanging: list[str], compared: int, said: str
 ) -> None:
-    assert against(outside, hanging, compared) == said
+    assert against(outside, compared, "x", hanging) == said
 
 
 def test_a_page_in_the_frequency_domain_shows_every_difference() -> None:
@@ -56,7 +62,7 @@ def test_a_page_in_the_frequency_domain_shows_every_difference() -> None:
     page = spectral_page({**content, "reference": reference}, "flight.csv", "0" * 64)
     assert (page.verdict, page.sentence) == (
         "outside the reference",
-        "1 of 2 quantities are more than two sigmas off before: damping ratio.",
+        "1 of 2 quantities is more than two sigmas from before: damping ratio.",
     )
     (beside,) = [each for each in page.sections if each.title == "Against the reference"]
     (table,) = beside.blocks

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenarios.files.channels import ColumnChoice
+from scenarios.files.declarations import ColumnChoice
 from scenarios.files.records import read_record
 from scenarios.watching.rows import (
     LOST,

@@ -189,10 +189,12 @@ def test_what_is_said_follows_the_points() -> None:
     )
     never = margins_sentence(straight(-9.0, 4.0))
     assert (
-        "none of these has its sign" in never and "decide" not in never and "by itself" not in never
+        "none of these has the published sign" in never
+        and "decide" not in never
+        and "by itself" not in never
     )
-    assert "all of these have its sign" in margins_sentence(straight(9.0, 4.0))
+    assert "all of these have the published sign" in margins_sentence(straight(9.0, 4.0))
     nothing = replace(mixed.designs[0], plausible=np.zeros(40, dtype=bool))
-    assert "no point has the paper's equivalents" in margins_sentence(
+    assert "no point has the published equivalents" in margins_sentence(
         replace(mixed, designs=(nothing,), effects={})
     )

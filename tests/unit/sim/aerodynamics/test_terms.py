@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.aerodynamics.terms import FLOW, Factor, Term, TermTable, parse_term
+from sim.aerodynamics import FLOW, Factor, Term, TermTable, parse_term
 from sim.errors import DeclarationError
 
 SIGNALS = (*FLOW, "elevator", "rudder")

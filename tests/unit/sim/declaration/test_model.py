@@ -10,9 +10,9 @@ from sim.declaration.effect import ParameterSet
 from sim.declaration.model import Model, Noise
 from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.input_path.input_delay import InputDelay
-from sim.effects.sensor_path.sensor_delay import SensorLag
+from sim.effects.sensor_path.sensor_timing import SensorLag
 from sim.errors import ModelError
-from sim.vehicles.short_period import ShortPeriod
+from sim.vehicles.uncoupled import ShortPeriod
 from tests.bases import rigid_model
 
 

@@ -26,11 +26,10 @@ from sim.declaration.effect import (
 from sim.declaration.model import Model, Noise, System
 from sim.effects.disturbance.gusts import GustDiscrete
 from sim.effects.dynamics.structural_mode import StructuralMode
-from sim.effects.input_path.actuator_dynamics import ActuatorLag
-from sim.effects.input_path.actuator_limits import ActuatorRateLimit, ActuatorSaturation
+from sim.effects.input_path.actuator import ActuatorLag, ActuatorRateLimit, ActuatorSaturation
 from sim.effects.input_path.input_delay import InputDelay
 from sim.effects.input_path.input_play import InputBacklash, InputDeadband
-from sim.effects.sensor_path.sensor_delay import SensorLag
+from sim.effects.sensor_path.sensor_timing import SensorLag
 from sim.errors import ModelError
 from sim.maths import complex_step_jacobian
 from sim.propagation import drive_from_record, make_grid, simulate

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.effects.timing import edge_width, risen
+from sim.effects.loads import edge_width, risen
 from sim.maths import COMPLEX_STEP
 
 

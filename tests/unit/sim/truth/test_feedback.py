@@ -8,7 +8,7 @@ from scipy.linalg import expm
 
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
-from sim.effects.input_path.actuator_dynamics import ActuatorLag
+from sim.effects.input_path.actuator import ActuatorLag
 from sim.errors import ModelError
 from sim.maneuvers import step
 from sim.truth.feedback import fly_with_feedback

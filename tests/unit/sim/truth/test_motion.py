@@ -18,7 +18,7 @@ from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.effects.dynamics.derivative_jump import DerivativeJump
 from sim.effects.input_path.input_delay import InputDelay
-from sim.effects.sensor_path.sensor_delay import SensorLag
+from sim.effects.sensor_path.sensor_timing import SensorLag
 from sim.errors import ModelError
 from sim.maneuvers import Maneuver, Sum, Sweep, schroeder_multisine, three_two_one_one
 from sim.maths import cos

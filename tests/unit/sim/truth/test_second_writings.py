@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sim.declaration.model import Noise
-from sim.effects.sensor_path.sensor_delay import SensorLag
+from sim.effects.sensor_path.sensor_timing import SensorLag
 from sim.errors import ModelError
 from sim.maneuvers import three_two_one_one
 from sim.propagation import euler_step, make_grid

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from sim.declaration.compile import compile_model
 from sim.errors import DeclarationError
 from sim.vehicles.factory import model_from_constants
-from sim.vehicles.multirotor import COMMANDS
+from sim.vehicles.other_vehicles import COMMANDS
 from tests.bases import Flight, fly, fly_model
 from tests.recorders.quadrotor import TRUTH, flight
 

@@ -29,9 +29,7 @@ from sim.vehicles.factory import (
 )
 from sim.vehicles.flexibility import condense, with_frequency_factor
 from sim.vehicles.library import VehicleData, read_parameter_set
-from sim.vehicles.loes import Loes
-from sim.vehicles.longitudinal import Longitudinal
-from sim.vehicles.short_period import ShortPeriod
+from sim.vehicles.uncoupled import Loes, Longitudinal, ShortPeriod
 from tests.bases import LOES_CONSTANTS, LOES_VALUES, LONGITUDINAL_VALUES, RIGID_VALUES
 from tests.oracles.loes import rates_and_readings
 

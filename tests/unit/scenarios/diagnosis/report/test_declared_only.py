@@ -13,8 +13,7 @@ import pytest
 
 from ident.tracing.diagnosis import Quantity, Verdict
 from scenarios.diagnosis.report.content import diagnosis_content
-from scenarios.diagnosis.report.figures import figures_of, pictured
-from scenarios.diagnosis.report.files import diagnosis_page
+from scenarios.diagnosis.report.files import diagnosis_page, figures_of, pictured
 from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.diagnosis.report.wording import as_declared
 from scenarios.report.document import signs

@@ -16,8 +16,9 @@ import numpy as np
 import pytest
 
 from ident.tracing.diagnosis import Verdict
-from scenarios.diagnosis.report.figures import draw_diagnosis, pictured
 from scenarios.diagnosis.report.files import (
+    draw_diagnosis,
+    pictured,
     write_diagnosis,
     write_evidence,
     write_prediction,

@@ -9,7 +9,7 @@ import pytest
 
 from ident.tracing.declared import fit_declared
 from ident.tracing.diagnosis import FittedRecord
-from ident.tracing.residual_noise import noise_shown
+from ident.tracing.whiteness import noise_shown
 from scenarios.diagnosis.report.evidence import WORTH_A_WORD, Leftover, left_over
 from sim.record import Channel, Hold, Record
 from tests.tracing_problem import planted, problem_of, with_output

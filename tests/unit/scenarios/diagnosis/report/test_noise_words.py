@@ -12,10 +12,9 @@ import pytest
 
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import FittedRecord, Verdict
-from ident.tracing.residual_noise import noise_floors
+from ident.tracing.whiteness import noise_floors
 from scenarios.diagnosis.report.content import diagnosis_content
-from scenarios.diagnosis.report.figures import pictured
-from scenarios.diagnosis.report.files import diagnosis_page
+from scenarios.diagnosis.report.files import diagnosis_page, pictured
 from scenarios.diagnosis.report.tables import errors_table
 from scenarios.diagnosis.report.text import diagnosis_text
 from scenarios.diagnosis.tracing import Tracing

@@ -29,8 +29,7 @@ from sim.effects.dynamics.elastic_mode import ElasticMode
 from sim.effects.dynamics.load_nonlinearity import LIFT_NONLINEARITY, MOMENT_NONLINEARITY
 from sim.effects.library import catch_all_terms_for, find_effect
 from sim.maths import combine, natural_shapes
-from sim.vehicles.loes import Loes
-from sim.vehicles.short_period import ShortPeriod
+from sim.vehicles.uncoupled import Loes, ShortPeriod
 from tests.bases import (
     LOES_CONSTANTS,
     LOES_VALUES,

@@ -16,7 +16,7 @@ from sim.effects.dynamics.atmosphere import DensityScaleHeight, DragMach
 from sim.effects.dynamics.derivative_jump import DragJump
 from sim.effects.library import catch_all_terms_for, find_effect
 from sim.maths import combine
-from sim.vehicles.ballistic import Ballistic
+from sim.vehicles.other_vehicles import Ballistic
 from tests.bases import BALLISTIC_VALUES, ballistic_flight, ballistic_model, fly_model
 
 FLIGHT = replace(ballistic_flight(30.0), max_step=0.01)

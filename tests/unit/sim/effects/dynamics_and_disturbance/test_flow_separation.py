@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 
 from sim.declaration.compile import compile_model
 from sim.declaration.proposal import SearchContext
-from sim.effects.dynamics.flow_separation import FlowSeparation
+from sim.effects.dynamics.load_nonlinearity import FlowSeparation
 from tests.bases import (
     LEVEL,
     LONGITUDINAL_VALUES,

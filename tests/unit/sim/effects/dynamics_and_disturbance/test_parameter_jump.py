@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.diagnosis.candidates import candidates_for
+from scenarios.diagnosis.opening import candidates_for
 from scenarios.files.user_models import read_user_model
 from sim.declaration.proposal import SearchContext
 from sim.effects.dynamics.derivative_jump import LARGEST, USUAL, ParameterJump
 from sim.effects.library import effects_for
 from sim.vehicles.aircraft import aircraft_model
-from sim.vehicles.short_period import ShortPeriod
+from sim.vehicles.uncoupled import ShortPeriod
 from tests.airliner import AIRLINER, COEFFICIENTS
 from tests.bases import RIGID_VALUES, Flight, fly_model
 from tests.oracles.varying_parameters import spring

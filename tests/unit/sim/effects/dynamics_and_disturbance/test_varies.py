@@ -9,18 +9,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenarios.diagnosis.candidates import candidates_for
+from scenarios.diagnosis.opening import candidates_for
 from sim.declaration import own_model
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Equations, Multiplying
 from sim.declaration.proposal import SearchContext
-from sim.effects.dynamics.varies import Varies, made_for, other_names
+from sim.effects.dynamics.varies import Varies, curve_made_for, other_names
 from sim.effects.library import effects_for, find_effect
-from sim.vehicles.ballistic import Ballistic
-from sim.vehicles.lateral import Lateral
-from sim.vehicles.loes import Loes
-from sim.vehicles.longitudinal import Longitudinal
-from sim.vehicles.short_period import ShortPeriod
+from sim.vehicles.other_vehicles import Ballistic
+from sim.vehicles.uncoupled import Lateral, Loes, Longitudinal, ShortPeriod
 from tests.bases import lateral_model, longitudinal_model, rigid_model
 from tests.offered import ALL_VEHICLES
 from tests.whole_axes import CONSTANTS, TRUE, true_model
@@ -110,7 +107,7 @@ def test_every_derivative_over_every_signal_once_and_under_the_name_of_a_named_c
 
 def test_the_numbers_of_instances() -> None:
     assert [
-        len(made_for(vehicle))
+        len(curve_made_for(vehicle))
         for vehicle in (ShortPeriod(), Loes(), Ballistic(), Lateral(), Longitudinal())
     ] == [14, 20, 0, 81, 55]
 

@@ -24,8 +24,7 @@ from sim.effects.dynamics.elastic_mode import ElasticMode
 from sim.effects.guards.further_loads import LaggedLoads
 from sim.effects.library import catch_all_terms_for, effects_for, find_effect
 from sim.maths import combine, natural_shapes
-from sim.vehicles.lateral import Lateral
-from sim.vehicles.longitudinal import Longitudinal
+from sim.vehicles.uncoupled import Lateral, Longitudinal
 from tests.bases import (
     LATERAL_VALUES,
     LEVEL,

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.effects.input_path.actuator_dynamics import ActuatorLag
+from sim.effects.input_path.actuator import ActuatorLag
 from sim.maths import COMPLEX_STEP
 
 LAG = ActuatorLag()

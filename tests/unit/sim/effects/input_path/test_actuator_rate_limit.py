@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.effects.input_path.actuator_limits import UNLIMITED_RATE, ActuatorRateLimit
+from sim.effects.input_path.actuator import UNLIMITED_RATE, ActuatorRateLimit
 from sim.maths import COMPLEX_STEP
 
 seeds = st.integers(0, 1000)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from sim.effects.input_path.actuator_dynamics import UNLIMITED, ActuatorLag, ActuatorSecondOrder
+from sim.effects.input_path.actuator import UNLIMITED, ActuatorLag, ActuatorSecondOrder
 from sim.maths import COMPLEX_STEP
 
 SERVO = ActuatorSecondOrder()

@@ -11,8 +11,7 @@ import pytest
 
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model
-from sim.effects.input_path.actuator_dynamics import ActuatorLag
-from sim.effects.input_path.actuator_limits import ActuatorRateLimit, ActuatorSaturation
+from sim.effects.input_path.actuator import ActuatorLag, ActuatorRateLimit, ActuatorSaturation
 from sim.effects.input_path.input_delay import InputDelay
 from sim.effects.input_path.input_play import InputBacklash, InputDeadband
 from sim.maths import COMPLEX_STEP

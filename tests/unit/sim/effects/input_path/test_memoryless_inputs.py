@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.declaration.proposal import SearchContext
-from sim.effects.input_path.actuator_limits import ActuatorRateLimit, ActuatorSaturation
+from sim.effects.input_path.actuator import ActuatorRateLimit, ActuatorSaturation
 from sim.effects.input_path.input_play import InputBacklash, InputDeadband
 from sim.effects.instances import large_input
 from sim.maths import COMPLEX_STEP

@@ -16,11 +16,9 @@ from sim.effects.disturbance.gusts import GustDiscrete
 from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.library import find_effect
 from sim.effects.loads import at_arm
-from sim.effects.sensor_path.sensor_coupling import SensorCoupling
-from sim.effects.sensor_path.sensor_drift import SensorStep
-from sim.effects.sensor_path.sensor_position import AccelerometerOffset, VaneOffset
-from sim.effects.sensor_path.sensor_sampling import SensorHold
-from sim.effects.sensor_path.sensor_scale import SensorCurve, SensorScale
+from sim.effects.sensor_path.sensor_calibration import SensorCurve, SensorScale, SensorStep
+from sim.effects.sensor_path.sensor_mounting import AccelerometerOffset, SensorCoupling, VaneOffset
+from sim.effects.sensor_path.sensor_timing import SensorHold
 from sim.maths import COMPLEX_STEP
 from tests.bases import (
     LEVEL,

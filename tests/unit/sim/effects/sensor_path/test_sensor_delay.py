@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.effects.sensor_path.sensor_delay import SensorDelay
-from sim.effects.timing import APERTURE
+from sim.effects.loads import APERTURE
+from sim.effects.sensor_path.sensor_timing import SensorDelay
 from sim.maths import COMPLEX_STEP
 
 DELAY = SensorDelay("nz")

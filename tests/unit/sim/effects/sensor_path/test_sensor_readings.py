@@ -15,11 +15,10 @@ from scipy.integrate import quad
 
 from sim.declaration.compile import compile_model
 from sim.declaration.proposal import SearchContext
-from sim.effects.sensor_path.sensor_delay import SensorDelay, SensorLag
-from sim.effects.sensor_path.sensor_drift import SensorDrift, settled
-from sim.effects.sensor_path.sensor_position import VaneOffset
-from sim.effects.sensor_path.sensor_scale import SensorScale
+from sim.effects.sensor_path.sensor_calibration import SensorDrift, SensorScale, settled
+from sim.effects.sensor_path.sensor_mounting import VaneOffset
 from sim.effects.sensor_path.sensor_spikes import SensorSpikes
+from sim.effects.sensor_path.sensor_timing import SensorDelay, SensorLag
 from tests.bases import (
     LOES_CONSTANTS,
     ballistic_flight,

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sim.effects.library import find_effect
-from sim.effects.sensor_path.sensor_delay import SensorLag
 from sim.effects.sensor_path.sensor_spikes import Bursts, InputSpikes, SensorSpikes
-from sim.vehicles.loes import Loes
+from sim.effects.sensor_path.sensor_timing import SensorLag
+from sim.vehicles.uncoupled import Loes
 from tests.bases import fly_model, rigid_flight, rigid_model
 
 FLIGHT = rigid_flight()

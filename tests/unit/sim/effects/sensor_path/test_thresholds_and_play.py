@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from sim.effects.controls import played
-from sim.effects.sensor_path.sensor_coupling import TurnedGyro
+from sim.effects.instances import played
+from sim.effects.sensor_path.sensor_calibration import SensorScale
+from sim.effects.sensor_path.sensor_mounting import TurnedGyro
 from sim.effects.sensor_path.sensor_play import SensorBacklash, SensorDeadband
-from sim.effects.sensor_path.sensor_scale import SensorScale
 from tests.bases import fly_model, lateral_flight, lateral_model, rigid_flight, rigid_model
 
 ANGLES = arrays.arrays(float, st.integers(2, 40), elements=st.floats(-0.2, 0.2))

@@ -8,13 +8,11 @@ import numpy as np
 
 from sim.declaration.compile import compile_model
 from sim.effects.disturbance.gusts import GustTurbulence
-from sim.effects.input_path.actuator_dynamics import ActuatorLag
+from sim.effects.input_path.actuator import ActuatorLag
 from sim.effects.library import find_effect
-from sim.effects.sensor_path.sensor_delay import SensorLag
-from sim.effects.sensor_path.sensor_sampling import TimeBase
-from sim.effects.sensor_path.sensor_scale import SensorScale
-from sim.vehicles.loes import Loes
-from sim.vehicles.short_period import ShortPeriod
+from sim.effects.sensor_path.sensor_calibration import SensorScale
+from sim.effects.sensor_path.sensor_timing import SensorLag, TimeBase
+from sim.vehicles.uncoupled import Loes, ShortPeriod
 from tests.bases import Flight, fly_model, loes_flight, loes_model, rigid_flight, rigid_model
 
 FAST = {"time-base.factor": 1.07}

@@ -1,0 +1,531 @@
+"""Criteria on the pitch attitude: bandwidth and phase delay of an estimated response, dropback of a
+fitted one, a pilot who closes the loop (Neal and Smith), and steps of a fitted response.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Protocol
+
+import numpy as np
+
+from ident.frequency_response.transfer_function import (
+    DELAY,
+    FORMS,
+    FittedResponse,
+    Target,
+    shared_correlation,
+)
+
+NEUTRAL, MARGIN, GAIN_MARGIN = -180.0, 45.0, 6.0  # deg, deg, dB
+REACH = 0.2  # of ln(omega), about a crossing, over which a parabola is fitted
+_FEWEST = 5  # points of a parabola
+_EVEN = 41  # points of the straight line of the phase delay
+_NEAR = -60.0  # deg, about which the phase of an attitude begins; settles its sign
+
+
+@dataclass(frozen=True)
+class BandwidthQuantity:
+    """A number with its standard deviation."""
+
+    value: float
+    std: float
+
+
+@dataclass(frozen=True)
+class Bandwidth:
+    """Bandwidth of an attitude response; None where the usable band does not show it.
+
+    Attributes
+    ----------
+    neutral : rad/s, where the phase is -180 deg. phase : rad/s, phase bandwidth, where it is
+        -135 deg. gain : rad/s, gain bandwidth, 6 dB above the gain at ``neutral``.
+    delay : s, phase delay, by a straight line between ``neutral`` and twice that.
+    notes : why something is None, one sentence each.
+    """
+
+    neutral: BandwidthQuantity | None
+    phase: BandwidthQuantity | None
+    gain: BandwidthQuantity | None
+    delay: BandwidthQuantity | None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def bandwidth(self) -> BandwidthQuantity | None:
+        """The lesser of phase and gain bandwidth, as for rate response types; for an attitude
+        command the phase bandwidth counts alone."""
+        both = [each for each in (self.phase, self.gain) if each is not None]
+        return min(both, key=lambda each: each.value) if len(both) == 2 else None
+
+
+class Curve(Protocol):
+    """Points over frequency whose errors neighbours share: rad/s ``(F,)``, and the effective length
+    of the windows, s."""
+
+    @property
+    def omega(self) -> np.ndarray: ...
+    @property
+    def length(self) -> float | np.ndarray: ...
+
+
+@dataclass(frozen=True, eq=False)
+class AttitudeCurve:
+    """Gain in dB and phase in deg of an attitude over rad/s, with deviations of each, ``(F,)``.
+
+    ``length`` : s, effective one of the windows."""
+
+    omega: np.ndarray
+    gain: np.ndarray
+    phase: np.ndarray
+    gain_std: np.ndarray
+    phase_std: np.ndarray
+    length: float | np.ndarray
+
+
+def attitude_bandwidth(target: Target, *, rate: bool) -> Bandwidth:
+    """Bandwidth and phase delay from an estimated response along its usable band.
+
+    Each crossing is found on a parabola through the points about it, whose errors are
+    correlated between neighbours as the windows are. ``rate`` : the output is a rate, which is
+    integrated. A response of negative sign is turned.
+    """
+    curve = attitude_curve(target, rate=rate)
+    notes: list[str] = []
+    band = f"the usable band ends at {curve.omega[-1]:.3g} rad/s"
+    neutral = _crossing(curve, curve.phase, curve.phase_std, NEUTRAL, 0.0)
+    phase = _crossing(curve, curve.phase, curve.phase_std, NEUTRAL + MARGIN, 0.0)
+    if phase is None:
+        notes.append(f"no phase bandwidth: the phase does not fall through -135 deg; {band}")
+    gain = delay = None
+    if neutral is None:
+        notes.append(f"no gain bandwidth and phase delay: no phase of -180 deg; {band}")
+        return Bandwidth(neutral, phase, gain, delay, tuple(notes))
+    level, slope, spread = _line(curve, curve.gain, curve.gain_std, neutral.value)
+    extra = math.hypot(spread, slope * neutral.std / neutral.value)
+    gain = _crossing(
+        curve, curve.gain, curve.gain_std, level + GAIN_MARGIN, extra, before=neutral.value
+    )
+    if gain is None:
+        notes.append(f"no gain bandwidth: the gain is nowhere 6 dB above that at -180 deg; {band}")
+    if 2.0 * neutral.value > curve.omega[-1] * 1.001:
+        notes.append(f"no phase delay: it needs {2.0 * neutral.value:.3g} rad/s, and {band}")
+    else:
+        delay = _phase_delay(curve, neutral.value)
+    return Bandwidth(neutral, phase, gain, delay, tuple(notes))
+
+
+PITCH_SOURCE = "MIL-STD-1797A, 4.2.1.2, category A; points of its figure not verified"
+# rad/s and s. The standard prints a figure. Its points are those of MATLAB routines by C. Regan,
+# 2006, after P. Stoliker, where they are marked as to be checked; the first of level 1 there, 11.2
+# rad/s at no delay, lies on no boundary and is left out. Beyond the last point nothing is known:
+# both limits go on level here, and are drawn broken.
+PITCH_LEVELS: tuple[tuple[tuple[float, float], ...], ...] = (
+    (
+        (6.5, 0.0),
+        (6.5, 0.02),
+        (6.54, 0.03),
+        (6.6, 0.035),
+        (6.8, 0.04),
+        (7.08, 0.045),
+        (7.6, 0.05),
+        (8.16, 0.055),
+        (8.8, 0.06),
+    ),
+    (
+        (1.0, 0.0),
+        (1.0, 0.085),
+        (1.16, 0.1),
+        (1.4, 0.11),
+        (1.76, 0.12),
+        (2.08, 0.13),
+        (2.6, 0.14),
+        (3.4, 0.15),
+    ),
+)
+
+
+def pitch_bandwidth_level(bandwidth: float, delay: float) -> int:
+    """Level 1 to 3 of bandwidth, rad/s, and phase delay, s, of pitch in category A."""
+    for level, points in enumerate(PITCH_LEVELS, start=1):
+        least, delays = (np.array(each) for each in zip(*points, strict=True))
+        if delay <= delays[-1] and bandwidth >= float(np.interp(delay, delays, least)):
+            return level
+    return 3
+
+
+def dropback(function: FittedResponse) -> BandwidthQuantity | None:
+    """Dropback over steady pitch rate, s: T_theta2 - 2 damping/frequency - delay, of a pitch rate
+    fitted by the form ``pitch``; negative is overshoot. None for any other form.
+
+    When the stick returns after a step, the attitude falls back by this times the steady rate.
+    """
+    if function.form is not FORMS["pitch"]:
+        return None
+
+    def value(p: dict[str, float]) -> float:
+        return 1.0 / p["inv_T_theta2"] - 2.0 * p["damping"] / p["frequency"] - p[DELAY]
+
+    return _propagated(function, value)
+
+
+def _propagated(
+    function: FittedResponse, value: Callable[[dict[str, float]], float]
+) -> BandwidthQuantity | None:
+    p = dict(function.values)
+    if not all(abs(p[name]) > 1e-9 for name in ("inv_T_theta2", "frequency")):
+        return None
+    slopes = []
+    for name in function.std:
+        step = 1e-6 * max(abs(p[name]), 1e-3)
+        both = [value({**p, name: p[name] + sign * step}) for sign in (1.0, -1.0)]
+        slopes.append((both[0] - both[1]) / (2.0 * step))
+    row = np.array(slopes)
+    return BandwidthQuantity(value(p), math.sqrt(max(float(row @ function.covariance @ row), 0.0)))
+
+
+def attitude_curve(target: Target, *, rate: bool) -> AttitudeCurve:
+    """The attitude response of a target. ``rate`` : it is that of a rate, which is integrated. Half
+    turns are added until the phase begins near -60 deg."""
+    omega = target.omega
+    response = target.response / (1j * omega) if rate else target.response
+    phase = np.degrees(np.unwrap(np.angle(response)))
+    phase -= 180.0 * np.round((phase[0] - _NEAR) / 180.0)
+    share = target.std / np.abs(target.response)
+    gain = 20.0 * np.log10(np.abs(response))
+    return AttitudeCurve(
+        omega, gain, phase, 20.0 / math.log(10.0) * share, np.degrees(share), target.length
+    )
+
+
+def _crossing(
+    curve: AttitudeCurve,
+    values: np.ndarray,
+    std: np.ndarray,
+    level: float,
+    extra: float,
+    before: float | None = None,
+) -> BandwidthQuantity | None:
+    """Where a curve falls through a level whose own deviation is ``extra``: for the first time, or
+    for the last time before a frequency."""
+    below = np.flatnonzero((values[:-1] > level) & (values[1:] <= level))
+    if before is not None:
+        below = below[curve.omega[below] < before][::-1]
+    if not below.size:
+        return None
+    at = float(curve.omega[below[0]])
+    for _ in range(4):
+        value, slope, _ = _line(curve, values, std, at)
+        if not slope < 0.0:
+            break
+        at = float(np.clip(at * math.exp((level - value) / slope), curve.omega[0], curve.omega[-1]))
+    value, slope, spread = _line(curve, values, std, at)
+    if not slope < 0.0:
+        return None
+    return BandwidthQuantity(at, at * math.hypot(spread, extra) / abs(slope))
+
+
+def _line(
+    curve: AttitudeCurve, values: np.ndarray, std: np.ndarray, at: float
+) -> tuple[float, float, float]:
+    """Value, slope by ln(omega) and deviation of the value, of a parabola about ``at``."""
+    found = parabola_at(curve, values, std, at)
+    return found.value, found.slope, found.std
+
+
+@dataclass(frozen=True)
+class Parabola:
+    """Value, first and second derivative by ln(omega) of a curve at a frequency; ``std`` : of the
+    value; ``weights`` ``(F,)`` : of the curve's points in the value.
+    """
+
+    value: float
+    slope: float
+    curvature: float
+    std: float
+    weights: np.ndarray
+
+
+def parabola_at(curve: Curve, values: np.ndarray, std: np.ndarray, at: float) -> Parabola:
+    """The parabola through the points of a curve about ``at``, rad/s, in ln(omega).
+
+    ``values``, ``std`` : ``(F,)``, of the curve and its errors, which neighbours share as the
+    windows do.
+    """
+    gain, covariance, near = parabola_weights(curve, std, at)
+    found = gain @ values[near]
+    spread = math.sqrt(max(float(covariance[0, 0]), 0.0))
+    weights = np.zeros(curve.omega.size)
+    weights[near] = gain[0]
+    return Parabola(float(found[0]), float(found[1]), 2.0 * float(found[2]), spread, weights)
+
+
+def parabola_weights(
+    curve: Curve, std: np.ndarray, at: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Weights ``(3, N)`` of the N points about ``at``, rad/s, in the coefficients of a parabola in
+    ln(omega), the covariance ``(3, 3)`` of the coefficients, and the points' places ``(N,)``."""
+    x = np.log(curve.omega / at)
+    near = np.argsort(np.abs(x))[: max(_FEWEST, int(np.count_nonzero(np.abs(x) <= REACH)))]
+    near.sort()
+    powers = np.column_stack([np.ones(near.size), x[near], x[near] ** 2])
+    gain = np.asarray(np.linalg.pinv(powers / std[near, None]) / std[near])
+    return gain, np.asarray(gain @ shared_covariance(curve, std[near], near) @ gain.T), near
+
+
+def _phase_delay(curve: AttitudeCurve, neutral: float) -> BandwidthQuantity:
+    """Half of the slope of the phase, rad over rad/s, by the straight line through it between the
+    frequency of -180 deg and twice that, evenly weighted; the phase is joined by lines."""
+    first = max(int(np.searchsorted(curve.omega, neutral)) - 1, 0)
+    last = min(int(np.searchsorted(curve.omega, 2.0 * neutral)) + 1, curve.omega.size)
+    places = np.arange(first, last)
+    at = np.linspace(neutral, 2.0 * neutral, _EVEN)
+    joined = np.array([np.interp(at, curve.omega[places], row) for row in np.eye(places.size)]).T
+    gain = np.linalg.pinv(np.column_stack([np.ones(at.size), at - neutral])) @ joined
+    covariance = gain @ shared_covariance(curve, curve.phase_std[places], places) @ gain.T
+    half = 0.5 * math.pi / 180.0
+    slope = float(gain[1] @ curve.phase[places])
+    return BandwidthQuantity(-half * slope, half * math.sqrt(max(float(covariance[1, 1]), 0.0)))
+
+
+def shared_covariance(curve: Curve, std: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Covariance of errors that neighbours share."""
+    length = np.broadcast_to(curve.length, curve.omega.shape)
+    alike = _correlation(curve.omega.tobytes(), np.asarray(length, dtype=float).tobytes())
+    return alike[np.ix_(places, places)] * np.outer(std, std)
+
+
+@lru_cache(maxsize=8)
+def _correlation(omega: bytes, length: bytes) -> np.ndarray:
+    """Correlation ``(F, F)`` of the errors of a curve: the same for all parabolas through it."""
+    return shared_correlation(np.frombuffer(omega), np.frombuffer(length))
+
+
+DROOP = -3.0  # dB
+LEVELS = (3.0, 9.0)  # dB, of the resonance: limits of levels 1 and 2
+# rad/s by category of the flight phase, and s
+BANDWIDTHS: Mapping[str, float] = {"A": 3.5, "B": 1.5, "C": 1.5}
+PILOT_DELAY = 0.25
+DRAWS, POINTS, SEED = 100, 60, 20
+_STEEPEST = 85.0  # deg of lead or lag
+_GRID = 69  # compensations that are tried
+
+
+@dataclass(frozen=True)
+class PilotDemand:
+    """What is asked of the pilot: closed-loop ``bandwidth``, rad/s, and own ``delay``, s."""
+
+    bandwidth: float
+    delay: float = PILOT_DELAY
+
+
+@dataclass(frozen=True)
+class NealSmith:
+    """The pilot that the criterion finds.
+
+    Attributes
+    ----------
+    demand : what was asked. resonance : dB, the peak of the closed loop. compensation : deg, phase
+        of the pilot's lead (positive) or lag at the bandwidth, without the delay.
+    level : 1, 2 or 3, by the resonance; best, worst : within two standard deviations.
+    droop : dB, the least of the closed loop below the bandwidth. correlation : of both errors.
+    notes : one sentence each.
+    """
+
+    demand: PilotDemand
+    resonance: BandwidthQuantity
+    compensation: BandwidthQuantity
+    level: int
+    best: int
+    worst: int
+    droop: float
+    correlation: float = 0.0
+    notes: tuple[str, ...] = ()
+
+
+def resonance_level(resonance: float) -> int:
+    """Level 1 to 3 of a resonance in dB, MIL-STD-1797A."""
+    return 1 + int(resonance > LEVELS[0]) + int(resonance > LEVELS[1])
+
+
+def neal_smith(curve: AttitudeCurve, demand: PilotDemand) -> NealSmith | str:
+    """The criterion for an attitude response along its usable band; a sentence where it cannot be
+    applied.
+
+    The response is smoothed by parabolas about each frequency. Its errors, which neighbours share,
+    are drawn 100 times, and the pilot is adjusted to each draw.
+    """
+    low, high = float(curve.omega[0]), float(curve.omega[-1])
+    if not low * 2.0 <= demand.bandwidth <= high / 1.2:
+        return (
+            f"no Neal-Smith pilot: a bandwidth of {demand.bandwidth:.3g} rad/s needs a usable band "
+            f"from half of it to 1.2 times it, and it is {low:.3g} to {high:.3g} rad/s"
+        )
+    omega = np.unique(np.append(np.geomspace(low, high, POINTS), demand.bandwidth))
+    centre, draws = _smoothed(curve, omega)
+    found = _adjusted(omega, centre[None], demand)
+    if found is None:
+        return "no Neal-Smith pilot: no lead or lag gives the bandwidth"
+    resonance, compensation, droop = (float(each[0]) for each in found)
+    drawn = _adjusted(omega, draws, demand)
+    assert drawn is not None
+    stds = [float(np.std(each)) for each in drawn[:2]]
+    alike = np.corrcoef(drawn[0], drawn[1])[0, 1] if min(stds) > 0.0 else 0.0
+    levels = [resonance_level(resonance + sign * 2.0 * stds[0]) for sign in (-1.0, 1.0)]
+    notes = []
+    if droop < DROOP - 0.05:
+        notes.append(f"the closed loop droops by {-droop:.2g} dB, more than the 3 dB allowed")
+    edge = int(np.argmax(_closed(omega, centre[None], demand, np.array([compensation]))[0]))
+    if edge == omega.size - 1:
+        notes.append("the resonance lies at the end of the usable band and may be larger")
+    return NealSmith(
+        demand,
+        BandwidthQuantity(resonance, stds[0]),
+        BandwidthQuantity(compensation, stds[1]),
+        resonance_level(resonance),
+        levels[0],
+        levels[1],
+        droop,
+        float(alike),
+        tuple(notes),
+    )
+
+
+def _smoothed(curve: AttitudeCurve, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The attitude at ``omega`` ``(F,)`` by parabolas, and draws of it ``(D, F)``."""
+    rng = np.random.default_rng(SEED)
+    places = np.arange(curve.omega.size)
+    rows = []
+    for values, std in ((curve.gain, curve.gain_std), (curve.phase, curve.phase_std)):
+        covariance = shared_covariance(curve, std, places)
+        # Correlations that were estimated pair by pair need not be those of any variables: the
+        # symmetric root of the nearest covariance that is.
+        sizes, turned = np.linalg.eigh(covariance)
+        root = (turned * np.sqrt(np.maximum(sizes, 0.0))) @ turned.T
+        noisy = values + (root @ rng.standard_normal((values.size, DRAWS))).T
+        zero = np.zeros_like(std)
+        matrix = np.array([parabola_at(curve, zero, std, at).weights for at in omega])
+        rows.append((matrix @ values, noisy @ matrix.T))
+    gain, phase = rows
+    return _complex(gain[0], phase[0]), _complex(gain[1], phase[1])
+
+
+def _complex(gain: np.ndarray, phase: np.ndarray) -> np.ndarray:
+    return np.asarray(10.0 ** (gain / 20.0) * np.exp(1j * np.radians(phase)))
+
+
+def _closed(
+    omega: np.ndarray, attitude: np.ndarray, demand: PilotDemand, compensation: np.ndarray
+) -> np.ndarray:
+    """Gain of the closed loop ``(D, F)``, dB, under ``compensation`` ``(D,)``, deg at the
+    bandwidth, with the pilot's gain that gives a phase of -90 deg there; NaN where none does."""
+    at = int(np.searchsorted(omega, demand.bandwidth))
+    turn = np.tan(np.radians(np.abs(compensation)))[:, None] * omega / demand.bandwidth
+    pilot = np.where(compensation[:, None] >= 0.0, 1.0 + 1j * turn, 1.0 / (1.0 + 1j * turn))
+    loop = attitude * pilot * np.exp(-1j * omega * demand.delay)
+    # T = L/(1 + L) is on the negative imaginary axis where |L| = -cos(angle of L).
+    angle = np.angle(loop[:, at])
+    size = np.where((np.cos(angle) < 0.0) & (np.sin(angle) < 0.0), -np.cos(angle), np.nan)
+    loop = loop * (size / np.abs(loop[:, at]))[:, None]
+    with np.errstate(invalid="ignore"):
+        return np.asarray(20.0 * np.log10(np.abs(loop) / np.abs(1.0 + loop)))
+
+
+def _adjusted(
+    omega: np.ndarray, attitude: np.ndarray, demand: PilotDemand
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Resonance, compensation and droop ``(D,)`` of the pilots; None where no compensation gives
+    the bandwidth."""
+    below = omega <= demand.bandwidth * (1.0 + 1e-9)
+    tried = np.linspace(-_STEEPEST, _STEEPEST, _GRID)
+    # The droop of every compensation on a grid.
+    droops = []
+    for each in tried:
+        closed = _closed(omega, attitude, demand, np.full(len(attitude), each))
+        droops.append(np.min(closed[:, below], axis=1))
+    table = np.array(droops)  # (C, D)
+    if np.all(np.isnan(table[:, 0])):
+        return None
+    out = np.array([_least(tried, column) for column in table.T])
+    closed = _closed(omega, attitude, demand, out)
+    return np.max(closed, axis=1), out, np.min(closed[:, below], axis=1)
+
+
+def _least(tried: np.ndarray, droop: np.ndarray) -> float:
+    """The most lead with a droop of 3 dB at most, between the grid's points: more would droop, less
+    resonates. Of none the one that droops least."""
+    known = np.flatnonzero(np.isfinite(droop))
+    fit = known[droop[known] >= DROOP]
+    if not known.size:
+        return math.nan
+    if not fit.size:
+        return float(tried[known[np.argmax(droop[known])]])
+    best = int(fit[-1])
+    if best + 1 >= tried.size or not np.isfinite(droop[best + 1]):
+        return float(tried[best])
+    share = (DROOP - droop[best]) / (droop[best + 1] - droop[best])
+    return float(tried[best] + share * (tried[best + 1] - tried[best]))
+
+
+# ---- Steps of a fitted response
+
+
+@dataclass(frozen=True, eq=False)
+class StepResponse:
+    """Response to a unit step of the stick, over its steady value: ``time`` s, ``value`` and
+    ``std`` ``(N,)``."""
+
+    time: np.ndarray
+    value: np.ndarray
+    std: np.ndarray
+
+
+def step_response(function: FittedResponse, duration: float | None = None) -> StepResponse | None:
+    """The step of a fitted response over its steady value, with deviations by linearisation; None
+    where it has no steady value.
+
+    ``duration`` : s; None takes eight times the slowest mode's time constant, 10 s at most.
+    """
+    from scipy import signal
+
+    roots = np.roots(function.denominator)
+    if not roots.size or np.max(roots.real) >= 0.0 or abs(function.numerator[-1]) < 1e-12:
+        return None
+    length = duration or min(8.0 / float(np.min(-roots.real)), 10.0)
+    time = np.linspace(0.0, length, 301)
+
+    def value(p: Mapping[str, float]) -> np.ndarray:
+        top, bottom = function.form.polynomials(p)
+        _, out = signal.step((top, bottom), T=np.linspace(0.0, length, 301))
+        late = np.interp(time - p["delay"], time, out, left=0.0)
+        return np.asarray(late * bottom[-1] / top[-1])
+
+    return StepResponse(time, value(function.values), _spread(function, value))
+
+
+def pitch_overshoot(function: FittedResponse) -> BandwidthQuantity | None:
+    """Largest over steady pitch rate of a step, of the form ``pitch``; None for any other form."""
+    if function.form is not FORMS["pitch"]:
+        return None
+    step = step_response(function)
+    if step is None:
+        return None
+    peak = int(np.argmax(step.value))
+    return BandwidthQuantity(float(step.value[peak]), float(step.std[peak]))
+
+
+def _spread(
+    function: FittedResponse, value: Callable[[Mapping[str, float]], np.ndarray]
+) -> np.ndarray:
+    """Deviations of a quantity ``(N,)`` by the covariance of a function's parameters."""
+    p, slopes = dict(function.values), []
+    for name in function.std:
+        step = 1e-5 * max(abs(p[name]), 1e-3)
+        ends = [value({**p, name: p[name] + sign * step}) for sign in (1.0, -1.0)]
+        slopes.append((ends[0] - ends[1]) / (2.0 * step))
+    matrix = np.array(slopes)
+    return np.asarray(
+        np.sqrt(np.maximum(np.einsum("kn,kl,ln->n", matrix, function.covariance, matrix), 0.0))
+    )

@@ -1,1 +1,0 @@
-"""The declared model with a set of effects, fitted to all records."""

@@ -1,0 +1,597 @@
+"""One verdict from the posterior probabilities of sets of effects."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.process_noise.filter_error import noise_levels
+from ident.tracing.diagnosis import Candidate, Step, Verdict
+from ident.tracing.evidence import Key, WeighedSet
+from ident.tracing.fitted_model import FittedModel
+from ident.tracing.problem import TraceProblem
+from ident.tracing.search import ALIKE, CLEAR, Search
+from ident.tracing.steady_search import (
+    RIVAL,
+    is_steady,
+    quiet_vuong,
+    spread_asked,
+    spread_search,
+    vuong,
+)
+from ident.tracing.whiteness import is_noise, whiteness
+from sim.declaration.effect import NoiseEffect, Station, full_name
+from sim.declaration.proposal import Traceable
+
+CERTAIN = 0.95  # probability of what is claimed
+SLIGHT = 1.1  # error over the noise up to which a discrepancy is of no consequence
+OVER_LEAST = 6.0  # times the least noise of a sensor: 1.8 times what high frequencies show
+SUPPORTED = 3.0  # z of an effect that brings little
+TWO_EVENTS = "two loads or gusts in passing are likelier one cause that the library lacks"
+ROUGH_AIR = "its evidence comes from the maneuvers: rough air acts between them as well"
+LITTLE = "it brings little, {:.1f} times its scatter over the record; {:.1f} are required"
+BESIDE_GUARD = "it is found beside a term that no effect of the library has"
+
+
+@dataclass(frozen=True)
+class Named:
+    """An effect of the decision, with its probability and that of each that could take its place.
+
+    ``spread`` : z of Vuong's test, beside a discrepancy; None under white noise.
+    ``reason`` : of a hint, why it is not named. ``within`` : the fitted set that has it, where
+    that is not the one that the verdict rests on.
+    """
+
+    name: str
+    probability: float
+    alternatives: Mapping[str, float]
+    spread: float | None = None
+    reason: str = ""
+    within: FittedModel | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """What the records say.
+
+    Attributes
+    ----------
+    best : the set that the verdict rests on. less : the same noise without what is named.
+    named : its effects. hints : effects that may act.
+    searches : those that were made, in their order.
+    """
+
+    verdict: Verdict
+    best: FittedModel
+    less: FittedModel
+    named: tuple[Named, ...]
+    hints: tuple[Named, ...]
+    searches: tuple[Search, ...]
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """How the search went."""
+        return tuple(step for search in self.searches for step in search.steps)
+
+    @property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """All candidates that were tried at fitted sets, by round."""
+        return tuple(each for search in self.searches for each in search.tried)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether a search ended at its means."""
+        return any(search.spent for search in self.searches)
+
+
+def probabilities(search: Search, without: Collection[str] = ()) -> dict[Key, float]:
+    """Posterior probability of each set that was fitted and has none of some effects."""
+    keys = [key for key in search.visited if key.isdisjoint(without)]
+    weights = np.array([search.visited[key].weight for key in keys])
+    share = np.exp(weights - weights.max())
+    return dict(zip(keys, (share / share.sum()).tolist(), strict=True))
+
+
+def inclusion_of(sets: Mapping[Key, float]) -> dict[str, float]:
+    """Probability of each effect: the sum over the sets that contain it."""
+    found: dict[str, float] = {}
+    for key, share in sets.items():
+        for name in key:
+            found[name] = found.get(name, 0.0) + share
+    return found
+
+
+def searched(problem: TraceProblem, discrepancy: Traceable | None = None) -> Search:
+    """The search without a discrepancy among effects that have a cause of their own.
+
+    ``discrepancy`` : ends the search where it is by far likelier than what is found.
+    """
+    causes = [each for each in problem.candidates if not each.traits.general]
+    return Search(problem, causes, title="white noise", discrepancy=discrepancy).run()
+
+
+LeavesNoise = Callable[[FittedModel], bool]
+
+
+def nothing_held_out(fitted: FittedModel) -> bool:
+    """There are no further data to hold a set against."""
+    return True
+
+
+def decided(
+    search: Search,
+    discrepancy: Traceable | None = None,
+    leaves_noise: LeavesNoise = nothing_held_out,
+) -> Decision:
+    """The decision (``_decided``) less names that stand for a cause outside the library.
+
+    Rough air acts whether or not the aircraft is maneuvered. An event may begin anywhere, and two
+    of them imitate much that has another law: one cause that no effect has is likelier.
+
+    Parameters
+    ----------
+    search : without a discrepancy (``searched``). discrepancy : None decides without one.
+    leaves_noise : whether what a fitted set leaves is noise, of data that were not fitted too.
+    """
+    found = _decided(search, discrepancy, leaves_noise)
+    effects = {each.name: each for each in found.best.effects}
+    names = {each.name for each in found.named}
+    doubted = {
+        name: ROUGH_AIR
+        for name in names
+        if isinstance(effects[name], NoiseEffect) and not _acts_when_quiet(found, name)
+    }
+    if len(_events(found)) > 1:
+        return _without_names(found, dict.fromkeys(names, TWO_EVENTS))
+    return _without_names(found, doubted)
+
+
+def _fitted(found: Decision) -> tuple[Search, WeighedSet]:
+    """The search of a decision's set, and the set in it."""
+    names = frozenset(found.best.names)
+    search = next(each for each in reversed(found.searches) if names in each.visited)
+    return search, search.visited[names]
+
+
+def _events(found: Decision) -> set[str]:
+    """Names, among those of a decision, of loads and gusts in passing."""
+    effects = {each.name: each for each in found.best.effects}
+    return {
+        each.name
+        for each in found.named
+        if effects[each.name].traits.onset and effects[each.name].station is not Station.SENSOR_PATH
+    }
+
+
+def _without_names(found: Decision, reasons: Mapping[str, str]) -> Decision:
+    """A decision that does not name these effects, by the reasons: they are hints."""
+    if not reasons:
+        return found
+    named = tuple(each for each in found.named if each.name not in reasons)
+    hints = tuple(
+        replace(each, reason=reasons[each.name]) for each in found.named if each.name in reasons
+    )
+    verdict = found.verdict
+    if not named:
+        verdict = Verdict.UNEXPLAINED
+    elif verdict is Verdict.TRACED:
+        verdict = Verdict.PARTIAL
+    return replace(found, verdict=verdict, named=named, hints=(*found.hints, *hints))
+
+
+def _acts_when_quiet(found: Decision, name: str) -> bool:
+    """Whether the evidence for rough air is also there while the aircraft hardly moves."""
+    search, best = _fitted(found)
+    less = search.less(best, name)
+    if less is None:
+        return True
+    declared, interval = found.searches[0].declared, search.context.interval
+    return quiet_vuong(best.fitted, less.fitted, declared, interval) >= RIVAL
+
+
+def _decided(search: Search, discrepancy: Traceable | None, leaves_noise: LeavesNoise) -> Decision:
+    """Decide, with further searches beside a discrepancy where no set of effects leaves noise.
+
+    General forms have no cause of their own: they are tried where nothing with one is named.
+
+    Parameters
+    ----------
+    search, discrepancy, leaves_noise : see ``decided``.
+    """
+    problem, best = search.problem, search.best()
+    if is_noise(best.fitted.fit):
+        found = _by_sets(search, best)
+        outside = bool(problem.guards & frozenset(found.best.names))
+        general = _with_general_forms(search, leaves_noise) if outside else None
+        if general is not None:
+            return general
+        if not found.named or leaves_noise(found.best):
+            return found
+    if discrepancy is None:
+        return _with_general_forms(search, leaves_noise) or _undecided(search, best)
+    base = (discrepancy, *best.fitted.background)
+    acting = [each for each in problem.candidates if is_steady(each)]
+    steady = Search(problem, acting, base, title="a model discrepancy")
+    beside = _beside_discrepancy(search, steady, _other_forms(steady, spread_search(steady)))
+    forms = {each.name for each in problem.candidates if each.traits.general}
+    if beside.named and not forms & {each.name for each in beside.named}:
+        return beside
+    return (
+        _with_slight_rest(search, best, discrepancy)
+        or _with_general_forms(search, leaves_noise)
+        or beside
+    )
+
+
+def _with_slight_rest(search: Search, best: WeighedSet, discrepancy: Traceable) -> Decision | None:
+    """The decision under white noise where the best set leaves hardly more than noise; else None.
+
+    The search beside a discrepancy does not look for events, whose evidence is not spread over the
+    records. Here they are named by the levels of white noise. None also where nothing is named.
+    """
+    fitted = search.fit((*best.fitted.effects, discrepancy), best.fitted)
+    if fitted is None or _error_over_noise(best.fitted, fitted) > SLIGHT:
+        return None
+    # What is wrong with a sensor is no matter of loads: beside them it is as large as before.
+    tests, levels = whiteness(best.fitted.fit, "fitted"), noise_levels(best.fitted.fit)
+    left = {test.channel.partition(",")[0] for test in tests if not test.passed}
+    least = search.problem.least_noise
+    if any(levels[name] > OVER_LEAST * least.get(name, math.inf) for name in left):
+        return None
+    found = _by_sets(search, best, clear=math.inf)
+    return found if found.named else None
+
+
+def _with_general_forms(search: Search, leaves_noise: LeavesNoise) -> Decision | None:
+    """The decision with general forms among the candidates; None where they do not leave noise."""
+    problem = search.problem
+    if len(problem.candidates) == len(search.candidates):
+        return None
+    offered = [each for each in problem.candidates if not each.traits.guard]
+    general = search.offering(offered, "white noise, general forms as well").run()
+    best = general.best()
+    # A guard may be the same as a form: it gives way only where that is clearly likelier.
+    guarded = search.best().names & problem.guards
+    if guarded and best.weight < search.best().weight + CLEAR:
+        return None
+    if not (is_noise(best.fitted.fit) and leaves_noise(best.fitted)):
+        return None
+    return replace(_by_sets(general, best), searches=(search, general))
+
+
+def _other_forms(search: Search, best: WeighedSet) -> WeighedSet:
+    """Beside a discrepancy: another fault of the same sensor where that is clearly likelier.
+
+    The relations between the sensors know few forms of a fault (a scale, a delay, an arm) and name
+    the nearest of them. A threshold or a play is none of these.
+    """
+    for name in sorted(search.added(best) & search.problem.named_by_kinematics):
+        (effect,) = [each for each in best.fitted.effects if each.name == name]
+        channel = getattr(effect, "channel", None)
+        others = {
+            each.name
+            for each in search.candidates
+            if each.station is Station.SENSOR_PATH and getattr(each, "channel", None) == channel
+        }
+        less = search.less(best, name)
+        if channel is None or less is None:
+            continue
+        found = search.in_the_place_of(less, others - {name})
+        other = max(found, key=lambda one: one.weight, default=None)
+        if other is not None and other.weight > best.weight + CLEAR:
+            best = other
+    return best
+
+
+def _is_cause(effect: Traceable, found: WeighedSet, interval: float) -> bool:
+    """Whether an effect is more than how inputs are to be read between samples."""
+    local = effect.traits.within_interval
+    if not local:
+        return True
+    return found.fitted.values.shared.get(full_name(effect, local), np.inf) > interval
+
+
+def _total(named: Named) -> float:
+    """Probability of an effect or of one that the records do not tell from it."""
+    return named.probability + sum(named.alternatives.values())
+
+
+def _by_sets(search: Search, best: WeighedSet, clear: float = CLEAR) -> Decision:
+    """Under white noise: what is certain, unless more leaves noise; else the best, by groups."""
+    sets = probabilities(search)
+    inclusion = inclusion_of(sets)
+    whole = best = _certain_part(search, best, sets)
+    best, slight, out = _without_slight(search, best, clear)
+    guarded, best = best, _less_guards(search, best)
+    if best is not guarded:
+        # A guard had chosen between effects that the records do not tell apart without it.
+        out |= search.problem.guards
+        top = max(_sets_without(search, out), key=lambda one: one.weight)
+        if top.weight > best.weight and is_noise(top.fitted.fit):
+            best, _, out = _without_slight(search, top, clear, out)
+    if out:
+        sets = probabilities(search, out)
+        best = _certain_part(search, best, sets)
+    named = [
+        _named(search, best, effect, sets)
+        for effect in best.fitted.effects
+        if _is_cause(effect, best, search.context.interval)
+    ]
+    # Where motion that any record may have is all, and uncertain, a declared model that leaves
+    # noise stands.
+    usual = all(each.traits.background for each in best.fitted.effects)
+    uncertain = min(map(_total, named), default=1.0) < CERTAIN
+    if usual and uncertain and is_noise(search.root.fitted.fit):
+        named = [replace(each, within=best.fitted) for each in named]
+        best = search.root
+    if not named or best is search.root:
+        verdict = Verdict.CONSISTENT
+    elif search.problem.guards & best.names or min(map(_total, named)) < CERTAIN:
+        verdict = Verdict.UNEXPLAINED
+    else:
+        alone = min(each.probability for each in named) >= CERTAIN
+        verdict = Verdict.TRACED if alone else Verdict.AMBIGUOUS
+    claimed = verdict in (Verdict.TRACED, Verdict.AMBIGUOUS)
+    claims, hints = (tuple(named), ()) if claimed else ((), tuple(named))
+    if not search.problem.guards & set(slight):
+        hints += tuple(
+            Named(
+                name,
+                inclusion[name],
+                {},
+                reason=reason,
+                within=whole.fitted,
+            )
+            for name, reason in slight.items()
+        )
+    return Decision(verdict, best.fitted, search.root.fitted, claims, hints, (search,))
+
+
+def _certain_part(search: Search, best: WeighedSet, sets: Mapping[Key, float]) -> WeighedSet:
+    """The set without what is not certain in it, unless something that is not known certainly acts
+    in addition to the rest.
+    """
+    inclusion = inclusion_of(sets)
+    certain = frozenset(
+        effect.name
+        for effect in best.fitted.effects
+        if inclusion[effect.name] + sum(_alike(search, best, effect, sets).values()) >= CERTAIN
+    )
+    return search.visited[certain] if sets.get(certain, 0.0) > 1.0 - CERTAIN else best
+
+
+def _without_slight(
+    search: Search, best: WeighedSet, clear: float, before: Collection[str] = ()
+) -> tuple[WeighedSet, dict[str, str], set[str]]:
+    """The likeliest set without members that bring little (``_less_slight``), those of ``best``
+    with the reasons, and the names of all that are left out, ``before`` as well: they take no part
+    in probabilities.
+    """
+    best, slight = _less_slight(search, best, clear)
+    out = {*before, *slight}
+    while out:
+        top = max(_sets_without(search, out), key=lambda one: one.weight)
+        if top.weight <= best.weight:
+            break
+        best, more = _less_slight(search, top, clear)
+        if not more:
+            break
+        out |= more.keys()
+    return best, slight, out
+
+
+def _sets_without(search: Search, names: Collection[str]) -> list[WeighedSet]:
+    """The fitted sets that have none of these effects."""
+    return [one for key, one in search.visited.items() if key.isdisjoint(names)]
+
+
+def _less_slight(
+    search: Search, best: WeighedSet, clear: float
+) -> tuple[WeighedSet, dict[str, str]]:
+    """The set without members that bring little and not all along.
+
+    The equations of any model are a little wrong, and probabilities suppose that they are not. What
+    the relations between the sensors name as well rests on no equation of forces, and stays.
+    Also why those that are left out are, by name.
+    """
+    left_out: dict[str, str] = {}
+    usual = {each.name for each in search.problem.candidates if each.traits.background}
+    while causes := search.added(best) - usual:
+        slight = []
+        for name in sorted(causes - search.problem.named_by_kinematics):
+            less = _likeliest_less(search, best, name, usual)
+            if less is None or best.weight - less.weight >= clear:
+                continue
+            z = vuong(best, less, search.context.interval)
+            # Where the declared model leaves more than noise something acts, and it is the sole.
+            acts = len(causes) == 1 and not is_noise(less.fitted.fit)
+            if z < SUPPORTED and not acts:
+                slight.append((z, name, less))
+        if not slight:
+            break
+        z, name, best = min(slight, key=lambda each: each[0])
+        left_out[name] = LITTLE.format(z, SUPPORTED)
+    return best, left_out
+
+
+def _likeliest_less(
+    search: Search, best: WeighedSet, name: str, usual: Collection[str]
+) -> WeighedSet | None:
+    """The set without a member, with or without the ``usual`` motion that any record may have,
+    which an effect may stand for: whichever is likelier.
+    """
+    search.less(best, name)  # fitted now where it was not before
+    rest = best.names - {name} - frozenset(usual)
+    found = [one for key, one in search.visited.items() if key - frozenset(usual) == rest]
+    return max(found, key=lambda one: one.weight, default=None)
+
+
+def _less_guards(search: Search, best: WeighedSet) -> WeighedSet:
+    """The set without its guards, where it leaves noise that is hardly larger.
+
+    A guard says that a cause outside the library acts; one that does so little changes nothing.
+    """
+    guards = search.problem.guards & best.names
+    names = best.names - guards
+    if not guards:
+        return best
+    plain = search.visited.get(names)
+    if plain is None:
+        effects = [each for each in best.fitted.effects if each.name in names]
+        fitted = search.fit(effects, best.fitted)
+        plain = None if fitted is None else search.kept(fitted)
+    if plain is None or not is_noise(plain.fitted.fit):
+        return best
+    return plain if _error_over_noise(plain.fitted, best.fitted) <= SLIGHT else best
+
+
+def _named(search: Search, best: WeighedSet, effect: Traceable, sets: Mapping[Key, float]) -> Named:
+    """A member with its probability and those of the effects that could take its place.
+
+    Posterior odds suppose that the equations are true. Where Vuong's test does not tell another
+    effect from the member, its odds are at least those of that test.
+    """
+    mine, alike = inclusion_of(sets)[effect.name], _alike(search, best, effect, sets)
+    odds = {name: share / mine for name, share in alike.items()}
+    formless = {
+        each.name
+        for each in search.candidates
+        if each.traits.guard or (each.traits.general and not effect.traits.general)
+    }
+    for name, each in _rivals(search, best, effect.name, CLEAR).items():
+        if name not in formless:
+            odds[name] = max(each, odds.get(name, 0.0))
+    return _sharing(effect.name, mine + sum(alike.values()), odds)
+
+
+def _sharing(
+    name: str, together: float, odds: Mapping[str, float], spread: float | None = None
+) -> Named:
+    """An effect and its alternatives with their shares of the probability that they have together,
+    by the ``odds`` of each alternative against the effect.
+    """
+    share = together / (1.0 + sum(odds.values()))
+    return Named(name, share, {other: each * share for other, each in odds.items()}, spread)
+
+
+def _alike(
+    search: Search, best: WeighedSet, effect: Traceable, sets: Mapping[Key, float]
+) -> dict[str, float]:
+    """Effects that the records do not tell from a member, with their probabilities."""
+    found: dict[str, float] = {}
+    equal: set[str] = set()
+    traits = effect.traits
+    for key, share in sets.items():
+        if effect.name in key:
+            continue
+        for name in key - best.names:
+            alike = search.alike.get(frozenset((name, effect.name)), 0.0) > ALIKE
+            if alike or name in (*traits.equivalents, *traits.twins, *effect.aliases):
+                found[name] = found.get(name, 0.0) + share
+        new = key - best.names
+        apart = abs(search.visited[key].fitted.fit.cost - best.fitted.fit.cost)
+        if len(key) == len(best.names) and len(new) == 1 and apart < RIVAL:
+            equal |= new & set(traits.equivalents)  # to the data: priors alone tell the two apart
+    least = 0.05 * (1.0 - CERTAIN)
+    return {name: share for name, share in found.items() if share > least or name in equal}
+
+
+def _undecided(search: Search, best: WeighedSet) -> Decision:
+    """No name: what the best set leaves is not noise."""
+    inclusion = inclusion_of(probabilities(search))
+    where = " of data that were not fitted" if is_noise(best.fitted.fit) else ""
+    why = f"with all that was found the residual{where} is not noise"
+    hints = tuple(Named(name, inclusion[name], {}, reason=why) for name in sorted(best.names))
+    root = search.root.fitted
+    return Decision(Verdict.UNEXPLAINED, best.fitted, root, (), hints, (search,))
+
+
+def _beside_discrepancy(white: Search, search: Search, best: WeighedSet) -> Decision:
+    """Beside a discrepancy: what is spread over the records, with the rivals of each."""
+    guards, root = search.problem.guards, search.root.fitted
+    searches = (white, search)
+    best, spread = _by_kinematics(search, *_all_spread(search, best))
+    named = [_sharing(name, 1.0, _rivals(search, best, name), z) for name, z in spread.items()]
+    if not named:
+        return Decision(Verdict.UNEXPLAINED, root, root, (), (), searches)
+    if guards & set(spread):
+        hints = tuple(replace(each, reason=BESIDE_GUARD) for each in named)
+        return Decision(Verdict.UNEXPLAINED, best.fitted, root, (), hints, searches)
+    verdict = (
+        Verdict.PARTIAL if all(each.probability >= 0.5 for each in named) else Verdict.AMBIGUOUS
+    )
+    return Decision(verdict, best.fitted, root, tuple(named), (), searches)
+
+
+def _all_spread(search: Search, best: WeighedSet) -> tuple[WeighedSet, dict[str, float]]:
+    """A set less the members whose evidence is not spread over the records, and z of the others."""
+    while True:
+        without = {name: search.without(best, name) for name in sorted(search.added(best))}
+        spread = {
+            name: math.inf if less is None else vuong(best, less, search.context.interval)
+            for name, less in without.items()
+        }
+        # What lacks most of what it needs goes first.
+        least = min(spread, key=lambda name: spread[name] - spread_asked(search, name), default="")
+        less = without.get(least)
+        if less is None or spread[least] >= spread_asked(search, least):
+            return best, spread
+        best = less
+
+
+def _by_kinematics(
+    search: Search, best: WeighedSet, spread: dict[str, float]
+) -> tuple[WeighedSet, dict[str, float]]:
+    """Of effects that the records do not tell apart, those that the relations between the sensors
+    name: their prior odds are larger. Also z of the members.
+    """
+    known = search.problem.named_by_kinematics
+    for name in sorted(set(spread) - known):
+        rest = best.names - {name}
+        rivals = [
+            one
+            for key, one in search.visited.items()
+            if rest < key
+            and len(key) == len(best.names)
+            and key - rest <= known
+            and vuong(best, one, search.context.interval) < RIVAL
+        ]
+        if rivals:
+            return _all_spread(search, max(rivals, key=lambda one: one.weight))
+    return best, spread
+
+
+def _rivals(
+    search: Search, best: WeighedSet, name: str, clear: float = math.inf
+) -> dict[str, float]:
+    """Effects that Vuong's test does not tell from one, with their odds by its normal law.
+
+    Motion that any record may have may stand beside them or not. What is less likely by ``clear``
+    in the logarithm is told apart.
+    """
+    from scipy.special import ndtr
+
+    rest = best.names - {name}
+    usual = {each.name for each in search.problem.candidates if each.traits.background}
+    found: dict[str, float] = {}
+    for key, other in search.visited.items():
+        new = key - rest
+        new = new - usual if len(new) > 1 else new
+        if name in key or len(new) != 1 or not rest - usual <= key:
+            continue
+        z = vuong(best, other, search.context.interval)
+        if z < RIVAL and 0.0 < best.weight - other.weight < clear:
+            p, rival = float(ndtr(z)), next(iter(new))
+            # The relations between the sensors rest on no equation of forces: they decide then.
+            even = 1.0 if rival in search.problem.named_by_kinematics else 0.0
+            found[rival] = max((1.0 - p) / p, even, found.get(rival, 0.0))
+    return found
+
+
+def _error_over_noise(plain: FittedModel, beside: FittedModel) -> float:
+    """Largest ratio, over the outputs, of a fit's noise to that beside the discrepancy."""
+    without, levels = noise_levels(plain.fit), noise_levels(beside.fit)
+    return max(std / max(levels[name], 1e-300) for name, std in without.items())

@@ -1,0 +1,331 @@
+"""Data that were not fitted: what a fitted model predicts there, and whether what remains is noise.
+
+Two fits of a held-out record: one frozen (only initial states, biases and what belongs to one
+record are fitted), for the errors that are reported; and one with everything else under the
+Gaussian knowledge that training left, for the verdict, since frozen values reject right sets whose
+parameters trade off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ident.process_noise.innovations_model import has_process_noise
+from ident.statistics.intervals import add_normal_equations, inverse_information
+from ident.tracing.context import search_context
+from ident.tracing.diagnosis import Trained
+from ident.tracing.fitted_model import (
+    FitData,
+    FittedModel,
+    Start,
+    Values,
+    belongs_to_record,
+    carried,
+    compiled_with,
+    fit_as_declared,
+    fit_set,
+    levels_of,
+    local_names,
+)
+from ident.tracing.scan import KEPT, starts_at
+from ident.tracing.whiteness import whiteness
+from ident.whole_record.gauss_newton import Fit, fit_whole_records
+from ident.whole_record.layout import FitProblem, Prior, lay_out
+from sim.declaration.model import Model
+from sim.declaration.proposal import Traceable
+from sim.record import Record
+
+COLOURED = 1e-3  # p-value of a residual test below which a residual is looked at once more
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """A fitted model on records that were not fitted: the frozen fit and the one under the
+    training's knowledge.
+    """
+
+    frozen: Fit | None
+    informed: Fit | None
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutData:
+    """Records that are not fitted, with spikes of their inputs mended; empty where there are none.
+
+    ``masks`` ``(m, N)`` a record, True where a sample counts; None where the declared model cannot
+    be simulated on them. ``declared`` : what that model does there.
+    """
+
+    records: Sequence[Record] = ()
+    masks: Sequence[np.ndarray] | None = None
+    declared: HeldOut = HeldOut(None, None)
+
+
+def predicted_by(fitted: FittedModel, held: HeldOutData, *, informed: bool = True) -> HeldOut:
+    """``held_out`` on all of these records; nothing where there are none."""
+    return (
+        held_out(fitted, held.records, held.masks, informed=informed)
+        if held.records
+        else HeldOut(None, None)
+    )
+
+
+def held_out(
+    fitted: FittedModel,
+    records: Sequence[Record],
+    masks: Sequence[np.ndarray] | None,
+    *,
+    informed: bool = True,
+) -> HeldOut:
+    """Fit a fitted model's model to other records, frozen and, if wanted, informed.
+
+    What belongs to one record (events, drifts) is looked for anew in each: an event of the training
+    record need not be there.
+    """
+    frozen = _others(fitted, records, masks).fit_event_by_event()
+    if not informed:
+        return HeldOut(None if frozen is None else frozen.fit, None)
+    freer = (
+        None
+        if frozen is None
+        else _others(fitted, records, masks, training_prior(fitted)).fit(
+            fitted.effects, frozen.values
+        )
+    )
+    if freer is None or doubted(HeldOut(None, freer.fit)):
+        by_event = _others(fitted, records, masks, training_prior(fitted)).fit_event_by_event()
+        freer = min(
+            (each for each in (freer, by_event) if each is not None),
+            key=lambda each: each.fit.cost,
+            default=None,
+        )
+    if (
+        freer is not None
+        and not has_process_noise(fitted.system)
+        and doubted(HeldOut(None, freer.fit))
+    ):
+        prior = prior_where_both_meet(fitted, freer, masks)
+        nearer = (
+            _others(fitted, records, masks, prior).fit_event_by_event()
+            if prior is not None
+            else None
+        )
+        freer = freer if nearer is None or nearer.fit.cost >= freer.fit.cost else nearer
+    if freer is not None and any(belongs_to_record(effect) for effect in fitted.effects):
+        # Where the freer fit found an event, the frozen one may have missed it.
+        again = _others(fitted, records, masks).fit(fitted.effects, freer.values)
+        tries = [each for each in (frozen, again) if each is not None]
+        frozen = min(tries, key=lambda each: each.fit.cost, default=None)
+    return HeldOut(None if frozen is None else frozen.fit, None if freer is None else freer.fit)
+
+
+def doubted(out: HeldOut) -> bool:
+    """Whether what remains on held-out data under training's knowledge is hardly noise."""
+    if out.informed is None:
+        return False
+    return (
+        min((test.p_value for test in whiteness(out.informed, "informed")), default=1.0) < COLOURED
+    )
+
+
+def frozen_on(
+    trained: Trained, declared: Model, records: Sequence[Record], masks: Sequence[np.ndarray] | None
+) -> HeldOut:
+    """What was learnt from other records, frozen on these: initial states, biases and what belongs
+    to one record alone are fitted.
+    """
+    frozen = _Others(trained, declared, records, masks).fit_event_by_event()
+    return HeldOut(None if frozen is None else frozen.fit, None)
+
+
+def _others(
+    fitted: FittedModel,
+    records: Sequence[Record],
+    masks: Sequence[np.ndarray] | None,
+    prior: Prior | None = None,
+) -> _Others:
+    return _Others(
+        fitted.trained,
+        fitted.declared,
+        records,
+        masks,
+        prior,
+        levels_of(fitted) if prior is not None else None,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Others:
+    """Records that were not fitted, and the model that was: its shared parameters frozen there, or
+    free under a prior.
+
+    ``levels`` : noise levels of the fit where it has process noise.
+    """
+
+    trained: Trained
+    declared: Model
+    records: Sequence[Record]
+    masks: Sequence[np.ndarray] | None
+    prior: Prior | None = None
+    levels: Mapping[str, float] | None = None
+
+    def fit(
+        self,
+        effects: Sequence[Traceable],
+        values: Values | None = None,
+        added: Mapping[str, float] | None = None,
+    ) -> FittedModel | None:
+        """The fitted model's set, or a part of it, on these records, begun from values there."""
+        trained, prior = self.trained, self.prior
+        settings = replace(trained.settings, iterations=40, tolerance=1e-3)
+        full, system = compiled_with(self.declared, effects, trained.outputs)
+        known = {name: value for name, value in trained.shared.items() if name in system.parameters}
+        parameters = system.parameters.with_values({**known, **self._usual_biases()})
+        system = replace(system, parameters=parameters.hold(known) if prior is None else parameters)
+        local = [name for effect in effects for name in local_names(effect)]
+        layout = lay_out(self.records, system, settings, local=local, masks=self.masks)
+        begin, guesses = carried(layout, values, added or {})
+        layout = lay_out(self.records, system, settings, local=local, masks=self.masks, start=begin)
+        if prior is not None:
+            layout = replace(layout, prior=prior)
+        # A free simulation has no filter; under training's knowledge the process noise is that of
+        # training.
+        fit = (
+            fit_whole_records(FitProblem(layout), guesses)
+            if prior is None
+            else fit_as_declared(layout, guesses, self.levels)
+        )
+        return (
+            None if fit is None else FittedModel(tuple(effects), self.declared, full, system, fit)
+        )
+
+    def _usual_biases(self) -> dict[str, float]:
+        """Biases of the sensors as the fitted records have them in the mean: trim is among them,
+        far from where a slow motion could begin.
+        """
+        own = self.trained.own
+        names = [name for name in own[0] if name.startswith("bias_")] if own else []
+        return {
+            name: float(np.mean([values[name] for values in own if name in values]))
+            for name in names
+        }
+
+    def fit_event_by_event(self) -> FittedModel | None:
+        """Fit without what belongs to one record, then add that, one after the other, from where
+        the records themselves point to.
+
+        What any record may have is there from the start: without it a fit would bend the rest in
+        its place.
+        """
+        effects = self.trained.effects
+        own = [
+            effect
+            for effect in effects
+            if not effect.traits.background and belongs_to_record(effect)
+        ]
+        present = [effect for effect in effects if effect not in own]
+        slow = {
+            name for effect in effects if effect.traits.background for name in local_names(effect)
+        }
+        best = self.fit(
+            present,
+            None,
+            {name: value for name, value in self.trained.own[0].items() if name in slow},
+        )
+        for effect in own:
+            if best is None:
+                return None
+            best = self._with(best, present, effect, self.trained.own[0])
+            present = [*present, effect]
+        return best if best is None or len(own) < 2 else self._each_placed_again(best, own)
+
+    def _each_placed_again(self, best: FittedModel, own: Sequence[Traceable]) -> FittedModel:
+        """What belongs to one record, each looked for again beside all others: the first was placed
+        while theirs was still unexplained.
+        """
+        for effect in own:
+            rest = [other for other in best.effects if other is not effect]
+            base = self.fit(rest, best.values)
+            if base is None:
+                continue
+            again = self._with(base, rest, effect)
+            # less is the same optimum
+            best = again if again is not None and again.fit.cost < best.fit.cost - 0.5 else best
+        return best
+
+    def _with(
+        self,
+        base: FittedModel,
+        rest: Sequence[Traceable],
+        effect: Traceable,
+        *further: Mapping[str, float],
+    ) -> FittedModel | None:
+        """What belongs to one record added to a fit of ``rest``, from where the records point to
+        and from ``further`` starts: the best of these.
+        """
+        places = [start for _, start in starts_at(base, effect, search_context(base))[:KEPT]]
+        tries = [self.fit([*rest, effect], base.values.with_added(start)) for start in places]
+        tries += [self.fit([*rest, effect], base.values, start) for start in further]
+        return min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)
+
+
+# ---- What training says of the shared parameters
+
+
+def training_prior(fitted: FittedModel) -> Prior:
+    """What training says of the shared parameters: nuisances of its records are projected out."""
+    fit, n = fitted.fit, len(fitted.fit.layout.shared)
+    normal, _ = fit.normal_equations()
+    covariance, _ = inverse_information(normal, fit.theta)
+    information, _ = inverse_information(covariance[:n, :n], np.ones(n))
+    return Prior(np.arange(n), fit.theta[:n].copy(), information)
+
+
+def prior_where_both_meet(
+    fitted: FittedModel, freer: FittedModel, masks: Sequence[np.ndarray] | None
+) -> Prior | None:
+    """What training says of the shared parameters about the point at which it meets the held-out
+    records; None where no such point is found.
+
+    Training may leave open a curved line of parameters, such as a limit times a derivative: its
+    Gaussian holds near its own optimum only.
+    """
+    trained, other = fitted.fit.layout.problems, freer.fit.layout.problems
+    values = Values(
+        fitted.values.shared,
+        (*fitted.values.own, *freer.values.own),
+        (*fitted.values.states, *freer.values.states),
+    )
+    records = [problem.record for problem in (*trained, *other)]
+    valid = [
+        *(problem.valid for problem in trained),
+        *(masks if masks is not None else (problem.valid for problem in other)),
+    ]
+    settings = replace(fitted.fit.layout.settings, iterations=40, tolerance=1e-2, enough=0.1)
+    both = fit_set(
+        FitData(records, valid, fitted.declared, fitted.system.output_names),
+        fitted.effects,
+        settings,
+        Start(values),
+    )
+    if both is None:
+        return None
+    fit, n = both.fit, len(both.fit.layout.shared)
+    normal, gradient = np.zeros((len(fit.theta),) * 2), np.zeros(len(fit.theta))
+    for r, problem in enumerate(fit.layout.problems[: len(trained)]):
+        weight = np.where(problem.valid, 1.0 / fitted.fit.variance[:, None], 0.0)
+        add_normal_equations(
+            normal, gradient, fit.layout.columns(r), fit.jacobians[r], fit.residuals[r], weight
+        )
+    own = n + len(trained) * fit.layout.own
+    inside, scale = normal[:own, :own], np.sqrt(np.maximum(np.diag(normal)[:own], 1e-300))
+    covariance, _ = inverse_information(inside, fit.theta[:own])
+    step = (
+        np.linalg.lstsq(inside / np.outer(scale, scale), gradient[:own] / scale, rcond=1e-10)[0]
+        / scale
+    )
+    information, _ = inverse_information(covariance[:n, :n], np.ones(n))
+    return Prior(np.arange(n), fit.theta[:n] + step[:n], information)

@@ -1,0 +1,198 @@
+"""The one predictive test: are data that were not fitted more probable with what is claimed?"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.process_noise.filter_error import noise_levels, predictive_log_likelihood
+from ident.process_noise.innovations_model import has_process_noise
+from ident.statistics.noise_levels import final_spikes
+from ident.tracing.diagnosis import ErrorFigures, Prediction, Trained
+from ident.tracing.fitted_model import FittedModel, local_names
+from ident.tracing.held_out import HeldOut, HeldOutData, frozen_on
+from ident.tracing.wrong_samples import held_out_masks, measured_masks, with_mended
+from ident.whole_record.gauss_newton import Fit
+from sim.declaration.model import Model
+from sim.record import Record
+
+
+def predictive_gains(
+    less: FittedModel, more: FittedModel, held: HeldOutData, out: HeldOut
+) -> tuple[float, ...]:
+    """Rise of the log density of held-out data from one fitted set to another.
+
+    Of free simulations where neither has process noise, all records together; else of predictions
+    one step ahead, record by record: a free simulation cannot tell of random loads.
+
+    Parameters
+    ----------
+    less, more : fitted to the same records. held : the data. out : what ``more`` predicts there.
+
+    Returns
+    -------
+    The rises; minus infinity where ``more`` cannot be simulated; empty without held-out data.
+    """
+    if not held.records:
+        return ()
+    if out.frozen is None:
+        return (-math.inf,)
+    if held.declared.frozen is None:
+        return (math.inf,)
+    if not has_process_noise(more.system):
+        return (held.declared.frozen.cost - out.frozen.cost,)
+    gains = []
+    masks = [problem.valid for problem in (out.informed or out.frozen).layout.problems]
+    begin = _own_values(more, out)
+    for record, mask, start in zip(held.records, masks, begin, strict=True):
+        settings = more.fit.layout.settings
+        total = [
+            predictive_log_likelihood(
+                [record],
+                fitted.system,
+                fitted.values.shared,
+                noise_levels(fitted.fit),
+                settings,
+                local=[name for effect in fitted.effects for name in local_names(effect)],
+                masks=[mask],
+                begin=[start if fitted is more else {}],
+            )
+            for fitted in (less, more)
+        ]
+        gains.append(total[1] - total[0] if math.isfinite(total[0]) else math.inf)
+    return tuple(gains)
+
+
+def _own_values(fitted: FittedModel, out: HeldOut) -> list[dict[str, float]]:
+    """Of each held-out record what it has of its own: an event begins where it was found there."""
+    fit = out.informed or out.frozen
+    assert fit is not None
+    layout = fit.layout
+    names = {name for effect in fitted.effects for name in local_names(effect)}
+    found = []
+    for r in range(len(layout.problems)):
+        mine = layout.columns(r)[len(layout.shared) :]
+        values = zip(layout.local, mine, strict=False)
+        found.append({name: float(fit.theta[at]) for name, at in values if name in names})
+    return found
+
+
+# ---- A record that took no part in a search
+
+
+def spike_masks_of(fit: Fit, masks: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Validity of held-out samples with isolated spikes set aside, for error figures only."""
+    system = fit.layout.system
+    every = zip(masks, fit.layout.problems, fit.lines, strict=True)
+    everything = [np.where(mask, problem.z - line.y, 0.0) for mask, problem, line in every]
+    blocked = [np.zeros(residual.shape[1], dtype=bool) for residual in everything]
+    kept, _ = final_spikes([], system.output_names, everything, list(masks), blocked)
+    return [mask & keep for mask, keep in zip(masks, kept, strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class Predicted:
+    """The free simulations before and after, and their errors.
+
+    Attributes
+    ----------
+    predictions : of each part of the record. before, after : errors of all parts together.
+    counted : samples of each part that count in the errors, ``(m, N)`` in the order of the
+        prediction's channels.
+    finite : False where what was found cannot be simulated on this record.
+    """
+
+    predictions: tuple[Prediction, ...]
+    before: ErrorFigures
+    after: ErrorFigures
+    counted: tuple[np.ndarray, ...]
+    finite: bool
+
+
+def predict(
+    before: Trained,
+    after: Trained,
+    declared: Model,
+    parts: Sequence[Record],
+    spiked: Sequence[str] = (),
+) -> Predicted:
+    """Predict a record, or its parts between gaps, with the declared model as fitted, and with the
+    effects found.
+
+    All is frozen but initial states, biases and events, which each part has for itself.
+    ``declared`` has its biases, prepared as for the fit;
+    ``spiked`` inputs are mended.
+    """
+    outputs = after.outputs
+    mended = [with_mended(part, spiked) for part in parts]
+    masks = held_out_masks(frozen_on(before, declared, mended, None), mended, outputs)
+    fits = [frozen_on(trained, declared, mended, masks).frozen for trained in (before, after)]
+    channels = tuple(name for name in outputs if any(name in part.output_names for part in parts))
+    rows = [
+        [prediction(fit, number, part, channels) for number, part in enumerate(parts)]
+        for fit in fits
+    ]
+    every = (
+        spike_masks_of(fits[1], measured_masks(parts, outputs))
+        if fits[1] is not None
+        else measured_masks(parts, outputs)
+    )
+    counted = tuple(mask[[*map(outputs.index, channels)]] for mask in every)
+    figures = [error_figures(of_fit, parts, counted, channels) for of_fit in rows]
+    predictions = tuple(
+        Prediction(part, channels, rows[0][number], rows[1][number])
+        for number, part in enumerate(parts)
+    )
+    return Predicted(predictions, figures[0], figures[1], counted, fits[1] is not None)
+
+
+# ---- Errors of a free simulation
+
+
+def prediction(
+    fit: Fit | None, record_number: int, record: Record, channels: Sequence[str]
+) -> np.ndarray:
+    """Free simulation at every row of a record, ``(m, N)``; where the fit failed the mean of the
+    measurement, zero without one."""
+    if fit is not None:
+        rows = dict(zip(fit.layout.system.output_names, fit.lines[record_number].y, strict=True))
+        return np.array([rows[name] for name in channels])
+    means = [
+        float(record[name].values[record[name].valid].mean())
+        if name in record.output_names
+        else 0.0
+        for name in channels
+    ]
+    return np.array([np.full(len(record), mean) for mean in means])
+
+
+def error_figures(
+    predictions: Sequence[np.ndarray],
+    records: Sequence[Record],
+    masks: Sequence[np.ndarray],
+    channels: Sequence[str],
+) -> ErrorFigures:
+    """RMSE, NRMSE (over the measured spread), R squared and Theil's inequality coefficient, samples
+    set aside left out.
+    """
+    rmse, nrmse, r2, theil = {}, {}, {}, {}
+    for i, name in enumerate(channels):
+        pairs = [
+            (p[i][mask[i]], record[name].values[mask[i]])
+            for p, record, mask in zip(predictions, records, masks, strict=True)
+            if name in record.output_names
+        ]
+        p, z = np.concatenate([a for a, _ in pairs]), np.concatenate([b for _, b in pairs])
+        if z.size == 0:
+            continue
+        error = float(np.sqrt(np.mean((z - p) ** 2)))
+        spread = float(np.std(z))
+        rmse[name] = error
+        nrmse[name] = error / spread if spread > 0 else 0.0
+        r2[name] = 1.0 - (error / spread) ** 2 if spread > 0 else 0.0
+        size = float(np.sqrt(np.mean(z**2)) + np.sqrt(np.mean(p**2)))
+        theil[name] = error / size if size > 0 else 0.0
+    return ErrorFigures(rmse, nrmse, r2, theil)

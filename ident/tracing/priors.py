@@ -1,0 +1,159 @@
+"""Prior knowledge: of declared derivatives, of an effect's parameters, and of sets of effects."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.tracing.fitted_model import FittedModel
+from sim.declaration.effect import Parameter, full_name
+from sim.declaration.proposal import SearchContext, Traceable
+
+DECLARED = 0.3  # one sigma of a derivative of the vehicle file, as a share of it
+ODDS = 0.03  # of one family of effects against its absence: one cause in thirty comes to mind
+FEWEST = 5  # members that a family's odds are shared by at least: a lone member is not likelier
+OUTSIDE = 0.1  # odds of a guard over those of an effect: the form of no known cause
+EXPECTED = 0.5  # odds of motion that any record may have, and of what kinematics alone name
+UNLIMITED = 1e5  # the value of a limit that is absent is larger than this
+WIDE = 3.0  # factor of one sigma: a limit about where it was found, a curve about its declared size
+
+
+@dataclass(frozen=True)
+class NormalPrior:
+    """A Gaussian prior; ``one_sided`` where the value lies on one side of ``mean`` only."""
+
+    mean: float
+    sigma: float
+    one_sided: bool = False
+
+
+def prior_of(
+    effect: Traceable, item: Parameter, value: float, context: SearchContext
+) -> NormalPrior:
+    """Prior of an effect's parameter that a search has found at ``value``.
+
+    An amplitude lies about the effect's absence, by its declared size. A limit is known to a
+    factor. A time of an event may be anywhere in the record.
+    """
+    if item.name == effect.traits.onset:
+        return NormalPrior(value, context.duration / 3.5)
+    absent = effect.absent.get(item.name)
+    if absent is None:
+        if math.isfinite(item.prior_std):
+            return NormalPrior(item.value, item.prior_std)
+        return NormalPrior(value, max(abs(value), abs(item.value), 1e-6))
+    if abs(absent) > UNLIMITED:
+        return NormalPrior(value, max(abs(value), 1e-6) * math.log(WIDE))
+    if math.isfinite(item.prior_std):
+        return NormalPrior(absent, item.prior_std)
+    size = effect.traits.usual.get(item.name, abs(item.value - absent))
+    if item.name.startswith("shape"):
+        size *= WIDE
+    return NormalPrior(absent, max(size, 1e-9), absent in item.bounds)
+
+
+def family(name: str) -> str:
+    """The family that an effect's prior odds are shared in: its name without a channel."""
+    return name.partition(":")[0]
+
+
+def family_sizes(candidates: Iterable[Traceable]) -> Mapping[str, int]:
+    """Number of members of each family of effects."""
+    return Counter(family(name) for name in {candidate.name for candidate in candidates})
+
+
+def log_odds(
+    effects: Iterable[Traceable], families: Mapping[str, int], kinematic: Collection[str] = ()
+) -> float:
+    """Logarithm of the prior odds of a set of effects against the empty set.
+
+    Parameters
+    ----------
+    effects : the set. families : number of members of each family (``family_sizes``).
+    kinematic : names of effects that the relations between the sensors alone name.
+    """
+    total = 0.0
+    for effect in effects:
+        if effect.traits.background or effect.name in kinematic:
+            total += math.log(EXPECTED)
+        else:
+            shared = max(FEWEST, families.get(family(effect.name), 1))
+            total += math.log(ODDS * (OUTSIDE if effect.traits.guard else 1.0) / shared)
+    return total
+
+
+def half_normal_factor(mean: float, sigma: float) -> float:
+    """Logarithm of the share of a Gaussian posterior on the allowed side, and of the prior's two.
+
+    ``mean`` counts from the bound, positive inside; ``sigma`` of the posterior.
+    """
+    from scipy.special import log_ndtr
+
+    return math.log(2.0) + float(log_ndtr(mean / max(sigma, 1e-300)))
+
+
+def log_mass(mean: float, sigma: float, low: float, high: float) -> float:
+    """Logarithm of the share of a Gaussian posterior between two values.
+
+    That of the nearer end's tail stands for it: the other end is far away.
+    """
+    from scipy.special import log_ndtr
+
+    return float(min(log_ndtr((high - mean) / sigma), log_ndtr((mean - low) / sigma)))
+
+
+def declared_sigma(value: float) -> float:
+    """One sigma of a declared derivative; infinite where the file has zero, which tells no size."""
+    return DECLARED * abs(value) if value else np.inf
+
+
+@dataclass(frozen=True, eq=False)
+class SetPrior:
+    """Prior of the unknowns of a fitted set, as offsets from the fit.
+
+    Attributes
+    ----------
+    mean, precision : ``(n,)``; zero precision where it is flat. constant : sum of ln(1/sigma).
+    one_sided : position, side (1 or -1) and bound. ranges : position and ends of what is believed.
+    """
+
+    mean: np.ndarray
+    precision: np.ndarray
+    constant: float
+    one_sided: tuple[tuple[int, float, float], ...]
+    ranges: tuple[tuple[int, float, float], ...] = ()
+
+
+def set_prior(fitted: FittedModel, context: SearchContext) -> SetPrior:
+    """Prior of all unknowns of a fitted set; that of biases and initial states is flat."""
+    fit = fitted.fit
+    mean, precision, constant = np.zeros(len(fit.theta)), np.zeros(len(fit.theta)), 0.0
+    effects = {full_name(e, i.name): (e, i) for e in fitted.effects for i in e.parameters if i.free}
+    one_sided: list[tuple[int, float, float]] = []
+    ranges: list[tuple[int, float, float]] = []
+    for at, name in enumerate(fit.layout.names):
+        plain, value = name.partition(", record")[0], float(fit.theta[at])
+        if plain in effects:
+            effect, item = effects[plain]
+            believed = effect.traits.plausible.get(item.name)
+            if believed is not None:
+                ranges.append((at, believed[0] - value, believed[1] - value))
+            known = prior_of(effect, item, value, context)
+            centre, sigma = known.mean, known.sigma
+            if known.one_sided:
+                one_sided.append(
+                    (at, 1.0 if item.bounds[0] == known.mean else -1.0, known.mean - value)
+                )
+        elif plain.startswith("bias_") or plain.endswith("(0)"):
+            continue
+        else:
+            item = fitted.declared.parameters[plain]
+            centre, sigma = item.value, declared_sigma(item.value)
+        if np.isfinite(sigma):
+            mean[at], precision[at] = centre - value, sigma**-2.0
+            constant -= math.log(sigma)
+    return SetPrior(mean, precision, constant, tuple(one_sided), tuple(ranges))

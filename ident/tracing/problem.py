@@ -1,0 +1,129 @@
+"""What one search works on. It never changes: other records or other masks make another problem."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ident.tracing.fitted_model import FitData, FittedModel, fit_set, start_from
+from ident.tracing.settings import TraceSettings
+from ident.whole_record.layout import FitSettings
+from sim.declaration.effect import NoiseEffect
+from sim.declaration.model import Model
+from sim.declaration.proposal import Traceable
+from sim.record import Record
+
+TO_THE_END = 300  # iterations: where parameters trade off a fit takes up to 200
+SETTLED = 1e-6  # of log likelihood: a step that gains less moves nothing by more than 0.0015 sigmas
+CREEPING = 0.02  # the same where noise levels are unknowns, which creep: 0.2 sigmas
+
+
+def untold(text: str, share: float) -> None:
+    """A progress that nobody follows."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Ended:
+    """A fit to the end, and what was asked for: the form of a claimed curve is asked for twice,
+    when sets are compared and when sigmas are told.
+    """
+
+    start: FittedModel | None
+    effects: tuple[Traceable, ...]
+    added: Mapping[str, float]
+    fitted: FittedModel | None
+
+
+@dataclass(frozen=True, eq=False)
+class TraceProblem:
+    """Records, the samples that count, the declared model, and what may be added to it.
+
+    ``masks`` ``(m, N)`` a record, True where a sample counts. ``candidates`` : effects and guards.
+    ``predicted`` : records that will be predicted; only the ranges they fly through are used.
+    ``least_noise`` : by output, smallest measurement noise. ``kinematic`` : effects that the
+    relations between the sensors alone name: of each the names that these do not tell apart, the
+    likeliest first. ``progress`` is told what is done, and
+    which share of the work that is.
+    """
+
+    records: Sequence[Record]
+    masks: Sequence[np.ndarray]
+    model: Model
+    candidates: Sequence[Traceable]
+    outputs: Sequence[str]
+    settings: TraceSettings
+    predicted: Sequence[Record] = ()
+    progress: Callable[[str, float], None] = untold
+    least_noise: Mapping[str, float] = field(default_factory=dict)
+    kinematic: tuple[tuple[str, ...], ...] = ()
+    _ended: list[_Ended] = field(default_factory=list, init=False, repr=False)
+
+    @property
+    def guards(self) -> frozenset[str]:
+        """Names of the candidates that compete and can never be claimed."""
+        return frozenset(candidate.name for candidate in self.candidates if candidate.traits.guard)
+
+    @property
+    def named_by_kinematics(self) -> frozenset[str]:
+        """All names that the relations between the sensors alone name."""
+        return frozenset(name for group in self.kinematic for name in group)
+
+    @property
+    def data(self) -> FitData:
+        """What sets are fitted to."""
+        return FitData(self.records, self.masks, self.model, self.outputs, self.least_noise)
+
+    @property
+    def roughly(self) -> FitSettings:
+        """How a set is fitted that is only compared: twice the step moves no output of an aircraft
+        by a hundredth of its noise.
+        """
+        return FitSettings(
+            max_step=2.0 * self.settings.max_step,
+            iterations=14,
+            tolerance=0.03,
+            enough=0.2,
+            quick=True,
+        )
+
+    def fit(
+        self,
+        effects: Sequence[Traceable],
+        start: FittedModel | None,
+        added: Mapping[str, float] | None = None,
+        *,
+        rough: bool = False,
+    ) -> FittedModel | None:
+        """Fit a set from another one's values; roughly while searching, to the end for what is
+        kept. None where no cost is finite. Without a start the declared model is
+        fitted once.
+        """
+        if rough:
+            return self._fit(effects, self.roughly, start, added)
+        asked = (start, tuple(effects), dict(added or {}))
+        for one in reversed(self._ended):
+            same = one.start is start or (start is None and not effects)
+            if same and (one.effects, one.added) == asked[1:]:
+                return one.fitted
+        random = any(isinstance(effect, NoiseEffect) for effect in effects)
+        enough = CREEPING if random else SETTLED
+        settings = FitSettings(self.settings.max_step, iterations=TO_THE_END, enough=enough)
+        self._ended.append(_Ended(*asked, self._fit(effects, settings, start, added)))
+        return self._ended[-1].fitted
+
+    def _fit(
+        self,
+        effects: Sequence[Traceable],
+        settings: FitSettings,
+        start: FittedModel | None,
+        added: Mapping[str, float] | None,
+    ) -> FittedModel | None:
+        return fit_set(self.data, effects, settings, start_from(start, added))
+
+    def with_masks(self, masks: Sequence[np.ndarray]) -> TraceProblem:
+        """The same question with other samples set aside: another problem, to which no earlier fit
+        belongs.
+        """
+        return replace(self, masks=tuple(masks))

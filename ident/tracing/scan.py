@@ -1,0 +1,510 @@
+"""Every candidate at a fitted set of effects: what it would add to the outputs, and its gain.
+
+All of it is linear-Gaussian: the signatures of the candidates (changes of the outputs) are
+whitened, projected off the unknowns of the set, and have a Gaussian prior on their factors.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.tracing.evidence import ROUNDING, ColouredNoise
+from ident.tracing.fitted_model import FittedModel, belongs_to_record
+from ident.tracing.priors import SetPrior, prior_of, set_prior
+from ident.tracing.signatures import motions_of, signatures_of
+from sim.declaration.effect import NoiseEffect, full_name
+from sim.declaration.proposal import Probe, SearchContext, Traceable, fitted_to
+from sim.errors import ModelError
+
+PLACES = 60  # over the record, for effects that may begin anywhere
+SHARP_PLACES = 2000  # over the record, for a step of one output
+AMPLITUDE = 0.4  # one sigma of a placed size about the place, as a share
+KEPT = 2  # places of a candidate
+LARGEST = 1e6  # of a signature: beyond it a simulation ran away
+
+
+# An effect with its probes and the signatures of each, ``(m, N, k)`` a record.
+Shown = tuple[Traceable, Sequence[tuple[Probe, list[np.ndarray]]]]
+
+
+@dataclass(frozen=True, eq=False)
+class Lead:
+    """One placed alternative of a candidate.
+
+    Attributes
+    ----------
+    columns : ``(D, k)`` whitened, all records and outputs below each other.
+    probes : where it is placed, one a record; None where it is absent. shifts : in samples.
+    mean, sigma : ``(k,)`` prior of the columns' factors. own : ``(k,)`` the record that a column
+        belongs to, -1 where all share its factor.
+    price : log prior probability of its place. gain : of log evidence, alone.
+    """
+
+    effect: Traceable
+    columns: np.ndarray
+    probes: tuple[Probe | None, ...]
+    shifts: tuple[int, ...]
+    mean: np.ndarray
+    sigma: np.ndarray
+    own: np.ndarray
+    price: float
+    gain: float
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A fitted set, whitened.
+
+    Attributes
+    ----------
+    root : ``(D, n)`` with root root' = A P^-1 A', A the sensitivities, P the posterior's precision.
+    e : ``(D,)`` residual at the posterior's mode. rows : those of each record.
+    whiten : of a record's number, columns ``(c, a, N)`` and the ``a`` outputs that they belong to
+        makes whitened ones ``(c, a N)``. separate : whether outputs are whitened one by one.
+    """
+
+    root: np.ndarray
+    e: np.ndarray
+    rows: tuple[slice, ...]
+    whiten: Callable[[int, np.ndarray, np.ndarray | slice], np.ndarray]
+    separate: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A signature at one place of one record: whitened ``columns (k, a N)`` of the outputs that it
+    changes, whose ``rows`` of the record they are, prior of the factors.
+    """
+
+    gain: float
+    probe: Probe
+    shift: int
+    columns: np.ndarray
+    rows: np.ndarray
+    mean: np.ndarray
+    sigma: np.ndarray
+
+
+def prepared(fitted: FittedModel, prior: SetPrior) -> Prepared:
+    """Whiten a set that is fitted under white noise, or with process noise."""
+    fit, layout = fitted.fit, fitted.fit.layout
+    n = len(fit.theta)
+    noise = ColouredNoise(fit)
+    residuals, sensitivities, rows, at = [], [], [], 0
+    for r, problem in enumerate(layout.problems):
+        size = problem.valid.size
+        residuals.append(noise.residual(r).ravel())
+        block = np.zeros((size, n))
+        block[:, layout.columns(r)] = noise.sensitivities(r).reshape(size, -1)
+        sensitivities.append(block)
+        rows.append(slice(at, at + size))
+        at += size
+    e, A = np.concatenate(residuals), np.concatenate(sensitivities)
+    precision = A.T @ A + np.diag(prior.precision)
+    right = A.T @ e + prior.precision * prior.mean
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(precision), 1e-300))
+    lower = np.linalg.cholesky(precision * np.outer(scale, scale) + ROUNDING * np.eye(n))
+    root = np.linalg.solve(lower, (A * scale).T).T
+    offset = scale * np.linalg.solve(lower.T, np.linalg.solve(lower, scale * right))
+
+    separate = not fit.noise_model.names
+
+    def whiten(r: int, columns: np.ndarray, outputs: np.ndarray | slice) -> np.ndarray:
+        valid = layout.problems[r].valid[outputs]
+        made = np.where(valid, columns, 0.0)
+        if separate:
+            made /= np.sqrt(fit.variance)[outputs][:, None]
+        else:
+            made = np.moveaxis(fit.whiten(r, np.moveaxis(made, 0, 2)), 2, 0)
+            made = np.where(valid, made, 0.0)
+        return noise.whitened(r, made, outputs).reshape(len(columns), -1)
+
+    return Prepared(root, e - A @ offset, tuple(rows), whiten, separate)
+
+
+def closed_forms(
+    grams: np.ndarray, with_e: np.ndarray, mean: np.ndarray, sigma: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Gains of log evidence by columns with factors N(mean, sigma^2), at several places.
+
+    Parameters
+    ----------
+    grams : ``(p, k, k)`` and with_e : ``(p, k)`` of ``k`` columns at ``p`` places, projected off
+        the set's own unknowns. mean, sigma : ``(k,)``.
+
+    Returns
+    -------
+    Gains ``(p,)`` and posterior means ``(p, k)`` of the factors.
+    """
+    S = grams + np.diag(sigma**-2.0)
+    h = with_e + mean / sigma**2
+    scale = 1.0 / np.sqrt(np.maximum(np.einsum("pkk->pk", S), 1e-300))
+    inside = S * scale[:, :, None] * scale[:, None, :] + ROUNDING * np.eye(S.shape[1])
+    values, vectors = np.linalg.eigh(inside)
+    values = np.maximum(values, 1e-2 * ROUNDING)
+    turned = np.einsum("pji,pj->pi", vectors, scale * h)
+    gain = 0.5 * np.sum(turned**2 / values, axis=1) - 0.5 * float(np.sum((mean / sigma) ** 2))
+    gain -= 0.5 * np.sum(np.log(values), axis=1) - np.sum(np.log(scale), axis=1)
+    gain -= float(np.sum(np.log(sigma)))
+    return gain, scale * np.einsum("pij,pj->pi", vectors, turned / values)
+
+
+def shown_by(
+    fitted: FittedModel, candidates: Sequence[Traceable], context: SearchContext
+) -> dict[int, Shown]:
+    """Signatures of all candidates about a fitted set, those that ran away left out.
+
+    By the place of a candidate: several forms of an effect have one name.
+    """
+    motions = motions_of(fitted)
+    found: dict[int, Shown] = {}
+    for place, candidate in enumerate(candidates):
+        if candidate.name in fitted.names or isinstance(candidate, NoiseEffect):
+            continue
+        effect = fitted_to(candidate, context)
+        probes = tuple(effect.probes(context))
+        if not probes:
+            continue
+        try:
+            signatures = signatures_of(fitted, motions, effect, probes)
+        except (ModelError, FloatingPointError):
+            continue
+        usable = [
+            (probe, parts)
+            for probe, parts in zip(probes, signatures, strict=True)
+            if all(np.all(np.abs(part) < LARGEST) for part in parts)
+        ]
+        if usable:
+            found[place] = (effect, usable)
+    return found
+
+
+def leads_of(
+    fitted: FittedModel, ready: Prepared, shown: Sequence[Shown], context: SearchContext
+) -> list[Lead]:
+    """Leads of all signatures of effects that are not in the set: of each its best places."""
+    absent = [(effect, usable) for effect, usable in shown if effect.name not in fitted.names]
+    return [lead for effect, usable in absent for lead in _leads(ready, effect, usable, context)]
+
+
+def factors_prior(
+    effect: Traceable, probe: Probe, context: SearchContext
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and sigma ``(k,)`` of the factors of a probe's columns."""
+    if not probe.slopes:
+        return np.ones(1), np.full(1, AMPLITUDE)
+    items = {item.name: item for item in effect.parameters}
+    means, sigmas = [], []
+    for local in probe.slopes:
+        known = prior_of(effect, items[local], probe.values[local], context)
+        means.append(known.mean - probe.values[local])
+        sigmas.append(known.sigma)
+    return np.array(means), np.array(sigmas)
+
+
+def _possible(effect: Traceable, probe: Probe, factors: np.ndarray) -> bool:
+    """Whether the factors point the physical way."""
+    if not probe.slopes:
+        return bool(factors[0] > 0.0)
+    if len(probe.slopes) > 1:
+        return True
+    item = next(item for item in effect.parameters if item.name == probe.slopes[0])
+    low, high = item.bounds
+    value = probe.values[item.name]
+    return not (value <= low and factors[0] < 0.0) and not (value >= high and factors[0] > 0.0)
+
+
+def _leads(
+    ready: Prepared,
+    effect: Traceable,
+    usable: Sequence[tuple[Probe, list[np.ndarray]]],
+    context: SearchContext,
+) -> list[Lead]:
+    records = len(ready.rows)
+    if belongs_to_record(effect):
+        places = [_placed(ready, effect, usable, context, r) for r in range(records)]
+        return _joined(ready, effect, places)
+    out = []
+    for probe, parts in usable:
+        rows = [
+            ready.whiten(r, np.moveaxis(part, 2, 0), slice(None)) for r, part in enumerate(parts)
+        ]
+        W = np.concatenate(rows, axis=1).T
+        mean, sigma = factors_prior(effect, probe, context)
+        B = ready.root.T @ W
+        gains, factors = closed_forms((W.T @ W - B.T @ B)[None], (W.T @ ready.e)[None], mean, sigma)
+        if _possible(effect, probe, factors[0]):
+            own = np.full(len(sigma), -1)
+            price = -math.log(len(usable))
+            same, still = (probe,) * records, (0,) * records
+            out.append(Lead(effect, W, same, still, mean, sigma, own, price, float(gains[0])))
+    return sorted(out, key=lambda lead: -lead.gain)[:KEPT]
+
+
+def _placed(
+    ready: Prepared,
+    effect: Traceable,
+    usable: Sequence[tuple[Probe, list[np.ndarray]]],
+    context: SearchContext,
+    r: int,
+) -> list[Place]:
+    """Places of an effect in one record."""
+    out: list[Place] = []
+    for probe, parts in usable:
+        known = factors_prior(effect, probe, context)
+        count = parts[r].shape[1]
+        # The likelihood of an event has local optima: places near the best are tried as well, and
+        # those of a step of one output are close everywhere.
+        places = SHARP_PLACES if probe.sharp and ready.separate else PLACES
+        step = max(1, count // places)
+        coarse = list(range(0, count - 3, step)) if probe.shifts else [0]
+        found = _at_shifts(ready, effect, r, parts[r], probe, known, coarse)
+        if probe.shifts and found and step > 1:
+            best = max(found, key=lambda place: place.gain).shift
+            apart = max(1, 2 * step // PLACES)
+            near = range(max(best - step + 1, 0), min(best + step, count - 3), apart)
+            inside = [each for each in near if each != best]
+            fine = _at_shifts(ready, effect, r, parts[r], probe, known, inside)
+            found += sorted(fine, key=lambda place: -place.gain)[:1]
+        out += found
+    return out
+
+
+def _at_shifts(
+    ready: Prepared,
+    effect: Traceable,
+    r: int,
+    own: np.ndarray,
+    probe: Probe,
+    known: tuple[np.ndarray, np.ndarray],
+    shifts: Sequence[int],
+) -> list[Place]:
+    """A signature ``own (m, N, k)`` of record ``r`` begun later by some numbers of samples."""
+    (m, count, k), (mean, sigma) = own.shape, known
+    outputs = np.flatnonzero(np.any(own != 0.0, axis=(1, 2))) if ready.separate else np.arange(m)
+    if not len(outputs):
+        return []  # it changes no output of this record
+    rows = (outputs[:, None] * count + np.arange(count)).ravel()
+    root, e = ready.root[ready.rows[r]][rows], ready.e[ready.rows[r]][rows]
+    moved = np.zeros((len(shifts), k, len(outputs), count))
+    columns = np.moveaxis(own[outputs], 2, 0)
+    for number, shift in enumerate(shifts):
+        moved[number, :, :, shift:] = columns[:, :, : count - shift]
+    W = ready.whiten(r, moved.reshape(-1, len(outputs), count), outputs)
+    W = W.reshape(len(shifts), k, -1)
+    inside = (W.reshape(len(shifts) * k, -1) @ root).reshape(len(shifts), k, -1)
+    grams = W @ W.swapaxes(1, 2) - inside @ inside.swapaxes(1, 2)
+    gains, factors = closed_forms(grams, W @ e, mean, sigma)
+    return [
+        Place(float(gains[number]), probe, shift, W[number], rows, mean, sigma)
+        for number, shift in enumerate(shifts)
+        if _possible(effect, probe, factors[number])
+    ]
+
+
+def _joined(ready: Prepared, effect: Traceable, places: Sequence[Sequence[Place]]) -> list[Lead]:
+    """The best place in each record as one lead.
+
+    An event is in a record or not with even odds, and is left out where it brings nothing.
+    """
+    event = bool(effect.traits.onset)
+    chosen: list[Place | None] = []
+    price = gain = 0.0
+    for options in places:
+        if not options and not event:
+            return []
+        best = max(options, key=lambda place: place.gain, default=None)
+        mean = -1.0
+        if options:
+            gains = [place.gain for place in options]
+            mean = float(np.logaddexp.reduce(gains)) - math.log(len(gains))
+        price += math.log(0.5) if event else 0.0
+        if best is None or (event and mean <= 0.0):
+            chosen.append(None)
+            continue
+        price += mean - best.gain
+        gain += best.gain
+        chosen.append(best)
+    there = [(r, place) for r, place in enumerate(chosen) if place is not None]
+    if not there:
+        return []
+    blocks = []
+    for r, place in there:
+        block = np.zeros((len(ready.e), len(place.columns)))
+        block[ready.rows[r].start + place.rows] = place.columns.T
+        blocks.append(block)
+    return [
+        Lead(
+            effect,
+            np.concatenate(blocks, axis=1),
+            tuple(place.probe if place is not None else None for place in chosen),
+            tuple(place.shift if place is not None else 0 for place in chosen),
+            np.concatenate([place.mean for _, place in there]),
+            np.concatenate([place.sigma for _, place in there]),
+            np.concatenate([np.full(len(place.sigma), r) for r, place in there]),
+            price,
+            gain,
+        )
+    ]
+
+
+def starts_of(
+    lead: Lead, factors: np.ndarray, records: int, interval: float
+) -> list[dict[str, float]]:
+    """Values of a lead's parameters to begin a fit with, by full name, one mapping a record."""
+    effect = lead.effect
+    bounds = {item.name: item.bounds for item in effect.parameters}
+    absent = {item.name: effect.absent.get(item.name, item.value) for item in effect.parameters}
+    out = []
+    for r in range(records):
+        probe = lead.probes[r]
+        values = dict(absent)
+        if probe is not None:
+            mine = factors if not belongs_to_record(effect) else factors[lead.own == r]
+            values |= dict(probe.values)
+            if probe.shifts:
+                values[effect.traits.onset] += lead.shifts[r] * interval
+            for local, change in zip(probe.slopes, mine.tolist(), strict=False):
+                values[local] += change
+        out.append(
+            {
+                full_name(effect, local): float(np.clip(value, *bounds[local]))
+                for local, value in values.items()
+            }
+        )
+    return out
+
+
+# ---- Sets of leads, weighed in closed form
+
+BEAM = 10  # sets of each size that are extended
+TRIED = 30  # leads that take part
+
+
+@dataclass(frozen=True, eq=False)
+class LinearSet:
+    """A set of leads.
+
+    Attributes
+    ----------
+    gain : of log evidence. weight : the same with the prior odds of the leads and their places.
+    factors : of each lead's columns, at the posterior's mean.
+    """
+
+    leads: tuple[Lead, ...]
+    gain: float
+    weight: float
+    factors: tuple[np.ndarray, ...]
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Names of the effects that it adds."""
+        return frozenset(lead.effect.name for lead in self.leads)
+
+
+def weighed_sets(
+    ready: Prepared,
+    leads: Sequence[Lead],
+    odds: Callable[[Lead], float],
+    together: Callable[[Lead, Lead], bool],
+    depth: int,
+) -> tuple[list[LinearSet], Mapping[frozenset[str], float]]:
+    """Sets of up to ``depth`` leads, the weightiest first, and how alike pairs of effects are.
+
+    Parameters
+    ----------
+    ready : the fitted set at which the leads were found. odds : log prior odds of a lead.
+    together : whether two leads may be in one set.
+
+    Returns
+    -------
+    The sets, and the largest cosine between what two effects would add, by their names.
+    """
+    ranked = sorted(leads, key=lambda lead: -(lead.gain + lead.price + odds(lead)))[:TRIED]
+    if not ranked:
+        return [], {}
+    columns = np.concatenate([lead.columns for lead in ranked], axis=1)
+    B = ready.root.T @ columns
+    gram, with_e = columns.T @ columns - B.T @ B, columns.T @ ready.e
+    ends = np.cumsum([lead.columns.shape[1] for lead in ranked])
+    at = [
+        np.arange(end - lead.columns.shape[1], end) for end, lead in zip(ends, ranked, strict=True)
+    ]
+    prior = [lead.price + odds(lead) for lead in ranked]
+
+    def made(members: tuple[int, ...]) -> LinearSet:
+        where = np.concatenate([at[i] for i in members])
+        mean = np.concatenate([ranked[i].mean for i in members])
+        sigma = np.concatenate([ranked[i].sigma for i in members])
+        gains, factors = closed_forms(
+            gram[np.ix_(where, where)][None], with_e[where][None], mean, sigma
+        )
+        cuts = np.cumsum([len(at[i]) for i in members])[:-1]
+        gain = float(gains[0])
+        weight = gain + sum(prior[i] for i in members)
+        chosen = tuple(ranked[i] for i in members)
+        return LinearSet(chosen, gain, weight, tuple(np.split(factors[0], cuts)))
+
+    count = range(len(ranked))
+    allowed = [[together(ranked[i], ranked[j]) for j in count] for i in count]
+    singles = [made((i,)) for i in count]
+    found: dict[frozenset[int], LinearSet] = {frozenset((i,)): singles[i] for i in count}
+    beam: list[tuple[int, ...]] = [(i,) for i in list(count)[:BEAM]]
+    for _ in range(depth - 1):
+        level: dict[frozenset[int], tuple[tuple[int, ...], LinearSet]] = {}
+        for members in beam:
+            for i in count:
+                key = frozenset((*members, i))
+                if key not in level and all(allowed[i][j] for j in members):
+                    level[key] = ((*members, i), made((*members, i)))
+        best = sorted(level.items(), key=lambda each: -each[1][1].weight)[:BEAM]
+        found |= {key: one for key, (_, one) in best}
+        beam = [members for _, (members, _) in best]
+    sets = sorted(found.values(), key=lambda each: -each.weight)
+    return sets, _cosines(ranked, singles, at, gram)
+
+
+def starts_at(
+    fitted: FittedModel, effect: Traceable, context: SearchContext
+) -> list[tuple[Traceable, list[dict[str, float]]]]:
+    """An effect's best places at a fitted set, to begin fits with; the likeliest first.
+
+    Returns
+    -------
+    The effect in its form for these records, and the values of its parameters by full name, one
+    mapping a record.
+    """
+    ready = prepared(fitted, set_prior(fitted, context))
+    shown = [*shown_by(fitted, [effect], context).values()]
+    leads = leads_of(fitted, ready, shown, context)
+    singles, _ = weighed_sets(ready, leads, lambda lead: 0.0, lambda one, other: False, 1)
+    count = len(fitted.values.own)
+    return [
+        (one.leads[0].effect, starts_of(one.leads[0], one.factors[0], count, context.interval))
+        for one in singles
+    ]
+
+
+def _cosines(
+    ranked: Sequence[Lead],
+    singles: Sequence[LinearSet],
+    at: Sequence[np.ndarray],
+    gram: np.ndarray,
+) -> dict[frozenset[str], float]:
+    sides = np.zeros((len(gram), len(ranked)))
+    for i, single in enumerate(singles):
+        sides[at[i], i] = single.factors[0]
+    inner = sides.T @ gram @ sides
+    size = np.sqrt(np.maximum(np.diag(inner), 1e-300))
+    cosines = np.abs(inner / np.outer(size, size))
+    found: dict[frozenset[str], float] = {}
+    for i, a in enumerate(ranked):
+        for j, b in enumerate(ranked[:i]):
+            key = frozenset((a.effect.name, b.effect.name))
+            if len(key) == 2:
+                found[key] = max(found.get(key, 0.0), float(cosines[i, j]))
+    return found

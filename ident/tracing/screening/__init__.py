@@ -1,1 +1,0 @@
-"""Score tests: what each candidate would add, without a fit."""

@@ -1,0 +1,554 @@
+"""Search of sets of effects: proposed in the linear world, fitted, weighed by their evidence.
+
+A round scans all candidates at one fitted set, weighs sets of them in closed form, and fits the
+few that promise most. The sets that were fitted, by the names of their effects, are the support of
+the posterior.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+from ident.estimate import Outcome
+from ident.process_noise.innovations_model import has_process_noise
+from ident.tracing.context import search_context
+from ident.tracing.diagnosis import Candidate, Step
+from ident.tracing.evidence import Key, WeighedSet, evidence_of
+from ident.tracing.fitted_model import (
+    FittedModel,
+    Start,
+    Values,
+    belongs_to_record,
+    fit_set,
+    levels_of,
+    never_together,
+    quantities,
+)
+from ident.tracing.priors import family_sizes, log_odds, set_prior
+from ident.tracing.problem import TraceProblem
+from ident.tracing.scan import (
+    LinearSet,
+    Shown,
+    leads_of,
+    prepared,
+    shown_by,
+    starts_of,
+    weighed_sets,
+)
+from ident.tracing.whiteness import is_noise
+from sim.declaration.effect import NoiseEffect, full_name
+from sim.declaration.proposal import Refinable, SearchContext, Traceable
+from sim.errors import ModelError
+
+ROUNDS = 6
+LEADERS = 4  # single effects that a round fits; half as many sets of each larger size
+RIVALS = 3  # effects fitted in the place of a member; single ones beside which others are sought
+SHARES = (1.0, 0.3, 0.1)  # of a step of the linear world, in turn, until a fit begun there improves
+IMPROVES = 0.3  # of what the linear world promises
+SHIFTS = (-0.6, -0.3, 0.3, 0.6)  # s, by which an event is moved to look for its time
+ALIKE = 0.95  # cosine of two signatures that the records do not tell apart
+CLEAR = 30.0  # log likelihood, beyond what a prior can take
+WORTH_GOING_ON = 1.0  # log likelihood that further iterations of a fit have to bring
+PROCESS_NOISE_OFFERED = 1e-2  # p-value of a residual's test above which rough air is not tried
+
+
+def together(one: Traceable, other: Traceable) -> bool:
+    """Whether two effects may be in one set."""
+    return one.name != other.name and not (never_together(one, other) or never_together(other, one))
+
+
+@dataclass(eq=False)
+class Search:
+    """A search over sets of effects.
+
+    Attributes
+    ----------
+    problem : records and declared model. candidates : effects and guards that may be added.
+    base : what stands in every set and is never named, such as a model discrepancy.
+    title : the noise, in words. discrepancy : of the loads; the rounds end where it alone is by far
+    likelier than what they find.
+    visited : the fitted sets by the names of their effects, ``base`` included.
+    expanded : sets at which all candidates were scanned. refined : sets tried in
+    finer forms, by their parameters.
+    steps, tried : how the search went.
+    alike : of pairs of names, the largest cosine of what they would add. fits : how many were made.
+    shown : signatures of all candidates as last simulated. rivals : weights of a discrepancy alone.
+
+    Raises
+    ------
+    ModelError : the declared model cannot be fitted to the records.
+    """
+
+    problem: TraceProblem
+    candidates: Sequence[Traceable]
+    base: tuple[Traceable, ...] = ()
+    title: str = "white noise"
+    discrepancy: Traceable | None = None
+    visited: dict[Key, WeighedSet] = field(default_factory=dict)
+    expanded: set[Key] = field(default_factory=set)
+    refined: set[Key] = field(default_factory=set)
+    alike: dict[Key, float] = field(default_factory=dict)
+    shown: dict[int, Shown] = field(default_factory=dict)
+    steps: list[Step] = field(default_factory=list)
+    tried: list[Candidate] = field(default_factory=list)
+    fits: int = 0
+    rivals: dict[Key, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        declared = self.problem.fit((), None)
+        if declared is None:
+            raise ModelError(
+                "the declared model has no finite cost on these records",
+                where=self.problem.records[0].name,
+                remedy="check units and starting values",
+            )
+        self.declared = declared
+        self.context: SearchContext = search_context(declared, self.problem.predicted)
+        self.families = family_sizes(self.candidates)
+
+    @cached_property
+    def root(self) -> WeighedSet:
+        """The base alone; the declared model where there is none or it cannot be fitted."""
+        if not self.base:
+            return self.kept(self.declared)
+        fitted = self.problem.fit(self.base, self.declared, rough=True)
+        return self.kept(fitted if fitted is not None else self.declared)
+
+    @property
+    def base_names(self) -> Key:
+        """Names of what stands in every set."""
+        return frozenset(effect.name for effect in self.base)
+
+    def added(self, one: WeighedSet) -> Key:
+        """Names of the effects of a set beyond the base."""
+        return one.names - self.base_names
+
+    @property
+    def spent(self) -> bool:
+        """Whether as much was fitted as may be."""
+        return self.fits > self.problem.settings.budget
+
+    # ---------------------------------------------------------------- fits
+    def kept(self, fitted: FittedModel) -> WeighedSet:
+        """Weigh a fit and keep it, the better of two optima where the set was met before.
+
+        A fit that ended before its optimum goes on where the set is among the likely ones: an
+        alternative is not likelier because its fit was quicker.
+        """
+        self.fits += 1
+        found = self._weighed(fitted)
+        best = max((one.weight for one in self.visited.values()), default=-math.inf)
+        while found.fitted.fit.outcome is Outcome.MAX_ITERATIONS and found.weight > best - CLEAR:
+            further = self.fit(found.fitted.effects, found.fitted)
+            if further is None or further.fit.cost > found.fitted.fit.cost - WORTH_GOING_ON:
+                break
+            found = self._weighed(further)
+        old = self.visited.get(found.names)
+        if old is None or found.weight > old.weight:
+            self.visited[found.names] = found
+        return self.visited[found.names]
+
+    def _weighed(self, fitted: FittedModel) -> WeighedSet:
+        evidence, offset, covariance = evidence_of(fitted, self.context)
+        return self.reweighed(WeighedSet(fitted, evidence, 0.0, offset, covariance))
+
+    def fit(
+        self,
+        effects: Sequence[Traceable],
+        parent: FittedModel,
+        added: Sequence[Mapping[str, float]] = (),
+        values: Values | None = None,
+    ) -> FittedModel | None:
+        """A set fitted roughly from the values of another, ``added`` new ones of each record."""
+        values = values or parent.values
+        start = Start(values.with_added(added) if added else values, {}, levels_of(parent))
+        return fit_set(self.problem.data, tuple(effects), self.problem.roughly, start)
+
+    def child(self, parent: WeighedSet, proposed: LinearSet) -> WeighedSet | None:
+        """The parent's set with the leads of a proposed one.
+
+        Where the step of the linear world leads astray, the fit begins nearer to absence.
+        """
+        effects = (*parent.fitted.effects, *(lead.effect for lead in proposed.leads))
+        best: FittedModel | None = None
+        for share in SHARES:
+            added: list[dict[str, float]] = [{} for _ in parent.fitted.values.own]
+            for lead, factors in zip(proposed.leads, proposed.factors, strict=True):
+                starts = starts_of(lead, share * factors, len(added), self.context.interval)
+                for record, one in zip(added, starts, strict=True):
+                    record |= one
+            fitted = self.fit(effects, parent.fitted, added)
+            if fitted is not None and (best is None or fitted.fit.cost < best.fit.cost):
+                best = fitted
+            brought = parent.fitted.fit.cost - best.fit.cost if best is not None else -math.inf
+            if brought > IMPROVES * proposed.gain:
+                break
+        return None if best is None else self.kept(best)
+
+    def without(self, parent: WeighedSet, name: str) -> WeighedSet | None:
+        """The set without one of its effects, fitted from where the others stand."""
+        effects = tuple(effect for effect in parent.fitted.effects if effect.name != name)
+        fitted = self.fit(effects, parent.fitted)
+        return None if fitted is None else self.kept(fitted)
+
+    def less(self, parent: WeighedSet, name: str) -> WeighedSet | None:
+        """The set without one of its effects, as it was fitted before or else fitted now."""
+        return self.visited.get(parent.names - {name}) or self.without(parent, name)
+
+    # ---------------------------------------------------------------- rounds
+    def run(self) -> Search:
+        """Rounds until the best set has been scanned and nothing outdoes it.
+
+        Then each of its members is left out, and others are tried in its place.
+        """
+        _ = self.root
+        for _ in range(ROUNDS):
+            best = self.best()
+            if best.names in self.expanded or self.spent:
+                break
+            self.expand(best)
+            self._in_finer_forms()
+            self._with_look_alikes()
+            if self._outdone(self.best().weight - best.weight):
+                return self
+        for _ in range(2):
+            top = self.best()
+            members = sorted(self.added(top))
+            # A pair is found by the scans that lead to it; larger sets may stand for another pair.
+            if len(members) > 2:
+                self._beside_others()
+            for name in members if len(members) > 1 else ():
+                less = self.without(top, name)
+                if less is not None and less.names not in self.expanded and not self.spent:
+                    self.expand(less, most=2)
+            if self.best() is top or self.spent:
+                break
+            if self.best().names not in self.expanded:
+                self.expand(self.best())
+            self._in_finer_forms()
+        self._with_look_alikes()
+        self._with_equivalents()
+        return self
+
+    def _outdone(self, raised: float) -> bool:
+        """Whether a discrepancy alone is likelier than the best set by more than the last round
+        raised that."""
+        best = self.best()
+        if self.discrepancy is None or is_noise(best.fitted.fit):
+            return False
+        base = (self.discrepancy, *best.fitted.background)
+        key = frozenset(each.name for each in base)
+        if key not in self.rivals:
+            self.rivals[key] = Search(self.problem, (), base).root.weight
+        return self.rivals[key] - best.weight > raised
+
+    def again(self, problem: TraceProblem) -> Search:
+        """The same search where other samples count: it goes on where they make another set the
+        most probable of those that are fitted anew.
+        """
+        other = self.refitted(problem)
+        return other if other.best().names == self.best().names else other.run()
+
+    def refitted(self, problem: TraceProblem) -> Search:
+        """A search in other data, or the same read otherwise, with the leading sets fitted anew."""
+        other = Search(problem, self.candidates, self.base, self.title, self.discrepancy)
+        other.alike, other.steps, other.tried = dict(self.alike), [*self.steps], [*self.tried]
+        found = [other.root]
+        leading = sorted(self.visited.values(), key=lambda one: -one.weight)[: 2 * LEADERS]
+        for one in leading:
+            fitted = other.fit(one.fitted.effects, one.fitted) if self.added(one) else None
+            if fitted is not None:
+                found.append(other.kept(fitted))
+        other.expanded = self.expanded & {one.names for one in found} - {other.best().names}
+        return other
+
+    def offering(self, candidates: Sequence[Traceable], title: str) -> Search:
+        """A search among other candidates that has the sets of this one which these can make."""
+        other = Search(self.problem, candidates, self.base, title, self.discrepancy)
+        other.alike = dict(self.alike)
+        offered = {each.name for each in candidates} | self.base_names
+        for key, one in self.visited.items():
+            if key <= offered:
+                other.visited[key] = other.reweighed(one)
+        if other.root.names in self.expanded:
+            other.expand(other.root)
+        return other
+
+    def reweighed(self, one: WeighedSet) -> WeighedSet:
+        """A fitted set with the prior odds of this search."""
+        named = [effect for effect in one.fitted.effects if effect not in self.base]
+        odds = log_odds(named, self.families, self.problem.named_by_kinematics)
+        return replace(one, weight=one.evidence + odds)
+
+    def with_kinematics(self, groups: Sequence[tuple[str, ...]]) -> Search:
+        """The search with effects that the relations between the sensors alone name.
+
+        The odds of its sets are changed, and it goes on where another set is now the most probable.
+        """
+        self.problem = replace(self.problem, kinematic=tuple(groups))
+        for key, one in self.visited.items():
+            self.visited[key] = self.reweighed(one)
+        named = self.seeded()
+        if named is not None and named.names not in self.expanded and not self.spent:
+            self.expand(named)  # what stands beside it was sought beside other sets alone
+        return self if self.best().names in self.expanded else self.run()
+
+    def seeded(self) -> WeighedSet | None:
+        """The likeliest set of all effects that kinematics name, one of each group.
+
+        The first of each group is tried, and another in the place of each; None where kinematics
+        name no candidate.
+        """
+        offered = {each.name: each for each in self.candidates}
+        chosen: list[Traceable] = []
+        others: dict[str, list[Traceable]] = {}
+        for group in self.problem.kinematic:
+            mine = [offered[name] for name in group if name in offered]
+            if mine and all(together(mine[0], each) for each in chosen):
+                chosen.append(mine[0])
+                others[mine[0].name] = mine[1:]
+        fitted = self.fit((*self.base, *chosen), self.root.fitted) if chosen else None
+        if fitted is None:
+            return None
+        best = self.kept(fitted)
+        for one in chosen:
+            rest = [each for each in chosen if each is not one]
+            for other in others[one.name]:
+                if all(together(other, each) for each in rest):
+                    swapped = self.fit((*self.base, *rest, other), fitted)
+                    if swapped is not None:
+                        best = max(best, self.kept(swapped), key=lambda one: one.weight)
+        return best
+
+    def _in_finer_forms(self) -> None:
+        """The leading set of each size in finer forms of its effects, where that is likelier."""
+        leading: dict[int, tuple[Key, WeighedSet]] = {}
+        for key, one in self.visited.items():
+            best = leading.get(len(key))
+            if not key & self.problem.guards and (best is None or one.weight > best[1].weight):
+                leading[len(key)] = (key, one)
+        for _, one in [*leading.values()]:
+            while (finer := self._finer(one)) is not None and finer.weight > one.weight:
+                one = finer
+
+    def _finer(self, one: WeighedSet) -> WeighedSet | None:
+        """A set with the finer forms of its effects; None where there are none."""
+        fitted = one.fitted
+        forms = [each.finer() if isinstance(each, Refinable) else each for each in fitted.effects]
+        names = frozenset(full_name(each, item.name) for each in forms for item in each.parameters)
+        if forms == list(fitted.effects) or names in self.refined or self.spent:
+            return None
+        self.refined.add(names)
+        known = {*fitted.values.shared, *fitted.values.own[0]}
+        absent = {
+            full_name(each, local): value
+            for each in forms
+            for local, value in each.absent.items()
+            if full_name(each, local) not in known
+        }
+        other = self.fit(forms, fitted, [absent] * len(fitted.values.own))
+        return None if other is None else self.kept(other)
+
+    def _with_look_alikes(self) -> None:
+        """The best set with each effect that looks like a member in its place."""
+        best = self.best()
+        for effect in [each for each in best.fitted.effects if each.name in self.added(best)]:
+            less = self.visited.get(best.names - {effect.name})
+            wanted = {
+                name
+                for name in (*self._looks_like(effect.name), *effect.traits.twins)
+                if best.names - {effect.name} | {name} not in self.visited
+            }
+            if not wanted:
+                continue
+            less = less or self.without(best, effect.name)
+            if less is not None:
+                self.in_the_place_of(less, wanted)
+
+    def in_the_place_of(self, less: WeighedSet, wanted: Collection[str]) -> list[WeighedSet]:
+        """Sets with one of the ``wanted`` effects beside those of ``less``: those that promise
+        most in the linear world.
+        """
+        proposed = self._proposed(less, 1, 0, wanted)[:RIVALS]
+        made = (self.child(less, each) for each in proposed)
+        return [each for each in made if each is not None]
+
+    def _with_equivalents(self) -> None:
+        """The best set with each effect that no record tells from a member in its place."""
+        best = self.best()
+        offered = {each.name: each for each in self.candidates}
+        for effect in [each for each in best.fitted.effects if each.name in self.added(best)]:
+            rest = [each for each in best.fitted.effects if each is not effect]
+            for name in effect.traits.equivalents:
+                names = best.names - {effect.name} | {name}
+                if name in offered and name not in best.names and names not in self.visited:
+                    fitted = self.fit((*rest, offered[name]), best.fitted)
+                    if fitted is not None:
+                        self.kept(fitted)
+
+    def _beside_others(self) -> None:
+        """Scan at the single effects that promise most: that of the best set may stand for two."""
+        singles = [one for one in self.visited.values() if len(self.added(one)) == 1]
+        for one in sorted(singles, key=lambda each: -each.weight)[:RIVALS]:
+            if one.names not in self.expanded and not self.spent:
+                self.expand(one, most=2)
+
+    def best(self) -> WeighedSet:
+        """The set of largest posterior probability."""
+        return max(self.visited.values(), key=lambda one: one.weight)
+
+    def expand(self, parent: WeighedSet, most: int = LEADERS, deepest: int | None = None) -> None:
+        """Scan at a set, weigh sets of leads there (up to ``deepest``), fit the leaders."""
+        self.expanded.add(parent.names)
+        beside = " + ".join(sorted(self.added(parent))) or "the declared model"
+        doing, share = f"{self.title}: what is missing beside {beside}", self.fits / 100.0
+        self.problem.progress(doing, min(0.1 + 0.7 * share, 0.85))
+        made: list[WeighedSet] = []
+        causes = [
+            each
+            for each in parent.fitted.effects
+            if not (each.traits.background or each in self.base)
+        ]
+        deeper = self.problem.settings.depth - len(causes) if deepest is None else deepest
+        if deeper > 0:
+            made = [
+                child
+                for proposed in self._proposed(parent, deeper, most)
+                if parent.names | proposed.names not in self.visited
+                and (child := self.child(parent, proposed)) is not None
+            ]
+            leading = max(made, key=lambda one: one.weight, default=None)
+            if leading is not None and leading.weight >= self.best().weight:
+                # Which set leads hangs on where its events are.
+                made.append(self._placed_better(leading))
+        rough = has_process_noise(parent.fitted.system)
+        offered = self.base or not (rough or is_noise(parent.fitted.fit, PROCESS_NOISE_OFFERED))
+        if offered and most == LEADERS:
+            made += self._with_process_noise(parent)
+        self._tell(parent, beside, made)
+
+    def _tell(self, parent: WeighedSet, beside: str, made: Sequence[WeighedSet]) -> None:
+        """Keep for the report what was tried at a set."""
+        number = len(self.steps) + 1
+        within = tuple(sorted(parent.names))
+        for child in made:
+            for effect in child.fitted.effects:
+                if child.names - parent.names == {effect.name}:
+                    self.tried.append(
+                        Candidate(
+                            number,
+                            within,
+                            effect.name,
+                            child.evidence - parent.evidence,
+                            child.weight - parent.weight,
+                            True,
+                            quantities(child.fitted, effect),
+                            self._looks_like(effect.name),
+                        )
+                    )
+        best = self.best()
+        names = " + ".join(sorted(self.added(best))) or "nothing"
+        sentence = (
+            f"{self.title}, beside {beside}: {len(self.candidates)} candidates scanned, "
+            f"{len(made)} set{'s' * (len(made) != 1)} fitted; most probable so far is {names}, "
+            f"ln p {best.weight - self.root.weight:+.1f} against the declared model"
+        )
+        found = best.fitted.fit.log_likelihood
+        self.steps.append(Step(tuple(sorted(best.names)), best.evidence, found, sentence))
+
+    def _looks_like(self, name: str) -> tuple[str, ...]:
+        """Names of effects whose signature is nearly that of one."""
+        pairs = [key for key, cosine in self.alike.items() if name in key and cosine > ALIKE]
+        return tuple(sorted(other for key in pairs for other in key - {name}))
+
+    def _proposed(
+        self, parent: WeighedSet, deeper: int, most: int, wanted: Collection[str] = ()
+    ) -> list[LinearSet]:
+        """The weightiest single leads, and larger sets that promise more than any smaller one.
+
+        With ``most`` zero single leads of ``wanted`` names alone. Signatures are those of the last
+        scan about a leading set: beside other sets they are nearly the same.
+        """
+        ready = prepared(parent.fitted, set_prior(parent.fitted, self.context))
+        if most == LEADERS or not self.shown:
+            self.shown |= shown_by(parent.fitted, self.candidates, self.context)
+        shown = [one for one in self.shown.values() if most or one[0].name in wanted]
+        leads = [
+            lead
+            for lead in leads_of(parent.fitted, ready, shown, self.context)
+            if all(together(lead.effect, other) for other in parent.fitted.effects)
+        ]
+        sets, overlap = weighed_sets(
+            ready,
+            leads,
+            lambda lead: log_odds([lead.effect], self.families, self.problem.named_by_kinematics),
+            lambda a, b: together(a.effect, b.effect),
+            deeper,
+        )
+        for key, cosine in overlap.items():
+            self.alike[key] = max(self.alike.get(key, 0.0), cosine)
+        number, within = len(self.steps) + 1, tuple(sorted(parent.names))
+        singles = {one.leads[0].effect.name: one for one in reversed(sets) if len(one.leads) == 1}
+        for name, one in singles.items():
+            told = Candidate(
+                number, within, name, one.gain, one.weight, False, {}, self._looks_like(name)
+            )
+            self.tried.append(told)
+        if not most:
+            named = [singles[name] for name in wanted if name in singles]
+            return sorted(named, key=lambda one: -one.weight)
+        chosen: list[LinearSet] = []
+        bar = 0.0
+        for size in range(1, deeper + 1):
+            best: dict[Key, LinearSet] = {}
+            for each in sets:
+                if len(each.leads) == size and each.weight > bar:
+                    best.setdefault(each.names, each)
+            chosen += list(best.values())[: most if size == 1 else most // 2]
+            if size == 1:
+                # Motion that any record may have is always tried: drifts and steps imitate it, and
+                # it grows in a fit.
+                usual = [one for one in singles.values() if one.leads[0].effect.traits.background]
+                chosen += [each for each in usual if each not in chosen]
+            bar = max([bar, *(each.weight for each in chosen)])
+        return chosen
+
+    def _with_process_noise(self, parent: WeighedSet) -> list[WeighedSet]:
+        made = []
+        for effect in self.candidates:
+            if not isinstance(effect, NoiseEffect) or parent.names | {effect.name} in self.visited:
+                continue
+            fitted = self.fit((*parent.fitted.effects, effect), parent.fitted)
+            if fitted is not None:
+                made.append(self.kept(fitted))
+        return made
+
+    # ---------------------------------------------------------------- events
+    def _placed_better(self, one: WeighedSet) -> WeighedSet:
+        """Events of a set looked for earlier and later: their times have local optima."""
+        for effect in [each for each in one.fitted.effects if each.traits.onset]:
+            records = len(one.fitted.values.own) if belongs_to_record(effect) else 1
+            for r in range(records):
+                one = self._event_moved(one, effect, r)
+        return one
+
+    def _event_moved(self, one: WeighedSet, effect: Traceable, r: int) -> WeighedSet:
+        """An event of record ``r`` begun at other times; the best of them."""
+        name = full_name(effect, effect.traits.onset)
+        values = one.fitted.values
+        best: FittedModel | None = None
+        for shift in SHIFTS:
+            if name in values.shared:
+                moved = replace(values, shared={**values.shared, name: values.shared[name] + shift})
+            else:
+                own = list(values.own)
+                own[r] = {**own[r], name: own[r][name] + shift}
+                moved = replace(values, own=tuple(own))
+            self.fits += 1
+            fitted = self.fit(one.fitted.effects, one.fitted, values=moved)
+            if fitted is not None and (best is None or fitted.fit.cost < best.fit.cost):
+                best = fitted
+        return one if best is None or best.fit.cost >= one.fitted.fit.cost else self.kept(best)

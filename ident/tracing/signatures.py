@@ -1,0 +1,344 @@
+"""What a candidate would change of the outputs of a fitted model, at places of its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ident.estimate import counted_numerics
+from ident.tracing.fitted_model import FittedModel, compiled_with
+from ident.whole_record.layout import FitLayout
+from ident.whole_record.linearise import join_intervals
+from ident.whole_record.record_problem import (
+    INCREMENT,
+    RecordProblem,
+    changed_rows,
+    interval_ends,
+    record_problem,
+    sample_outputs,
+)
+from sim.declaration.effect import Station, full_name
+from sim.declaration.model import System
+from sim.declaration.proposal import Probe, Traceable
+from sim.propagation import Drive, drive_from_record
+
+SLOPE_STEP = 1e-4  # of a parameter's declared size
+COARSE = 0.025  # s, a sub-step that ranks candidates well enough
+
+
+def motions_of(fitted: FittedModel) -> list[BaseMotion]:
+    """What all candidates begin at, by record."""
+    motions, layout = [], fitted.fit.layout
+    for r, old in enumerate(layout.problems):
+        p, _ = layout.split(fitted.fit.theta, r)
+        problem = _coarse(old, layout, fitted.system, p)
+        assert problem.drive is not None
+        motions.append(
+            base_motion(
+                problem, p, fitted.fit.lines[r].states, len(fitted.system.states), problem.drive
+            )
+        )
+    return motions
+
+
+def _coarse(old: RecordProblem, layout: FitLayout, system: System, p: np.ndarray) -> RecordProblem:
+    """A record of the fit laid out for a system with the steps of a screening, its inputs as
+    parameters ``p (np,)`` say.
+    """
+    return record_problem(
+        old.record,
+        system,
+        max(layout.settings.max_step, COARSE),
+        (),
+        (),
+        valid=old.valid,
+        at=p,
+    )
+
+
+def signatures_of(
+    fitted: FittedModel, motions: Sequence[BaseMotion], effect: Traceable, probes: Sequence[Probe]
+) -> list[list[np.ndarray]]:
+    """For each probe the columns ``(m, N, k)`` of every record."""
+    outputs = [signal.name for signal in fitted.system.outputs]
+    _, system = compiled_with(fitted.model, [effect], outputs)
+    layout = fitted.fit.layout
+    columns, where = _alternatives(effect, probes, system.parameters.names)
+    blocks: list[list[np.ndarray]] = [[] for _ in probes]
+    for r, old in enumerate(layout.problems):
+        p, _ = layout.split(fitted.fit.theta, r)
+        given = dict(zip(layout.system.parameters.names, p.tolist(), strict=True))
+        base = np.array([given.get(item.name, item.value) for item in system.parameters])
+        for local, value in effect.absent.items():
+            base[system.parameters.index(full_name(effect, local))] = value
+        alternatives = np.repeat(base[:, None], len(columns), axis=1)
+        for column, values in enumerate(columns):
+            for name, value in values.items():
+                alternatives[system.parameters.index(name), column] = value
+        problem = _coarse(old, layout, system, base)
+        states = dict(zip(layout.system.state_names, fitted.fit.lines[r].states, strict=True))
+        trajectory = np.array(
+            [
+                states[name] if name in states else np.zeros(len(old.grid.nodes))
+                for name in system.state_names
+            ]
+        )
+        # Where the fitted model's own input path meets another effect there, the input of the base
+        # is worked out with it.
+        motion = (
+            None
+            if layout.system.input_stages and effect.station is Station.INPUT_PATH
+            else motions[r]
+        )
+        y, changed = alternative_outputs(
+            problem, base, trajectory, alternatives, len(layout.system.states), motion
+        )
+        # a simulation that ran away has no signature: `weigh` leaves it out
+        with counted_numerics():
+            for number, (first, count, reference, step) in enumerate(where):
+                zero = y[:, :, None] if reference < 0 else changed[:, :, reference : reference + 1]
+                blocks[number].append((changed[:, :, first : first + count] - zero) / step)
+    return blocks
+
+
+def _alternatives(
+    effect: Traceable, probes: Sequence[Probe], names: Sequence[str]
+) -> tuple[list[dict[str, float]], list[tuple[int, int, int, np.ndarray]]]:
+    """Parameter values of every column, and for each probe: its first column, their number, the
+    reference's column (-1: the base), steps.
+    """
+    size = {item.name: abs(item.value) or 1.0 for item in effect.parameters}
+    columns: list[dict[str, float]] = []
+    where = []
+    for probe in probes:
+        full = {full_name(effect, local): value for local, value in probe.values.items()}
+        if not probe.slopes:
+            where.append((len(columns), 1, -1, np.ones(1)))
+            columns.append(full)
+            continue
+        reference = -1
+        if any(probe.values.get(local) != value for local, value in effect.absent.items()):
+            reference = len(columns)
+            columns.append(full)
+        steps = np.array([SLOPE_STEP * size[local] for local in probe.slopes])
+        where.append((len(columns), len(steps), reference, steps))
+        columns += [
+            {**full, full_name(effect, local): probe.values[local] + step}
+            for local, step in zip(probe.slopes, steps.tolist(), strict=True)
+        ]
+    return columns, where
+
+
+# ---- Outputs of many candidates at once
+
+# numbers of an output that are worked out together: more do not stay in a processor's cache
+_AT_ONCE = 60_000
+
+
+@dataclass(frozen=True, eq=False)
+class BaseMotion:
+    """The motion about which alternatives are looked at.
+
+    ``slopes (known, known, K)`` of the states after each interval by those before; ``states (known,
+    K + 1)`` as the equations have them with the steps of this grid.
+    """
+
+    slopes: np.ndarray
+    states: np.ndarray
+
+
+def base_motion(
+    problem: RecordProblem, p: np.ndarray, states: np.ndarray, known: int, drive: Drive
+) -> BaseMotion:
+    """About parameters ``p (np,)`` and a trajectory ``states (nx, K + 1)``, of which the first
+    ``known`` are not added; ``drive`` rows ``(M,)``.
+    """
+    size = np.sqrt(np.mean(states[:known] ** 2, axis=1))
+    steps = INCREMENT * np.where(size > 0, size, 1.0)
+    start = np.repeat(states[:, None, :-1], 1 + known, axis=1)
+    start[np.arange(known), 1 + np.arange(known)] += steps[:, None]
+    with np.errstate(all="ignore"):
+        ends = interval_ends(problem, list(start), drive, p.tolist())[:known]
+        A = (ends[:, 1:] - ends[:, :1]) / steps[:, None]
+        defects = ends[:, 0] - states[:known, 1:]
+        return BaseMotion(
+            A, states[:known] + join_intervals(A, A[:, :0], defects, (), np.zeros(known))[:, 0]
+        )
+
+
+def alternative_outputs(
+    problem: RecordProblem,
+    p: np.ndarray,
+    states: np.ndarray,
+    alternatives: np.ndarray,
+    known: int,
+    base: BaseMotion | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs at the samples for alternative parameters.
+
+    Parameters
+    ----------
+    problem : the record laid out for a System. p : ``(np,)`` parameters of the base.
+    states : ``(nx, K + 1)`` trajectory of the base, which obeys its equations; added states are
+    zero in it. alternatives : ``(np, a)`` all parameters, a column an alternative. known : the
+    first so many states are the base's own, the others are added. base : its motion under these
+    inputs, where that is known already.
+
+    Returns
+    -------
+    Base outputs ``(m, N)`` and those of the alternatives ``(m, N, a)``.
+    """
+    few = max(1, _AT_ONCE // states.shape[1])
+    varied = np.flatnonzero(np.any(alternatives != p[:, None], axis=1))
+    outputs = np.empty(
+        (len(problem.system.outputs), alternatives.shape[1], len(problem.grid.sample))
+    )
+    # an alternative may run away; its signature is then not finite, and dropped
+    with np.errstate(all="ignore"):
+        for first in range(0, alternatives.shape[1], few):
+            some = slice(first, first + few)
+            y, outputs[:, some], base = _outputs_of_some(
+                problem, p, states, alternatives[:, some], varied, known, base
+            )
+    return y, outputs.swapaxes(1, 2)
+
+
+def _outputs_of_some(
+    problem: RecordProblem,
+    p: np.ndarray,
+    states: np.ndarray,
+    alternatives: np.ndarray,
+    varied: np.ndarray,
+    known: int,
+    base: BaseMotion | None,
+) -> tuple[np.ndarray, np.ndarray, BaseMotion]:
+    """The same for a few alternatives, whose outputs are ``(m, a, N)``; ``varied`` parameters of
+    all; and the base's motion, for the others.
+    """
+    n_x, a, K = len(states), alternatives.shape[1], states.shape[1] - 1
+    rows: list[Any] = p.tolist()
+    for index in varied:
+        rows[index] = np.concatenate([[p[index]], alternatives[index]])
+    drive = _drive(problem, rows, varied)
+    base = base or base_motion(
+        problem,
+        p,
+        states,
+        known,
+        changed_rows(drive, lambda row: row[0] if np.ndim(row) == 2 else row),
+    )
+    X = np.zeros((n_x, 1 + a, K + 1))
+    X[:known] = base.states[:, None]
+    if n_x > known:
+        X[known:, 1:] = _added_states(problem, alternatives, varied, states, known)
+    # Alternatives that differ only after the dynamics all move as the base does.
+    after = all(
+        problem.system.parameters.items[index].name in problem.system.output_parameters
+        for index in varied
+    )
+    moving = 0 if after and n_x == known else a
+    if moving:
+        start = [*(row[None, :-1] for row in states[:known]), *(row[1:, :-1] for row in X[known:])]
+        own = [value[1:] if np.ndim(value) else value for value in rows]
+        ends = interval_ends(
+            problem,
+            start,
+            changed_rows(drive, lambda row: row[1:] if np.ndim(row) == 2 else row),
+            own,
+            a,
+        )[:known]
+        ends -= states[:known, None, 1:]
+        X[:known, 1:] = states[:known, None] + join_intervals(
+            base.slopes, ends[:, 1:], ends[:, 0], (), np.zeros(known)
+        )
+    full = sample_outputs(problem, rows, list(X), drive, range(1 + moving))
+    return full[:, 0], full[:, 1:], base
+
+
+def _added_states(
+    problem: RecordProblem,
+    alternatives: np.ndarray,
+    varied: np.ndarray,
+    states: np.ndarray,
+    known: int,
+) -> np.ndarray:
+    """Trajectories of the added states under the base's motion, ``(nx - known, a, K + 1)``; alike
+    alternatives share one.
+    """
+    from scipy.linalg.lapack import dtbtrs
+
+    added, intervals = len(states) - known, states.shape[1] - 1
+    acting = _acting(problem, alternatives, varied, states, known)
+    keys, share = np.unique(alternatives[acting], axis=1, return_inverse=True)
+    chosen = [int(np.flatnonzero(share.ravel() == k)[0]) for k in range(keys.shape[1])]
+    few = alternatives[:, chosen]
+    count, width = len(chosen), len(chosen) * (1 + added)
+    rows: list[Any] = few[:, 0].tolist()
+    for index in varied:
+        rows[index] = np.repeat(few[index], 1 + added)
+    moved = np.repeat(states[known:, None, :-1], width, axis=1)
+    step = 1e-3
+    for j in range(added):
+        moved[j, 1 + j :: 1 + added] += step
+    start = [*(row[None, :-1] for row in states[:known]), *moved]
+    ends = interval_ends(problem, start, _drive(problem, rows, varied), rows, width)[
+        known:
+    ].reshape(added, count, 1 + added, intervals)
+    found = np.empty((added, alternatives.shape[1], intervals + 1))
+    columns = np.arange(intervals) * added
+    for k in range(count):
+        base = ends[:, k, 0]
+        A = (ends[:, k, 1:] - base[:, None]) / step
+        band = np.zeros((2 * added, (intervals + 1) * added))
+        band[0] = 1.0
+        for i in range(added):
+            for j in range(added):
+                band[added + i - j, columns + j] = -A[i, j]
+        right = np.zeros((intervals + 1, added))
+        right[1:] = base.T
+        solution, _ = dtbtrs(band, right.reshape(-1, 1), uplo="L", diag="U")
+        trajectory = solution.reshape(intervals + 1, added).T
+        found[:, share.ravel() == k] = trajectory[:, None]
+    return found
+
+
+def _acting(
+    problem: RecordProblem,
+    alternatives: np.ndarray,
+    varied: np.ndarray,
+    states: np.ndarray,
+    known: int,
+) -> list[int]:
+    """Which of the varied parameters move the rates of the added states."""
+    system = problem.system
+    x = states[:, states.shape[1] // 2] + 1e-2
+    u = [0.01] * len(system.inputs)
+    base = alternatives[:, 0].tolist()
+    reference = system.f(0.0, x.tolist(), u, base)[known:]
+    out = []
+    for index in varied:
+        other = list(base)
+        other[index] = base[index] + max(1e-3, 0.1 * abs(base[index]))
+        if any(
+            a != b
+            for a, b in zip(system.f(0.0, x.tolist(), u, other)[known:], reference, strict=True)
+        ):
+            out.append(int(index))
+    return out
+
+
+def _drive(
+    problem: RecordProblem, rows: Sequence[Any], varied: Sequence[int] | np.ndarray
+) -> Drive:
+    """Inputs at the vehicle, rows ``(M,)`` or ``(c, M)``."""
+    system, record = problem.system, problem.record
+    moved = any(system.parameters.items[index].name in system.input_parameters for index in varied)
+    if problem.drive is not None and not moved:
+        return problem.drive
+    drive = drive_from_record(
+        system, rows, record.input_array(system.input_names), record.time, record.hold, problem.grid
+    )
+    return changed_rows(drive, np.transpose)

@@ -1,1 +1,0 @@
-"""Data that were not fitted: error figures and whiteness."""

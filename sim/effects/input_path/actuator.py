@@ -1,0 +1,580 @@
+"""An actuator between the recorded input and the vehicle: of first or of second order, with a limit
+of its rate or of its travel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
+from sim.declaration.model import Equations
+from sim.declaration.proposal import (
+    Probe,
+    SearchContext,
+    Traceable,
+    Traits,
+    late_times,
+    shares_of_peak,
+)
+from sim.effects.instances import MANY_SIZES, all_labelled, for_inputs, has_size, labelled, sized
+from sim.maths import (
+    absolute,
+    clip,
+    each_column,
+    exp,
+    linear_recurrence,
+    maximum,
+    real,
+    sqrt,
+    where,
+)
+
+SLOWEST = 5.0  # s, of what is no surface: an engine, a valve
+USUAL_OF_ENGINES = 1.0  # s: turbofans from near idle take longer, propellers are quicker
+
+
+@dataclass(frozen=True)
+class ActuatorLag:
+    """The surface y follows the recorded command u as y_dot = (u - y)/time_constant, settled at the
+    start.
+
+    ``time_constant`` in s, not negative; at zero y = u. The state form is stiff for a lag much
+    shorter than the step. With ``own_name`` the lag belongs to the vehicle's model, and that is the
+    full name of its parameter, shared with other inputs' lags.
+    """
+
+    signal: str = "elevator"
+    unit: str = "rad"
+    label: str = ""
+    own_name: str = ""
+
+    station: ClassVar[Station] = Station.INPUT_PATH
+    rank: ClassVar[int] = 40
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("time_constant", 0.08, "s", bounds=(0.0, 5.0)),
+    )
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"time_constant": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
+    explanation: ClassVar[str] = (
+        "The surface follows the command with a first-order lag: time_constant dy/dt = u - y. A "
+        "step arrives as an exponential, through two thirds "
+        "after one time constant, a slow input merely late by that time, a fast one late and too "
+        "small. A servo valve or a command filter does "
+        "this. A slow record cannot tell it from a pure delay of the same length; steps sampled "
+        "fast can, since a delay lets them pass as steps. "
+        "Large and small steps take the same time, unlike with a rate limit."
+    )
+
+    @property
+    def name(self) -> str:
+        return labelled("actuator-lag", self.label)
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return all_labelled(("input-delay", "actuator-rate-limit"), self.label)
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=("the actuator follows the {control} with a lag of {time_constant}",),
+            short_name="actuator lag",
+            separating={
+                "input-delay": (
+                    "quick inputs (short doublets, or a sweep up to the inverse of the lag): a lag "
+                    "loses amplitude there, a delay does not"
+                )
+            },
+            plausible={"time_constant": (0.0, 0.5 if has_size(self.unit) else SLOWEST)},
+            usual={} if has_size(self.unit) else {"time_constant": USUAL_OF_ENGINES},
+            twins=all_labelled(("actuator-second-order",), self.label),
+        )
+
+    @property
+    def shared(self) -> bool:
+        """Whether lags of other inputs may have the same parameter."""
+        return bool(self.own_name)
+
+    def rename(self, local: str) -> str:
+        """Full name of a parameter."""
+        return self.own_name or f"{self.name}.{local}"
+
+    @property
+    def online_states(self) -> tuple[Signal, ...]:
+        return (Signal(f"actuator_{self.signal}", self.unit, f"{self.signal} behind its actuator"),)
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        return [Probe({"time_constant": time}) for time in late_times(context)]
+
+    def act(self, edges: Any, u: Any, p: Any) -> Any:
+        """Mean of the exact response over each cell, for an input that is constant within cells.
+
+        With E = exp(-h/T): y(h) = u + (y0 - u) E, and its mean is u - (u - y0) (T/h) (1 - E).
+        """
+        h = np.diff(edges)
+        return each_column(lambda row, lag: _lagged(h, row, lag), u, p.time_constant)
+
+    def rates(self, v: Any, x: Sequence[Any], p: Any) -> Sequence[Any]:
+        acts = real(p.time_constant) > 0
+        return (where(acts, (v - x[0]) / where(acts, p.time_constant, 1.0), 0.0 * x[0]),)
+
+    def pass_on(self, v: Any, x: Sequence[Any], p: Any) -> Any:
+        return where(real(p.time_constant) > 0, x[0], v)
+
+
+def _lagged(h: np.ndarray, u: np.ndarray, lag: Any) -> np.ndarray:
+    # Without a lag E = 0, while the factor T/h carries a derivative towards positive lags.
+    reached = -np.expm1(-h / lag) if lag.real > 0 else np.ones_like(h)
+    y = linear_recurrence(1.0 - reached, reached * u, u[0])
+    return u - (u - y[:-1]) * (lag / h * reached)
+
+
+UNLIMITED = 1e9
+# its slower pole is then 34 times slower than the other: a lag to any record, and a fit need not
+# run on to infinity
+MOST_DAMPED = 3.0
+SERVO = 0.7  # damping of a well-made servo
+# rad/s, a factor of three apart: a fit closes half of that; late by 1.4 over these
+FREQUENCIES = (45.0, 15.0)
+NEAR = 1e-3  # of the squared angle, below which four terms of a series are exact to rounding
+
+
+@dataclass(frozen=True)
+class ActuatorSecondOrder:
+    """The surface d follows the recorded command u as d_ddot = frequency^2 (u - d) - 2 damping
+    frequency d_dot, settled at the start.
+
+    ``frequency`` in rad/s; at ``UNLIMITED`` it is taken as absent and d = u. ``damping`` without
+    unit, positive. With much damping it is a lag of 2 damping/frequency, with a high frequency a
+    delay of as long: either is simpler and goes first where it does as well. The low-order
+    equivalent system has its own lag and delay, which stand for all that lies between stick and
+    surface: not offered there.
+    """
+
+    signal: str = "elevator"
+    unit: str = "rad"
+    label: str = ""
+
+    station: ClassVar[Station] = Station.INPUT_PATH
+    rank: ClassVar[int] = 40
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("frequency", 20.0, "rad/s", bounds=(0.5, UNLIMITED)),
+        Parameter("damping", 0.5, "1", bounds=(0.02, MOST_DAMPED)),
+    )
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"frequency": UNLIMITED})
+    regularity: ClassVar[Regularity] = Regularity.UNDEFINED
+    explanation: ClassVar[str] = (
+        "The surface has inertia and its servo a spring: d_ddot = frequency^2 (u - d) - 2 damping "
+        "frequency d_dot for a command u. A step arrives "
+        "rounded at its beginning and, with little damping, goes too far and swings into its "
+        "place. Slow inputs come late by 2 damping/frequency, "
+        "as behind a lag or a delay of that length; inputs near the actuator's frequency come too "
+        "large with little damping, too small with much. "
+        "Steps sampled fast show which it is, a slow record does not."
+    )
+
+    @property
+    def name(self) -> str:
+        return labelled("actuator-second-order", self.label)
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        # With the damping of a structure it is one that the control drives.
+        return (*all_labelled(("actuator-lag", "input-delay"), self.label), "elastic-mode")
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=(
+                "the actuator follows the {control} as an oscillator of {frequency} "
+                "({frequency_hertz}), damping {damping}",
+            ),
+            short_name="actuator of second order",
+            separating=dict.fromkeys(
+                ("actuator-lag", "input-delay"),
+                "quick inputs (short doublets, or a sweep beyond the actuator's frequency): only "
+                "an actuator of second order overshoots",
+            ),
+            twins=all_labelled(("actuator-lag", "input-delay"), self.label),
+            plausible={
+                "frequency": (3.0 if has_size(self.unit) else 0.3, 200.0),
+                "damping": (0.1, MOST_DAMPED),
+            },
+        )
+
+    @property
+    def online_states(self) -> tuple[Signal, ...]:
+        return (
+            Signal(f"actuator_{self.signal}", self.unit, f"{self.signal} behind its actuator"),
+            Signal(f"actuator_{self.signal}_rate", f"{self.unit}/s", "its rate"),
+        )
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        """Well damped, at frequencies that the sampling shows."""
+        fastest = 3.0 / context.interval
+        shown = [frequency for frequency in FREQUENCIES if frequency < fastest] or [FREQUENCIES[-1]]
+        return [Probe({"frequency": frequency, "damping": SERVO}) for frequency in shown]
+
+    def act(self, edges: Any, u: Any, p: Any) -> Any:
+        """Mean of the exact response over each cell, for an input that is constant within cells."""
+        h = np.diff(edges)
+        return each_column(
+            lambda row, frequency, damping: _followed(h, row, frequency, damping),
+            u,
+            p.frequency,
+            p.damping,
+        )
+
+    def rates(self, v: Any, x: Sequence[Any], p: Any) -> Sequence[Any]:
+        acts = real(p.frequency) < UNLIMITED
+        frequency = where(acts, p.frequency, 0.0)
+        return where(acts, x[1], 0.0 * x[1]), frequency * (
+            frequency * (v - x[0]) - 2.0 * p.damping * x[1]
+        )
+
+    def pass_on(self, v: Any, x: Sequence[Any], p: Any) -> Any:
+        return where(real(p.frequency) < UNLIMITED, x[0], v)
+
+
+def _followed(h: np.ndarray, u: np.ndarray, frequency: Any, damping: Any) -> np.ndarray:
+    """Cell means of d ``(n,)``. The equation itself gives d's integral over a cell of length h: u h
+    - (d_dot + 2 damping frequency d) / frequency^2, its bracket taken between the cell's ends."""
+    if frequency.real >= UNLIMITED:
+        return u
+    from scipy.linalg.lapack import dtbtrs, ztbtrs
+
+    sizes, place = np.unique(h, return_inverse=True)
+    (a, b), (c, e) = _transition(sizes, frequency, damping)[:, :, place]
+    n, complex_ = len(u), np.iscomplexobj(a) or np.iscomplexobj(u)
+    # The unknowns d and d_dot at one edge after the other; each pair rests on the one before it: a
+    # triangular band of width three.
+    band = np.zeros((4, 2 * n + 2), dtype=complex if complex_ else float)
+    right = np.zeros(2 * n + 2, dtype=complex if complex_ else float)
+    band[0] = 1.0
+    band[2, 0 : 2 * n : 2], band[1, 1 : 2 * n : 2] = -a, -b
+    band[3, 0 : 2 * n : 2], band[2, 1 : 2 * n : 2] = -c, -e
+    right[0], right[2::2], right[3::2] = u[0], (1.0 - a) * u, -c * u
+    y = (ztbtrs if complex_ else dtbtrs)(band, right[:, None], uplo="L", diag="U")[0][:, 0]
+    bracket = np.diff(y[1::2]) + 2.0 * damping * frequency * np.diff(y[::2])
+    return np.asarray(u - bracket / (frequency * frequency * h))
+
+
+def _transition(h: np.ndarray, frequency: Any, damping: Any) -> np.ndarray:
+    """From distance to the command and its rate at a cell's begin to those at its end, ``(2, 2,
+    n)``, exact for any damping.
+
+    With r^2 = (damping^2 - 1) frequency^2 h^2: exp(-damping frequency h) times cosh r and
+    sinh(r)/r.
+    """
+    square = (damping * damping - 1.0) * (frequency * h) ** 2
+    near = np.abs(square) < NEAR
+    # Both are even in r; by a series where the root, which has no slope at zero, would spoil the
+    # derivative.
+    r = sqrt(np.where(near, NEAR, square).astype(complex))
+    decay = damping * frequency * h
+    slow, fast = exp(r - decay), exp(-r - decay)
+    C = np.where(
+        near,
+        exp(-decay) * (1.0 + square / 2.0 * (1.0 + square / 12.0 * (1.0 + square / 30.0))),
+        0.5 * (slow + fast),
+    )
+    S = (
+        np.where(
+            near,
+            exp(-decay) * (1.0 + square / 6.0 * (1.0 + square / 20.0 * (1.0 + square / 42.0))),
+            0.5 * (slow - fast) / r,
+        )
+        * h
+    )
+    own = damping * frequency * S
+    out = np.array([[C + own, S], [-frequency * frequency * S, C - own]])
+    return out if isinstance(frequency, complex) or isinstance(damping, complex) else out.real
+
+
+DYNAMICS_VARIANTS: tuple[Traceable, ...] = (ActuatorLag(), ActuatorSecondOrder())
+
+
+def dynamics_made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """Both for each input that has none yet."""
+    return for_inputs(
+        equations,
+        lambda signal, label: ActuatorLag(signal.name, signal.unit, label),
+        lambda signal, label: ActuatorSecondOrder(signal.name, signal.unit, label),
+    )
+
+
+UNLIMITED_RATE = 1e9
+# peaks of the input run through in a second: from hardly felt to always behind
+PER_SECOND = (20.0, 9.0, 4.0, 2.0, 0.9)
+HALF_AND_TWICE = (
+    "the same maneuver at half and at twice the size: only a rate limit makes large inputs later "
+    "than small ones"
+)
+# cells behind on one side from which it is worth following the surface many cells at a time
+_LONG = 16
+
+
+@dataclass(frozen=True)
+class ActuatorRateLimit:
+    """The surface runs towards the held command with ``rate`` at most, in unit of the input per
+    second, and stops there.
+
+    At ``UNLIMITED_RATE`` it is taken as absent. It starts at the first recorded value. The rate is
+    not a smooth function of where the surface is: there is no state form, a filter takes it only
+    with a rate that is held.
+
+    Attributes
+    ----------
+    signal, unit : the input it acts on. typical : the starting value, unless not ``sized``. label :
+    of the name, where there are several inputs.
+    """
+
+    signal: str = "elevator"
+    unit: str = "rad"
+    typical: float = 0.3
+    label: str = ""
+    sized: bool = True
+
+    station: ClassVar[Station] = Station.INPUT_PATH
+    rank: ClassVar[int] = 50
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"rate": UNLIMITED_RATE})
+    regularity: ClassVar[Regularity] = Regularity.INACTIVE
+    explanation: ClassVar[str] = (
+        "The surface can move only so fast: |dy/dt| <= rate, towards the command until y = u. A "
+        "commanded step becomes a ramp whose length grows "
+        "with the step, so that large inputs arrive later than small ones; a lag or a delay treats "
+        "all sizes alike, and steps of one size cannot "
+        "tell the three apart. Under large fast inputs the surface never reaches the command, and "
+        "amplitude is lost as well as time. A record in "
+        "which the command never moves faster than the limit shows nothing of it."
+    )
+
+    @property
+    def name(self) -> str:
+        return labelled("actuator-rate-limit", self.label)
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return all_labelled(("input-delay", "actuator-lag"), self.label)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter("rate", self.typical, f"{self.unit}/s", bounds=(1e-6, UNLIMITED_RATE)),)
+
+    @property
+    def traits(self) -> Traits:
+        """Believed from a thirtieth to ten times the typical value: for an elevator from half a
+        degree to some 170 degrees a second.
+        """
+        return Traits(
+            sentences=("the actuator moves no faster than {rate}",),
+            short_name="actuator rate limit",
+            separating=dict.fromkeys(("input-delay", "actuator-lag"), HALF_AND_TWICE),
+            plausible={"rate": (self.typical / 30.0, 10.0 * self.typical)},
+            in_input_unit=("rate",),
+        )
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        fastest = context.input_rate.get(self.signal, 0.0)
+        return [
+            Probe({"rate": rate})
+            for rate in shares_of_peak(context, self.signal, PER_SECOND)
+            if 0.0 < rate < fastest
+        ]
+
+    def fitted_to(self, context: SearchContext) -> ActuatorRateLimit:
+        """The same; where nothing is known of the input's unit, of a size that its record asks
+        for.
+        """
+        peak = context.input_peak.get(self.signal, 0.0)
+        return self if self.sized or not peak > 0.0 else replace(self, typical=3.0 * peak)
+
+    def act(self, edges: Any, u: Any, p: Any) -> Any:
+        """Mean of the exact response over each cell, for an input that is constant within cells;
+        loops only while the surface is behind.
+
+        While the command stands, the distance to it shrinks from d to max(d - rate h, 0) over a
+        cell of length h; its mean is d - rate h/2, or d^2/(2 rate h) where the surface arrives
+        within the cell.
+        """
+        edges = np.asarray(edges, dtype=float)
+        return each_column(lambda u, rate: _limited(edges, u, rate), u, p.rate)
+
+
+def _limited(edges: np.ndarray, u: np.ndarray, rate: Any) -> np.ndarray:
+    if rate.real >= UNLIMITED_RATE:
+        return u
+    starts = np.concatenate([[0], np.flatnonzero(u[1:] != u[:-1]) + 1])
+    begin = edges[starts]
+    start = _distances(u[starts], rate * np.diff(begin, append=edges[-1]))
+    count = np.diff(starts, append=len(u))
+    left = maximum(
+        np.repeat(absolute(start), count) - rate * (edges[:-1] - np.repeat(begin, count)), 0.0
+    )
+    way = rate * np.diff(edges)
+    mean = np.where(left.real >= way.real, left - 0.5 * way, left * left / (2.0 * way))
+    return u + np.repeat(np.where(start.real < 0, -1.0, 1.0), count) * mean
+
+
+def _distances(commands: np.ndarray, ways: np.ndarray) -> np.ndarray:
+    """How far the surface is from each command as it is given; ``ways`` are the most it moves
+    before the next.
+    """
+    # Where it has arrived it is as far as the two commands are apart: the loop runs only while it
+    # is behind.
+    distances = np.append(commands[:1], commands[:-1]) - commands + 0.0 * ways
+    reach, done, last = ways.real, 0, len(commands) - 1
+    # a list of all would take longer than the loop
+    target, most, most_real = commands.item, ways.item, reach.item
+    for first in np.flatnonzero(np.abs(distances.real) > reach).tolist():
+        if first < done:
+            continue
+        done, distance, begun, side = first, distances[first].item(), first, 0.0
+        while done < last and abs(distance.real) > most_real(done):
+            if (now := 1.0 if distance.real > 0.0 else -1.0) != side:
+                begun, side = done, now
+            if done - begun == _LONG:
+                path = _one_way(commands, ways, done, distance, side)
+                distances[done + 1 : done + 1 + len(path)] = path
+                done, distance, begun = done + len(path), path[-1].item(), done + len(path)
+                continue
+            distance = target(done) + (distance - side * most(done)) - target(done + 1)
+            done += 1
+            distances[done] = distance
+    return distances
+
+
+def _one_way(
+    commands: np.ndarray, ways: np.ndarray, start: int, distance: Any, side: float
+) -> np.ndarray:
+    """The distances after a cell, all at once, of a surface that is behind on one side, as far as
+    it arrives or is overtaken: one at least.
+    """
+    length, last = 2 * _LONG, len(commands) - 1
+    while True:
+        stop = min(start + length, last)
+        path = distance + np.cumsum(
+            commands[start:stop] - commands[start + 1 : stop + 1] - side * ways[start:stop]
+        )
+        over = np.flatnonzero(side * path.real <= ways.real[start + 1 : stop + 1])
+        if len(over) or stop == last:
+            return path[: over[0] + 1] if len(over) else path
+        length *= 4
+
+
+UNLIMITED_TRAVEL = 1e9
+
+
+@dataclass(frozen=True)
+class ActuatorSaturation:
+    """The vehicle feels max(-limit, min(u, limit)): the same limit on both sides of trim.
+
+    ``limit`` in the unit of the input; at ``UNLIMITED_TRAVEL`` it is taken as absent. Without
+    memory: the state form has no states.
+
+    Attributes
+    ----------
+    signal, unit : the input it acts on. typical : the starting value, unless not ``sized``. label :
+    of the name, where there are several inputs.
+    """
+
+    signal: str = "elevator"
+    unit: str = "rad"
+    typical: float = 0.05
+    label: str = ""
+    sized: bool = True
+
+    station: ClassVar[Station] = Station.INPUT_PATH
+    rank: ClassVar[int] = 60
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"limit": UNLIMITED_TRAVEL})
+    regularity: ClassVar[Regularity] = Regularity.INACTIVE
+    online_states: ClassVar[tuple[Signal, ...]] = ()
+    explanation: ClassVar[str] = (
+        "The surface stops at a limit although the command goes on: u_vehicle = max(-limit, min(u, "
+        "limit)). Below the limit nothing is different, "
+        "above it more command brings no more response. It is invisible in a record that stays "
+        "below the limit, and where all inputs are of one "
+        "size it only looks like a smaller control effectiveness: it takes inputs of several "
+        "sizes, on both sides of the limit. The limit counts "
+        "from where the recorded input does: from trim where that is a perturbation, from its zero "
+        "where it is a total."
+    )
+
+    @property
+    def name(self) -> str:
+        return labelled("actuator-saturation", self.label)
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return all_labelled(("input-deadband", "control-nonlinearity"), self.label)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter("limit", self.typical, self.unit, bounds=(0.0, UNLIMITED_TRAVEL)),)
+
+    @property
+    def traits(self) -> Traits:
+        """Believed from a tenth to ten times the typical value: for an elevator from a third of a
+        degree to half a right angle.
+        """
+        return Traits(
+            sentences=("the actuator stops at +-{limit}",),
+            short_name="actuator stop",
+            separating={"input-deadband": MANY_SIZES, "control-nonlinearity": MANY_SIZES},
+            plausible={"limit": (0.1 * self.typical, 10.0 * self.typical)},
+            in_input_unit=("limit",),
+        )
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        return [
+            Probe({"limit": size})
+            for size in shares_of_peak(context, self.signal, (0.95, 0.85, 0.7, 0.5))
+        ]
+
+    def fitted_to(self, context: SearchContext) -> ActuatorSaturation:
+        """The same; where nothing is known of the input's unit, of a size that its record asks
+        for.
+        """
+        peak = context.input_peak.get(self.signal, 0.0)
+        return self if self.sized or not peak > 0.0 else replace(self, typical=0.5 * peak)
+
+    def act(self, edges: Any, u: Any, p: Any) -> Any:
+        """Exact for an input that is constant within cells."""
+        return each_column(lambda row, limit: clip(row, -limit, limit), u, p.limit)
+
+    def rates(self, v: Any, x: Sequence[Any], p: Any) -> Sequence[Any]:
+        return ()
+
+    def pass_on(self, v: Any, x: Sequence[Any], p: Any) -> Any:
+        return clip(v, -p.limit, p.limit)
+
+
+LIMITS_VARIANTS: tuple[Traceable, ...] = (
+    ActuatorRateLimit(),
+    ActuatorRateLimit("stick", "1", 3.0),
+    ActuatorSaturation(),
+    ActuatorSaturation("stick", "1", 0.5),
+)
+
+
+def limits_made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """Both for each input that has none yet."""
+    return for_inputs(equations, sized(ActuatorRateLimit, 3.0), sized(ActuatorSaturation, 0.5))
+
+
+VARIANTS: tuple[Traceable, ...] = (
+    *DYNAMICS_VARIANTS,
+    *LIMITS_VARIANTS,
+)
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """The instances of every effect in this file that none of ``VARIANTS`` is for."""
+    return (
+        *dynamics_made_for(equations),
+        *limits_made_for(equations),
+    )

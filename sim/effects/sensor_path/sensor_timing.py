@@ -1,0 +1,414 @@
+"""Times of one output channel: a pure delay, a first-order lag, a lower rate than that of the
+record; and a recorder whose clock runs fast or slow.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+import numpy as np
+
+from sim.declaration.effect import Parameter, Regularity, Signal, Station
+from sim.declaration.model import Equations
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, late_times
+from sim.effects.instances import FASTER_MOTION, for_outputs, further_outputs
+from sim.effects.loads import each_run_earlier
+from sim.maths import linear_recurrence, real, trailing, where
+
+_DELAY_LOOKS_LIKE: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {"alpha": ("vane-offset",), "nz": ("sensor-scale:alpha",)}
+)
+
+
+@dataclass(frozen=True)
+class SensorDelay:
+    """The recorded channel shows what was true ``delay`` seconds before: y(t) -> y(t - delay).
+
+    ``delay`` in s, not negative. Before the record's start the first value holds. It has no state
+    form of finite order.
+    """
+
+    channel: str
+
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    rank: ClassVar[int] = 20
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("delay", 0.05, "s", bounds=(0.0, 2.0)),
+    )
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"delay": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
+    explanation: ClassVar[str] = (
+        "One channel is recorded late: y_recorded(t) = y(t - delay), delay >= 0. Digital filters, "
+        "buses and recorders with a clock of their own do "
+        "this. The shape is untouched, only the time is wrong, and by the same amount at all "
+        "frequencies; a lag of the sensor also takes amplitude "
+        "from fast motion, which slow records do not show. A late angle of attack looks much like "
+        "a vane ahead of the centre of gravity. If all "
+        "channels are late alike it is the input that is early: see input-delay. A late altitude "
+        "of a falling body cannot be seen at all: the same "
+        "fall begun later is the same fall."
+    )
+
+    @property
+    def name(self) -> str:
+        return f"sensor-delay:{self.channel}"
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return (f"sensor-lag:{self.channel}", *_DELAY_LOOKS_LIKE.get(self.channel, ()))
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=("the {channel} is read {delay} late",),
+            short_name="delay",
+            separating={"sensor-delay": FASTER_MOTION},
+            twins=(f"sensor-lag:{self.channel}",),
+            plausible={"delay": (0.0, 0.5)},
+        )
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        return (
+            ()
+            if self.channel == "altitude"
+            else [Probe({"delay": time}) for time in late_times(context)]
+        )
+
+    def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
+        """Values at the earlier times, see ``sim.effects.loads``: continuous in the delay."""
+        return each_run_earlier(steps, begin, end, _late, p.delay)
+
+    def memory(self, p: Any) -> tuple[Any, float]:
+        """Of random motion, see `sim.declaration.effect.SensorMemory`."""
+        return 0.5 * p.delay, -1.0
+
+
+def _late(edges: np.ndarray, delay: Any) -> Any:
+    """The time that shows at each edge."""
+    return edges - delay
+
+
+_LAG_LOOKS_LIKE: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {"alpha": ("vane-offset",), "nz": ("sensor-scale:alpha",)}
+)
+
+
+@dataclass(frozen=True)
+class SensorLag:
+    """The recorded channel y follows the true one v as y_dot = (v - y)/time_constant, settled at
+    the start.
+
+    ``time_constant`` in s, not negative; at zero y = v. A lag, however short, lets no jump pass:
+    where the channel jumps at a sample (nz, when a held input switches) the reading there is that
+    before the jump, and the limit at zero differs by the jump. The state form is stiff for a lag
+    much shorter than the step.
+    """
+
+    channel: str
+
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    rank: ClassVar[int] = 10
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("time_constant", 0.05, "s", bounds=(0.0, 2.0)),
+    )
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"time_constant": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.BOUNDARY
+    explanation: ClassVar[str] = (
+        "The sensor or its filter follows the true value with a first-order lag: time_constant "
+        "dy/dt = v - y. A steady value is read rightly, a "
+        "ramp late by one time constant, an oscillation late and too small, the more so the faster "
+        "it is. Records that hold mainly frequencies "
+        "well below 1/time_constant cannot tell it from a pure delay of the same length; for the "
+        "angle of attack a vane ahead of the centre of "
+        "gravity looks much the same. A late altitude of a falling body cannot be seen at all: the "
+        "same fall begun later is the same fall."
+    )
+
+    @property
+    def name(self) -> str:
+        return f"sensor-lag:{self.channel}"
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return (f"sensor-delay:{self.channel}", *_LAG_LOOKS_LIKE.get(self.channel, ()))
+
+    @property
+    def online_states(self) -> tuple[Signal, ...]:
+        return (
+            Signal(
+                f"lagged_{self.channel}",
+                f"unit of {self.channel}",
+                f"{self.channel} as its sensor shows it",
+            ),
+        )
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=("the {channel} is read with a lag of {time_constant}",),
+            grouped="the {channel} is read {time_constant} late",
+            short_name="lag",
+            separating={"sensor-lag": FASTER_MOTION, "sensor-delay": FASTER_MOTION},
+            twins=(f"sensor-delay:{self.channel}",),
+            plausible={"time_constant": (0.0, 0.5)},
+        )
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        return (
+            ()
+            if self.channel == "altitude"
+            else [Probe({"time_constant": time}) for time in late_times(context)]
+        )
+
+    def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
+        """Exact response to a channel that runs straight from ``begin`` to ``end`` of each sub-step
+        and may jump between.
+
+        With E = exp(-h/T): y(h) = v1 - (v1 - v0) (T/h) (1 - E) + (y0 - v0) E.
+        """
+        begin, end, lag = np.asarray(begin), np.asarray(end), np.asarray(p.time_constant)
+        depth = max(lag.ndim, begin.ndim - 1)
+        begin, end, h = (
+            trailing(begin, depth),
+            trailing(end, depth),
+            trailing(np.asarray(steps), depth),
+        )
+        # Without a lag E = 0, while the factor T/h carries a derivative towards positive lags.
+        acts = lag.real > 0
+        decay = np.where(acts, np.exp(-h / np.where(acts, lag, 1.0)), 0.0)
+        v0 = begin[:-1]
+        y = linear_recurrence(
+            decay, end - (end - v0) * (lag / h * (1.0 - decay)) - v0 * decay, begin[0]
+        )
+        jumping = np.concatenate([y[:1], begin[1:] + (y[1:] - end)])
+        return np.where(acts, y, jumping), y[1:]
+
+    def memory(self, p: Any) -> tuple[Any, float]:
+        """Of random motion, see `sim.declaration.effect.SensorMemory`."""
+        return p.time_constant, 0.0
+
+    def rates(self, v: Any, x: Sequence[Any], p: Any) -> Sequence[Any]:
+        acts = real(p.time_constant) > 0
+        return (where(acts, (v - x[0]) / where(acts, p.time_constant, 1.0), 0.0 * x[0]),)
+
+    def pass_on(self, v: Any, x: Sequence[Any], p: Any) -> Any:
+        return where(real(p.time_constant) > 0, x[0], v)
+
+
+DELAY_VARIANTS: tuple[Traceable, ...] = tuple(
+    kind(channel)
+    for kind in (SensorDelay, SensorLag)
+    for channel in ("alpha", "q", "nz", "altitude")
+)
+
+
+def delay_made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """Both for each output that has none yet."""
+    return for_outputs(equations, lambda s: SensorDelay(s.name), lambda s: SensorLag(s.name))
+
+
+EVERY = (2, 3, 4, 5, 8, 10)  # samples between updates that a search tries
+LONGEST = 0.5  # s
+CLOSER = (
+    "a fast and steady motion (a sweep), or the raw column before any smoothing: a channel that is "
+    "held goes in stairs, a late one does not"
+)
+
+
+@dataclass(frozen=True)
+class SensorHold:
+    """The recorded channel shows its value at the last update; updates come ``phase + k period``
+    seconds after the record's start.
+
+    y(t) -> y(time of the last update). ``period`` in s, not negative; one not above the sampling
+    ``interval`` changes nothing. ``phase`` in s. The noise of the recorder comes after. Each record
+    has its own period and phase.
+
+    Two things are approximated. A sample belongs to the update that is at most half of ``interval``
+    later than itself: where updates meet samples (a period of whole samples, in step with the
+    recorder) this is exact, and lets period and phase move a little without any sample changing its
+    update, so that slopes and sigmas exist: they are those of the value interpolated at the time of
+    the update, d y/d period = -k y_dot there. Where the sensor runs on a clock of its own, samples
+    just before an update show it too early, by half an interval at most; the fit spreads that over
+    the phase. Which update a sample shows is found by trying: only periods of whole samples are
+    proposed to a search, and the period that the residual shows.
+
+    Attributes
+    ----------
+    channel : the output it acts on. interval : of the record's samples, s.
+    """
+
+    channel: str
+    interval: float = 0.02
+
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    rank: ClassVar[int] = 30
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"period": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.INACTIVE
+    explanation: ClassVar[str] = (
+        "The sensor delivers a new value every period and the recorder, which is faster, writes "
+        "the last one again: y_recorded(t) = y(t_k), t_k = "
+        "phase + k period the last update. A slow bus or telemetry frame does this; without noise "
+        "of its own behind it the raw column shows "
+        "repeated values. In the mean the channel is late by half a period, which is most of what "
+        "is seen; the stairs themselves are the smaller "
+        "part, so that a delay or a lag of half the period is nearly the same where the motion is "
+        "slow. The phase belongs to one record."
+    )
+
+    @property
+    def name(self) -> str:
+        return f"sensor-hold:{self.channel}"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Which update a sample shows tells the phase to half an interval: nothing else tells it
+        from a delay of the same channel.
+        """
+        return (
+            Parameter("period", 0.25, "s", bounds=(0.0, 2.0)),
+            Parameter(
+                "phase", 0.0087, "s", prior_std=self.interval / math.sqrt(12.0), bounds=(-2.0, 2.0)
+            ),
+        )
+
+    @property
+    def aliases(self) -> tuple[str, ...]:
+        return (f"sensor-delay:{self.channel}", f"sensor-lag:{self.channel}")
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=("the {channel} is updated only every {period} and held between",),
+            short_name="held between updates",
+            separating=dict.fromkeys(("sensor-delay", "sensor-lag"), CLOSER),
+            plausible={"period": (0.0, 1.0)},
+            per_record=True,
+            tried=("phase",),
+        )
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        """The whole change at periods of whole samples and that of the residual, at every phase: a
+        fit moves no update from sample to sample.
+        """
+        interval = context.interval
+        periods = [every * interval for every in EVERY if 0 < every * interval <= LONGEST]
+        found = context.update_periods.get(self.channel)
+        if found is not None and 1.5 * interval < found <= LONGEST:
+            periods.append(found)
+        tried = [
+            (period, first * interval)
+            for period in periods
+            for first in range(round(period / interval))
+        ]
+        return [Probe({"period": period, "phase": phase}) for period, phase in tried]
+
+    def fitted_to(self, context: SearchContext) -> SensorHold:
+        """The same for that record's sampling interval."""
+        return replace(self, interval=context.interval if context.interval > 0 else self.interval)
+
+    def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
+        """The values at the last updates, before which the first value holds; the channel itself
+        where the period is no longer than a sample's.
+        """
+        held = each_run_earlier(steps, begin, end, self._updated, p.period, p.phase)
+        depth = held[0].ndim - 1
+        acts = np.asarray(p.period).real > self.interval
+        rows = (trailing(np.asarray(row), depth) for row in (begin, end))
+        return tuple(np.where(acts, new, old) for new, old in zip(held, rows, strict=True))  # type: ignore[return-value]
+
+    def memory(self, p: Any) -> tuple[Any, float]:
+        """Of random motion: late by half a period in the mean."""
+        return 0.25 * p.period, -1.0
+
+    def _updated(self, edges: np.ndarray, period: Any, phase: Any) -> Any:
+        """The time of the update that shows at each edge."""
+        if period.real <= self.interval:
+            return edges
+        number = np.floor((edges + 0.5 * self.interval - phase.real) / period.real)
+        return phase + number * period
+
+
+HOLD_VARIANTS: tuple[Traceable, ...] = tuple(
+    SensorHold(channel) for channel in ("alpha", "q", "nz", "altitude")
+)
+
+
+def sampling_made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """One for each output that has none yet."""
+    return tuple(SensorHold(signal.name) for signal in further_outputs(equations))
+
+
+@dataclass(frozen=True)
+class TimeBase:
+    """Recorded time = ``factor`` x true time, for all channels alike: the rates of all states are
+    1/factor of the true ones.
+
+    ``factor`` without unit, positive; 1 where the clock is right, above it where it runs fast.
+    Times of events, and those of delays and lags on the input and sensor paths, stay in the
+    record's time. Written for equations with a given airspeed: a fall on another time is one under
+    another gravity.
+    """
+
+    name: ClassVar[str] = "time-base"
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    needs_constants: ClassVar[tuple[str, ...]] = ("airspeed",)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("factor", 1.05, "1", bounds=(0.5, 2.0)),
+    )
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"factor": 1.0})
+    regularity: ClassVar[Regularity] = Regularity.REGULAR
+    aliases: ClassVar[tuple[str, ...]] = ("sensor-scale:alpha", "sensor-scale:q", "sensor-scale:nz")
+    traits: ClassVar[Traits] = Traits(
+        sentences=("the times of the record are {factor_percent} {factor_direction}",),
+        short_name="clock of the record",
+        separating={
+            "sensor-scale": (
+                "the pitch attitude recorded as well, or the record's time held against another "
+                "clock"
+            )
+        },
+        twins=("sensor-scale:alpha", "sensor-scale:q", "sensor-scale:nz"),
+        equivalents=("sensor-scale:alpha",),
+        plausible={"factor": (0.8, 1.25)},
+    )
+    explanation: ClassVar[str] = (
+        "The clock of the recorder is wrong: recorded time = factor x true time, from a wrong "
+        "sampling rate or a file resampled by mistake. Every "
+        "motion then seems slower than it is, and a rate that is measured no longer is the slope "
+        "of what it is the rate of. The kinematics say "
+        "alpha_dot = (q - (g/V) nz) / factor: with alpha, q and nz that is word for word an angle "
+        "of attack read too small by the factor, with "
+        "other derivatives, and as rare as such clocks are that is what is named. It is a scale of "
+        "q and one of nz alike, the latter as good as an "
+        "airspeed that is wrong in the vehicle file. Without nz it only changes the derivatives "
+        "and leaves no trace. A pitch attitude in the record, "
+        "or another clock, tells."
+    )
+
+    def pace(self, p: Any) -> Any:
+        return p.factor
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        return (Probe(self.absent, ("factor",)),)
+
+
+SAMPLING_VARIANTS: tuple[Traceable, ...] = (*HOLD_VARIANTS, TimeBase())
+
+
+VARIANTS: tuple[Traceable, ...] = (
+    *DELAY_VARIANTS,
+    *SAMPLING_VARIANTS,
+)
+
+
+def made_for(equations: Equations) -> tuple[Traceable, ...]:
+    """The instances of every effect in this file that none of ``VARIANTS`` is for."""
+    return (
+        *delay_made_for(equations),
+        *sampling_made_for(equations),
+    )

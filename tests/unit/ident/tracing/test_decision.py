@@ -1,0 +1,400 @@
+"""Decisions on records of the rigid aircraft whose cause is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from ident.tracing.decision import (
+    _by_kinematics,
+    _by_sets,
+    _likeliest_less,
+    _other_forms,
+    decided,
+    probabilities,
+    searched,
+)
+from ident.tracing.diagnosis import Verdict
+from ident.tracing.evidence import WeighedSet
+from ident.tracing.loop import diagnose
+from ident.tracing.problem import TraceProblem
+from ident.tracing.search import Search
+from ident.tracing.steady_search import quiet_vuong, vuong
+from ident.tracing.whiteness import is_noise
+from sim.declaration.proposal import Traceable
+from sim.effects.disturbance.unmeasured_input import discrepancy_for
+from sim.effects.library import effects_for
+from sim.record import Record
+from sim.truth.measurement import coloured_noise
+from tests.diagnoses import NOISE
+from tests.tracing_problem import OUTPUTS, declared, planted, problem_of, with_output
+from tests.turbulence import rough_record
+
+LATE, ARM = "sensor-delay:alpha", "vane-offset"
+SHORT = 1.5  # m: what so short a boom changes hides in the noise
+FEW = (
+    LATE,
+    ARM,
+    "sensor-scale:q",
+    "sensor-step:q",
+    "input-deadband",
+    "phugoid",
+    "gust-turbulence",
+)
+
+
+def offered(records: list[Record]) -> TraceProblem:
+    model = declared()
+    every = effects_for(model.equations)
+    few = [each for each in every if each.name in FEW and isinstance(each, Traceable)]
+    return problem_of(records, few, model=model)
+
+
+def effect(name: str) -> Traceable:
+    (found,) = [each for each in effects_for(declared().equations) if each.name == name]
+    assert isinstance(found, Traceable)
+    return found
+
+
+def test_nothing_is_named_where_nothing_is_hidden() -> None:
+    found = decided(searched(offered([planted(seed=4)])))
+    assert found.verdict is Verdict.CONSISTENT
+    assert found.named == ()
+
+
+@pytest.mark.sampled
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        (LATE, {"sensor-delay:alpha.delay": 0.08}),
+        ("sensor-scale:q", {"sensor-scale:q.scale": 1.15}),
+        ("input-deadband", {"input-deadband.half_width": 0.008}),
+    ],
+)
+def test_what_is_hidden_is_named(name: str, values: dict[str, float]) -> None:
+    found = decided(searched(offered([planted([effect(name)], values, seed=2)])))
+    assert found.verdict is Verdict.TRACED
+    assert [each.name for each in found.named] == [name]
+    assert found.named[0].probability > 0.95
+
+
+@pytest.mark.long
+def test_beside_a_discrepancy_what_acts_all_along_is_named() -> None:
+    """Slow errors of moment and lift in no library, and a vane far ahead: the vane is named."""
+    records = []
+    for seed in (1, 2):
+        record = planted([effect(ARM)], {"vane-offset.arm": 12.0}, seed=seed)
+        rng = np.random.default_rng(10 + seed)
+        for name in ("q", "nz"):
+            (channel,) = [each for each in record.outputs if each.name == name]
+            error = coloured_noise(rng, record.time, 1.5 * NOISE[name], 1.0)
+            record = with_output(record, name, channel.values + error)
+        records.append(record)
+    problem = offered(records)
+    found = decided(searched(problem), discrepancy_for(effects_for(declared().equations)))
+    assert found.verdict is Verdict.PARTIAL
+    assert [each.name for each in found.named] == [ARM]
+    assert found.named[0].spread is not None and found.named[0].spread > 3.5
+
+
+def test_filtered_noise_is_no_cause() -> None:
+    """Noise that a filter has smoothed is not white; nothing is named for it."""
+    record = planted(seed=5)
+    for name in OUTPUTS:
+        (channel,) = [each for each in record.outputs if each.name == name]
+        rng = np.random.default_rng(len(name))
+        more = np.convolve(rng.normal(size=len(record) + 2), [0.5, 1.0, 0.5], "valid")
+        record = with_output(record, name, channel.values + 0.8 * NOISE[name] * more)
+    found = decided(searched(offered([record])), discrepancy_for(effects_for(declared().equations)))
+    assert found.verdict is Verdict.CONSISTENT
+
+
+def test_an_event_is_placed_to_a_sample() -> None:
+    """A zero that jumps: each sample is an optimum of its time, and coarse places miss the right
+    one.
+    """
+    values = {"sensor-step:q.at": 4.343, "sensor-step:q.size": 0.02}
+    found = decided(searched(offered([planted([effect("sensor-step:q")], values, seed=9)])))
+    assert [each.name for each in found.named] == ["sensor-step:q"]
+    (own,) = found.best.values.own
+    assert own["sensor-step:q.at"] == pytest.approx(4.343, abs=0.03)
+
+
+@pytest.mark.long
+def test_rough_air_acts_while_the_aircraft_hardly_moves() -> None:
+    """Gusts all along, and an error that follows the motion: a filter takes both for rough air."""
+    gust = effect("gust-turbulence")
+    rough = rough_record(np.random.default_rng(3), 1001)
+    moved = rough_record(np.random.default_rng(3), 1001, intensity=1e-6)
+    rng = np.random.default_rng(3)
+    motion = {each.name: each.values for each in moved.outputs}
+    share = np.abs(motion["q"]) / np.max(np.abs(motion["q"]))
+    for name in OUTPUTS:
+        error = coloured_noise(rng, moved.time, 8.0 * NOISE[name], 0.5) * share
+        moved = with_output(moved, name, motion[name] + error)
+    z = []
+    for record in (rough, moved):
+        problem = offered([record])
+        less = problem.fit((), None)
+        assert less is not None
+        more = problem.fit((gust,), less)
+        assert more is not None
+        z.append(quiet_vuong(more, less, less, float(np.median(np.diff(record.time)))))
+    assert z[0] > 3.0
+    assert z[1] < 2.0
+
+
+@pytest.mark.parametrize(("strength", "named"), [(0.6, ["unmeasured-input"]), (1.2, [])])
+def test_an_event_is_named_where_hardly_more_than_noise_is_left(
+    strength: float, named: list[str]
+) -> None:
+    """A pulse in passing beside a slow error of the gyro: it is not spread over the record, and
+    beside a discrepancy it is not looked for.
+    """
+    model = declared()
+    every = effects_for(model.equations)
+    pulse = next(each for each in every if each.name == "unmeasured-input")
+    assert isinstance(pulse, Traceable)
+    values = {"start": 4.0, "duration": 1.2, "lift": 0.02, "moment": 0.01}
+    record = planted([pulse], {f"{pulse.name}.{key}": each for key, each in values.items()}, seed=3)
+    (channel,) = [each for each in record.outputs if each.name == "q"]
+    slow = coloured_noise(np.random.default_rng(4), record.time, strength * NOISE["q"], 1.0)
+    record = with_output(record, "q", channel.values + slow)
+    few = [
+        each
+        for each in every
+        if each.name in (LATE, "sensor-scale:q", pulse.name) and isinstance(each, Traceable)
+    ]
+    search = searched(problem_of([record], few, model=model))
+    assert not is_noise(search.best().fitted.fit)
+    assert [each.name for each in decided(search, discrepancy_for(every)).named] == named
+
+
+@pytest.mark.long
+def test_white_noise_decides_where_a_discrepancy_is_less_probable() -> None:
+    """Two causes of which one brings little: beside a discrepancy its scatter would leave it
+    out.
+    """
+    names = ("sensor-delay:alpha", "input-deadband")
+    values = {"sensor-delay:alpha.delay": 0.08, "input-deadband.half_width": 0.004}
+    record = planted([effect(name) for name in names], values, seed=10)
+    discrepancy = discrepancy_for(effects_for(declared().equations))
+    found = decided(searched(offered([record])), discrepancy)
+    assert found.verdict is Verdict.TRACED
+    assert {each.name for each in found.named} == set(names)
+
+
+def test_a_group_that_acts_is_ambiguous_though_no_member_is_certain() -> None:
+    """A short boom: a vane and a late alpha look alike."""
+    problem = offered([planted([effect(ARM)], {"vane-offset.arm": 2.0 * SHORT}, seed=3)])
+    found = decided(searched(problem))
+    (named,) = found.named
+    assert found.verdict is Verdict.AMBIGUOUS
+    assert {named.name, *named.alternatives} >= {ARM, LATE}
+    assert named.probability < 0.95 < named.probability + sum(named.alternatives.values())
+
+
+def test_effects_that_vuongs_test_does_not_tell_apart_share_their_probability() -> None:
+    """The odds of each, by the sets that were fitted and the normal law, are at least its."""
+    shared = 0
+    for arm in (1.5 * SHORT, 2.0 * SHORT):
+        search = searched(offered([planted([effect(ARM)], {"vane-offset.arm": arm}, seed=2)]))
+        best = search.best()
+        for named in decided(search).named:
+            assert named.probability + sum(named.alternatives.values()) <= 1.0 + 1e-9
+            rest = best.names - {named.name}
+            for key, other in search.visited.items():
+                (new, *more) = sorted(key - rest) or [named.name]
+                if more or new == named.name or not rest < key or other.weight >= best.weight:
+                    continue
+                z = vuong(best, other, search.context.interval)
+                if z < 2.0:
+                    odds = named.alternatives[new] / named.probability
+                    assert odds > (1.0 - 1e-9) * norm.sf(z) / norm.cdf(z)
+                    shared += 1
+    assert shared
+
+
+def test_motion_that_any_record_may_have_is_offered_in_the_place_of_a_member() -> None:
+    """A pulse stood for a phugoid: what it brings counts from the set with the phugoid."""
+    weights = {("a", "pulse"): 100.0, ("a",): 10.0, ("a", "phugoid"): 72.0, ("phugoid",): 80.0}
+    visited = {
+        frozenset(key): SimpleNamespace(names=frozenset(key), weight=weight)
+        for key, weight in weights.items()
+    }
+    stub = SimpleNamespace(
+        visited=visited, less=lambda best, name: visited[frozenset(best.names - {name})]
+    )
+    search, best = cast("Search", stub), cast("WeighedSet", visited[frozenset({"a", "pulse"})])
+    found = _likeliest_less(search, best, "pulse", {"phugoid"})
+    assert found is not None and found.names == {"a", "phugoid"}
+    found = _likeliest_less(search, best, "pulse", ())
+    assert found is not None and found.names == {"a"}
+
+
+@pytest.mark.parametrize(("odds", "named"), [(4.0, []), (10.0, ["phugoid"])])
+def test_uncertain_motion_that_any_record_may_have_leaves_the_declared_model_standing(
+    odds: float, named: list[str]
+) -> None:
+    """A clean flight was ``unexplained`` because a phugoid was neither certain nor excluded."""
+    search = searched(offered([planted([], {}, seed=1)]))
+    root = search.root
+    assert is_noise(root.fitted.fit)
+    other, one = (
+        replace(search.kept(fitted), weight=root.weight + weight)
+        for name, weight in (("sensor-scale:q", 3.0), ("phugoid", odds))
+        if (fitted := search.fit([effect(name)], root.fitted)) is not None
+    )
+    search.visited = {each.names: each for each in (root, other, one)}
+    found = _by_sets(search, one)
+    assert [each.name for each in found.named] == named
+    assert found.verdict is (Verdict.AMBIGUOUS if named else Verdict.CONSISTENT)
+    hinted = {each.name: each for each in found.hints}
+    if not named:
+        assert found.best is root.fitted
+        assert hinted["phugoid"].within is one.fitted
+
+
+def test_probabilities_of_sets_that_are_far_from_the_likeliest_add_up_to_one() -> None:
+    """Of a record of 8001 samples all sets without a slight member were e^-800 as probable."""
+    weights = {("a",): 1000.0, ("b",): 1.0, ("c",): 0.0, ("a", "b"): 995.0}
+    visited = {frozenset(key): SimpleNamespace(weight=each) for key, each in weights.items()}
+    stub = cast("Search", SimpleNamespace(visited=visited))
+    found = probabilities(stub, without={"a"})
+    assert found.keys() == {frozenset("b"), frozenset("c")}
+    assert found[frozenset("b")] == pytest.approx(1.0 / (1.0 + np.exp(-1.0)))
+    assert sum(probabilities(stub).values()) == pytest.approx(1.0)
+
+
+def test_what_brings_little_where_the_declared_model_leaves_noise_is_a_hint() -> None:
+    """The equations of any model are a little wrong; where they leave no noise something acts."""
+    shorter, short = (
+        offered([planted([effect(ARM)], {"vane-offset.arm": arm}, seed=2)])
+        for arm in (SHORT, 1.5 * SHORT)
+    )
+    search = searched(shorter)
+    assert is_noise(search.root.fitted.fit)
+    assert 3.0 < search.best().weight - search.root.weight < 30.0
+    found = decided(search)
+    assert found.verdict is Verdict.CONSISTENT and not found.named
+    (hint,) = found.hints
+    assert hint.name == ARM and "it brings little" in hint.reason
+    search = searched(short)
+    assert not is_noise(search.root.fitted.fit)
+    assert [each.name for each in decided(search).named] == [ARM]
+
+
+@pytest.mark.long
+def test_the_loop_reports_what_is_decided() -> None:
+    records = [planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=7)]
+    validation = [planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=8)]
+    problem = offered(records)
+    told = diagnose(records, problem.model, problem.candidates, (), validation)
+    (claim,) = told.effects
+    assert told.verdict is Verdict.TRACED
+    assert claim.name == LATE
+    assert claim.probability[LATE] > 0.95
+    assert claim.parameters["delay"].value == pytest.approx(0.08, abs=0.01)
+    assert told.error_after.rmse["alpha"] < told.error_before.rmse["alpha"]
+
+
+@pytest.mark.long
+def test_a_second_cause_that_brings_little_is_named_where_kinematics_name_it() -> None:
+    """A scale of q and a vane that is hardly late: the second is a hint, or named with support."""
+    both = [effect("sensor-scale:q"), effect(LATE)]
+    values = {"sensor-scale:q.scale": 1.15, "sensor-delay:alpha.delay": 0.012}
+    problem = offered([planted(both, values, seed=1)])
+    alone = decided(searched(problem))
+    assert [each.name for each in alone.named] == ["sensor-scale:q"]
+    assert [each.name for each in alone.hints] == [ARM], "it stands for a late vane"
+    assert "it brings little" in alone.hints[0].reason
+    backed = decided(searched(problem).with_kinematics([(LATE, ARM)]))
+    assert {each.name for each in backed.named} == {"sensor-scale:q", ARM}
+    assert LATE in {name for each in backed.named for name in each.alternatives}
+
+
+def test_names_need_a_residual_that_is_noise_on_data_that_were_not_fitted() -> None:
+    """Without a discrepancy nothing is named where held-out data say that no set is true."""
+    search = searched(
+        offered([planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=2)])
+    )
+    assert [each.name for each in decided(search).named] == [LATE]
+    doubted = decided(search, leaves_noise=lambda fitted: False)
+    assert doubted.verdict is Verdict.UNEXPLAINED and doubted.named == ()
+    assert "not fitted" in doubted.hints[0].reason
+
+
+def late(record: Record, channel: str, samples: int) -> Record:
+    """The record with one output that shows earlier values."""
+    values = record[channel].values
+    moved = np.concatenate([np.full(samples, values[0]), values[:-samples]])
+    return with_output(record, channel, moved)
+
+
+def test_a_late_gyro_is_late_for_gusts_too() -> None:
+    """A filter that takes random motion as not late has no evidence for the delay."""
+    record = late(rough_record(np.random.default_rng(3), 801, intensity=1.5), "q", 5)
+    problem = offered([record])
+    gust, delay = effect("gust-turbulence"), effect("sensor-delay:q")
+    search = Search(problem, (gust, delay))
+    rough = search.fit((gust,), search.declared)
+    assert rough is not None
+    both = search.fit((gust, delay), rough)
+    assert both is not None
+    gain = search.kept(both).evidence - search.kept(rough).evidence
+    assert gain > 30.0
+    assert both.values.shared["sensor-delay:q.delay"] == pytest.approx(0.1, abs=0.02)
+
+
+@pytest.mark.long
+def test_another_fault_of_the_sensor_takes_the_place_of_what_kinematics_name() -> None:
+    """A gyro's threshold: kinematics know a scale of it, but the threshold is likelier."""
+    shown = effect("sensor-deadband:q")
+    record = planted([shown], {"sensor-deadband:q.half_width": 0.02}, seed=7)
+    scale = effect("sensor-scale:q")
+    problem = replace(
+        problem_of([record], [shown, scale], model=declared()), kinematic=(("sensor-scale:q",),)
+    )
+    discrepancy = discrepancy_for(effects_for(declared().equations))
+    assert discrepancy is not None
+    search = Search(problem, (shown, scale), (discrepancy,))
+    named = search.seeded()
+    assert named is not None and search.added(named) == {"sensor-scale:q"}
+    assert search.added(_other_forms(search, named)) == {"sensor-deadband:q"}
+
+
+def test_kinematics_choose_among_effects_that_are_not_told_apart() -> None:
+    """A late vane: the arm of a vane fits as well, and is named where kinematics name it."""
+    record = planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.02}, seed=11)
+    offered_both = [effect(LATE), effect(ARM)]
+    plain = problem_of([record], offered_both, model=declared())
+    names = {}
+    for group in ((), ((LATE,),), ((ARM,),)):
+        search = Search(replace(plain, kinematic=group), offered_both)
+        one, other = (search.fit((each,), search.declared) for each in offered_both)
+        assert one is not None and other is not None
+        best = max(search.kept(one), search.kept(other), key=lambda each: each.weight)
+        _ = search.root
+        found, spread = _by_kinematics(search, best, {name: 9.0 for name in best.names})
+        assert set(spread) == set(found.names)
+        names[group] = set(found.names)
+    assert names[((LATE,),)] == {LATE} and names[((ARM,),)] == {ARM}
+
+
+@pytest.mark.long
+def test_a_search_that_offers_more_goes_on_from_the_sets_that_are_fitted() -> None:
+    """It ends where a search among all candidates from the beginning ends, with fewer fits."""
+    both = [effect("sensor-scale:q"), effect(LATE)]
+    values = {"sensor-scale:q.scale": 1.15, "sensor-delay:alpha.delay": 0.08}
+    problem = offered([planted(both, values, seed=1)])
+    few = [each for each in problem.candidates if each.name != LATE]
+    further = Search(problem, few).run().offering(problem.candidates, "all candidates").run()
+    whole = Search(problem, problem.candidates).run()
+    assert further.best().names == whole.best().names == {"sensor-scale:q", LATE}
+    assert further.best().weight == pytest.approx(whole.best().weight, abs=0.5)
+    assert further.fits < whole.fits

@@ -1,0 +1,100 @@
+"""The predictive test: are data that were not fitted more probable with an effect than without?"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ident.tracing.fitted_model import FittedModel
+from ident.tracing.held_out import HeldOut, HeldOutData, held_out, predicted_by
+from ident.tracing.predictive import predictive_gains
+from ident.tracing.wrong_samples import measured_masks
+from sim.effects.disturbance.gusts import GustTurbulence
+from sim.effects.sensor_path.sensor_timing import SensorLag
+from sim.record import Record
+from tests.tracing_problem import OUTPUTS, doublets, fit_of, planted, problem_of
+from tests.turbulence import rough_record
+
+LAG = {"sensor-lag:q.time_constant": 0.06}
+
+
+def lagged(seed: int) -> Record:
+    return planted([SensorLag("q")], LAG, seed)
+
+
+def held_of(root: FittedModel, *records: Record) -> HeldOutData:
+    """Data that were not fitted, and what the declared model predicts there."""
+    masks = measured_masks(records, OUTPUTS)
+    return HeldOutData(records, masks, held_out(root, records, masks, informed=False))
+
+
+@pytest.fixture(scope="module")
+def sets() -> tuple[FittedModel, FittedModel]:
+    """The declared model and the set with the lag, fitted to a record that has it."""
+    problem = problem_of([lagged(1)])
+    root = fit_of(problem)
+    return root, fit_of(problem, [SensorLag("q")], root)
+
+
+def test_the_gain_is_that_of_the_density_of_free_simulations(
+    sets: tuple[FittedModel, FittedModel],
+) -> None:
+    """Of noise levels that are estimated where they are applied: N ln sigma of each output and
+    record.
+    """
+    root, best = sets
+    held = held_of(root, lagged(2), lagged(3))
+    out = predicted_by(best, held)
+    (gain,) = predictive_gains(root, best, held, out)
+    assert held.declared.frozen is not None and out.frozen is not None
+    sums = [
+        sum(np.sum(residual**2, axis=1) for residual in fit.residuals)
+        for fit in (held.declared.frozen, out.frozen)
+    ]
+    count = sum(len(record) for record in held.records)
+    assert gain == pytest.approx(0.5 * count * float(np.sum(np.log(sums[0] / sums[1]))), rel=1e-6)
+    assert gain > 300.0
+
+
+def test_what_is_not_there_lowers_it_and_what_hardly_moves_hardly_tells(
+    sets: tuple[FittedModel, FittedModel],
+) -> None:
+    root, best = sets
+    still = planted([SensorLag("q")], LAG, 5, flight=doublets(size=0.0003))
+    found: list[float] = []
+    for record in (planted(seed=7), still):
+        held = held_of(root, record)
+        found += predictive_gains(root, best, held, predicted_by(best, held))
+    assert found[0] < -100.0 and abs(found[1]) < 5.0
+
+
+def test_nothing_without_such_data_and_minus_infinity_where_the_larger_set_fails(
+    sets: tuple[FittedModel, FittedModel],
+) -> None:
+    root, best = sets
+    assert predictive_gains(root, best, HeldOutData(), HeldOut(None, None)) == ()
+    held = held_of(root, lagged(2))
+    assert predictive_gains(root, best, held, HeldOut(None, None)) == (-math.inf,)
+
+
+@pytest.mark.long
+def test_with_process_noise_predictions_one_step_ahead_are_compared_record_by_record() -> None:
+    """Turbulence improves no free simulation: it has to predict a step ahead, and what flies in
+    still air it does not.
+    """
+    problem = problem_of([rough_record(np.random.default_rng(1))])
+    root = fit_of(problem)
+    rough = fit_of(problem, [GustTurbulence()], root)
+    records = tuple(
+        replace(rough_record(np.random.default_rng(seed)), name=f"{seed}.csv") for seed in (2, 3)
+    )
+    held = held_of(root, *records)
+    gains = predictive_gains(root, rough, held, predicted_by(rough, held))
+    assert len(gains) == 2 and min(gains) > 100.0
+    still = fit_of(problem_of([planted(seed=3)]))
+    held = held_of(still, planted(seed=4))
+    (loss,) = predictive_gains(still, rough, held, predicted_by(rough, held))
+    assert loss < 0.0
