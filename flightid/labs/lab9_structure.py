@@ -41,7 +41,7 @@ def _(mo):
     Each is modelled as a sum $z = \theta_0 + \sum_j \theta_j\, t_j$ of **terms** $t_j$: signals ($\alpha$, $\hat q = q \bar c / 2V$, $\delta_e$) and
     their products. Which of them? With eight signals there are 44 terms up to the second degree: 8 signals, 8 squares, 28 products.
 
-    **Stepwise regression**: at each step the term with the largest partial $F$ enters, if $F > 20$; terms whose $F$ has fallen below 20 leave.
+    **Stepwise regression**: at each step the term with the largest partial $F$ enters, if $F > 20$; terms whose $F$ has fallen below 20 leave. A weaker linear term stays where the value of another depends on it.
     $F$ is the sum of squares that a term explains, divided by the variance of the residual. Two further numbers show whether the last terms were worth it:
 
     $$ \text{PSE} = \frac{1}{N}\sum_k (z_k - \hat z_k)^2 + \sigma^2_{max}\,\frac{n}{N} , \qquad R^2_{\text{left out}} = 1 - \frac{\sum_k (z_k - \hat z_k^{(-m)})^2}{\sum_k (z_k - \bar z)^2} . $$
@@ -178,14 +178,14 @@ def _(close, lab, page):
             "ratios. Surfaces that keep moving change these ratios.",
         ),
         "linked": page.Question(
-            "Pulses one after the other, Cn. Let the rudder follow the aileron. R² left out in turn "
-            "is still 0.98. How large is R² of the maneuver that is never fitted?",
-            page.number_field("R²"),
-            lambda value: close(value, lab.numbers(axis="Cn", linked=True)["R2 not fitted"], 0.01),
-            "The line below the table.",
-            "The rudder moves 0.6 times the aileron, so that the aileron takes its effect in: 0.004 + "
-            "0.6 (-0.110) = -0.062. "
-            "Maneuvers that share a fault of design cannot reveal it.",
+            "Pulses one after the other, Cn. Let the rudder follow the aileron. How large is the "
+            "largest VIF?",
+            page.number_field("VIF"),
+            lambda value: close(value, lab.numbers(axis="Cn", linked=True)["VIF"], 0.03),
+            "The last column of the table.",
+            "The rudder moves 0.6 times the aileron. Without it the aileron would take its effect "
+            "in, 0.004 + 0.6 (-0.110) = -0.062, with R² of 0.98. Both are kept: their standard "
+            "deviations say how little the maneuvers tell them apart.",
         ),
         "noise": page.Question(
             "Rudder free, multisines at once, Cm, noise of 10. How many maneuvers does it take "
