@@ -329,7 +329,10 @@ def shown_probability(claim: Claim) -> dict[str, float]:
 
 
 def probability_sentence(claim: Claim) -> str:
-    """``"Probability of this cause: 93 %; sensor-lag:q 5 %"``; empty of hints."""
+    """``"Probability of this cause: 93 %; sensor-lag:q 5 %"``; empty of hints.
+
+    An alternative of no probability is one that fits as well: then the priors alone decide.
+    """
     mine = claim.probability.get(claim.name, math.nan)
     if not math.isfinite(mine):
         return ""
@@ -338,7 +341,13 @@ def probability_sentence(claim: Claim) -> str:
         for name, p in shown_probability(claim).items()
         if name != claim.name
     )
-    return f"Probability of this cause: {_percent(mine)}{f'; {rest}' if rest else ''}"
+    told = f"Probability of this cause: {_percent(mine)}{f'; {rest}' if rest else ''}"
+    equal = [name for name in claim.alternatives if claim.probability.get(name, 1.0) < LEAST]
+    if not equal:
+        return told
+    many = " and ".join(equal)
+    fits = f"{many} {'fits' if len(equal) == 1 else 'fit'} these data equally well"
+    return f"{told}, by the priors alone: {fits}"
 
 
 def _percent(p: float) -> str:
