@@ -421,8 +421,9 @@ def identification_summary(found: IdentificationResult, details: str = BELOW) ->
     outcome = found.estimate.outcome.value + (
         f"; not determined: {', '.join(vague)}" if vague else ""
     )
-    cautions = len(found.cautions) + len(found.doubts)
-    outcome += f"; {cautions} caution{'s' if cautions > 1 else ''} below" if cautions else ""
+    counts = ((len(found.doubts), "warning"), (len(found.cautions), "caution"))
+    said = [f"{n} {word}{'s' if n > 1 else ''}" for n, word in counts if n]
+    outcome += f"; {' and '.join(said)} below" if said else ""
     return Summary(
         f"{named}, {samples} samples; {found.vehicle.name}, {found.vehicle.model} model, "
         f"{found.method}",

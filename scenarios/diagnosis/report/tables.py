@@ -351,7 +351,7 @@ def kinematics_lines(
         f"{FREE if finding.kind == BIAS else 'the diagnosis does not name it'}"
         for finding in unnamed(kinematics, claims)
     ]
-    lines = lines or ["kinematics alone find no sensor fault either"]
+    lines = lines or ["kinematics alone find no sensor fault"]
     # The declared equations say as much themselves.
     return [*lines, *(f"kinematics: {note}" for note in kinematics.result.notes if note != LEVEL)]
 

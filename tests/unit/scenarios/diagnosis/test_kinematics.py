@@ -154,10 +154,7 @@ def test_only_sensor_effects_are_compared_and_others_found_are_told() -> None:
         "late (delay or lag: these records cannot tell); "
         "the diagnosis does not name it"
     ]
-    assert (
-        kinematics_lines(checked(), [], Wording())[0]
-        == "kinematics alone find no sensor fault either"
-    )
+    assert kinematics_lines(checked(), [], Wording())[0] == "kinematics alone find no sensor fault"
 
 
 @pytest.mark.long
