@@ -385,10 +385,10 @@ def _of_gusts(records: Sequence[Record], estimate: Estimate) -> tuple[str, ...]:
     ):
         factor, worst, held = SHORT_IN_GUSTS[estimate.method]
         return (
-            f"one cause moves the residuals of several outputs, as gusts do: in gusts sigmas of "
-            f"{estimate.method} are {factor:g} times too small, of single derivatives up to "
-            f"{worst:g} times (two of "
-            f"them held {100 * held:.0f} % of the true values); those of equation-error hold",
+            f"one cause moves the residuals of several outputs, as gusts do. In gusts the sigmas "
+            f"of {estimate.method} are {factor:g} times too small, those of single derivatives up "
+            f"to {worst:g} times: two sigmas held {100 * held:.0f} % of the true values. Those of "
+            "equation-error hold",
         )
     if (
         estimate.method == "filter-error"
