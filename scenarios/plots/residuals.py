@@ -35,6 +35,7 @@ from scenarios.plots.style import (
     VERMILION,
     WIDTH,
     ZERO,
+    PanelsOverNames,
     caption,
     decades,
     finish,
@@ -221,26 +222,8 @@ def figure_equivalents(rows: Sequence[EquivalentRow], title: str = "") -> Figure
         list(dict.fromkeys(row.name for row in rows)),
         list(dict.fromkeys(row.aircraft for row in rows)),
     )
-    columns = min(3, max(len(names), 1))
-    sheet = make_sheet(
-        [1.45] * -(-len(names) // columns),
-        (1.0,) * columns,
-        count=len(names),
-        row_gap=0.42,
-        column_gap=0.62,
-        left=0.66,
-    )
-    room = (
-        (WIDTH - sheet.left - sheet.right - sheet.column_gap * (columns - 1))
-        / columns
-        / max(len(aircraft), 1)
-    )
-    numbered = any(text_width(name, TICK_SIZE) > room for name in aircraft)
-    if numbered:
-        title = "\n".join(
-            [title, *(f"{number}: {name}" for number, name in enumerate(aircraft, start=1))]
-        )
-    for name, panel in zip(names, sheet.panels, strict=True):
+    panels = PanelsOverNames.of(len(names), aircraft, "method", title)
+    for name, panel in zip(names, panels.sheet.panels, strict=True):
         of_name = [row for row in rows if row.name == name]
         # A power of ten stands in the unit, not above the axis.
         base = display_unit(of_name[0].unit, name)
@@ -277,17 +260,7 @@ def figure_equivalents(rows: Sequence[EquivalentRow], title: str = "") -> Figure
                     VERMILION,
                     "published ±2σ",
                 )
-        panel.set_xticks(
-            range(len(aircraft)),
-            [str(i + 1) if numbered else plain(name) for i, name in enumerate(aircraft)],
-        )
-        panel.tick_params(labelbottom=True)
-        panel.set_xlim(-0.6, len(aircraft) - 0.4)
-        panel.grid(False, axis="x")
-        panel.margins(y=0.12)
-    for panel in sheet.panels[-columns:] if numbered else ():
-        panel.set_xlabel("method, as numbered above", fontsize=TICK_SIZE)
-    return finish(sheet, title, bottom=0.5 if numbered else 0.3, head=0.26)
+    return panels.finished(head=0.26)
 
 
 def _point(panel: Axes, error: float, y: float, marker: str, colour: str, label: str) -> None:

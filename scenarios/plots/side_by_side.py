@@ -27,8 +27,8 @@ from scenarios.plots.style import (
     TICK_SIZE,
     TRUE,
     VERMILION,
-    WIDTH,
     ZERO,
+    PanelsOverNames,
     caption,
     finish,
     make_sheet,
@@ -90,26 +90,8 @@ def figure_studies_estimates(
     ``rows``: by parameter one entry a study, None where it says nothing. Studies with names too
     long for the axis are numbered there and named under the title.
     """
-    columns = min(3, len(rows))
-    sheet = make_sheet(
-        [1.45] * -(-len(rows) // columns),
-        (1.0,) * columns,
-        count=len(rows),
-        row_gap=0.42,
-        column_gap=0.62,
-        left=0.66,
-    )
-    room = (
-        (WIDTH - sheet.left - sheet.right - sheet.column_gap * (columns - 1))
-        / columns
-        / len(labels)
-    )
-    numbered = any(text_width(label, TICK_SIZE) > room for label in labels)
-    if numbered:
-        title = "\n".join(
-            [title, *(f"{number}: {label}" for number, label in enumerate(labels, start=1))]
-        )
-    for (name, row), panel in zip(rows.items(), sheet.panels, strict=True):
+    panels = PanelsOverNames.of(len(rows), labels, "study", title)
+    for (name, row), panel in zip(rows.items(), panels.sheet.panels, strict=True):
         sizes = [
             max(
                 abs(each.estimate),
@@ -126,17 +108,7 @@ def figure_studies_estimates(
         for x, each in enumerate(row):
             if each is not None:
                 _draw_estimate(panel, float(x), each, unit.factor)
-        panel.set_xticks(
-            range(len(labels)),
-            [str(i + 1) if numbered else plain(label) for i, label in enumerate(labels)],
-        )
-        panel.tick_params(labelbottom=True)
-        panel.set_xlim(-0.6, len(labels) - 0.4)
-        panel.grid(False, axis="x")
-        panel.margins(y=0.12)
-    for panel in sheet.panels[-columns:] if numbered else ():
-        panel.set_xlabel("study, as numbered above", fontsize=TICK_SIZE)
-    return finish(sheet, title, bottom=0.5 if numbered else 0.3, head=0.24)
+    return panels.finished(head=0.24)
 
 
 def figure_studies_errors(rows: Rows, labels: Sequence[str], title: str = "") -> Figure:

@@ -233,6 +233,58 @@ def text_width(text: str, points: float = LABEL_SIZE) -> float:
     )
 
 
+@dataclass(frozen=True, eq=False)
+class PanelsOverNames:
+    """Small panels, up to three in a row, each with the same names along its x axis.
+
+    Names too long for the axis are numbered there and named under the title.
+
+    Attributes
+    ----------
+    sheet : the panels. names : along each axis. kind : what a name is of, in a word. title : with
+    the numbered names. numbered : whether they are.
+    """
+
+    sheet: Sheet
+    names: Sequence[str]
+    kind: str
+    title: str
+    numbered: bool
+
+    @classmethod
+    def of(cls, count: int, names: Sequence[str], kind: str, title: str) -> PanelsOverNames:
+        """``count`` panels over ``names``."""
+        columns = min(3, max(count, 1))
+        sheet = make_sheet(
+            [1.45] * -(-count // columns),
+            (1.0,) * columns,
+            count=count,
+            row_gap=0.42,
+            column_gap=0.62,
+            left=0.66,
+        )
+        inner = WIDTH - sheet.left - sheet.right - sheet.column_gap * (columns - 1)
+        room = inner / columns / max(len(names), 1)
+        numbered = any(text_width(name, TICK_SIZE) > room for name in names)
+        if numbered:
+            title = "\n".join([title, *(f"{i}: {name}" for i, name in enumerate(names, start=1))])
+        return cls(sheet, names, kind, title, numbered)
+
+    def finished(self, head: float) -> Figure:
+        """The figure, its axes labelled; ``head``: inches above the first row."""
+        labels = [str(i + 1) if self.numbered else plain(n) for i, n in enumerate(self.names)]
+        for panel in self.sheet.panels:
+            panel.set_xticks(range(len(labels)), labels)
+            panel.tick_params(labelbottom=True)
+            panel.set_xlim(-0.6, len(labels) - 0.4)
+            panel.grid(False, axis="x")
+            panel.margins(y=0.12)
+        for panel in self.sheet.panels[-len(self.sheet.widths) :] if self.numbered else ():
+            panel.set_xlabel(f"{self.kind}, as numbered above", fontsize=TICK_SIZE)
+        bottom = 0.5 if self.numbered else 0.3
+        return finish(self.sheet, self.title, bottom=bottom, head=head)
+
+
 def time_axis(panel: Axes) -> None:
     """Label the x axis as time."""
     panel.set_xlabel("time (s)", fontsize=LABEL_SIZE)
