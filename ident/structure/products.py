@@ -174,10 +174,6 @@ def normal_of(products: Products, chosen: Sequence[int]) -> ScaledEquations:
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     gram, gram_noise = gram / np.outer(scale, scale), gram_noise / np.outer(scale, scale)
     cross, cross_noise = cross / scale, cross_noise / scale
-    if not at:
-        return ScaledEquations(
-            at, scale, gram, cross, gram - gram_noise, cross - cross_noise, np.zeros((0, 0)), 1.0
-        )
     inverse, share = clean_inverse(gram[np.ix_(at, at)], gram_noise[np.ix_(at, at)])
     clean_gram, clean_cross = gram - share * gram_noise, cross - share * cross_noise
     return ScaledEquations(at, scale, gram, cross, clean_gram, clean_cross, inverse, share)

@@ -172,7 +172,7 @@ def stepwise(
         while the residual is above ``LARGE`` times the noise, ``OF_RESIDUAL`` of it is enough.
     hierarchical : a product enters after the linear terms of its symmetry, where they are offered.
     """
-    above = _parents(products.terms) if hierarchical else [frozenset()] * len(products.terms)
+    above = _parents(products.terms, hierarchical)
     chosen = [i for i, term in enumerate(products.terms) if not term.factors]
     steps: list[SelectionStep] = []
     seen: set[frozenset[int]] = set()
@@ -250,8 +250,10 @@ def _simpler(terms: Sequence[Term], at: int) -> list[int]:
     ]
 
 
-def _parents(terms: Sequence[Term]) -> list[frozenset[int]]:
-    """Columns of each term's parents among those offered."""
+def _parents(terms: Sequence[Term], hierarchical: bool) -> list[frozenset[int]]:
+    """Columns of each term's parents among those offered; where not ``hierarchical`` none."""
+    if not hierarchical:
+        return [frozenset()] * len(terms)
     at = {term: i for i, term in enumerate(terms)}
     return [frozenset(at[each] for each in parents(term) if each in at) for term in terms]
 
@@ -276,7 +278,7 @@ def _without_weak(
 
     The partial F ratios of the search take residuals as white.
     """
-    above = _parents(products.terms) if hierarchical else [frozenset()] * len(products.terms)
+    above = _parents(products.terms, hierarchical)
     while True:
         values = values_of(products, chosen)
         variance = np.diag(columns.covariance(products, chosen, values, rows, local=False))
