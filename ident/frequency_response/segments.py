@@ -19,13 +19,9 @@ Hann windows are Welch's segments ("The Use of Fast Fourier Transform for the Es
 Spectra", IEEE Trans. Audio Electroacoustics 15(2), 1967). Sine tapers: Riedel and Sidorenko,
 "Minimum Bias Multiple Taper Spectral Estimation", IEEE Trans. Signal Processing 43(1), 1995.
 
-Frequency response of a record by a multitaper spectral estimate, and a low-order model fitted to
-it.
-
-The check of a filter's delay and damping that NASA TM-101722 took from a frequency-response
-analysis: no filter, no state, no process noise, only ratios of spectra. Sine tapers: Riedel and
-Sidorenko, "Minimum Bias Multiple Taper Spectral Estimation", IEEE Transactions on Signal Processing
-43(1), 1995. Weights of gain and phase: MIL-F-8785C's equivalent-system matching.
+The multitaper estimate and a low-order model fitted to it check the delay and damping that a filter
+found, as NASA TM-101722 did: no filter, no state, no process noise, only ratios of spectra. Gain
+and phase are weighed as MIL-F-8785C matches equivalent systems.
 """
 
 from __future__ import annotations

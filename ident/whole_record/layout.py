@@ -30,12 +30,6 @@ from sim.errors import ModelError
 from sim.maths import complex_step_jacobian
 from sim.record import Record
 
-# ---- States that a record shows
-
-
-# ---- Where a whole-record fit takes its states from before there is a trajectory
-
-
 # ---- Layout of a whole-record fit: which unknowns there are, and which record sees which
 
 ROUNDING = 1e-11  # relative size of what a whole-record computation does not resolve

@@ -350,6 +350,3 @@ def figure_open_margins(
             fontsize=LABEL_SIZE,
         )
     return finish(sheet, title)
-
-
-# ---- A frequency response: magnitude, phase and coherence over frequency

@@ -1,9 +1,8 @@
-"""Events of a watch in a ring, and the local server of its page.
+"""The page of `watch`: a ring buffer of the latest events, the local server that shows them, and
+what feeds it with rows and estimates.
 
 A page of another site could have its own name resolve to 127.0.0.1 and then read what is served
 there (DNS rebinding); its requests bear that name in their Host header, and are refused.
-
-The page of a watch fed with rows and estimates as events.
 """
 
 from __future__ import annotations
@@ -340,7 +339,7 @@ def _number_of(last_id: str, token: str) -> int | None:
     return int(number) if of == token and number.isdecimal() and len(number) < 16 else None
 
 
-# ---- What rows
+# ---- What the events hold: rows, estimates and status
 
 FACTOR = {name: math.degrees(1.0) if UNITS[name] in DEGREES else 1.0 for name in OUTPUTS}
 

@@ -150,6 +150,27 @@ def import_graph(files: Mapping[str, ast.Module]) -> Graph:
     return {path: imported(path, tree, files) for path, tree in files.items()}
 
 
+def empty_headings(text: str) -> list[str]:
+    """Headings (``# ---- ...``) of a module that have nothing below them."""
+    lines = [line for line in text.splitlines() if line.strip()]
+    below = [*lines[1:], "# ----"]
+    return [a for a, b in zip(lines, below, strict=True) if a[:6] == b[:6] == "# ----"]
+
+
+def test_headings_have_something_below_them() -> None:
+    """Files that were merged kept the headings of what had moved on."""
+    assert empty_headings("# ---- One\n\n\n# ---- Two\n\nx = 1\n\n# ---- Three\n") == [
+        "# ---- One",
+        "# ---- Three",
+    ]
+    found = {
+        path: left
+        for path in modules()
+        if (left := empty_headings((ROOT / path).read_text(encoding="utf-8")))
+    }
+    assert found == {}
+
+
 @pytest.mark.long
 def test_no_file_leads_back_to_itself_by_imports() -> None:
     graph = import_graph(modules())
