@@ -61,13 +61,16 @@ def _is_local(address: str) -> bool:
     return parts.scheme not in ("http", "https", "ws", "wss") or parts.hostname in LOCAL
 
 
-def fits(page: Page) -> bool:
-    """Whether the page needs no scrolling sideways."""
-    return bool(
-        page.evaluate(
-            "document.documentElement.scrollWidth <= document.documentElement.clientWidth + 1"
-        )
-    )
+def fits(page: Page, patience: int = 3000) -> bool:
+    """Whether the page needs no scrolling sideways, at the latest after ``patience`` milliseconds:
+    figures follow a new width of the window some frames later.
+    """
+    width = "document.documentElement.scrollWidth <= document.documentElement.clientWidth + 1"
+    for _ in range(patience // 100):
+        if page.evaluate(width):
+            return True
+        page.wait_for_timeout(100)
+    return bool(page.evaluate(width))
 
 
 def keep_picture(page: Page, name: str) -> None:
