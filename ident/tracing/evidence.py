@@ -162,6 +162,7 @@ class ColouredNoise:
     Attributes
     ----------
     fit : whose residuals, in standard deviations of the fit, are looked at.
+    averaged : neighbouring samples whose average is looked at in the place of each of them.
 
     References
     ----------
@@ -170,18 +171,36 @@ class ColouredNoise:
     """
 
     fit: Fit
+    averaged: int = 1
 
     @cached_property
     def _low(self) -> tuple[np.ndarray, ...]:
         """``(N,)`` of each record: which coefficients of the cosine transform are low."""
         found = []
         for problem in self.fit.layout.problems:
-            time, n = problem.record.time, problem.valid.shape[1]
-            interval = (time[-1] - time[0]) / max(len(time) - 1, 1)
+            time, n = problem.record.time, self.samples(problem.valid.shape[1])
+            interval = self.averaged * (time[-1] - time[0]) / max(len(time) - 1, 1)
             lengths = [block.stop - block.start for block in blocks_of(n)]
             frequency = [np.arange(each) / (2.0 * each * interval) for each in lengths]
             found.append(np.concatenate(frequency) < LOW_FREQUENCY)
         return tuple(found)
+
+    def samples(self, count: int) -> int:
+        """Number of averages of ``count`` samples."""
+        return -(-count // self.averaged)
+
+    def _averages(self, values: np.ndarray) -> np.ndarray:
+        """Averages of values ``(..., N)``, times the root of how many, so that noise keeps its
+        standard deviation.
+        """
+        if self.averaged == 1:
+            return values
+        count, step = values.shape[-1], self.averaged
+        sums = np.zeros((*values.shape[:-1], self.samples(count)))
+        for k in range(step):
+            part = values[..., k::step]
+            sums[..., : part.shape[-1]] += part
+        return sums / math.sqrt(step)
 
     def _standard(self, r: int, values: np.ndarray) -> np.ndarray:
         """Values ``(m, N)`` or ``(m, N, c)`` of a record in standard deviations of the fit."""
@@ -191,7 +210,9 @@ class ColouredNoise:
 
     @cached_property
     def _bands(self) -> tuple[np.ndarray, np.ndarray]:
-        """Counts and mean squares ``(m, 2)`` of the low and the high band."""
+        """Counts and mean squares ``(m, 2)`` of the low and the high band, of all samples."""
+        if self.averaged > 1:
+            return ColouredNoise(self.fit)._bands
         m = len(self.fit.variance)
         counts, squares = np.zeros((m, 2)), np.zeros((m, 2))
         for r, (problem, low) in enumerate(zip(self.fit.layout.problems, self._low, strict=True)):
@@ -215,7 +236,9 @@ class ColouredNoise:
     ) -> np.ndarray:
         """Cosine transform of values ``(..., m, N)`` of a record in standard deviations of the fit,
         over the level of each band; of some outputs or all."""
-        return np.asarray(self._scales(r)[outputs] * cosines(values))
+        found = cosines(self._averages(values))
+        found *= self._scales(r)[outputs]
+        return found
 
     def _scales(self, r: int) -> np.ndarray:
         means = self._bands[1]

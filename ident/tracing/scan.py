@@ -25,6 +25,7 @@ SHARP_PLACES = 2000  # over the record, for a step of one output
 AMPLITUDE = 0.4  # one sigma of a placed size about the place, as a share
 KEPT = 2  # places of a candidate
 LARGEST = 1e6  # of a signature: beyond it a simulation ran away
+RANKED = 0.04  # s, over which samples are averaged where places are ranked
 
 
 # An effect with its probes and the signatures of each, ``(m, N, k)`` a record.
@@ -65,6 +66,8 @@ class Prepared:
     e : ``(D,)`` residual at the posterior's mode. rows : those of each record.
     whiten : of a record's number, columns ``(c, a, N)`` and the ``a`` outputs that they belong to
         makes whitened ones ``(c, a N)``. separate : whether outputs are whitened one by one.
+    ranking : the same set by averages of neighbouring samples, where that is less work; places of
+        smooth signatures are ranked by it.
     """
 
     root: np.ndarray
@@ -72,31 +75,36 @@ class Prepared:
     rows: tuple[slice, ...]
     whiten: Callable[[int, np.ndarray, np.ndarray | slice], np.ndarray]
     separate: bool
+    ranking: Prepared | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A signature at one place of one record: whitened ``columns (k, a N)`` of the outputs that it
-    changes, whose ``rows`` of the record they are, prior of the factors.
+    """A signature at one place of one record.
+
+    Attributes
+    ----------
+    gain : of log evidence. probe : whose signature ``own (m, N, k)`` is, before it is moved.
+    shift : samples by which it begins later. prior : mean and sigma ``(k,)`` of the factors.
     """
 
     gain: float
     probe: Probe
+    own: np.ndarray
     shift: int
-    columns: np.ndarray
-    rows: np.ndarray
-    mean: np.ndarray
-    sigma: np.ndarray
+    prior: tuple[np.ndarray, np.ndarray]
 
 
-def prepared(fitted: FittedModel, prior: SetPrior) -> Prepared:
-    """Whiten a set that is fitted under white noise, or with process noise."""
+def prepared(fitted: FittedModel, prior: SetPrior, averaged: int = 1) -> Prepared:
+    """Whiten a set that is fitted under white noise, or with process noise; of the averages of
+    ``averaged`` neighbouring samples.
+    """
     fit, layout = fitted.fit, fitted.fit.layout
     n = len(fit.theta)
-    noise = ColouredNoise(fit)
+    noise = ColouredNoise(fit, averaged)
     residuals, sensitivities, rows, at = [], [], [], 0
     for r, problem in enumerate(layout.problems):
-        size = problem.valid.size
+        size = len(problem.valid) * noise.samples(problem.valid.shape[1])
         residuals.append(noise.residual(r).ravel())
         block = np.zeros((size, n))
         block[:, layout.columns(r)] = noise.sensitivities(r).reshape(size, -1)
@@ -115,15 +123,21 @@ def prepared(fitted: FittedModel, prior: SetPrior) -> Prepared:
 
     def whiten(r: int, columns: np.ndarray, outputs: np.ndarray | slice) -> np.ndarray:
         valid = layout.problems[r].valid[outputs]
-        made = np.where(valid, columns, 0.0)
-        if separate:
-            made /= np.sqrt(fit.variance)[outputs][:, None]
-        else:
+        made = columns if valid.all() else np.where(valid, columns, 0.0)
+        if not separate:
             made = np.moveaxis(fit.whiten(r, np.moveaxis(made, 0, 2)), 2, 0)
             made = np.where(valid, made, 0.0)
-        return noise.whitened(r, made, outputs).reshape(len(columns), -1)
+        made = noise.whitened(r, made, outputs)
+        if separate:
+            made /= np.sqrt(fit.variance)[outputs][:, None]
+        return made.reshape(len(columns), -1)
 
-    return Prepared(root, e - A @ offset, tuple(rows), whiten, separate)
+    ranking = None
+    if averaged == 1:
+        time = layout.problems[0].record.time
+        most = int(RANKED * (len(time) - 1) / (time[-1] - time[0]))
+        ranking = prepared(fitted, prior, most) if most > 1 else None
+    return Prepared(root, e - A @ offset, tuple(rows), whiten, separate, ranking)
 
 
 def closed_forms(
@@ -259,19 +273,51 @@ def _placed(
         count = parts[r].shape[1]
         # The likelihood of an event has local optima: places near the best are tried as well, and
         # those of a step of one output are close everywhere.
-        places = SHARP_PLACES if probe.sharp and ready.separate else PLACES
-        step = max(1, count // places)
+        sharp = probe.sharp and ready.separate
+        by = ready if sharp else ready.ranking or ready
+        step = max(1, count // (SHARP_PLACES if sharp else PLACES))
         coarse = list(range(0, count - 3, step)) if probe.shifts else [0]
-        found = _at_shifts(ready, effect, r, parts[r], probe, known, coarse)
+        found = _at_shifts(by, effect, r, parts[r], probe, known, coarse)
         if probe.shifts and found and step > 1:
             best = max(found, key=lambda place: place.gain).shift
             apart = max(1, 2 * step // PLACES)
             near = range(max(best - step + 1, 0), min(best + step, count - 3), apart)
             inside = [each for each in near if each != best]
-            fine = _at_shifts(ready, effect, r, parts[r], probe, known, inside)
+            fine = _at_shifts(by, effect, r, parts[r], probe, known, inside)
             found += sorted(fine, key=lambda place: -place.gain)[:1]
         out += found
     return out
+
+
+def _shifted(
+    ready: Prepared, r: int, own: np.ndarray, shifts: Sequence[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """A signature ``own (m, N, k)`` of record ``r`` begun later by some numbers of samples.
+
+    Returns
+    -------
+    Whitened columns ``(s, k, D)`` of the outputs that it changes, and the rows ``(D,)`` of the set
+    that they belong to.
+    """
+    m, count, k = own.shape
+    outputs = np.flatnonzero(np.any(own != 0.0, axis=(1, 2))) if ready.separate else np.arange(m)
+    moved = np.zeros((len(shifts), k, len(outputs), count))
+    columns = np.moveaxis(own[outputs], 2, 0)
+    for number, shift in enumerate(shifts):
+        moved[number, :, :, shift:] = columns[:, :, : count - shift]
+    W = ready.whiten(r, moved.reshape(-1, len(outputs), count), outputs)
+    size = (ready.rows[r].stop - ready.rows[r].start) // m
+    rows = ready.rows[r].start + (outputs[:, None] * size + np.arange(size)).ravel()
+    return W.reshape(len(shifts), k, -1), rows
+
+
+def _gains(
+    ready: Prepared, W: np.ndarray, rows: np.ndarray, prior: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Gains and factors (``closed_forms``) of whitened columns ``W (s, k, D)`` of some rows."""
+    inside = (W.reshape(-1, len(rows)) @ ready.root[rows]).reshape(*W.shape[:2], -1)
+    grams = W @ W.swapaxes(1, 2) - inside @ inside.swapaxes(1, 2)
+    return closed_forms(grams, W @ ready.e[rows], *prior)
 
 
 def _at_shifts(
@@ -280,29 +326,19 @@ def _at_shifts(
     r: int,
     own: np.ndarray,
     probe: Probe,
-    known: tuple[np.ndarray, np.ndarray],
+    prior: tuple[np.ndarray, np.ndarray],
     shifts: Sequence[int],
 ) -> list[Place]:
-    """A signature ``own (m, N, k)`` of record ``r`` begun later by some numbers of samples."""
-    (m, count, k), (mean, sigma) = own.shape, known
-    outputs = np.flatnonzero(np.any(own != 0.0, axis=(1, 2))) if ready.separate else np.arange(m)
-    if not len(outputs):
-        return []  # it changes no output of this record
-    rows = (outputs[:, None] * count + np.arange(count)).ravel()
-    root, e = ready.root[ready.rows[r]][rows], ready.e[ready.rows[r]][rows]
-    moved = np.zeros((len(shifts), k, len(outputs), count))
-    columns = np.moveaxis(own[outputs], 2, 0)
-    for number, shift in enumerate(shifts):
-        moved[number, :, :, shift:] = columns[:, :, : count - shift]
-    W = ready.whiten(r, moved.reshape(-1, len(outputs), count), outputs)
-    W = W.reshape(len(shifts), k, -1)
-    inside = (W.reshape(len(shifts) * k, -1) @ root).reshape(len(shifts), k, -1)
-    grams = W @ W.swapaxes(1, 2) - inside @ inside.swapaxes(1, 2)
-    gains, factors = closed_forms(grams, W @ e, mean, sigma)
+    """Places of a signature ``own (m, N, k)`` of record ``r`` begun later by some numbers of
+    samples; none where it changes no output or points against physics.
+    """
+    if not np.any(own):
+        return []
+    gains, factors = _gains(ready, *_shifted(ready, r, own, shifts), prior)
     return [
-        Place(float(gains[number]), probe, shift, W[number], rows, mean, sigma)
-        for number, shift in enumerate(shifts)
-        if _possible(effect, probe, factors[number])
+        Place(gain, probe, own, shift, prior)
+        for gain, shift, made in zip(gains.tolist(), shifts, factors, strict=True)
+        if _possible(effect, probe, made)
     ]
 
 
@@ -313,7 +349,7 @@ def _joined(ready: Prepared, effect: Traceable, places: Sequence[Sequence[Place]
     """
     event = bool(effect.traits.onset)
     chosen: list[Place | None] = []
-    price = gain = 0.0
+    price = 0.0
     for options in places:
         if not options and not event:
             return []
@@ -327,15 +363,16 @@ def _joined(ready: Prepared, effect: Traceable, places: Sequence[Sequence[Place]
             chosen.append(None)
             continue
         price += mean - best.gain
-        gain += best.gain
         chosen.append(best)
     there = [(r, place) for r, place in enumerate(chosen) if place is not None]
     if not there:
         return []
-    blocks = []
+    blocks, gain = [], 0.0
     for r, place in there:
-        block = np.zeros((len(ready.e), len(place.columns)))
-        block[ready.rows[r].start + place.rows] = place.columns.T
+        W, rows = _shifted(ready, r, place.own, [place.shift])
+        gain += float(_gains(ready, W, rows, place.prior)[0][0])
+        block = np.zeros((len(ready.e), W.shape[1]))
+        block[rows] = W[0].T
         blocks.append(block)
     return [
         Lead(
@@ -343,9 +380,9 @@ def _joined(ready: Prepared, effect: Traceable, places: Sequence[Sequence[Place]
             np.concatenate(blocks, axis=1),
             tuple(place.probe if place is not None else None for place in chosen),
             tuple(place.shift if place is not None else 0 for place in chosen),
-            np.concatenate([place.mean for _, place in there]),
-            np.concatenate([place.sigma for _, place in there]),
-            np.concatenate([np.full(len(place.sigma), r) for r, place in there]),
+            np.concatenate([place.prior[0] for _, place in there]),
+            np.concatenate([place.prior[1] for _, place in there]),
+            np.concatenate([np.full(len(place.prior[0]), r) for r, place in there]),
             price,
             gain,
         )
