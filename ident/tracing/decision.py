@@ -18,8 +18,8 @@ from ident.tracing.steady_search import (
     RIVAL,
     is_steady,
     quiet_vuong,
-    spread_asked,
-    spread_search,
+    required_z,
+    search_spread_evidence,
     vuong,
 )
 from ident.tracing.whiteness import is_noise, whiteness
@@ -59,14 +59,14 @@ class Decision:
 
     Attributes
     ----------
-    best : the set that the verdict rests on. less : the same noise without what is named.
+    best : the set that the verdict rests on. reference : the same noise without what is named.
     named : its effects. hints : effects that may act.
     searches : those that were made, in their order.
     """
 
     verdict: Verdict
     best: FittedModel
-    less: FittedModel
+    reference: FittedModel
     named: tuple[Named, ...]
     hints: tuple[Named, ...]
     searches: tuple[Search, ...]
@@ -84,7 +84,7 @@ class Decision:
     @property
     def stopped(self) -> bool:
         """Whether a search ended at its means."""
-        return any(search.spent for search in self.searches)
+        return any(search.budget_spent for search in self.searches)
 
 
 def probabilities(search: Search, without: Collection[str] = ()) -> dict[Key, float]:
@@ -126,7 +126,7 @@ def decided(
     discrepancy: Traceable | None = None,
     leaves_noise: LeavesNoise = nothing_held_out,
 ) -> Decision:
-    """The decision (``_decided``) less names that stand for a cause outside the library.
+    """The decision (``_decided``) without names that stand for a cause outside the library.
 
     Rough air acts whether or not the aircraft is maneuvered. An event may begin anywhere, and two
     of them imitate much that has another law: one cause that no effect has is likelier.
@@ -185,11 +185,11 @@ def _without_names(found: Decision, reasons: Mapping[str, str]) -> Decision:
 def _acts_when_quiet(found: Decision, name: str) -> bool:
     """Whether the evidence for rough air is also there while the aircraft hardly moves."""
     search, best = _fitted(found)
-    less = search.less(best, name)
-    if less is None:
+    smaller = search.set_without(best, name)
+    if smaller is None:
         return True
     declared, interval = found.searches[0].declared, search.context.interval
-    return quiet_vuong(best.fitted, less.fitted, declared, interval) >= RIVAL
+    return quiet_vuong(best.fitted, smaller.fitted, declared, interval) >= RIVAL
 
 
 def _decided(search: Search, discrepancy: Traceable | None, leaves_noise: LeavesNoise) -> Decision:
@@ -203,30 +203,34 @@ def _decided(search: Search, discrepancy: Traceable | None, leaves_noise: Leaves
     """
     problem, best = search.problem, search.best()
     if is_noise(best.fitted.fit):
-        found = _by_sets(search, best)
+        found = _decided_under_white_noise(search, best)
         outside = bool(problem.guards & frozenset(found.best.names))
-        general = _with_general_forms(search, leaves_noise) if outside else None
+        general = _decided_with_general_forms(search, leaves_noise) if outside else None
         if general is not None:
             return general
         if not found.named or leaves_noise(found.best):
             return found
     if discrepancy is None:
-        return _with_general_forms(search, leaves_noise) or _undecided(search, best)
+        return _decided_with_general_forms(search, leaves_noise) or _unexplained(search, best)
     base = (discrepancy, *best.fitted.background)
     acting = [each for each in problem.candidates if is_steady(each)]
     steady = Search(problem, acting, base, title="a model discrepancy")
-    beside = _beside_discrepancy(search, steady, _other_forms(steady, spread_search(steady)))
+    beside = _decided_beside_discrepancy(
+        search, steady, _other_forms(steady, search_spread_evidence(steady))
+    )
     forms = {each.name for each in problem.candidates if each.traits.general}
     if beside.named and not forms & {each.name for each in beside.named}:
         return beside
     return (
-        _with_slight_rest(search, best, discrepancy)
-        or _with_general_forms(search, leaves_noise)
+        _decided_with_small_misfit(search, best, discrepancy)
+        or _decided_with_general_forms(search, leaves_noise)
         or beside
     )
 
 
-def _with_slight_rest(search: Search, best: WeighedSet, discrepancy: Traceable) -> Decision | None:
+def _decided_with_small_misfit(
+    search: Search, best: WeighedSet, discrepancy: Traceable
+) -> Decision | None:
     """The decision under white noise where the best set leaves hardly more than noise; else None.
 
     The search beside a discrepancy does not look for events, whose evidence is not spread over the
@@ -241,17 +245,17 @@ def _with_slight_rest(search: Search, best: WeighedSet, discrepancy: Traceable) 
     least = search.problem.least_noise
     if any(levels[name] > OVER_LEAST * least.get(name, math.inf) for name in left):
         return None
-    found = _by_sets(search, best, clear=math.inf)
+    found = _decided_under_white_noise(search, best, clear=math.inf)
     return found if found.named else None
 
 
-def _with_general_forms(search: Search, leaves_noise: LeavesNoise) -> Decision | None:
+def _decided_with_general_forms(search: Search, leaves_noise: LeavesNoise) -> Decision | None:
     """The decision with general forms among the candidates; None where they do not leave noise."""
     problem = search.problem
     if len(problem.candidates) == len(search.candidates):
         return None
     offered = [each for each in problem.candidates if not each.traits.guard]
-    general = search.offering(offered, "white noise, general forms as well").run()
+    general = search.with_candidates(offered, "white noise, general forms as well").run()
     best = general.best()
     # A guard may be the same as a form: it gives way only where that is clearly likelier.
     guarded = search.best().names & problem.guards
@@ -259,7 +263,7 @@ def _with_general_forms(search: Search, leaves_noise: LeavesNoise) -> Decision |
         return None
     if not (is_noise(best.fitted.fit) and leaves_noise(best.fitted)):
         return None
-    return replace(_by_sets(general, best), searches=(search, general))
+    return replace(_decided_under_white_noise(general, best), searches=(search, general))
 
 
 def _other_forms(search: Search, best: WeighedSet) -> WeighedSet:
@@ -276,10 +280,10 @@ def _other_forms(search: Search, best: WeighedSet) -> WeighedSet:
             for each in search.candidates
             if each.station is Station.SENSOR_PATH and getattr(each, "channel", None) == channel
         }
-        less = search.less(best, name)
-        if channel is None or less is None:
+        smaller = search.set_without(best, name)
+        if channel is None or smaller is None:
             continue
-        found = search.in_the_place_of(less, others - {name})
+        found = search.sets_with_replacement(smaller, others - {name})
         other = max(found, key=lambda one: one.weight, default=None)
         if other is not None and other.weight > best.weight + CLEAR:
             best = other
@@ -294,24 +298,24 @@ def _is_cause(effect: Traceable, found: WeighedSet, interval: float) -> bool:
     return found.fitted.values.shared.get(full_name(effect, local), np.inf) > interval
 
 
-def _total(named: Named) -> float:
+def _group_probability(named: Named) -> float:
     """Probability of an effect or of one that the records do not tell from it."""
     return named.probability + sum(named.alternatives.values())
 
 
-def _by_sets(search: Search, best: WeighedSet, clear: float = CLEAR) -> Decision:
+def _decided_under_white_noise(search: Search, best: WeighedSet, clear: float = CLEAR) -> Decision:
     """Under white noise: what is certain, unless more leaves noise; else the best, by groups."""
     sets = probabilities(search)
     inclusion = inclusion_of(sets)
     whole = best = _certain_part(search, best, sets)
-    best, slight, out = _without_slight(search, best, clear)
-    guarded, best = best, _less_guards(search, best)
+    best, slight, out = _without_weak_members(search, best, clear)
+    guarded, best = best, _drop_guards(search, best)
     if best is not guarded:
         # A guard had chosen between effects that the records do not tell apart without it.
         out |= search.problem.guards
         top = search.best(out)
         if top.weight > best.weight and is_noise(top.fitted.fit):
-            best, _, out = _without_slight(search, top, clear, out)
+            best, _, out = _without_weak_members(search, top, clear, out)
     if out:
         sets = probabilities(search, out)
         best = _certain_part(search, best, sets)
@@ -323,13 +327,13 @@ def _by_sets(search: Search, best: WeighedSet, clear: float = CLEAR) -> Decision
     # Where motion that any record may have is all, and uncertain, a declared model that leaves
     # noise stands.
     usual = all(each.traits.background for each in best.fitted.effects)
-    uncertain = min(map(_total, named), default=1.0) < CERTAIN
+    uncertain = min(map(_group_probability, named), default=1.0) < CERTAIN
     if usual and uncertain and is_noise(search.root.fitted.fit):
         named = [replace(each, within=best.fitted) for each in named]
         best = search.root
     if not named or best is search.root:
         verdict = Verdict.CONSISTENT
-    elif search.problem.guards & best.names or min(map(_total, named)) < CERTAIN:
+    elif search.problem.guards & best.names or min(map(_group_probability, named)) < CERTAIN:
         verdict = Verdict.UNEXPLAINED
     else:
         alone = min(each.probability for each in named) >= CERTAIN
@@ -363,27 +367,27 @@ def _certain_part(search: Search, best: WeighedSet, sets: Mapping[Key, float]) -
     return search.visited[certain] if sets.get(certain, 0.0) > 1.0 - CERTAIN else best
 
 
-def _without_slight(
+def _without_weak_members(
     search: Search, best: WeighedSet, clear: float, before: Collection[str] = ()
 ) -> tuple[WeighedSet, dict[str, str], set[str]]:
-    """The likeliest set without members that bring little (``_less_slight``), those of ``best``
+    """The likeliest set without weak members (``_drop_weak_members``), those of ``best``
     with the reasons, and the names of all that are left out, ``before`` as well: they take no part
     in probabilities.
     """
-    best, slight = _less_slight(search, best, clear)
+    best, slight = _drop_weak_members(search, best, clear)
     out = {*before, *slight}
     while out:
         top = search.best(out)
         if top.weight <= best.weight:
             break
-        best, more = _less_slight(search, top, clear)
+        best, more = _drop_weak_members(search, top, clear)
         if not more:
             break
         out |= more.keys()
     return best, slight, out
 
 
-def _less_slight(
+def _drop_weak_members(
     search: Search, best: WeighedSet, clear: float
 ) -> tuple[WeighedSet, dict[str, str]]:
     """The set without members that bring little and not all along.
@@ -397,14 +401,14 @@ def _less_slight(
     while causes := search.added(best) - usual:
         slight = []
         for name in sorted(causes - search.problem.named_by_kinematics):
-            less = _likeliest_less(search, best, name, usual)
-            if less is None or best.weight - less.weight >= clear:
+            smaller = _likeliest_without(search, best, name, usual)
+            if smaller is None or best.weight - smaller.weight >= clear:
                 continue
-            z = vuong(best, less, search.context.interval)
+            z = vuong(best, smaller, search.context.interval)
             # Where the declared model leaves more than noise something acts, and it is the sole.
-            acts = len(causes) == 1 and not is_noise(less.fitted.fit)
+            acts = len(causes) == 1 and not is_noise(smaller.fitted.fit)
             if z < SUPPORTED and not acts:
-                slight.append((z, name, less))
+                slight.append((z, name, smaller))
         if not slight:
             break
         z, name, best = min(slight, key=lambda each: each[0])
@@ -412,19 +416,19 @@ def _less_slight(
     return best, left_out
 
 
-def _likeliest_less(
+def _likeliest_without(
     search: Search, best: WeighedSet, name: str, usual: Collection[str]
 ) -> WeighedSet | None:
     """The set without a member, with or without the ``usual`` motion that any record may have,
     which an effect may stand for: whichever is likelier.
     """
-    search.less(best, name)  # fitted now where it was not before
+    search.set_without(best, name)  # fitted now where it was not before
     rest = best.names - {name} - frozenset(usual)
     found = [one for key, one in search.visited.items() if key - frozenset(usual) == rest]
     return max(found, key=lambda one: one.weight, default=None)
 
 
-def _less_guards(search: Search, best: WeighedSet) -> WeighedSet:
+def _drop_guards(search: Search, best: WeighedSet) -> WeighedSet:
     """The set without its guards, where it leaves noise that is hardly larger.
 
     A guard says that a cause outside the library acts; one that does so little changes nothing.
@@ -437,7 +441,7 @@ def _less_guards(search: Search, best: WeighedSet) -> WeighedSet:
     if plain is None:
         effects = [each for each in best.fitted.effects if each.name in names]
         fitted = search.fit(effects, best.fitted)
-        plain = None if fitted is None else search.kept(fitted)
+        plain = None if fitted is None else search.store(fitted)
     if plain is None or not is_noise(plain.fitted.fit):
         return best
     return plain if _error_over_noise(plain.fitted, best.fitted) <= SLIGHT else best
@@ -459,10 +463,10 @@ def _named(search: Search, best: WeighedSet, effect: Traceable, sets: Mapping[Ke
     for name, each in _rivals(search, best, effect.name, CLEAR).items():
         if name not in formless:
             odds[name] = max(each, odds.get(name, 0.0))
-    return _sharing(effect.name, mine + sum(alike.values()), odds)
+    return _with_shares(effect.name, mine + sum(alike.values()), odds)
 
 
-def _sharing(
+def _with_shares(
     name: str, together: float, odds: Mapping[str, float], spread: float | None = None
 ) -> Named:
     """An effect and its alternatives with their shares of the probability that they have together,
@@ -494,7 +498,7 @@ def _alike(
     return {name: share for name, share in found.items() if share > least or name in equal}
 
 
-def _undecided(search: Search, best: WeighedSet) -> Decision:
+def _unexplained(search: Search, best: WeighedSet) -> Decision:
     """No name: what the best set leaves is not noise."""
     inclusion = inclusion_of(probabilities(search))
     where = " of data that were not fitted" if is_noise(best.fitted.fit) else ""
@@ -504,12 +508,12 @@ def _undecided(search: Search, best: WeighedSet) -> Decision:
     return Decision(Verdict.UNEXPLAINED, best.fitted, root, (), hints, (search,))
 
 
-def _beside_discrepancy(white: Search, search: Search, best: WeighedSet) -> Decision:
+def _decided_beside_discrepancy(white: Search, search: Search, best: WeighedSet) -> Decision:
     """Beside a discrepancy: what is spread over the records, with the rivals of each."""
     guards, root = search.problem.guards, search.root.fitted
     searches = (white, search)
-    best, spread = _by_kinematics(search, *_all_spread(search, best))
-    named = [_sharing(name, 1.0, _rivals(search, best, name), z) for name, z in spread.items()]
+    best, spread = _prefer_named_by_kinematics(search, *_drop_local_evidence(search, best))
+    named = [_with_shares(name, 1.0, _rivals(search, best, name), z) for name, z in spread.items()]
     if not named:
         return Decision(Verdict.UNEXPLAINED, root, root, (), (), searches)
     if guards & set(spread):
@@ -521,23 +525,23 @@ def _beside_discrepancy(white: Search, search: Search, best: WeighedSet) -> Deci
     return Decision(verdict, best.fitted, root, tuple(named), (), searches)
 
 
-def _all_spread(search: Search, best: WeighedSet) -> tuple[WeighedSet, dict[str, float]]:
-    """A set less the members whose evidence is not spread over the records, and z of the others."""
+def _drop_local_evidence(search: Search, best: WeighedSet) -> tuple[WeighedSet, dict[str, float]]:
+    """A set without the members whose evidence is not spread over the records; z of the others."""
     while True:
-        without = {name: search.without(best, name) for name in sorted(search.added(best))}
+        without = {name: search.fit_without(best, name) for name in sorted(search.added(best))}
         spread = {
-            name: math.inf if less is None else vuong(best, less, search.context.interval)
-            for name, less in without.items()
+            name: math.inf if smaller is None else vuong(best, smaller, search.context.interval)
+            for name, smaller in without.items()
         }
         # What lacks most of what it needs goes first.
-        least = min(spread, key=lambda name: spread[name] - spread_asked(search, name), default="")
-        less = without.get(least)
-        if less is None or spread[least] >= spread_asked(search, least):
+        least = min(spread, key=lambda name: spread[name] - required_z(search, name), default="")
+        smaller = without.get(least)
+        if smaller is None or spread[least] >= required_z(search, least):
             return best, spread
-        best = less
+        best = smaller
 
 
-def _by_kinematics(
+def _prefer_named_by_kinematics(
     search: Search, best: WeighedSet, spread: dict[str, float]
 ) -> tuple[WeighedSet, dict[str, float]]:
     """Of effects that the records do not tell apart, those that the relations between the sensors
@@ -555,7 +559,7 @@ def _by_kinematics(
             and vuong(best, one, search.context.interval) < RIVAL
         ]
         if rivals:
-            return _all_spread(search, max(rivals, key=lambda one: one.weight))
+            return _drop_local_evidence(search, max(rivals, key=lambda one: one.weight))
     return best, spread
 
 

@@ -36,7 +36,7 @@ from ident.tracing.fitted_model import FittedModel, quantities, records_of
 from ident.tracing.held_out import HeldOut, HeldOutData, predicted_by
 from ident.tracing.predictive import predictive_gains
 from ident.tracing.priors import FEWEST, ODDS
-from ident.tracing.problem import TraceProblem, untold
+from ident.tracing.problem import TraceProblem, no_progress
 from ident.tracing.result import After, Before, Judgement, not_noise, reported, residual_tests
 from ident.tracing.search import Search
 from ident.tracing.settings import TraceSettings
@@ -56,7 +56,7 @@ def diagnose(
     guards: Sequence[Traceable],
     validation: Sequence[Record],
     settings: TraceSettings | None = None,
-    progress: Callable[[str, float], None] = untold,
+    progress: Callable[[str, float], None] = no_progress,
     *,
     discrepancy: Traceable | None = None,
     kinematics: Callable[[], Sequence[tuple[str, ...]]] | None = None,
@@ -97,7 +97,7 @@ def diagnose(
     if any(not np.array_equal(a, b) for a, b in zip(masks, problem.masks, strict=True)):
         problem = problem.with_masks(masks)
         root = problem.fit((), root) or root
-        search = search.again(problem)
+        search = search.rerun_in(problem)
     groups = kinematics() if kinematics is not None and search.best().names else ()
     if groups:
         search = search.with_kinematics(groups)
@@ -177,7 +177,7 @@ def _without(told: Diagnosis, discrepancy: Traceable | None) -> Trained | None:
 
 
 @dataclass(eq=False)
-class _HeldAgainst:
+class _HeldOutCheck:
     """Sets fitted to the end, and what they predict of data that were not fitted.
 
     Attributes
@@ -207,7 +207,7 @@ def _decided(
     search: Search, discrepancy: Traceable | None, held: HeldOutData
 ) -> tuple[Decision, HeldOut]:
     """The decision, its set fitted to the end, and what that predicts of data not fitted."""
-    against = _HeldAgainst(search.problem, held)
+    against = _HeldOutCheck(search.problem, held)
     found = decided(search, discrepancy, against.leaves_noise)
     best, out = against.ended(found.best)
     return replace(found, best=best), out
@@ -225,7 +225,7 @@ def _judged(
     tests = residual_tests(best, out)
     left = not_noise(tests.all, LEVEL)
     verdict = found.verdict
-    gains = predictive_gains(found.less, best, held, out) if found.named else ()
+    gains = predictive_gains(found.reference, best, held, out) if found.named else ()
     guards = problem.guards
     claims = [_claim(best, each, gains, guards, claimed=True) for each in found.named]
     claims += [_claim(each.within or best, each, (), guards, claimed=False) for each in found.hints]

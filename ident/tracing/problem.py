@@ -20,7 +20,7 @@ SETTLED = 1e-6  # of log likelihood: a step that gains less moves nothing by mor
 CREEPING = 0.02  # the same where noise levels are unknowns, which creep: 0.2 sigmas
 
 
-def untold(text: str, share: float) -> None:
+def no_progress(text: str, share: float) -> None:
     """A progress that nobody follows."""
 
 
@@ -55,7 +55,7 @@ class TraceProblem:
     outputs: Sequence[str]
     settings: TraceSettings
     predicted: Sequence[Record] = ()
-    progress: Callable[[str, float], None] = untold
+    progress: Callable[[str, float], None] = no_progress
     least_noise: Mapping[str, float] = field(default_factory=dict)
     kinematic: tuple[tuple[str, ...], ...] = ()
     _ended: list[_Ended] = field(default_factory=list, init=False, repr=False)

@@ -29,7 +29,7 @@ RANKED = 0.04  # s, over which samples are averaged where places are ranked
 
 
 # An effect with its probes and the signatures of each, ``(m, N, k)`` a record.
-Shown = tuple[Traceable, Sequence[tuple[Probe, list[np.ndarray]]]]
+CandidateSignatures = tuple[Traceable, Sequence[tuple[Probe, list[np.ndarray]]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,15 +167,15 @@ def closed_forms(
     return gain, scale * np.einsum("pij,pj->pi", vectors, turned / values)
 
 
-def shown_by(
+def candidate_signatures(
     fitted: FittedModel, candidates: Sequence[Traceable], context: SearchContext
-) -> dict[int, Shown]:
+) -> dict[int, CandidateSignatures]:
     """Signatures of all candidates about a fitted set, those that ran away left out.
 
     By the place of a candidate: several forms of an effect have one name.
     """
     motions = motions_of(fitted)
-    found: dict[int, Shown] = {}
+    found: dict[int, CandidateSignatures] = {}
     for place, candidate in enumerate(candidates):
         if candidate.name in fitted.names or isinstance(candidate, NoiseEffect):
             continue
@@ -198,7 +198,10 @@ def shown_by(
 
 
 def leads_of(
-    fitted: FittedModel, ready: Prepared, shown: Sequence[Shown], context: SearchContext
+    fitted: FittedModel,
+    ready: Prepared,
+    shown: Sequence[CandidateSignatures],
+    context: SearchContext,
 ) -> list[Lead]:
     """Leads of all signatures of effects that are not in the set: of each its best places."""
     absent = [(effect, usable) for effect, usable in shown if effect.name not in fitted.names]
@@ -240,8 +243,8 @@ def _leads(
 ) -> list[Lead]:
     records = len(ready.rows)
     if belongs_to_record(effect):
-        places = [_placed(ready, effect, usable, context, r) for r in range(records)]
-        return _joined(ready, effect, places)
+        places = [_places_in_record(ready, effect, usable, context, r) for r in range(records)]
+        return _one_lead(ready, effect, places)
     out = []
     for probe, parts in usable:
         rows = [
@@ -259,7 +262,7 @@ def _leads(
     return sorted(out, key=lambda lead: -lead.gain)[:KEPT]
 
 
-def _placed(
+def _places_in_record(
     ready: Prepared,
     effect: Traceable,
     usable: Sequence[tuple[Probe, list[np.ndarray]]],
@@ -277,19 +280,19 @@ def _placed(
         by = ready if sharp else ready.ranking or ready
         step = max(1, count // (SHARP_PLACES if sharp else PLACES))
         coarse = list(range(0, count - 3, step)) if probe.shifts else [0]
-        found = _at_shifts(by, effect, r, parts[r], probe, known, coarse)
+        found = _places_at_shifts(by, effect, r, parts[r], probe, known, coarse)
         if probe.shifts and found and step > 1:
             best = max(found, key=lambda place: place.gain).shift
             apart = max(1, 2 * step // PLACES)
             near = range(max(best - step + 1, 0), min(best + step, count - 3), apart)
             inside = [each for each in near if each != best]
-            fine = _at_shifts(by, effect, r, parts[r], probe, known, inside)
+            fine = _places_at_shifts(by, effect, r, parts[r], probe, known, inside)
             found += sorted(fine, key=lambda place: -place.gain)[:1]
         out += found
     return out
 
 
-def _shifted(
+def _shifted_columns(
     ready: Prepared, r: int, own: np.ndarray, shifts: Sequence[int]
 ) -> tuple[np.ndarray, np.ndarray]:
     """A signature ``own (m, N, k)`` of record ``r`` begun later by some numbers of samples.
@@ -320,7 +323,7 @@ def _gains(
     return closed_forms(grams, W @ ready.e[rows], *prior)
 
 
-def _at_shifts(
+def _places_at_shifts(
     ready: Prepared,
     effect: Traceable,
     r: int,
@@ -334,7 +337,7 @@ def _at_shifts(
     """
     if not np.any(own):
         return []
-    gains, factors = _gains(ready, *_shifted(ready, r, own, shifts), prior)
+    gains, factors = _gains(ready, *_shifted_columns(ready, r, own, shifts), prior)
     return [
         Place(gain, probe, own, shift, prior)
         for gain, shift, made in zip(gains.tolist(), shifts, factors, strict=True)
@@ -342,7 +345,7 @@ def _at_shifts(
     ]
 
 
-def _joined(ready: Prepared, effect: Traceable, places: Sequence[Sequence[Place]]) -> list[Lead]:
+def _one_lead(ready: Prepared, effect: Traceable, places: Sequence[Sequence[Place]]) -> list[Lead]:
     """The best place in each record as one lead.
 
     An event is in a record or not with even odds, and is left out where it brings nothing.
@@ -369,7 +372,7 @@ def _joined(ready: Prepared, effect: Traceable, places: Sequence[Sequence[Place]
         return []
     blocks, gain = [], 0.0
     for r, place in there:
-        W, rows = _shifted(ready, r, place.own, [place.shift])
+        W, rows = _shifted_columns(ready, r, place.own, [place.shift])
         gain += float(_gains(ready, W, rows, place.prior)[0][0])
         block = np.zeros((len(ready.e), W.shape[1]))
         block[rows] = W[0].T
@@ -516,7 +519,7 @@ def starts_at(
     mapping a record.
     """
     ready = prepared(fitted, set_prior(fitted, context))
-    shown = [*shown_by(fitted, [effect], context).values()]
+    shown = [*candidate_signatures(fitted, [effect], context).values()]
     leads = leads_of(fitted, ready, shown, context)
     singles, _ = weighed_sets(ready, leads, lambda lead: 0.0, lambda one, other: False, 1)
     count = len(fitted.values.own)

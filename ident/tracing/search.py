@@ -30,11 +30,11 @@ from ident.tracing.fitted_model import (
 from ident.tracing.priors import family_sizes, log_odds, set_prior
 from ident.tracing.problem import TraceProblem
 from ident.tracing.scan import (
+    CandidateSignatures,
     LinearSet,
-    Shown,
+    candidate_signatures,
     leads_of,
     prepared,
-    shown_by,
     starts_of,
     weighed_sets,
 )
@@ -91,7 +91,7 @@ class Search:
     expanded: set[Key] = field(default_factory=set)
     refined: set[Key] = field(default_factory=set)
     alike: dict[Key, float] = field(default_factory=dict)
-    shown: dict[int, Shown] = field(default_factory=dict)
+    shown: dict[int, CandidateSignatures] = field(default_factory=dict)
     steps: list[Step] = field(default_factory=list)
     tried: list[Candidate] = field(default_factory=list)
     fits: int = 0
@@ -113,9 +113,9 @@ class Search:
     def root(self) -> WeighedSet:
         """The base alone; the declared model where there is none or it cannot be fitted."""
         if not self.base:
-            return self.kept(self.declared)
+            return self.store(self.declared)
         fitted = self.problem.fit(self.base, self.declared, rough=True)
-        return self.kept(fitted if fitted is not None else self.declared)
+        return self.store(fitted if fitted is not None else self.declared)
 
     @property
     def base_names(self) -> Key:
@@ -127,12 +127,12 @@ class Search:
         return one.names - self.base_names
 
     @property
-    def spent(self) -> bool:
+    def budget_spent(self) -> bool:
         """Whether as much was fitted as may be."""
         return self.fits > self.problem.settings.budget
 
     # ---------------------------------------------------------------- fits
-    def kept(self, fitted: FittedModel) -> WeighedSet:
+    def store(self, fitted: FittedModel) -> WeighedSet:
         """Weigh a fit and keep it, the better of two optima where the set was met before.
 
         A fit that ended before its optimum goes on where the set is among the likely ones: an
@@ -153,7 +153,7 @@ class Search:
 
     def _weighed(self, fitted: FittedModel) -> WeighedSet:
         evidence, offset, covariance = evidence_of(fitted, self.context)
-        return self.reweighed(WeighedSet(fitted, evidence, 0.0, offset, covariance))
+        return self.weighed_by_own_odds(WeighedSet(fitted, evidence, 0.0, offset, covariance))
 
     def fit(
         self,
@@ -167,7 +167,7 @@ class Search:
         start = Start(values.with_added(added) if added else values, {}, levels_of(parent))
         return fit_set(self.problem.data, tuple(effects), self.problem.roughly, start)
 
-    def child(self, parent: WeighedSet, proposed: LinearSet) -> WeighedSet | None:
+    def fit_proposed(self, parent: WeighedSet, proposed: LinearSet) -> WeighedSet | None:
         """The parent's set with the leads of a proposed one.
 
         Where the step of the linear world leads astray, the fit begins nearer to absence.
@@ -186,17 +186,17 @@ class Search:
             brought = parent.fitted.fit.cost - best.fit.cost if best is not None else -math.inf
             if brought > IMPROVES * proposed.gain:
                 break
-        return None if best is None else self.kept(best)
+        return None if best is None else self.store(best)
 
-    def without(self, parent: WeighedSet, name: str) -> WeighedSet | None:
+    def fit_without(self, parent: WeighedSet, name: str) -> WeighedSet | None:
         """The set without one of its effects, fitted from where the others stand."""
         effects = tuple(effect for effect in parent.fitted.effects if effect.name != name)
         fitted = self.fit(effects, parent.fitted)
-        return None if fitted is None else self.kept(fitted)
+        return None if fitted is None else self.store(fitted)
 
-    def less(self, parent: WeighedSet, name: str) -> WeighedSet | None:
+    def set_without(self, parent: WeighedSet, name: str) -> WeighedSet | None:
         """The set without one of its effects, as it was fitted before or else fitted now."""
-        return self.visited.get(parent.names - {name}) or self.without(parent, name)
+        return self.visited.get(parent.names - {name}) or self.fit_without(parent, name)
 
     # ---------------------------------------------------------------- rounds
     def run(self) -> Search:
@@ -207,24 +207,28 @@ class Search:
         _ = self.root
         for _ in range(ROUNDS):
             best = self.best()
-            if best.names in self.expanded or self.spent:
+            if best.names in self.expanded or self.budget_spent:
                 break
             self.expand(best)
             self._in_finer_forms()
             self._with_look_alikes()
-            if self._outdone(self.best().weight - best.weight):
+            if self._discrepancy_is_likelier(self.best().weight - best.weight):
                 return self
         for _ in range(2):
             top = self.best()
             members = sorted(self.added(top))
             # A pair is found by the scans that lead to it; larger sets may stand for another pair.
             if len(members) > 2:
-                self._beside_others()
+                self._scan_beside_single_effects()
             for name in members if len(members) > 1 else ():
-                less = self.without(top, name)
-                if less is not None and less.names not in self.expanded and not self.spent:
-                    self.expand(less, most=2)
-            if self.best() is top or self.spent:
+                smaller = self.fit_without(top, name)
+                if (
+                    smaller is not None
+                    and smaller.names not in self.expanded
+                    and not self.budget_spent
+                ):
+                    self.expand(smaller, most=2)
+            if self.best() is top or self.budget_spent:
                 break
             if self.best().names not in self.expanded:
                 self.expand(self.best())
@@ -233,7 +237,7 @@ class Search:
         self._with_equivalents()
         return self
 
-    def _outdone(self, raised: float) -> bool:
+    def _discrepancy_is_likelier(self, raised: float) -> bool:
         """Whether a discrepancy alone is likelier than the best set by more than the last round
         raised that."""
         best = self.best()
@@ -245,7 +249,7 @@ class Search:
             self.rivals[key] = Search(self.problem, (), base).root.weight
         return self.rivals[key] - best.weight > raised
 
-    def again(self, problem: TraceProblem) -> Search:
+    def rerun_in(self, problem: TraceProblem) -> Search:
         """The same search where other samples count: it goes on where they make another set the
         most probable of those that are fitted anew.
         """
@@ -261,23 +265,23 @@ class Search:
         for one in leading:
             fitted = other.fit(one.fitted.effects, one.fitted) if self.added(one) else None
             if fitted is not None:
-                found.append(other.kept(fitted))
+                found.append(other.store(fitted))
         other.expanded = self.expanded & {one.names for one in found} - {other.best().names}
         return other
 
-    def offering(self, candidates: Sequence[Traceable], title: str) -> Search:
+    def with_candidates(self, candidates: Sequence[Traceable], title: str) -> Search:
         """A search among other candidates that has the sets of this one which these can make."""
         other = Search(self.problem, candidates, self.base, title, self.discrepancy)
         other.alike = dict(self.alike)
         offered = {each.name for each in candidates} | self.base_names
         for key, one in self.visited.items():
             if key <= offered:
-                other.visited[key] = other.reweighed(one)
+                other.visited[key] = other.weighed_by_own_odds(one)
         if other.root.names in self.expanded:
             other.expand(other.root)
         return other
 
-    def reweighed(self, one: WeighedSet) -> WeighedSet:
+    def weighed_by_own_odds(self, one: WeighedSet) -> WeighedSet:
         """A fitted set with the prior odds of this search."""
         named = [effect for effect in one.fitted.effects if effect not in self.base]
         odds = log_odds(named, self.families, self.problem.named_by_kinematics)
@@ -290,13 +294,13 @@ class Search:
         """
         self.problem = replace(self.problem, kinematic=tuple(groups))
         for key, one in self.visited.items():
-            self.visited[key] = self.reweighed(one)
-        named = self.seeded()
-        if named is not None and named.names not in self.expanded and not self.spent:
+            self.visited[key] = self.weighed_by_own_odds(one)
+        named = self.set_named_by_kinematics()
+        if named is not None and named.names not in self.expanded and not self.budget_spent:
             self.expand(named)  # what stands beside it was sought beside other sets alone
         return self if self.best().names in self.expanded else self.run()
 
-    def seeded(self) -> WeighedSet | None:
+    def set_named_by_kinematics(self) -> WeighedSet | None:
         """The likeliest set of all effects that kinematics name, one of each group.
 
         The first of each group is tried, and another in the place of each; None where kinematics
@@ -313,14 +317,14 @@ class Search:
         fitted = self.fit((*self.base, *chosen), self.root.fitted) if chosen else None
         if fitted is None:
             return None
-        best = self.kept(fitted)
+        best = self.store(fitted)
         for one in chosen:
             rest = [each for each in chosen if each is not one]
             for other in others[one.name]:
                 if all(together(other, each) for each in rest):
                     swapped = self.fit((*self.base, *rest, other), fitted)
                     if swapped is not None:
-                        best = max(best, self.kept(swapped), key=lambda one: one.weight)
+                        best = max(best, self.store(swapped), key=lambda one: one.weight)
         return best
 
     def _in_finer_forms(self) -> None:
@@ -339,7 +343,7 @@ class Search:
         fitted = one.fitted
         forms = [each.finer() if isinstance(each, Refinable) else each for each in fitted.effects]
         names = frozenset(full_name(each, item.name) for each in forms for item in each.parameters)
-        if forms == list(fitted.effects) or names in self.refined or self.spent:
+        if forms == list(fitted.effects) or names in self.refined or self.budget_spent:
             return None
         self.refined.add(names)
         known = {*fitted.values.shared, *fitted.values.own[0]}
@@ -350,13 +354,13 @@ class Search:
             if full_name(each, local) not in known
         }
         other = self.fit(forms, fitted, [absent] * len(fitted.values.own))
-        return None if other is None else self.kept(other)
+        return None if other is None else self.store(other)
 
     def _with_look_alikes(self) -> None:
         """The best set with each effect that looks like a member in its place."""
         best = self.best()
         for effect in [each for each in best.fitted.effects if each.name in self.added(best)]:
-            less = self.visited.get(best.names - {effect.name})
+            smaller = self.visited.get(best.names - {effect.name})
             wanted = {
                 name
                 for name in (*self._looks_like(effect.name), *effect.traits.twins)
@@ -364,16 +368,18 @@ class Search:
             }
             if not wanted:
                 continue
-            less = less or self.without(best, effect.name)
-            if less is not None:
-                self.in_the_place_of(less, wanted)
+            smaller = smaller or self.fit_without(best, effect.name)
+            if smaller is not None:
+                self.sets_with_replacement(smaller, wanted)
 
-    def in_the_place_of(self, less: WeighedSet, wanted: Collection[str]) -> list[WeighedSet]:
-        """Sets with one of the ``wanted`` effects beside those of ``less``: those that promise
+    def sets_with_replacement(
+        self, smaller: WeighedSet, wanted: Collection[str]
+    ) -> list[WeighedSet]:
+        """Sets with one of the ``wanted`` effects beside those of ``smaller``: those that promise
         most in the linear world.
         """
-        proposed = self._proposed(less, 1, 0, wanted)[:RIVALS]
-        made = (self.child(less, each) for each in proposed)
+        proposed = self._proposed(smaller, 1, 0, wanted)[:RIVALS]
+        made = (self.fit_proposed(smaller, each) for each in proposed)
         return [each for each in made if each is not None]
 
     def _with_equivalents(self) -> None:
@@ -387,13 +393,13 @@ class Search:
                 if name in offered and name not in best.names and names not in self.visited:
                     fitted = self.fit((*rest, offered[name]), best.fitted)
                     if fitted is not None:
-                        self.kept(fitted)
+                        self.store(fitted)
 
-    def _beside_others(self) -> None:
+    def _scan_beside_single_effects(self) -> None:
         """Scan at the single effects that promise most: that of the best set may stand for two."""
         singles = [one for one in self.visited.values() if len(self.added(one)) == 1]
         for one in sorted(singles, key=lambda each: -each.weight)[:RIVALS]:
-            if one.names not in self.expanded and not self.spent:
+            if one.names not in self.expanded and not self.budget_spent:
                 self.expand(one, most=2)
 
     def best(self, without: Collection[str] = ()) -> WeighedSet:
@@ -419,19 +425,19 @@ class Search:
                 child
                 for proposed in self._proposed(parent, deeper, most)
                 if parent.names | proposed.names not in self.visited
-                and (child := self.child(parent, proposed)) is not None
+                and (child := self.fit_proposed(parent, proposed)) is not None
             ]
             leading = max(made, key=lambda one: one.weight, default=None)
             if leading is not None and leading.weight >= self.best().weight:
                 # Which set leads hangs on where its events are.
-                made.append(self._placed_better(leading))
+                made.append(self._with_events_moved(leading))
         rough = has_process_noise(parent.fitted.system)
         offered = self.base or not (rough or is_noise(parent.fitted.fit, PROCESS_NOISE_OFFERED))
         if offered and most == LEADERS:
             made += self._with_process_noise(parent)
-        self._tell(parent, beside, made)
+        self._log_round(parent, beside, made)
 
-    def _tell(self, parent: WeighedSet, beside: str, made: Sequence[WeighedSet]) -> None:
+    def _log_round(self, parent: WeighedSet, beside: str, made: Sequence[WeighedSet]) -> None:
         """Keep for the report what was tried at a set."""
         number = len(self.steps) + 1
         within = tuple(sorted(parent.names))
@@ -475,7 +481,7 @@ class Search:
         """
         ready = prepared(parent.fitted, set_prior(parent.fitted, self.context))
         if most == LEADERS or not self.shown:
-            self.shown |= shown_by(parent.fitted, self.candidates, self.context)
+            self.shown |= candidate_signatures(parent.fitted, self.candidates, self.context)
         shown = [one for one in self.shown.values() if most or one[0].name in wanted]
         leads = [
             lead
@@ -524,11 +530,11 @@ class Search:
                 continue
             fitted = self.fit((*parent.fitted.effects, effect), parent.fitted)
             if fitted is not None:
-                made.append(self.kept(fitted))
+                made.append(self.store(fitted))
         return made
 
     # ---------------------------------------------------------------- events
-    def _placed_better(self, one: WeighedSet) -> WeighedSet:
+    def _with_events_moved(self, one: WeighedSet) -> WeighedSet:
         """Events of a set looked for earlier and later: their times have local optima."""
         for effect in [each for each in one.fitted.effects if each.traits.onset]:
             records = len(one.fitted.values.own) if belongs_to_record(effect) else 1
@@ -552,4 +558,4 @@ class Search:
             fitted = self.fit(one.fitted.effects, one.fitted, values=moved)
             if fitted is not None and (best is None or fitted.fit.cost < best.fit.cost):
                 best = fitted
-        return one if best is None or best.fit.cost >= one.fitted.fit.cost else self.kept(best)
+        return one if best is None or best.fit.cost >= one.fitted.fit.cost else self.store(best)

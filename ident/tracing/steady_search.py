@@ -54,20 +54,20 @@ def log_densities(fitted: FittedModel) -> list[np.ndarray]:
     return [each + rest for each in out]
 
 
-def vuong(more: WeighedSet, less: WeighedSet, interval: float) -> float:
+def vuong(one: WeighedSet, other: WeighedSet, interval: float) -> float:
     """Difference of log evidence over the scatter of its parts in blocks of time.
 
     Parameters
     ----------
-    more, less : two fitted sets on the same records. interval : between samples, s.
+    one, other : two fitted sets on the same records. interval : between samples, s.
     """
-    pairs = zip(log_densities(more.fitted), log_densities(less.fitted), strict=True)
+    pairs = zip(log_densities(one.fitted), log_densities(other.fitted), strict=True)
     changes = [_in_blocks(a - b, interval) for a, b in pairs]
-    return _over_scatter(more.evidence - less.evidence, np.concatenate(changes))
+    return _over_scatter(one.evidence - other.evidence, np.concatenate(changes))
 
 
 def quiet_vuong(
-    more: FittedModel, less: FittedModel, declared: FittedModel, interval: float
+    one: FittedModel, other: FittedModel, declared: FittedModel, interval: float
 ) -> float:
     """Vuong's test in the half of the blocks in which the declared model moves least.
 
@@ -77,7 +77,7 @@ def quiet_vuong(
 
     Parameters
     ----------
-    more, less : two fitted sets on the same records. declared : the declared model there, without
+    one, other : two fitted sets on the same records. declared : the declared model there, without
         process noise. interval : between samples, s.
     """
     noise = np.sqrt(declared.fit.variance)[:, None]
@@ -97,7 +97,7 @@ def quiet_vuong(
         np.repeat(mine, size)[: line.y.shape[1]]
         for mine, line in zip(records, declared.fit.lines, strict=True)
     ]
-    pairs = zip(_densities_within(more, quiet), _densities_within(less, quiet), strict=True)
+    pairs = zip(_densities_within(one, quiet), _densities_within(other, quiet), strict=True)
     gains = np.concatenate([_in_blocks(a - b, interval) for a, b in pairs])[inside]
     return _over_scatter(float(gains.sum()), gains)
 
@@ -135,7 +135,7 @@ def _over_scatter(gain: float, changes: np.ndarray) -> float:
     return float(gain / max(scatter, math.sqrt(2.0 * abs(gain)), 1e-12))
 
 
-def surely_needed(one: WeighedSet, name: str, context: SearchContext, bar: float) -> bool:
+def is_surely_needed(one: WeighedSet, name: str, context: SearchContext, bar: float) -> bool:
     """Whether leaving an effect out would cost so much that no fit is needed to say so.
 
     One Gauss-Newton step from the fit puts the effect at its absence, all else at its optimum
@@ -186,19 +186,19 @@ def surely_needed(one: WeighedSet, name: str, context: SearchContext, bar: float
     return gain > CLEAR and z > bar
 
 
-def spread_asked(search: Search, name: str) -> float:
+def required_z(search: Search, name: str) -> float:
     """z that an effect needs beside a discrepancy."""
     return RIVAL if name in search.problem.named_by_kinematics else SPREAD
 
 
-def spread_search(search: Search) -> WeighedSet:
+def search_spread_evidence(search: Search) -> WeighedSet:
     """The set reached by additions of which each is spread over the records.
 
     After each addition those before it are left out, one at a time, and stay out where they are
     no longer needed.
     """
     leader, interval = search.root, search.context.interval
-    named = search.seeded()
+    named = search.set_named_by_kinematics()
     if named is not None:
         leader = _needed(search, named)
     for _ in range(DEEPEST):
@@ -222,21 +222,21 @@ def spread_search(search: Search) -> WeighedSet:
 
 
 def _needed(search: Search, leader: WeighedSet) -> WeighedSet:
-    """A set less the members whose evidence is not spread over the records, one at a time."""
+    """A set without the members whose evidence is not spread over the records, one at a time."""
     for name in sorted(search.added(leader)):
-        bar = spread_asked(search, name)
-        if surely_needed(leader, name, search.context, bar):
+        bar = required_z(search, name)
+        if is_surely_needed(leader, name, search.context, bar):
             continue
-        less = search.without(leader, name)
-        if less is None:
+        smaller = search.fit_without(leader, name)
+        if smaller is None:
             continue
-        z = vuong(leader, less, search.context.interval)
-        if less.weight > leader.weight or z < bar:
-            leader = less
+        z = vuong(leader, smaller, search.context.interval)
+        if smaller.weight > leader.weight or z < bar:
+            leader = smaller
     return leader
 
 
-def _adds_noise(more: WeighedSet, less: WeighedSet) -> bool:
+def _adds_noise(larger: WeighedSet, smaller: WeighedSet) -> bool:
     """Whether what one set has more than another is process noise."""
-    fresh = [each for each in more.fitted.effects if each.name not in less.names]
+    fresh = [each for each in larger.fitted.effects if each.name not in smaller.names]
     return any(isinstance(each, NoiseEffect) for each in fresh)

@@ -12,10 +12,10 @@ from scipy.stats import norm
 
 from ident.estimate import Outcome
 from ident.tracing.decision import (
-    _by_kinematics,
-    _by_sets,
-    _likeliest_less,
+    _decided_under_white_noise,
+    _likeliest_without,
     _other_forms,
+    _prefer_named_by_kinematics,
     decided,
     probabilities,
     searched,
@@ -230,12 +230,12 @@ def test_motion_that_any_record_may_have_is_offered_in_the_place_of_a_member() -
         for key, weight in weights.items()
     }
     stub = SimpleNamespace(
-        visited=visited, less=lambda best, name: visited[frozenset(best.names - {name})]
+        visited=visited, set_without=lambda best, name: visited[frozenset(best.names - {name})]
     )
     search, best = cast("Search", stub), cast("WeighedSet", visited[frozenset({"a", "pulse"})])
-    found = _likeliest_less(search, best, "pulse", {"phugoid"})
+    found = _likeliest_without(search, best, "pulse", {"phugoid"})
     assert found is not None and found.names == {"a", "phugoid"}
-    found = _likeliest_less(search, best, "pulse", ())
+    found = _likeliest_without(search, best, "pulse", ())
     assert found is not None and found.names == {"a"}
 
 
@@ -248,12 +248,12 @@ def test_uncertain_motion_that_any_record_may_have_leaves_the_declared_model_sta
     root = search.root
     assert is_noise(root.fitted.fit)
     other, one = (
-        replace(search.kept(fitted), weight=root.weight + weight)
+        replace(search.store(fitted), weight=root.weight + weight)
         for name, weight in (("sensor-scale:q", 3.0), ("phugoid", odds))
         if (fitted := search.fit([effect(name)], root.fitted)) is not None
     )
     search.visited = {each.names: each for each in (root, other, one)}
-    found = _by_sets(search, one)
+    found = _decided_under_white_noise(search, one)
     assert [each.name for each in found.named] == named
     assert found.verdict is (Verdict.AMBIGUOUS if named else Verdict.CONSISTENT)
     hinted = {each.name: each for each in found.hints}
@@ -287,10 +287,10 @@ def test_what_is_not_certain_is_left_out_where_a_weak_member_is_gone() -> None:
     for names, weight in (((), 500.0), (("phugoid",), 500.5), (("sensor-scale:q",), 505.0)):
         fitted = search.fit([*late.effects, *map(effect, names)], late)
         assert fitted is not None
-        one = replace(search.kept(fitted), weight=root.weight + weight)
+        one = replace(search.store(fitted), weight=root.weight + weight)
         weighed[one.names] = one
     search.visited = weighed
-    found = _by_sets(search, search.best())
+    found = _decided_under_white_noise(search, search.best())
     assert found.verdict is Verdict.TRACED
     assert [each.name for each in found.named] == [LATE]
 
@@ -312,11 +312,11 @@ def test_a_likely_set_is_fitted_until_it_settles() -> None:
     rough = search.fit([effect(LATE)], search.declared, [{"sensor-delay:alpha.delay": 0.3}])
     assert rough is not None and rough.fit.outcome is Outcome.MAX_ITERATIONS
     assert whole is not None and rough.fit.cost > whole.fit.cost + 5.0
-    assert search.kept(rough).fitted.fit.cost < whole.fit.cost + 1.0
+    assert search.store(rough).fitted.fit.cost < whole.fit.cost + 1.0
     # What is far from likely is not worth it.
     far = replace(search.best(), weight=search.best().weight + 1e5)
     search.visited = {frozenset({"other"}): far}
-    assert search.kept(rough).fitted is rough
+    assert search.store(rough).fitted is rough
 
 
 def test_what_brings_little_where_the_declared_model_leaves_noise_is_a_hint() -> None:
@@ -394,7 +394,7 @@ def test_a_late_gyro_is_late_for_gusts_too() -> None:
     assert rough is not None
     both = search.fit((gust, delay), rough)
     assert both is not None
-    gain = search.kept(both).evidence - search.kept(rough).evidence
+    gain = search.store(both).evidence - search.store(rough).evidence
     assert gain > 30.0
     assert both.values.shared["sensor-delay:q.delay"] == pytest.approx(0.1, abs=0.02)
 
@@ -411,7 +411,7 @@ def test_another_fault_of_the_sensor_takes_the_place_of_what_kinematics_name() -
     discrepancy = discrepancy_for(effects_for(declared().equations))
     assert discrepancy is not None
     search = Search(problem, (shown, scale), (discrepancy,))
-    named = search.seeded()
+    named = search.set_named_by_kinematics()
     assert named is not None and search.added(named) == {"sensor-scale:q"}
     assert search.added(_other_forms(search, named)) == {"sensor-deadband:q"}
 
@@ -426,9 +426,11 @@ def test_kinematics_choose_among_effects_that_are_not_told_apart() -> None:
         search = Search(replace(plain, kinematic=group), offered_both)
         one, other = (search.fit((each,), search.declared) for each in offered_both)
         assert one is not None and other is not None
-        best = max(search.kept(one), search.kept(other), key=lambda each: each.weight)
+        best = max(search.store(one), search.store(other), key=lambda each: each.weight)
         _ = search.root
-        found, spread = _by_kinematics(search, best, {name: 9.0 for name in best.names})
+        found, spread = _prefer_named_by_kinematics(
+            search, best, {name: 9.0 for name in best.names}
+        )
         assert set(spread) == set(found.names)
         names[group] = set(found.names)
     assert names[((LATE,),)] == {LATE} and names[((ARM,),)] == {ARM}
@@ -441,7 +443,7 @@ def test_a_search_that_offers_more_goes_on_from_the_sets_that_are_fitted() -> No
     values = {"sensor-scale:q.scale": 1.15, "sensor-delay:alpha.delay": 0.08}
     problem = offered([planted(both, values, seed=1)])
     few = [each for each in problem.candidates if each.name != LATE]
-    further = Search(problem, few).run().offering(problem.candidates, "all candidates").run()
+    further = Search(problem, few).run().with_candidates(problem.candidates, "all candidates").run()
     whole = Search(problem, problem.candidates).run()
     assert further.best().names == whole.best().names == {"sensor-scale:q", LATE}
     assert further.best().weight == pytest.approx(whole.best().weight, abs=0.5)

@@ -15,7 +15,7 @@ from ident.tracing.evidence import evidence_of
 from ident.tracing.fitted_model import FittedModel
 from ident.tracing.priors import set_prior
 from ident.tracing.problem import TraceProblem
-from ident.tracing.scan import leads_of, prepared, shown_by, starts_at, weighed_sets
+from ident.tracing.scan import candidate_signatures, leads_of, prepared, starts_at, weighed_sets
 from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.effects.disturbance.unmeasured_input import UnmeasuredInput
@@ -94,7 +94,9 @@ def found(fitted: FittedModel, *effects: Traceable) -> list[Found]:
     context = search_context(fitted)
     gains: dict[str, float] = {}
     ready = prepared(fitted, set_prior(fitted, context))
-    for lead in leads_of(fitted, ready, [*shown_by(fitted, effects, context).values()], context):
+    for lead in leads_of(
+        fitted, ready, [*candidate_signatures(fitted, effects, context).values()], context
+    ):
         gains[lead.effect.name] = max(gains.get(lead.effect.name, -np.inf), lead.gain)
     places = {effect.name: starts_at(fitted, effect, context) for effect in effects}
     best = [Found(places[name][0][0], gain, places[name][0][1][0]) for name, gain in gains.items()]
@@ -249,7 +251,7 @@ def test_a_delay_and_a_lag_of_one_sensor_are_alike_and_two_scales_are_not() -> N
     context = search_context(root)
     ready = prepared(root, set_prior(root, context))
     offered = (SensorDelay("q"), SensorLag("q"), SensorScale("nz"))
-    leads = leads_of(root, ready, [*shown_by(root, offered, context).values()], context)
+    leads = leads_of(root, ready, [*candidate_signatures(root, offered, context).values()], context)
     _, alike = weighed_sets(ready, leads, lambda lead: 0.0, lambda one, other: True, 1)
     assert alike[frozenset(("sensor-delay:q", "sensor-lag:q"))] > 0.94
     assert alike[frozenset(("sensor-delay:q", "sensor-scale:nz"))] < 0.9
