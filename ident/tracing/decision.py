@@ -136,59 +136,59 @@ def decided(
     search : without a discrepancy (``searched``). discrepancy : None decides without one.
     leaves_noise : whether what a fitted set leaves is noise, of data that were not fitted too.
     """
-    found = _decided(search, discrepancy, leaves_noise)
-    effects = {each.name: each for each in found.best.effects}
-    names = {each.name for each in found.named}
+    decision = _decided(search, discrepancy, leaves_noise)
+    effects = {each.name: each for each in decision.best.effects}
+    names = {each.name for each in decision.named}
     doubted = {
         name: ROUGH_AIR
         for name in names
-        if isinstance(effects[name], NoiseEffect) and not _acts_when_quiet(found, name)
+        if isinstance(effects[name], NoiseEffect) and not _acts_when_quiet(decision, name)
     }
-    if len(_events(found)) > 1:
-        return _without_names(found, dict.fromkeys(names, TWO_EVENTS))
-    return _without_names(found, doubted)
+    if len(_events(decision)) > 1:
+        return _without_names(decision, dict.fromkeys(names, TWO_EVENTS))
+    return _without_names(decision, doubted)
 
 
-def _fitted(found: Decision) -> tuple[Search, WeighedSet]:
+def _fitted(decision: Decision) -> tuple[Search, WeighedSet]:
     """The search of a decision's set, and the set in it."""
-    names = frozenset(found.best.names)
-    search = next(each for each in reversed(found.searches) if names in each.visited)
+    names = frozenset(decision.best.names)
+    search = next(each for each in reversed(decision.searches) if names in each.visited)
     return search, search.visited[names]
 
 
-def _events(found: Decision) -> set[str]:
+def _events(decision: Decision) -> set[str]:
     """Names, among those of a decision, of loads and gusts in passing."""
-    effects = {each.name: each for each in found.best.effects}
+    effects = {each.name: each for each in decision.best.effects}
     return {
         each.name
-        for each in found.named
+        for each in decision.named
         if effects[each.name].traits.onset and effects[each.name].station is not Station.SENSOR_PATH
     }
 
 
-def _without_names(found: Decision, reasons: Mapping[str, str]) -> Decision:
+def _without_names(decision: Decision, reasons: Mapping[str, str]) -> Decision:
     """A decision that does not name these effects, by the reasons: they are hints."""
     if not reasons:
-        return found
-    named = tuple(each for each in found.named if each.name not in reasons)
+        return decision
+    named = tuple(each for each in decision.named if each.name not in reasons)
     hints = tuple(
-        replace(each, reason=reasons[each.name]) for each in found.named if each.name in reasons
+        replace(each, reason=reasons[each.name]) for each in decision.named if each.name in reasons
     )
-    verdict = found.verdict
+    verdict = decision.verdict
     if not named:
         verdict = Verdict.UNEXPLAINED
     elif verdict is Verdict.TRACED:
         verdict = Verdict.PARTIAL
-    return replace(found, verdict=verdict, named=named, hints=(*found.hints, *hints))
+    return replace(decision, verdict=verdict, named=named, hints=(*decision.hints, *hints))
 
 
-def _acts_when_quiet(found: Decision, name: str) -> bool:
+def _acts_when_quiet(decision: Decision, name: str) -> bool:
     """Whether the evidence for rough air is also there while the aircraft hardly moves."""
-    search, best = _fitted(found)
+    search, best = _fitted(decision)
     smaller = search.set_without(best, name)
     if smaller is None:
         return True
-    declared, interval = found.searches[0].declared, search.context.interval
+    declared, interval = decision.searches[0].declared, search.context.interval
     return quiet_vuong(best.fitted, smaller.fitted, declared, interval) >= RIVAL
 
 

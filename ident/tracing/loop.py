@@ -101,12 +101,12 @@ def diagnose(
     groups = kinematics() if kinematics is not None and search.best().names else ()
     if groups:
         search = search.with_kinematics(groups)
-    found, out = _decided(search, discrepancy, held)
-    problem, best = search.problem, found.best
+    decision, out = _decided(search, discrepancy, held)
+    problem, best = search.problem, decision.best
     kept = _still_needed(declared.spikes, problem, records, best)
-    judgement = _judged(problem, found, out, held, (*kept, *spikes))
+    judgement = _judged(problem, decision, out, held, (*kept, *spikes))
     before, after = _scatter(problem, root, judgement, held)
-    told = reported(
+    diagnosis = reported(
         problem,
         Before(root, residual_tests(root, HeldOut(None, None)).all, before),
         After(judgement, after),
@@ -114,11 +114,11 @@ def diagnose(
         validation,
     )
     return replace(
-        told,
-        trained_after=_without(told, discrepancy),
-        steps=(*declared.steps, *found.steps),
-        candidates=found.candidates,
-        stopped=found.stopped,
+        diagnosis,
+        trained_after=_without(diagnosis, discrepancy),
+        steps=(*declared.steps, *decision.steps),
+        candidates=decision.candidates,
+        stopped=decision.stopped,
     )
 
 
@@ -167,9 +167,9 @@ def _scatter(
     return (after if same else scatter_between_records(problem, root, held)), after
 
 
-def _without(told: Diagnosis, discrepancy: Traceable | None) -> Trained | None:
+def _without(diagnosis: Diagnosis, discrepancy: Traceable | None) -> Trained | None:
     """What another record is predicted with: a discrepancy adds nothing to a free simulation."""
-    trained = told.trained_after
+    trained = diagnosis.trained_after
     if trained is None or discrepancy is None:
         return trained
     kept = tuple(effect for effect in trained.effects if effect.name != discrepancy.name)
@@ -208,30 +208,32 @@ def _decided(
 ) -> tuple[Decision, HeldOut]:
     """The decision, its set fitted to the end, and what that predicts of data not fitted."""
     against = _HeldOutCheck(search.problem, held)
-    found = decided(search, discrepancy, against.leaves_noise)
-    best, out = against.ended(found.best)
-    return replace(found, best=best), out
+    decision = decided(search, discrepancy, against.leaves_noise)
+    best, out = against.ended(decision.best)
+    return replace(decision, best=best), out
 
 
 def _judged(
     problem: TraceProblem,
-    found: Decision,
+    decision: Decision,
     out: HeldOut,
     held: HeldOutData,
     spikes: Sequence[Claim],
 ) -> Judgement:
     """The decision with its residual tests, claims and cautions."""
-    best = found.best
+    best = decision.best
     tests = residual_tests(best, out)
     left = not_noise(tests.all, LEVEL)
-    verdict = found.verdict
-    gains = predictive_gains(found.reference, best, held, out) if found.named else ()
+    verdict = decision.verdict
+    gains = predictive_gains(decision.reference, best, held, out) if decision.named else ()
     guards = problem.guards
-    claims = [_claim(best, each, gains, guards, claimed=True) for each in found.named]
-    claims += [_claim(each.within or best, each, (), guards, claimed=False) for each in found.hints]
+    claims = [_claim(best, each, gains, guards, claimed=True) for each in decision.named]
+    claims += [
+        _claim(each.within or best, each, (), guards, claimed=False) for each in decision.hints
+    ]
     claims = [claim for claim in claims if claim.name not in problem.guards]
-    cautions = _of_guards(problem, found)
-    if found.named and left:
+    cautions = _of_guards(problem, decision)
+    if decision.named and left:
         verdict = Verdict.PARTIAL
     cautions += left
     raised = sum(gains) if gains else np.inf
@@ -246,12 +248,12 @@ def _judged(
     return Judgement(verdict, best, out, (*spikes, *claims), tests, tuple(cautions))
 
 
-def _of_guards(problem: TraceProblem, found: Decision) -> list[Caution]:
-    guards = sorted(problem.guards & {each.name for each in found.hints})
+def _of_guards(problem: TraceProblem, decision: Decision) -> list[Caution]:
+    guards = sorted(problem.guards & {each.name for each in decision.hints})
     if not guards:
         return []
     what = f"what is missing behaves like {', '.join(guards)}, which is no effect of the library"
-    most = max(each.probability for each in found.hints if each.name in guards)
+    most = max(each.probability for each in decision.hints if each.name in guards)
     asked = f"the probability of {' and '.join(guards)}, outside the library,"
     requirement = Requirement(asked, most, 1.0 - CERTAIN, at_least=False)
     return [Caution(Concern.GUARD, what, requirement=requirement)]
@@ -279,7 +281,10 @@ def _claim(
     equal = set(named.alternatives) if effect.traits.general else set(effect.traits.equivalents)
     rivals = [name for name, share in likely if share > 1.0 - CERTAIN or name in equal]
     others = [name for name in rivals if name not in guards][:ALTERNATIVES]
-    told = {named.name: named.probability, **{name: named.alternatives[name] for name in others}}
+    probability = {
+        named.name: named.probability,
+        **{name: named.alternatives[name] for name in others},
+    }
     random = isinstance(effect, NoiseEffect)
     return Claim(
         named.name,
@@ -288,7 +293,7 @@ def _claim(
         claimed,
         records_of(best, effect),
         effect.explanation,
-        probability=told if claimed else {},
+        probability=probability if claimed else {},
         by_record=of_each_record(best, effect) if claimed and named.spread is not None else (),
         spread=named.spread,
         one_step_gains=tuple(gains) if random else (),
