@@ -72,12 +72,12 @@ def combine_covariances(first: Elements, second: Elements) -> Elements:
     """The element of two steps in a row."""
     A, C, J = first
     B, D, L = second
-    n = A.shape[-1]
-    between = B @ _inverse(np.eye(n) + C @ L)
+    inverse = _inverse(np.eye(A.shape[-1]) + C @ L)
+    between, onward = B @ inverse, inverse @ A
     return (
-        between @ A,
+        B @ onward,
         _symmetric(between @ C @ _t(B)) + D,
-        _symmetric(_t(A) @ L @ _inverse(np.eye(n) + C @ L) @ A) + J,
+        _symmetric(_t(A) @ L @ onward) + J,
     )
 
 

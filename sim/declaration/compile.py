@@ -428,18 +428,20 @@ def noise_of(parts: Parts) -> Callable[[Rows], tuple[list[Any], list[Any]]]:
     """``noise``: spectral density of each state's forcing, measurement variance of each output."""
     model, own, dynamics = parts.model, parts.own, parts.dynamics
     vehicle_of, outputs = parts.vehicle_of, parts.outputs
-    state_names, n_base = parts.state_names, len(model.equations.states)
+    state_names, at = parts.state_names, len(model.equations.states)
+    random: list[tuple[slice, NoiseEffect]] = []
+    for effect in dynamics:
+        places = slice(at, at + len(effect.states))
+        if isinstance(effect, NoiseEffect):
+            random.append((places, effect))
+        at = places.stop
 
     def noise(p: Rows) -> tuple[list[Any], list[Any]]:
         declared = model.noise.process_density
         density: list[Any] = [declared.get(name, 0.0) for name in state_names]
-        vehicle, at = vehicle_of(p), n_base
-        for effect in dynamics:
-            if isinstance(effect, NoiseEffect):
-                density[at : at + len(effect.states)] = list(
-                    effect.density(vehicle, own[effect.name](p))
-                )
-            at += len(effect.states)
+        vehicle = vehicle_of(p)
+        for places, effect in random:
+            density[places] = list(effect.density(vehicle, own[effect.name](p)))
         for clock in parts.clocks:
             pace = clock.pace(own[clock.name](p))
             density = [value / pace for value in density]
