@@ -52,13 +52,13 @@ def _(mo):
     ## Theory
 
     The structure of a large aircraft bends under its loads. The bending is a sum of mode shapes $i$, each with a coordinate $\eta_i$ (without dimension), a frequency $\omega_i$
-    and a damping ratio $\zeta_i$ in vacuo, and a generalised mass $M_i$. Each mode is an oscillator that the air drives,
+    and a damping ratio $\zeta_i$ in vacuo, and a generalised mass $M_i$. Each mode is an oscillator that the air drives (the other symbols are those of lab 2):
 
     $$ \ddot\eta_i + 2\zeta_i\omega_i\dot\eta_i + \omega_i^2\eta_i =
     \frac{\rho V^2 S \bar c}{2 M_i} \Big( C^{\eta_i}_\alpha \alpha + C^{\eta_i}_q \tfrac{\bar c}{2V} q +
-    C^{\eta_i}_{\delta}\delta_e + \sum_j \big(C^{\eta_i}_{\eta_j}\eta_j + \dots\big) \Big) , $$
+    C^{\eta_i}_{\delta}\delta_e + \sum_j \big(C^{\eta_i}_{\eta_j}\eta_j + \dots\big) \Big) . $$
 
-    where the dots stand for the like terms with $\dot\eta_j$. In turn each mode changes the lift and the moment:
+    The dots stand for similar terms with $\dot\eta_j$. In turn each mode changes the lift and the moment:
 
     $$ C_L = C_{L_\alpha}\alpha + C_{L_q}\tfrac{\bar c}{2V} q + C_{L_\delta}\delta_e + \sum_i \big( C_{L_{\eta_i}}\eta_i + C_{L_{\dot\eta_i}}\tfrac{\bar c}{2V}\dot\eta_i \big) ,
     \qquad C_m \ \text{likewise.} $$
@@ -68,7 +68,7 @@ def _(mo):
     $$ A\,\eta = b_\alpha\,\alpha + b_q \tfrac{\bar c}{2V} q + b_\delta\,\delta_e , \qquad
     A_{ij} = \omega_i^2\,[i = j] - k_i\, C^{\eta_i}_{\eta_j} , \qquad b_{\alpha,i} = k_i\, C^{\eta_i}_\alpha , \qquad k_i = \frac{\rho V^2 S \bar c}{2 M_i} , $$
 
-    with 1 for $[i = j]$ on the diagonal, else 0; $b_q$ and $b_\delta$ are like $b_\alpha$. So $\eta$ is proportional to $\alpha$, $q$ and $\delta_e$, and lift and moment depend on these three
+    where $[i = j]$ is 1 on the diagonal of $A$ and 0 elsewhere; $b_q$ and $b_\delta$ are formed like $b_\alpha$. So $\eta$ is proportional to $\alpha$, $q$ and $\delta_e$, and lift and moment depend on these three
     alone, as on a rigid aircraft, but with other derivatives. These are called **condensed** (also quasi-static, or elastic equivalents):
 
     $$ C_{m_\alpha}^{\text{cond}} = C_{m_\alpha} + C_{m_\eta} A^{-1} b_\alpha , \quad \text{and so for the other five.} $$

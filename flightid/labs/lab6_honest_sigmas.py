@@ -201,7 +201,8 @@ def _(close, lab, page):
             "Divide `reported sigma` by `Cramér-Rao, sensors alone`.",
             "By less than 2 %: this estimator is efficient, and its sigmas are honest. (The sigma "
             "is slightly below the bound because the filter also has a prior, which the bound does "
-            "not contain.)",
+            "not contain. The bias of C_mδe, 0.6 of its sigma, is the error of linearisation after "
+            "a poor start, as in lab 1; output error does not have it.)",
         ),
         "sensors": page.Question(
             "Let the filter assume half the true sensor noise (0.5). What happens?",

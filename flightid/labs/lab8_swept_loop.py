@@ -126,6 +126,11 @@ def _(command, controls, lab, mo, page):
     mo.vstack(
         [
             page.table(["quantity", "unit", "true", "estimate ± σ", "error, σ"], _rows),
+            mo.md(
+                "`inv T roll` is 1/T of the roll mode. `gain increase` is the gain margin; `delay "
+                "margin` is the further delay at which the loop would become unstable. `distance` is "
+                "the smallest distance from -1; the figure below shows it in dB."
+            ),
             page.command_line(command("run", lab.SCENARIO, asked)),
         ]
     )
@@ -165,7 +170,7 @@ def _(close, lab, page):
         ),
         "delay": page.Question(
             "What is the longest delay on the slider at which the true phase margin is still at "
-            f"least {lab.ENOUGH:g} deg?",
+            "least 45 deg, as MIL-F-9490D asks?",
             page.number_field("ms"),
             lambda value: close(value, lab.longest_delay(), 0.01),
             "Move the delay and read the column `true`.",
