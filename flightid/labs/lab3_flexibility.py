@@ -248,7 +248,7 @@ def _(close, lab, page):
             "Move the second slider step by step.",
             "All tests pass, and the error of C_mq is still three sigmas, since the missing force "
             "follows the elevator. From 0.6 on the test of q fails again: the filter now follows "
-            "the sensor noise, and successive innovations have opposite signs.",
+            "the sensor noise, and successive innovations tend to have opposite signs.",
         ),
         "mends": page.Question(
             "What has the process noise corrected?",

@@ -200,7 +200,7 @@ def _(flown, get_locked, lab, mo, page, seed):
     _effects = [
         f"- **{page.plain(effect.name)}**: {page.plain(effect.sentence)}"
         + (
-            f" (these data fit as well: {page.plain(', '.join(effect.alternatives))})"
+            f" ({page.plain(' or '.join(effect.alternatives))} fits these data as well)"
             if effect.alternatives
             else ""
         )
@@ -219,9 +219,13 @@ def _(flown, get_locked, lab, mo, page, seed):
                 ),
                 kind="info",
             ),
-            page.plotted(
-                found.plot.evidence(), "gain in likelihood of the candidates of each round"
+            mo.md(
+                "The figure shows the odds of each candidate against the model of the round. They "
+                "contain the gain in likelihood and the prior: what is known before the flight, "
+                "such as where sensors usually sit and which derivatives the vehicle file has. So "
+                "an effect that fits equally well can have much smaller odds."
             ),
+            page.plotted(found.plot.evidence(), "posterior odds of the candidates of each round"),
             page.plotted(found.plot.residuals(), "residuals before and after"),
             mo.md(
                 "Prediction error on the second record, which was **not** fitted, in units of the "
@@ -336,8 +340,8 @@ def _(mo):
     ## Questions
 
     1. Seed 1: which channel has the largest residual in units of its noise, and which *measured* signal does it resemble? What position of a sensor has this effect?
-    2. Seed 1: the loop names an alternative. Why can these data not distinguish the two, and
-    which further channel or maneuver could?
+    2. Seed 1: the loop names another effect that fits the data as well. Why can these data not distinguish the two? By which prior knowledge does the loop prefer
+    one of them, and which further channel or maneuver could decide?
     3. Why does the error on the *second* record show more than the error on the first?
     4. Which of the suspects would bias the derivatives most and leave the smallest residual?
     5. Play five seeds. Is your Brier score below 0.25? Compare the mean of your probabilities with the share of your guesses that were right: were you too sure? What
