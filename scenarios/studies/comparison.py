@@ -30,8 +30,8 @@ from sim.vehicles.library import Origin, VehicleData, read_parameter_set
 
 HEADING = "chosen for this study [own], not published or published otherwise:"
 SEE_PAPERS = (
-    "published: estimates and sigmas that the source of this study prints; docs/papers.md compares "
-    "them with the estimates above"
+    "published: estimates and sigmas that the source of this study prints, with the error of each "
+    "in its own sigmas; docs/papers.md compares them with the estimates above"
 )
 CONDENSED = (
     "condensed: the value that the derivative has in the fitted model if all modes that the model "
