@@ -206,15 +206,15 @@ def figure_structure(
 
 
 def figure_bode(omega: np.ndarray, responses: Mapping[str, np.ndarray], unit: str) -> Figure:
-    """Size in dB (of ``unit``) and phase in degrees of complex responses ``(n,)`` over frequency
-    (rad/s).
+    """Magnitude in dB (of ``unit``) and phase in degrees of complex responses ``(n,)`` over
+    frequency (rad/s).
     """
     sheet = make_sheet([1.5, 1.5], row_gap=0.25)
     for number, (label, response) in enumerate(responses.items()):
         style = method_style(number)
         sheet.panels[0].plot(omega, 20.0 * np.log10(np.abs(response)), label=label, **style)
         sheet.panels[1].plot(omega, np.degrees(np.unwrap(np.angle(response))), **style)
-    for panel, text in zip(sheet.panels, (f"size (dB of {unit})", "phase (deg)"), strict=True):
+    for panel, text in zip(sheet.panels, (f"magnitude (dB of {unit})", "phase (deg)"), strict=True):
         panel.set_xscale("log")
         y_label(panel, text)
     sheet.panels[1].set_xlabel("frequency (rad/s)", fontsize=LABEL_SIZE)

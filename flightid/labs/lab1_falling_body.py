@@ -22,8 +22,8 @@ def _(page):
         1,
         "A falling body",
         """To see how a Kalman filter estimates one parameter, at which altitudes the record
-        contains information about it, and why a poor start makes its standard deviation too
-        small.""",
+        contains information about it, and why after a poor start the error of the estimate is
+        many times the standard deviation that the filter reports.""",
     )
     return
 
@@ -55,14 +55,18 @@ def _(mo):
 
     $$ \frac{\partial \ddot h}{\partial \beta} = - \frac{\rho\,\dot h^2}{2\,\beta^2} . $$
 
-    At high altitude $\rho$ is nearly zero, and so is this entry: the record contains no
-    information there. It is also proportional to $1/\beta^2$, and the filter must evaluate it at its own estimate, not at the true $\beta$.
-    With a wrong $\hat\beta$ the filter counts information that does not exist, and
-    $P$ stays too small from then on. That is what
-    a second
-    *pass* is for: the filter runs again, now linearised about what the first pass found.
+    At high altitude $\rho$ is nearly zero, and so is this entry: the record contains almost no
+    information there. It is also proportional to $1/\beta^2$.
 
-    *An honest sigma:* the interval of two standard deviations contains the true value in 95 of 100 repetitions. One run cannot show this; a **campaign** of many runs can.
+    *What the reported sigma leaves out.* The filter does not know the true $\beta$, so it evaluates $F$ at its own estimate $\hat\beta$.
+    If $\hat\beta$ is wrong, so are the sensitivity and the gain $K$ that follows from it, and each measurement moves $\hat\beta$ by a wrong amount.
+    $P$ contains the prior and the noise of the radar, but not this **error of linearisation**: it shrinks after each measurement as if $F$ were right.
+    Later measurements then get too little weight to correct the early errors. At the end sigma, the root of the entry of $P$ that belongs to $\beta$,
+    is nearly that of a filter with a good start, but the error of $\hat\beta$ is many times larger.
+
+    A second *pass* avoids this: the filter runs through the record again, now linearised about the estimate of the first pass.
+
+    *An honest sigma:* in 95 of 100 repetitions the interval of two standard deviations contains the true value. One run cannot show this; a **campaign** of many runs can.
     """)
     return
 
@@ -111,8 +115,8 @@ def _(command, controls, lab, mo, page, seed):
         [
             mo.md(
                 f"**One fall:** β = {_row.estimate / _unit:.2f} ± {_row.std / _unit:.2f} lb/ft², "
-                f"truth {_row.true / _unit:.0f}: **{_off:+.1f} "
-                "sigmas off**. "
+                f"true value {_row.true / _unit:.0f}; error **{_off:+.1f} "
+                "sigmas**. "
                 f"The filter has halved its sigma at {lab.awakening(study)[0]:.1f} s, "
                 f"{lab.awakening(study)[1] / 1000:.1f} km up."
             ),
@@ -152,7 +156,7 @@ def _(asked, command, lab, mo, page, runs):
             mo.md("## Not one fall but many"),
             runs,
             page.table(
-                ["of all falls", "found", "if the sigma were honest"],
+                ["over all falls", "found", "with an honest sigma"],
                 [
                     ["mean error, in reported sigmas", f"{_all.bias:+.1f}", "0"],
                     [
@@ -161,7 +165,7 @@ def _(asked, command, lab, mo, page, runs):
                         "1",
                     ],
                     [
-                        "2-sigma intervals that hold the truth",
+                        "2-sigma intervals that contain the true value",
                         f"{100 * _all.within_two:.0f} %",
                         "95 %",
                     ],
@@ -186,17 +190,18 @@ def _(close, lab, page):
             "β, in km?",
             page.number_field("km"),
             lambda value: close(value, _at["altitude then"], 0.05),
-            "Read the line below the sliders; the band in the figure shows it too.",
-            "Above this altitude the air is too thin: the noise of 25 ft hides the drag, and a "
-            "third of the record contains no information about β.",
+            "Read the line that begins with `One fall`; the band in the figure shows it too.",
+            "Above this altitude the air is so thin that the radar noise of 25 ft hides the drag. "
+            "In this first third of the record sigma falls only to a half; in the rest it falls "
+            "to a thousandth.",
         ),
         "honest": page.Question(
-            "Same sliders, 200 falls: how many of 100 intervals of two sigmas hold the truth?",
+            "Same sliders, 200 falls: how many of 100 intervals of two sigmas contain the true value?",
             page.number_field("of 100"),
             lambda value: abs(value - _at["within 2 sigma"]) <= 3,
             "Read the table of the campaign.",
-            "Correct sigmas would give 95. A single fall shows nothing unusual; only "
-            "repeated falls show that the sigma is far too small.",
+            "Honest sigmas would give 95. A single fall shows nothing unusual; only repeated "
+            "falls show that the errors are many times the reported sigma.",
         ),
         "noise": page.Question(
             "Make the radar four times worse (100 ft). By what factor does the *reported* sigma of "
@@ -204,25 +209,27 @@ def _(close, lab, page):
             page.number_field("times"),
             lambda value: close(value, lab.numbers(noise=100.0)["sigma"] / _at["sigma"], 0.06),
             "Divide the sigma at 100 ft by the one at 25 ft.",
-            "Nearly in proportion to the noise: the sigma is noise over sensitivity, "
-            "and does not contain the error of linearisation.",
+            "Nearly in proportion to the noise: the reported sigma is noise over sensitivity. It "
+            "does not contain the error of linearisation.",
         ),
         "cure": page.Question(
             "Start 550 ± 110 instead. How many passes does the filter need until at least 90 of "
-            "100 intervals hold the truth?",
+            "100 intervals contain the true value?",
             page.number_field("passes"),
             lambda value: value == lab.passes_needed(550.0, 110.0),
-            "Set the start first, then raise the passes one by one and watch the campaign.",
-            "The second pass is linearised near the true value throughout. It starts "
-            "at the first result with a sigma twenty times larger: the first pass counts as a prior "
-            "with a weight of 1/400, and using the data twice hardly matters.",
+            "Set the start first, then raise the passes one by one and watch the table of many falls.",
+            "The second pass starts near the true value, so its sensitivities are right from the "
+            "first sample on, and the errors fit the reported sigma. It starts at the result of "
+            "the first pass with twenty times its sigma: the record counts 1 + 1/400 times, so "
+            "that using it twice hardly matters.",
         ),
         "worse": page.Question(
             "Start 800 again, one pass. Which prior gives the larger bias in sigmas?",
             page.choice(["a wide one: 800 ± 300", "a narrow one: 800 ± 30"]),
             lambda value: value == lab.worse_prior(),
-            "Try both, and read the mean error of the campaign.",
-            "A prior of 30 says that 500 is ten sigmas away. The reported sigma hardly changes, so it gives no warning.",
+            "Try both, and read the mean error in the table of many falls.",
+            "By a prior of 800 ± 30 the true value of 500 is ten standard deviations away. The "
+            "reported sigma at the end is nearly the same for both priors, so it gives no warning.",
         ),
     }
     answers = page.fields(questions)
@@ -240,9 +247,15 @@ def _(mo):
     mo.md(r"""
     ## To think about
 
-    Output error fits the whole record at once and has no order in time: `flightid run ballistic --out fall` shows it in `fall/report.html`, beside the filters, with the same sigma and
-    no bias. When
-    would you still want the filter?
+    *Output error* fits the whole record at once by least squares. It does not work through the samples one after the other, so it has no early gains that can be wrong.
+    This command repeats it on the same 200 falls, in some seconds:
+
+    ```sh
+    flightid campaign ballistic --runs 200 --set estimate.method=output-error --set "estimate.label=output error"
+    ```
+
+    The reported sigma is that of the filter, 1.5 kg/m² (0.3 lb/ft²). The mean error is less than its standard error, and 96 % of the 2-sigma intervals contain the true value.
+    When would you still want the filter?
     """)
     return
 

@@ -23,8 +23,8 @@ def _(page):
         2,
         "The short period and the 3-2-1-1",
         """To see what a maneuver must excite so that a record determines the derivatives of an
-        aircraft, what the standard deviations depend on, and how a record can be wrong although
-        they look fine.""",
+        aircraft, what the standard deviations depend on, and how an estimate can be far off although its
+        standard deviation is small.""",
     )
     return
 
@@ -40,37 +40,35 @@ def _(mo):
     mo.md(r"""
     ## Theory
 
-    After a push on the stick an aircraft swings in angle of attack $\alpha$ and pitch rate $q$ before its speed has time to change: the **short
-    period**. About trim,
-    with elevator $\delta_e$ and the rates made non-dimensional by $\bar c / 2V$,
+    After a short deflection of the elevator $\delta_e$ an aircraft oscillates in angle of attack $\alpha$ and pitch rate $q$ before its speed has time to change. This
+    oscillation is the **short period**. For small deviations from trim, with $q$ made non-dimensional by $\bar c / 2V$,
 
     $$ \dot\alpha = q - \frac{\rho V S}{2m}\Big(C_{L_\alpha}\alpha + C_{L_q}\tfrac{\bar c}{2V} q + C_{L_{\delta_e}}\delta_e\Big), \qquad
        \dot q = \frac{\rho V^2 S \bar c}{2 I_y}\Big(C_{m_\alpha}\alpha + C_{m_q}\tfrac{\bar c}{2V} q + C_{m_{\delta_e}}\delta_e\Big) . $$
 
     Here $V$ is the airspeed, $\rho$ the air density, $S$ the wing area, $\bar c$ the mean chord, $m$ the mass and $I_y$ the moment of inertia in pitch.
 
-    Written short with $L$ for lift and $M$ for moment, $\dot\alpha = L_\alpha \alpha + L_q q + L_\delta \delta_e$ and $\dot q = M_\alpha \alpha + M_q
-    q + M_\delta \delta_e$, where $L_\alpha < 0$ and
-    $L_q \approx 1$. The swing has
+    In short, $\dot\alpha = L_\alpha \alpha + L_q q + L_\delta \delta_e$ and $\dot q = M_\alpha \alpha + M_q
+    q + M_\delta \delta_e$. The coefficients $L$ collect the terms of the lift and $M$ those of the moment; $L_\alpha < 0$ and
+    $L_q \approx 1$. The oscillation has the natural frequency $\omega$ and the damping ratio $\zeta$:
 
     $$ \omega^2 = L_\alpha M_q - L_q M_\alpha , \qquad 2 \zeta \omega = -(L_\alpha + M_q) . $$
 
-    A record of the swing alone shows $\omega$ and $\zeta$: **two** numbers. Six derivatives need more: two outputs, and an input that moves at
+    A record of the free oscillation alone shows $\omega$ and $\zeta$: **two** numbers. Six derivatives need more: two outputs, and an input that moves at
     several frequencies.
 
     *The 3-2-1-1* holds the elevator trailing edge down for three units of time, up for two, down for one, up for one. Pulses of three lengths spread its power
     over a band; a
     *doublet* (one unit down, one up) has a narrow band.
 
-    *How well a record determines the parameters $\theta$* is known before it is flown. With sensitivities $\partial y_k / \partial \theta$ and noise
-    covariance $R$, no unbiased estimate
-    has a smaller covariance than the **Cramér-Rao bound**:
+    *How well a maneuver determines the parameters $\theta$* can be computed before the flight. Let $y_k$ be the outputs at sample $k$, $\partial y_k / \partial \theta$
+    their sensitivities and $R$ the covariance of the sensor noise. No unbiased estimate has a smaller covariance than the **Cramér-Rao bound**:
 
     $$ \operatorname{cov} \hat\theta \;\ge\; \Big[ \sum_k \Big(\frac{\partial y_k}{\partial\theta}\Big)^{\!T} R^{-1}
     \frac{\partial y_k}{\partial\theta} \Big]^{-1} . $$
 
     In a linear model the sensitivities are proportional to the amplitude $A$ of the input, and the sum to the number of samples $n$: every sigma is proportional to
-    $\sigma_{\text{noise}} / (A \sqrt n)$. The *shape* of the maneuver decides the rest. The bound supposes that the model is right, and that the
+    $\sigma_{\text{noise}} / (A \sqrt n)$. The rest depends on the *shape* of the maneuver. The bound assumes that the model is right, and that the
     recorded input is the one that acted.
     """)
     return
@@ -211,19 +209,19 @@ def _(close, lab, page):
             " linear model no longer holds.",
         ),
         "alone": page.Question(
-            "3-2-1-1, 6 deg, 0.5 s, 100 Hz, but α alone. Which numbers are still known to better "
-            "than 0.2 %?",
+            "Use α alone (3-2-1-1, 6 deg, 0.5 s, 100 samples a second). Which numbers are still "
+            "known to better than 0.2 %?",
             page.choice(
                 ["C_Lα and C_mq", "natural frequency and damping ratio", "C_Lq alone", "none"]
             ),
             lambda value: value == "natural frequency and damping ratio",
             "Look at the sigmas in per cent, and at the line below the table.",
-            "α alone determines frequency and damping best. The damping comes from a sum of C_Lα "
-            "and C_mq, so that each of these stays near the filter's starting value.",
+            "α alone determines frequency and damping. The damping is a weighted sum of C_Lα and "
+            "C_mq: the record determines the sum, but neither of the two, so that both have large sigmas.",
         ),
         "rate": page.Question(
-            "Both outputs again, 25 samples a second: the error of C_mα is 18 sigmas. At 20 samples a "
-            "second it is small. What is wrong at 25?",
+            "Use both outputs again, at 25 samples a second: the error of C_mα is 18 sigmas. At 20 "
+            "samples a second it is less than one. What is wrong at 25?",
             page.choice(
                 [
                     "25 Hz is too slow for a short period of 2 rad/s",
@@ -255,9 +253,8 @@ def _(mo):
     mo.md(r"""
     ## To think about
 
-    Under which conditions would you rather fly a frequency sweep? What does a test pilot fly by hand when you ask for a 3-2-1-1, and does it matter,
-    as long as the recorder
-    sees the surface?
+    Under which conditions would you rather fly a frequency sweep? What does a test pilot fly by hand when you ask for a 3-2-1-1? Does the difference matter
+    if the deflection of the elevator is recorded?
     """)
     return
 

@@ -51,33 +51,35 @@ def _(mo):
     mo.md(r"""
     ## Theory
 
-    The structure of a large aircraft bends under its loads. In modal coordinates $\eta_i$ with in-vacuo frequencies $\omega_i$, dampings $\zeta_i$
-    and generalised masses $M_i$, each mode is
-    an oscillator that the air drives,
+    The structure of a large aircraft bends under its loads. The bending is a sum of mode shapes $i$, each with a coordinate $\eta_i$ (without dimension), a frequency $\omega_i$
+    and a damping ratio $\zeta_i$ in vacuo, and a generalised mass $M_i$. Each mode is an oscillator that the air drives (the other symbols are those of lab 2):
 
     $$ \ddot\eta_i + 2\zeta_i\omega_i\dot\eta_i + \omega_i^2\eta_i =
     \frac{\rho V^2 S \bar c}{2 M_i} \Big( C^{\eta_i}_\alpha \alpha + C^{\eta_i}_q \tfrac{\bar c}{2V} q +
-    C^{\eta_i}_{\delta}\delta_e + \sum_j \big(C^{\eta_i}_{\eta_j}\eta_j + \dots\big) \Big) , $$
+    C^{\eta_i}_{\delta}\delta_e + \sum_j \big(C^{\eta_i}_{\eta_j}\eta_j + \dots\big) \Big) . $$
 
-    and each drives the aircraft in turn: $C_L = \dots + C_{L_{\eta_i}}\eta_i + C_{L_{\dot\eta_i}}\dot\eta_i$, and $C_m$ likewise.
+    The dots stand for similar terms with $\dot\eta_j$. In turn each mode changes the lift and the moment:
 
-    *A stiff structure follows its loads at once.* With $\dot\eta = \ddot\eta = 0$ the modes become algebraic,
-    $\eta = -A^{-1}(b_\alpha\alpha + b_q q +
-    b_\delta\delta_e)$, and become part of the six
-    derivatives, which are then called **condensed** (or quasi-static, or elastic equivalents):
+    $$ C_L = C_{L_\alpha}\alpha + C_{L_q}\tfrac{\bar c}{2V} q + C_{L_\delta}\delta_e + \sum_i \big( C_{L_{\eta_i}}\eta_i + C_{L_{\dot\eta_i}}\tfrac{\bar c}{2V}\dot\eta_i \big) ,
+    \qquad C_m \ \text{likewise.} $$
 
-    $$ C_{m_\alpha}^{\text{cond}} = C_{m_\alpha} - C_{m_\eta} A^{-1} b_\alpha , \quad \text{and so for the others.} $$
+    *A stiff structure follows its loads at once.* With $\dot\eta = \ddot\eta = 0$ the equations of the modes become a linear system,
 
-    This is what a rigid model can absorb. It does not find the derivatives of the rigid
-    aircraft, but those of the aircraft with its wing bent.
+    $$ A\,\eta = b_\alpha\,\alpha + b_q \tfrac{\bar c}{2V} q + b_\delta\,\delta_e , \qquad
+    A_{ij} = \omega_i^2\,[i = j] - k_i\, C^{\eta_i}_{\eta_j} , \qquad b_{\alpha,i} = k_i\, C^{\eta_i}_\alpha , \qquad k_i = \frac{\rho V^2 S \bar c}{2 M_i} , $$
 
-    *What it cannot absorb* is the lag of the structure: it needs time to bend, and it oscillates. The six derivatives take biased values that imitate the lag;
-    the rest of it appears in the residual, near the frequencies of the modes. The *innovations* of a Kalman filter with a correct model are
-    white: uncorrelated, with the variance
-    that the filter computes. The test of Ljung and Box checks the first property, the normalised innovations squared (NIS) the second.
+    where $[i = j]$ is 1 on the diagonal of $A$ and 0 elsewhere; $b_q$ and $b_\delta$ are formed like $b_\alpha$. So $\eta$ is proportional to $\alpha$, $q$ and $\delta_e$, and lift and moment depend on these three
+    alone, as on a rigid aircraft, but with other derivatives. These are called **condensed** (also quasi-static, or elastic equivalents):
 
-    *Process noise* of density $Q$ on $\dot q$ tells the filter that its model is incomplete.
-    Its sigmas grow. It is no model of a mode, though: the
+    $$ C_{m_\alpha}^{\text{cond}} = C_{m_\alpha} + C_{m_\eta} A^{-1} b_\alpha , \quad \text{and so for the other five.} $$
+
+    A rigid model that is fitted to a flexible aircraft can absorb this part of the bending. It then finds the condensed derivatives, not those of the rigid aircraft.
+
+    *What it cannot absorb* is the lag of the structure, which needs time to bend, and its oscillation. The six derivatives take biased values that imitate the lag;
+    the rest of it appears in the residual, near the frequencies of the modes. The residual of a Kalman filter is called its *innovations*: measured minus predicted output. If the model is correct, the innovations are
+    white (uncorrelated), and they have the variance that the filter computes. The test of Ljung and Box checks the first property; the test of the normalised innovations squared (NIS) checks the second.
+
+    *Process noise* is white noise of density $Q$ that the filter adds to $\dot q$: it tells the filter that its model is incomplete, and the reported sigmas grow. It is no model of a mode, though: the
     missing force follows the elevator and is not white.
     """)
     return
@@ -87,11 +89,11 @@ def _(mo):
 def _(lab, mo, page):
     controls = mo.ui.dictionary(
         {
-            "factor": page.slider(0.5, 4, 0.1, 1, "stiffness: factor of all modal frequencies"),
+            "factor": page.slider(0.5, 4, 0.1, 1, "factor of all modal frequencies"),
             "density": mo.ui.slider(
                 steps=list(lab.DENSITIES),
                 value=0.0,
-                label="process noise on pitch rate, (deg/s)²/s",
+                label="process noise, (deg/s)²/s",
                 show_value=True,
                 debounce=True,
             ),
@@ -121,8 +123,12 @@ def _(controls, figure_residual, lab, mo, page, residuals, study):
                 [
                     page.sliders(controls),
                     mo.md(
-                        "Factor 1 is the moderately flexible bomber AC1 of the paper, 0.5 its soft sister "
-                        "AC2."
+                        "Factor 1 is a large swept-wing bomber with four elastic modes (Waszak and "
+                        "Schmidt, J. Aircraft 25(6), 1988; `flightid vehicles bomber_ac1` lists its "
+                        "numbers and their origins). At 0.5 all its modes are half as fast, and "
+                        "the structure is a quarter as stiff.\n\nThe process noise acts on pitch "
+                        f"rate. With any value above 0, the filter also adds {lab.OF_ALPHA.replace('^2', '²')} "
+                        "to angle of attack."
                     ),
                 ],
                 _figure,
@@ -162,14 +168,14 @@ def _(command, controls, lab, mo, page, sigmas_off):
                     "condensed",
                     "estimate",
                     "sigma",
-                    "estimate against rigid",
-                    "against condensed, sigmas",
+                    "estimate minus rigid",
+                    "minus condensed, sigmas",
                 ],
                 _rows,
             ),
             mo.md(
-                f"Short period {study.main.derived['natural_frequency'][0]:.3f} rad/s, elastic "
-                "modes from "
+                f"Natural frequency of the short period {study.main.derived['natural_frequency'][0]:.3f} "
+                "rad/s; lowest elastic mode in vacuo "
                 f"{lab.marks(controls.value['factor'])[0]:.2f} rad/s. "
                 f"Tests of the innovations: {_tests}."
             ),
@@ -189,7 +195,7 @@ def _(EquivalentRow, figure_equivalents, mo, page, study):
     ]
     mo.accordion(
         {
-            "Rigid, condensed, estimated: the picture": page.plotted(
+            "Rigid, condensed and estimated derivatives as a figure": page.plotted(
                 figure_equivalents(_rows), "rigid, condensed and estimated derivatives"
             )
         }
@@ -206,55 +212,55 @@ def _(close, lab, page):
             page.choice(["rigid", "condensed"]),
             lambda value: value == lab.nearer(),
             "Compare the third column of numbers with the first two.",
-            "A rigid model absorbs whatever follows the loads at once. The rigid "
-            "value cannot be measured on this aircraft.",
+            "A rigid model absorbs the bending that follows the loads at once. The record of this "
+            "aircraft does not show the value of the rigid aircraft.",
         ),
         "lost": page.Question(
             "By how many per cent is the estimated static stability (C_mα) smaller "
             "than that of the rigid aircraft?",
             page.number_field("%"),
             lambda value: close(value, lab.numbers()["Cm_alpha lost, %"], 0.05),
-            "The column `estimate against rigid`, without its sign.",
-            "And the aircraft at half these frequencies has lost most of it: try 0.5.",
+            "The column `estimate minus rigid`, without its sign.",
+            "Bending takes away part of the static stability. With the factor at 0.5 it takes away 71 %.",
         ),
         "worst": page.Question(
-            "Which derivative lies the most of its sigmas away from its condensed value?",
+            "The error of which derivative, estimate minus condensed value, is the most sigmas?",
             page.choice(["CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de"]),
             lambda value: value == lab.worst(),
             "The last column.",
-            "The lag of the structure acts like negative damping. The error is 6 % of"
-            " the value, but 23 sigmas, since the sigmas do not contain it.",
+            "The lag of the structure acts like negative damping. The error is only 6 % of the "
+            "value, but 23 sigmas: the sigmas contain the sensor noise, not the lag.",
         ),
         "seen": page.Question(
-            "Go from stiff to soft: 4, 3, 2, 1.5, 1. At which of these does a test of the "
-            "innovations fail for the first time?",
+            "Lower the factor of the modal frequencies: 4, 3, 2, 1.5, 1. At which of these does a "
+            "test of the innovations fail for the first time?",
             page.number_field("factor"),
             lambda value: value == lab.first_seen(),
-            "The tests stand under the table.",
-            "At 2 the estimates have begun to drift while every test passes: a bias within a few "
-            "sigmas hides in the noise.",
+            "The line under the table has the tests.",
+            "At 2 every test passes, although the error of C_mq is already 3.4 sigmas: the tests "
+            "do not see a bias of this size.",
         ),
         "noise": page.Question(
-            "Back to factor 1. What is the least process noise on the slider with which all tests "
+            "Factor 1 again. What is the least process noise on the slider with which all tests "
             "pass?",
             page.number_field("(deg/s)²/s"),
             lambda value: value == lab.enough_noise(),
             "Move the second slider step by step.",
-            "All tests pass, and C_mq is still three sigmas off: the missing force follows the "
-            "elevator. Too much noise fails the tests "
-            "again, on the other side.",
+            "All tests pass, and the error of C_mq is still three sigmas, since the missing force "
+            "follows the elevator. From 0.6 on the test of q fails again: the filter now follows "
+            "the sensor noise, and successive innovations tend to have opposite signs.",
         ),
         "mends": page.Question(
-            "What has the process noise mended?",
+            "What has the process noise corrected?",
             page.choice(
                 [
                     "the model",
                     "the estimates, which are now the rigid aircraft's",
-                    "mostly the sigmas, which now admit what the model lacks",
+                    "mostly the sigmas, which now contain what the model lacks",
                 ]
             ),
             lambda value: value is not None and value.startswith("mostly the sigmas"),
-            "Compare the sigma of C_mq without noise and with 0.3, and how far its estimate moved.",
+            "Compare the sigma of C_mq at process noise 0 and 0.3, and how far its estimate moved.",
             "To correct the model, add the mode: `flightid run flexible-ac1-first-mode`.",
         ),
     }
@@ -273,9 +279,10 @@ def _(mo):
     mo.md(r"""
     ## To think about
 
-    Move the unit of the 3-2-1-1 so that its spectrum has a gap at the first mode (lab 2 shows spectra), or a peak. What does that do to the bias?
-    `flightid run flexibility-sweep` goes
-    through fourteen structures at once; `flightid run trace-elastic` lets the tracing loop find the mode.
+    At a unit of 0.5 s the spectrum of the 3-2-1-1 has a gap at $2\pi / 0.5\,\text{s} = 12.57$ rad/s, the frequency of the first mode (lab 2 shows spectra). Shorter units excite
+    the mode. Which of the biases grow with that, and does another test fail?
+
+    `flightid run flexibility-sweep` estimates the derivatives of fourteen such structures; `flightid run trace-elastic` adds the missing mode to the rigid model (lab 5 shows how).
     """)
     return
 

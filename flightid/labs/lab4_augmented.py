@@ -23,7 +23,7 @@ def _(page):
     page.heading(
         4,
         "An augmented aircraft and its equivalent system",
-        """To see that a record of a controlled aircraft shows the aircraft *with* its control law, to describe that by a low-order equivalent system,
+        """To see that a record of a controlled aircraft shows the aircraft *with* its control law, to describe both together by a low-order equivalent system,
         and to predict from it the level of flying qualities.""",
     )
     return
@@ -40,33 +40,32 @@ def _(mo):
     mo.md(r"""
     ## Theory
 
-    A forward-swept fighter like the X-29 is unstable by design: its airframe has $M_\alpha > 0$, an eigenvalue $\lambda > 0$,
-    and doubles every disturbance in $t_2 = \ln 2 / \lambda$. A digital
-    control law moves three surfaces forty times a second and makes it fly. Sensors, filters, actuators and delays of one or more computer cycles give the closed
-    loop some thirty states.
+    A forward-swept fighter like the X-29 is unstable by design: its airframe has $M_\alpha > 0$ and one eigenvalue $\lambda > 0$,
+    so that a disturbance doubles in the time $t_2 = \ln 2 / \lambda$. A digital
+    control law moves three surfaces forty times a second and makes the aircraft stable. With its sensors, filters, actuators and delays of one or more computer cycles, the closed
+    loop has some thirty states.
 
     The pilot notices none of these states: the **stick** $\delta_p$ moves, and the aircraft answers with a short period, slightly late. The **low-order equivalent system** (LOES)
-    models exactly this:
+    has a short period and a delay, and nothing else. Its input $\delta$ is the stick behind a first-order lag:
 
     $$ \dot\delta = \tfrac1\tau\big(\delta_p(t - t_d) - \delta\big) + \delta_0 , \qquad
        \dot\alpha = L_\alpha\alpha + L_q q + L_\delta\delta + L_0 , \qquad \dot q = M_\alpha\alpha + M_q q + M_\delta\delta + M_0 , $$
 
-    a short period with a first-order lag $\tau$ and a pure delay $t_d$ in front: eight parameters, and three constants for biases, in place of thirty states. Its transfer function from stick to
+    with the time constant $\tau$ of the lag and a pure delay $t_d$. These are eight parameters, and three constants for biases ($L_0$, $M_0$, $\delta_0$), in place of thirty states. The transfer function from stick to
     pitch rate is
 
     $$ \frac{q}{\delta_p}(s) = \frac{M_\delta (s - L_\alpha) + M_\alpha L_\delta}{s^2 - (L_\alpha + M_q)s + L_\alpha M_q - L_q M_\alpha}\;
     \frac{e^{-s t_d}}{\tau s + 1} . $$
 
-    Its $M_\alpha$ is *not* the airframe's. It has the sign and the size that the control law gives, and it is what flying-qualities requirements are
-    written for.
+    Its $M_\alpha$ is *not* the airframe's: the control law gives it its sign and its size. Requirements on flying qualities apply to the equivalent system.
 
     *Where the delay comes from.* Each filter and actuator of the loop adds phase lag. Over the pilot's band, below some 10 rad/s, phase that falls in
-    proportion to frequency is a delay:
-    $\varphi = -\omega t_d$. A longer lag with a shorter delay fits almost as well: to first order a record determines only their sum $t_d + \tau$. The specification applies to $t_d$ alone, so that the verdict depends on how the fit divides the sum. MIL-F-8785C allows an
-    equivalent delay of 0.10 s for Level 1, 0.20 s for Level 2
-    and 0.25 s for Level 3; damping and the control anticipation parameter (CAP) have levels of their own.
+    proportion to frequency $\omega$ is a delay:
+    $\varphi = -\omega t_d$. A longer lag with a shorter delay fits almost as well: to first order a record determines only their sum $t_d + \tau$. The specification limits $t_d$ alone, so the level depends on how the fit divides the sum. MIL-F-8785C allows an
+    equivalent delay of 0.10 s for Level 1 (satisfactory), 0.20 s for Level 2 (acceptable with more work for the pilot)
+    and 0.25 s for Level 3 (controllable), for aircraft of all classes. The damping ratio, the natural frequency and the control anticipation parameter (CAP) have levels of their own.
 
-    *What a linear equivalent cannot hold.* Break-out of the stick, a curved stick gain, rate limits: the equivalent then changes with the size of the
+    *What a linear equivalent cannot describe.* A stick may have a dead band (small movements have no effect) or a curved gain, and an actuator a rate limit. The equivalent system then changes with the size of the
     input.
     """)
     return
@@ -107,7 +106,17 @@ def _(controls, figure_fit, mo, page, response_of, seed, study):
     mo.vstack(
         [
             mo.md("## Try it"),
-            page.beside([page.sliders(controls), seed], _figure),
+            page.beside(
+                [
+                    page.sliders(controls),
+                    seed,
+                    mo.md(
+                        "Airframe S resembles the X-29's simulation, airframe F its flight, both as "
+                        "published in NASA TM-101722."
+                    ),
+                ],
+                _figure,
+            ),
         ]
     )
     return
@@ -137,7 +146,7 @@ def _(command, controls, lab, mo, page, seed):
         for level in study.levels
     )
     _tests = "; ".join(
-        f"{test.channel or 'all'}: {'passed' if test.passed else '**failed**'}"
+        f"{test.channel or 'all'} ({test.name}): {'passed' if test.passed else '**failed**'}"
         for test in study.found.tests
     )
     mo.vstack(
@@ -162,8 +171,9 @@ def _(command, controls, lab, mo, page, seed):
                 f"Natural frequency **{lab.quality(study, 'natural_frequency'):.2f} rad/s**, "
                 "damping ratio "
                 f"**{lab.quality(study, 'damping_ratio'):.3f}**, delay and lag together "
-                f"**{1000 * lab.quality(study, 'total_delay'):.0f} ms**. Flying qualities, "
-                f"category {lab.CATEGORY}: {_judged}. Tests of the "
+                f"**{1000 * lab.quality(study, 'total_delay'):.0f} ms**. Flying qualities by "
+                f"MIL-F-8785C, class IV (fighters), category {lab.CATEGORY} (rapid maneuvers): "
+                f"{_judged}. Tests of the "
                 f"residual: {_tests}."
             ),
             page.command_line(
@@ -178,7 +188,18 @@ def _(command, controls, lab, mo, page, seed):
                 )
                 + "\nflightid identify flight.csv --model loes --vehicle augmented.toml"
             ),
-            mo.accordion({"augmented.toml": mo.md(f"```toml\n{lab.vehicle_text(study.flown)}```")}),
+            mo.download(
+                lab.vehicle_text(study.flown).encode(),
+                filename="augmented.toml",
+                label="augmented.toml",
+            ),
+            mo.accordion(
+                {
+                    "The text of augmented.toml": mo.md(
+                        f"```toml\n{lab.vehicle_text(study.flown)}```"
+                    )
+                }
+            ),
         ]
     )
     return (study,)
@@ -201,43 +222,43 @@ def _(figure_bode, lab, np, page, study):
 def _(close, lab, page):
     questions = {
         "doubles": page.Question(
-            "Airframe F. How long would it take to double a disturbance if the computer stopped, "
-            "in ms?",
+            "Airframe F. If the computer stopped, in what time would a disturbance double, in ms?",
             page.number_field("ms"),
             lambda value: close(value, 1000 * lab.numbers()["doubles in"], 0.03),
             "Read the line above the table; it is in seconds.",
-            "A third of a second is too fast for a pilot. The record nevertheless "
-            "shows a stable aircraft.",
+            "Less than a third of a second is too fast for a pilot. Nevertheless the record shows "
+            "a stable aircraft.",
         ),
         "sign": page.Question(
-            "M_α of the airframe is positive. What is it in the equivalent system, in 1/s²?",
+            "M_α of the airframe is positive. How large is M_α of the equivalent system, in 1/s²?",
             page.number_field("1/s²"),
             lambda value: close(value, lab.numbers()["M_alpha"], 0.05),
             "The first column of numbers, with its sign.",
             "The control law provides the static stability. A record of stick and "
-            "response alone contains no information about the airframe: the surfaces "
-            "must be recorded too.",
+            "response alone does not determine the airframe: for that the deflections of the "
+            "surfaces must be recorded too.",
         ),
         "level": page.Question(
-            "Which Level does the equivalent *delay* (not lag and delay together) of airframe F "
-            "allow by MIL-F-8785C?",
+            "Which Level has airframe F by its equivalent *delay* (not lag and delay together) in "
+            "MIL-F-8785C?",
             page.choice(["Level 1", "Level 2", "Level 3"]),
             lambda value: value == lab.level_of_delay(),
-            "The bounds are at the end of the theory.",
-            "Damping, frequency and CAP are all of Level 1. The pilot will complain about the delay.",
+            "Read the delay in the table; its bounds are in the theory.",
+            "Damping ratio, natural frequency and CAP are all of Level 1. The pilot will complain about the delay.",
         ),
         "trade": page.Question(
-            "Move the unit of the maneuver from 0.2 to 1.0 s. Which stays the most constant, in "
-            "per cent?",
+            "Set the unit of the 3-2-1-1 to 0.2, 0.5 and 1.0 s. Which of these changes least, in per "
+            "cent of its value?",
             page.choice(["inv_tau", "M_q", "delay and lag together", "M_alpha"]),
             lambda value: value == lab.most_constant(),
-            "Write the four numbers down at 0.2, 0.5 and 1.0 s.",
+            "Write the four numbers down at each of the three units.",
             "The record determines the sum well and its parts poorly. The same holds "
             "for M_α, M_q and the lag: use equivalent parameters together, never one "
             "alone.",
         ),
         "band": page.Question(
-            "Stick 1 in. Set the dead band from 0 to 0.4 in. By how many per cent does M_δ fall?",
+            "Unit 0.5 s, stick amplitude 1 in. Change the dead band from 0 to 0.4 in. By how many per "
+            "cent does M_δ fall?",
             page.number_field("%"),
             lambda value: close(
                 value,
@@ -249,16 +270,17 @@ def _(close, lab, page):
                 0.05,
             ),
             "Compute 100 (1 - M_δ(0.4 in) / M_δ(0)).",
-            "Nearly 0.4 of 1 inch: with a square-edged input a dead band acts like a "
-            "smaller gain, and no test detects it. Smooth stick inputs would show it.",
+            "That is nearly the share of the stick amplitude that the dead band takes, 0.4 of 1 in. "
+            "If the stick moves in steps, a dead band acts like a smaller gain, and no test detects "
+            "it. A smooth movement of the stick would show it.",
         ),
         "order": page.Question(
-            "Take the noise away. How many of the tests of the residual fail now?",
+            "Dead band 0.05 in again. Take the sensor noise away. How many tests of the residual fail now?",
             page.number_field("tests"),
             lambda value: value == lab.numbers(noise=False)["tests failed"],
-            "The box `sensors are noisy`.",
-            "Eight parameters cannot describe thirty states; the noise concealed it. "
-            "A model is good enough for a purpose and for a level of noise.",
+            "Clear the box `sensors are noisy` and count in the line below the table.",
+            "Eight parameters do not describe thirty states; the sensor noise concealed the "
+            "difference. A model is good enough for a purpose and for a level of noise.",
         ),
     }
     answers = page.fields(questions)
@@ -276,9 +298,8 @@ def _(mo):
     mo.md(r"""
     ## To think about
 
-    `flightid run x29-flight` fits the same record with a bank of nine filters, as NASA TM-101722 did in 1989, and compares flight with simulation;
-    `flightid run trace-breakout` lets the tracing
-    loop find a large break-out. Could you watch such estimates while the aircraft flies? `flightid watch` does.
+    `flightid run x29-flight` fits the same record with nine Kalman filters side by side, each with another delay, as NASA TM-101722 did in 1989. `flightid run trace-breakout` shows
+    how a large dead band of the stick is found from two records. What would you need to see such estimates while the aircraft flies? (`flightid watch` identifies while the data arrive.)
     """)
     return
 

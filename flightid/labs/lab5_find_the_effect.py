@@ -23,8 +23,8 @@ def _(page):
         5,
         "Find the effect",
         """To read a residual. An effect that the rigid model does not contain acts on this
-        flight, or none does. First you guess what it is, then the tracing loop shows its
-        evidence, and last you open the truth.""",
+        flight, or none does. First you guess which it is, then the program shows its
+        evidence, and last you see the truth.""",
     )
     return
 
@@ -52,12 +52,12 @@ def _(lab, mo, page):
     is absorbed by the derivatives, which are now **biased**;
     the rest remains in the residual and has a *signature*: in which channel, when, at which frequency, with which maneuver.
 
-    **Reading it.** Which channels? Does it follow a switch of the elevator? Does it return, decay or grow? Does it have a single frequency?
+    **How to read it.** In which channels is it larger than the noise? Does it follow a step of the elevator? Does it return, decay or grow? Does it have a single frequency?
 
-    **What the loop does.** It tries each effect that it knows: how much of the residual does its signature explain (a *score*, one linear step), then
-    a full fit, then the prediction of a **second record that was not fitted**.
-    An effect is named if noise would hardly give such a gain in likelihood, and if the
-    prediction improves. If two effects explain the data equally well, the loop says so.
+    **What the tracing loop does.** This is the search behind `flightid diagnose`. For each effect of its library it computes how much of the residual the signature would explain (a *score*, one linear step). It then fits
+    the best effects fully, and predicts a **second record that was not fitted**.
+    It names an effect if noise alone would hardly give such a gain in likelihood, and if the
+    prediction improves. If two effects explain the data equally well, it says so.
     """),
             mo.accordion(
                 {
@@ -74,7 +74,7 @@ def _(lab, mo, page):
 @app.cell
 def _(lab, mo):
     seed = mo.ui.number(
-        1, 9999, step=1, value=lab.FIRST_SEED, label="seed: each draws another secret"
+        1, 9999, step=1, value=lab.FIRST_SEED, label="seed: each hides another effect"
     )
     get_locked, set_locked = mo.state(None)
     get_rounds, set_rounds = mo.state(())
@@ -112,7 +112,7 @@ def _(figure_residual, flown, lab, mo, np, page, seed):
     ]
     mo.vstack(
         [
-            mo.md("## 2. What the rigid model leaves of it"),
+            mo.md("## 2. The residual of the rigid model"),
             page.plotted(
                 figure_residual(
                     flown.train.time,
@@ -147,7 +147,14 @@ def _(lab, mo, seed):
     # A new seed is a new case: the guess is empty again.
     _ = seed.value
     guess = mo.ui.radio(list(lab.SUSPECTS), value=None, label="What acts here?")
-    sure = mo.ui.slider(0, 100, step=10, value=50, label="how sure are you, %", show_value=True)
+    sure = mo.ui.slider(
+        0,
+        100,
+        step=10,
+        value=50,
+        label="probability that your guess is right, %",
+        show_value=True,
+    )
     return guess, sure
 
 
@@ -165,7 +172,9 @@ def _(guess, mo, seed, set_locked, sure):
             guess,
             sure,
             show,
-            mo.md("*Choose first; then you can see the loop.*" if guess.value is None else ""),
+            mo.md(
+                "*Choose an effect first; then the button works.*" if guess.value is None else ""
+            ),
         ]
     )
     return
@@ -176,7 +185,7 @@ def _(flown, get_locked, lab, mo, page, seed):
     _locked = get_locked()
     mo.stop(_locked is None or _locked[0] != seed.value)
     with mo.status.spinner(
-        title="The loop tries every effect that it knows: some seconds, half a minute for some"
+        title="The loop tries every effect of its library: some seconds, for some seeds half a minute"
     ):
         found = lab.diagnosed(seed.value)
     guessed, sureness = _locked[1:]
@@ -191,7 +200,7 @@ def _(flown, get_locked, lab, mo, page, seed):
     _effects = [
         f"- **{page.plain(effect.name)}**: {page.plain(effect.sentence)}"
         + (
-            f" (these data fit as well: {page.plain(', '.join(effect.alternatives))})"
+            f" ({page.plain(' or '.join(effect.alternatives))} fits these data as well)"
             if effect.alternatives
             else ""
         )
@@ -199,7 +208,10 @@ def _(flown, get_locked, lab, mo, page, seed):
     ]
     mo.vstack(
         [
-            mo.md(f"## 4. What the loop says\n\nYou said: **{guessed}** ({sureness} % sure)."),
+            mo.md(
+                f"## 4. What the loop says\n\nYour guess: **{guessed}**, right with a probability "
+                f"of {sureness} %."
+            ),
             mo.callout(
                 mo.md(
                     f"**{found.verdict.upper()}.** {page.plain(found.headline)}\n\n"
@@ -207,12 +219,19 @@ def _(flown, get_locked, lab, mo, page, seed):
                 ),
                 kind="info",
             ),
-            page.plotted(
-                found.plot.evidence(), "gain in likelihood of the candidates of each round"
+            mo.md(
+                "The figure shows the odds of each candidate against the model of the round. They "
+                "contain the gain in likelihood and the prior: what is known before the flight, "
+                "such as where sensors usually sit and which derivatives the vehicle file has. So "
+                "an effect that fits equally well can have much smaller odds."
             ),
+            page.plotted(found.plot.evidence(), "posterior odds of the candidates of each round"),
             page.plotted(found.plot.residuals(), "residuals before and after"),
-            mo.md("Error on the record that was **not** fitted, over that of noise alone:"),
-            page.table(["channel", "rigid model", "with what was found"], _errors),
+            mo.md(
+                "Prediction error on the second record, which was **not** fitted, in units of the "
+                "sensor noise:"
+            ),
+            page.table(["channel", "rigid model", "with the effects found"], _errors),
             page.command_line(
                 "flightid diagnose train.csv --model rigid --vehicle vehicle.toml --validate "
                 "validate.csv --out study"
@@ -234,7 +253,7 @@ def _(flown, get_locked, lab, mo, page, seed):
 def _(found, mo):
     _ = found
     envelope = mo.ui.button(
-        value=0, on_click=lambda presses: presses + 1, label="Open the envelope", kind="warn"
+        value=0, on_click=lambda presses: presses + 1, label="Show the truth", kind="warn"
     )
     mo.vstack([mo.md("## 5. The truth"), envelope])
     return (envelope,)
@@ -266,16 +285,16 @@ def _(envelope, found, guessed, lab, mo, page, seed, set_rounds, sureness):
         [
             mo.callout(
                 mo.md(
-                    f"Hidden was: **{_words}**. Your guess was "
+                    f"The hidden effect: **{_words}**. Your guess was "
                     f"**{'right' if guessed == _words else 'wrong'}**, "
-                    f"the loop {'right' if lab.found_by_loop(seed.value) else 'not right'}."
+                    "that of the loop was "
+                    f"{'right' if lab.found_by_loop(seed.value) else 'wrong'}."
                 ),
                 kind="success" if guessed == _words else "danger",
             ),
             page.table(["value, SI", "true", "found by the loop"], _rows) if _rows else mo.md(""),
             mo.md(
-                f"Its signature: {lab.SUSPECTS[_words].shows}. Go back to part 2: would you see it "
-                "now?"
+                f"Its signature: {lab.SUSPECTS[_words].shows}. Do you see it in the figure of part 2?"
             ),
         ]
     )
@@ -301,12 +320,14 @@ def _(get_rounds, mo, page):
         [
             mo.md("### Your rounds"),
             page.table(
-                ["seed", "your guess", "sure", "you were right", "the loop was right"], _rows
+                ["seed", "your guess", "your probability", "you were right", "the loop was right"],
+                _rows,
             ),
             mo.md(
-                f"Brier score of your guesses, the mean of (sure − right)²: **{_brier:.2f}**. "
-                "Always saying 50 % gives 0.25; who is sure and right gets 0, who is sure and "
-                "wrong gets 1."
+                f"Brier score of your guesses: **{_brier:.2f}**. It is the mean over your rounds of "
+                "(probability − outcome)², where the outcome is 1 if your guess was right and 0 if "
+                "it was wrong. The best score is 0: always 100 %, always right. The worst is 1: "
+                "always 100 %, always wrong. A player who always says 50 % gets 0.25."
             ),
         ]
     )
@@ -318,12 +339,13 @@ def _(mo):
     mo.md(r"""
     ## Questions
 
-    1. Seed 1: which channel has the residual, and which *measured* signal does it resemble? What geometry makes a sensor do that?
-    2. Seed 1: the loop names an alternative. Why can these data not distinguish the two, and
-    which further channel or maneuver could?
-    3. Why is the error on the *second* record a better judge than that on the first?
-    4. Which of the suspects would bias the derivatives most while leaving the smallest residual?
-    5. Play five seeds. Is your Brier score below 0.25? If you are wrong more often than you are sure, what do you look at first next time?
+    1. Seed 1: which channel has the largest residual in units of its noise, and which *measured* signal does it resemble? What position of a sensor has this effect?
+    2. Seed 1: the loop names another effect that fits the data as well. Why can these data not distinguish the two? By which prior knowledge does the loop prefer
+    one of them, and which further channel or maneuver could decide?
+    3. Why does the error on the *second* record show more than the error on the first?
+    4. Which of the suspects would bias the derivatives most and leave the smallest residual?
+    5. Play five seeds. Is your Brier score below 0.25? Compare the mean of your probabilities with the share of your guesses that were right: were you too sure? What
+    will you look at first in the next round?
     """)
     return
 

@@ -21,9 +21,9 @@ def _(page):
     page.heading(
         6,
         "Honest sigmas",
-        """To test the standard deviations of an estimator: fly the same flight many times, and
-        compare the scatter of the estimates with the reported sigma. Then to make the sigmas
-        wrong in three ways, and to correct them.""",
+        """To test the standard deviations that an estimator reports: fly the same flight many
+        times, and compare the scatter of the estimates with the reported sigma. Then to make the
+        sigmas wrong in three ways, and to correct them.""",
     )
     return
 
@@ -33,31 +33,30 @@ def _(mo):
     mo.md(r"""
     ## Theory
 
-    An estimator returns $\hat\theta$ and a covariance $\hat P$. The sigma $\sqrt{\hat P_{ii}}$ is a *statement*: repeat the flight with other noise,
-    and the estimates will scatter by so much about the truth. A
-    **campaign** of $N$ runs tests it. With $e_i = \hat\theta_i - \theta$,
+    An estimator returns an estimate $\hat\theta$ and its covariance $\hat P$. The reported standard deviation $\hat\sigma$ of a parameter is the root of its entry on the diagonal of $\hat P$. It is a *prediction*:
+    if the flight is repeated with other noise, the estimates will scatter by $\hat\sigma$ about the true value $\theta$. A
+    **campaign** of $N$ runs tests this prediction. With the error $e_i = \hat\theta_i - \theta$ of run $i$,
 
     $$ \text{bias} = \frac1N\sum e_i , \qquad \text{scatter} = \Big(\tfrac{1}{N-1}\sum (e_i - \bar e)^2\Big)^{1/2} , \qquad
        \text{coverage} = \frac1N\,\#\{\, |e_i| \le 2\hat\sigma_i \,\} . $$
 
-    Honest sigmas have scatter / sigma = 1 and a coverage of 95 %. With $N$ runs the coverage of one parameter is itself known to $\sqrt{0.95 \cdot
-    0.05/N}$ only: 3 % at 50 runs.
+    For honest sigmas, scatter / sigma is 1 and the coverage is 95 %. $N$ runs determine the coverage of one parameter only with a standard deviation of $\sqrt{0.95 \cdot
+    0.05/N}$: 3 % at 50 runs.
 
-    *The least sigma there is.* The **Cramér-Rao bound** (lab 2) holds for every unbiased estimator whose model is right. Here it is computed from
+    *The smallest possible sigma* is the **Cramér-Rao bound** (lab 2). It holds for every unbiased estimator whose model is right. Here it is computed from
     finite differences of simulated noise-free flights; no estimator is involved.
 
-    *What an estimator assumes.* It weighs the data by two assumed covariances: $R$ of the sensor noise, and $Q$ of
+    *What an estimator assumes.* A Kalman filter weighs the data by two assumed covariances: $R$ of the sensor noise $v$, and $Q$ of the **process noise** $w$, which stands for
     disturbances that act on the states, such as turbulence:
 
     $$ \dot x = f(x, u) + w , \quad \operatorname{E} w w^T = Q\,\delta(t - t') , \qquad z_k = h(x_k) + v_k , \quad \operatorname{E} v v^T = R . $$
 
     If $R$ is wrong by a factor, sigma is wrong by its root; the slider scales $\sqrt R$, so that sigma changes by the slider's factor. If forces act that the estimator does not assume, the residual becomes **coloured**: each
-    sample resembles the one before, and $n$ samples are worth
-    far fewer than $n$. An estimator that counts them as $n$ independent ones reports sigmas that are too small.
+    sample resembles the one before, and $n$ samples contain
+    less information than $n$ independent ones. An estimator that counts them as independent reports sigmas that are too small.
 
-    *Two remedies.* Give the filter the right $Q$, and it weighs the data correctly: sigma *and* estimate improve. Or keep the estimator and correct its
-    sigmas for the colour of the residual, as output error does here,
-    with the autocorrelation $\mathcal{R}_{vv}$ of the residual in the middle and the sensitivities $S_i$ of the outputs:
+    *Two remedies.* With the right $Q$ the filter weighs the data correctly: sigma *and* estimate improve. The other remedy keeps the estimate and corrects its
+    sigma for the colour of the residual, as output error does here. The correction contains the autocorrelation $\mathcal{R}_{vv}(i-j)$ of the residual between samples $i$ and $j$, and the sensitivities $S_i$ of the outputs:
 
     $$ \operatorname{cov}\hat\theta = M^{-1} \Big[ \sum_{i,j} S_i^T R^{-1}\,\mathcal{R}_{vv}(i-j)\,R^{-1} S_j \Big] M^{-1} ,
     \qquad M = \sum_i S_i^T R^{-1} S_i . $$
@@ -109,7 +108,8 @@ def _(controls, figure_scatter, lab, many, mo, page, runs):
                     mo.md(
                         "With process noise, every run is a flight of its own: fifty take a few "
                         "seconds. "
-                        "(Output error assumes no process noise: the third slider has no effect on it.)"
+                        "The estimator `output error` assumes no process noise, so the third slider "
+                        "has no effect on it."
                     ),
                 ],
                 _figure,
@@ -143,7 +143,7 @@ def _(command, controls, lab, mo, page, runs):
             page.table(
                 [
                     "derivative, 1/rad",
-                    "bias, in its standard errors",
+                    "bias / its standard error",
                     "scatter",
                     "reported sigma",
                     "scatter / reported",
@@ -153,10 +153,10 @@ def _(command, controls, lab, mo, page, runs):
                 _rows,
             ),
             mo.md(
-                f"All six together: **{100 * many.pooled.within_two:.0f} %** of the 2-sigma "
-                "intervals hold the truth (95 % interval "
-                f"{100 * _low:.0f} to {100 * _high:.0f} %; honest: 95 %); "
-                f"scatter over sigma **{many.pooled.scatter:.2f}**."
+                f"All six derivatives together: **{100 * many.pooled.within_two:.0f} %** of the "
+                "2-sigma intervals contain the true value (95 % interval "
+                f"{100 * _low:.0f} to {100 * _high:.0f} %; honest sigmas: 95 %); "
+                f"scatter over reported sigma **{many.pooled.scatter:.2f}**."
             ),
             page.command_line(
                 command("campaign", lab.SCENARIO, asked, "--runs", str(runs.value), "--seed", "1")
@@ -191,17 +191,18 @@ def _(asked, figure_residual, lab, mo, page, residuals):
 def _(close, lab, page):
     questions = {
         "honest": page.Question(
-            "Everything as it was at first (50 runs). By how much does the reported sigma of C_mα "
-            "differ from the Cramér-Rao bound, in per cent?",
+            "Sliders as at first (50 runs). By how many per cent does the reported sigma of C_mα "
+            "differ from the Cramér-Rao bound?",
             page.number_field("%"),
             lambda value: (
                 abs(abs(value) - abs(100 * (lab.numbers()["sigma over bound of Cm_alpha"] - 1)))
                 <= 1.5
             ),
-            "Divide the fourth column by the sixth.",
-            "By almost nothing: this estimator is efficient, and its sigmas are "
-            "correct. (It is slightly below the bound because it also has a prior, "
-            "which the bound does not contain.)",
+            "Divide `reported sigma` by `Cramér-Rao, sensors alone`.",
+            "By less than 2 %: this estimator is efficient, and its sigmas are honest. (The sigma "
+            "is slightly below the bound because the filter also has a prior, which the bound does "
+            "not contain. The bias of C_mδe, 0.6 of its sigma, is the error of linearisation after "
+            "a poor start, as in lab 1; output error does not have it.)",
         ),
         "sensors": page.Question(
             "Let the filter assume half the true sensor noise (0.5). What happens?",
@@ -218,29 +219,29 @@ def _(close, lab, page):
             "the estimate. Only the reported sigma is wrong.",
         ),
         "unmodelled": page.Question(
-            "Back to 1. Let process noise of 0.1 act that the filter does not assume. By what factor "
-            "does C_mδe scatter more than its sigma says?",
+            "Back to 1. Let process noise of 0.1 act that the filter does not assume. How many times "
+            "its reported sigma is the scatter of C_mδe?",
             page.number_field("times"),
             lambda value: close(value, lab.numbers(acting=0.1)["scatter over sigma of Cm_de"], 0.1),
             "The column `scatter / reported`.",
-            "The residual's autocorrelation shows why: it is coloured. So are residuals of real records in calm air, since every model is "
-            "incomplete.",
+            "The autocorrelation of the residual shows why: the residual is coloured. The same holds for "
+            "measured records even in calm air, since every model is incomplete.",
         ),
         "corrected": page.Question(
-            "The same flight by output error, whose sigmas are corrected for the colour. How many "
-            "per cent of the 2-sigma intervals hold the "
-            "truth now?",
+            "Now the same flights by output error, which corrects its sigmas for the colour. How many "
+            "per cent of the 2-sigma intervals of all six derivatives contain the true value?",
             page.number_field("%"),
             lambda value: (
                 abs(value - lab.numbers(acting=0.1, method="output error")["within 2 sigma"]) <= 3
             ),
             "The line under the table.",
-            "From 41 to 90: far better, but not yet 95. The correction estimates the "
-            "colour from the residual of one maneuver, which determines it poorly.",
+            "With the Kalman filter it was 41 %; 90 % is far better, but not yet 95 %. The "
+            "correction estimates the colour from the residual of one maneuver, which determines "
+            "it poorly.",
         ),
         "right": page.Question(
-            "Kalman filter again: 0.1 acts, and it assumes 0.1. Now the sigmas are honest. By what "
-            "factor is the *scatter* of C_Lq smaller than when it assumes 0?",
+            "Kalman filter again: process noise of 0.1 acts, and the filter assumes 0.1. Now the sigmas are "
+            "honest. By what factor is the *scatter* of C_Lq smaller than when the filter assumes 0?",
             page.number_field("times"),
             lambda value: close(
                 value,
@@ -248,16 +249,15 @@ def _(close, lab, page):
                 / lab.numbers(acting=0.1, told=0.1)["scatter of CL_q"],
                 0.1,
             ),
-            "Divide the scatter at 0 assumed by the one at 0.1 assumed.",
-            "The right weights not only give correct sigmas, they also improve the estimate.",
+            "Divide the scatter of CL_q at 0 assumed by the one at 0.1 assumed.",
+            "The right weights give honest sigmas, and they also improve the estimate.",
         ),
         "modest": page.Question(
             "Now no process noise acts, but the filter assumes 0.1. Is that safe?",
             page.choice(
                 [
                     "yes, and it costs nothing",
-                    "it is safe but wasteful: sigmas are several times too large, and the "
-                    "intervals say little",
+                    "it is safe but wasteful: the sigmas are several times too large",
                     "no, the estimates are biased",
                 ]
             ),
@@ -281,9 +281,9 @@ def _(mo):
     mo.md(r"""
     ## To think about
 
-    On measured data there is no truth and no campaign. What else shows whether your sigmas are honest? (Whiteness of the residual. Scatter
-    from record to record. The prediction of a record that was not fitted.)
-    `flightid identify --method filter-error` finds the size of $Q$ from the record itself.
+    For a measured record the true values are unknown, and you cannot repeat it 50 times. What else shows whether your sigmas are honest? (Whiteness of the residual. Scatter of the estimates
+    from record to record. Prediction of a record that was not fitted.)
+    `flightid identify --method filter-error` estimates $Q$ from the record itself.
     """)
     return
 

@@ -21,8 +21,8 @@ def _(page):
     page.heading(
         7,
         "Bring your own data",
-        """To go the whole way with a record of your own: say what its columns are, look at the sensors before any model, identify, ask what the model
-        lacks, and take a report home.""",
+        """To analyse a record of your own from the file to the report: name its columns, check the sensors before any model is fitted, identify the
+        derivatives, and find out what the model lacks.""",
     )
     return
 
@@ -32,24 +32,25 @@ def _(mo):
     mo.md(r"""
     ## Theory
 
-    **Order matters.** A model can be blamed for a sensor's fault, never the other way round if the sensors are looked at first.
+    **Check the sensors first.** The fit of a model mixes errors of the model with errors of the sensors. A check by kinematics needs no aerodynamic model, and so it finds an error of a sensor by itself.
 
-    *1. Kinematics before aerodynamics.* Angle of attack, pitch rate and load factor are tied to each other whatever the aerodynamics are; about trim,
+    *1. Check of the sensors by kinematics.* Angle of attack $\alpha$, pitch rate $q$ and load factor $n_z$ depend on each other, whatever the aerodynamics are. For small deviations from trim,
 
-    $$ \dot\alpha = q - \frac{g_0}{V}\,(n_z - n_{z0}) , \qquad \alpha_{\text{vane}} = \lambda\,\alpha - \frac{x_v}{V}\, q + b_\alpha . $$
+    $$ \dot\alpha = q - \frac{g_0}{V}\,(n_z - n_{z0}) , \qquad \alpha_m = (1 + k_\alpha)\,\alpha - \frac{d}{V}\, q + b_\alpha , $$
 
-    Integrate the measured rates and load factor and compare the result with the measured angle: a difference shows a bias, a scale error, a delay or a vane away from the centre of
-    gravity. This is the **data compatibility check**.
+    with the true airspeed $V$, the standard gravity $g_0$ (9.81 m/s²), and the load factor $n_{z0}$ in trim: 1, or 0 if the sensor records changes from trim. $\alpha_m$ is what the vane
+    measures: it has a scale error $k_\alpha$ and a bias $b_\alpha$, and it sits the arm $d$ ahead of the centre of gravity. The check
+    integrates the measured $q$ and $n_z$ and compares the result with $\alpha_m$. A difference shows a bias, a scale error, a delay or an arm. Such a comparison is called **data compatibility check**.
 
-    *2. Identification* fits the derivatives by output error (lab 2), with a bias for each output. Its sigmas are honest only if its residual is white
+    *2. Identification* estimates the derivatives by output error, with a bias for each output: it minimises the squared difference between measured and simulated outputs, weighted by the sensor noise. Its sigmas are honest only if its residual is white
     (lab 6).
 
-    *3. Diagnosis* (lab 5) tries what the model may lack and judges by a record, or a part of one, that was not fitted.
+    *3. Diagnosis* (lab 5) searches for an effect that the model lacks. It tests each on a record, or on a part of one, that was not fitted.
 
-    **What you need.** A record: a table (CSV, Excel, MATLAB, HDF5, ...) or the log of a flight computer (ArduPilot, PX4). It has the time, an input
-    that moves (`elevator`; `stick`; `aileron` and `rudder`), and at least one output (`alpha`, `q`, `nz`). Units are given in the header, `alpha [deg]`, in
-    the log itself, or in a channel map. The map also says which column is which channel, and converts, for example, the servo pulses of a log to the
-    elevator angle. A vehicle file has mass, geometry, flight condition and starting values that may be 30 % wrong. Signs: nose up is positive; the
+    **What you need.** A record is a table (CSV, Excel, MATLAB, HDF5, ...) or the log of a flight computer (ArduPilot, PX4). It has the time, an input
+    that moves (`elevator`; `stick`; `aileron` and `rudder`), and at least one output (`alpha`, `q`, `nz`). The units stand in the header (`alpha [deg]`), in
+    the log itself, or in a channel map. The **channel map** names the column of each channel. It also converts, for example, the servo pulses of a log to the
+    elevator angle. The **vehicle file** has mass, geometry, flight condition and starting values of the derivatives, which may be 30 % wrong. Signs: $\alpha$, $q$ and $n_z$ are positive nose up; the
     elevator is positive trailing edge down.
     """)
     return
@@ -62,7 +63,7 @@ def _(lab, mo):
         filetypes=lab.SUFFIXES,
         multiple=True,
         kind="area",
-        label="Records, one file a maneuver; drop them here",
+        label="Records, one file for each maneuver: drop them here",
     )
     model = mo.ui.dropdown(list(lab.VEHICLES), value="rigid", label="model")
     return model, source, uploads
@@ -74,13 +75,13 @@ def _(lab, mo, model, source):
         value=lab.vehicle_text(model.value, source.value),
         rows=16,
         full_width=True,
-        label="vehicle file (TOML): put your numbers in",
+        label="vehicle.toml, the vehicle file: put in your numbers",
     )
     channels = mo.ui.text_area(
         value=lab.map_of(source.value),
         rows=6,
         full_width=True,
-        label="channel map (TOML), where your headers are not ours; may be empty",
+        label="map.toml, the channel map: empty if your columns have the names of the channels",
     )
     return channels, vehicle
 
@@ -88,7 +89,7 @@ def _(lab, mo, model, source):
 @app.cell
 def _(channels, lab, mo, model, source, uploads, vehicle):
     _told = {
-        lab.TABLE: "Two records, exported as flight-test systems do:",
+        lab.TABLE: "Two records as a flight-test system may export them:",
         lab.LOG: "Two flights of a small flying wing with a vane, as ArduPilot logs them (DataFlash):",
     }
     mo.vstack(
@@ -117,6 +118,24 @@ def _(channels, lab, mo, model, source, uploads, vehicle):
 
 
 @app.cell
+def _(channels, mo, vehicle):
+    mo.hstack(
+        [
+            mo.md("For the commands below, save the two texts beside your records:"),
+            mo.download(vehicle.value.encode(), filename="vehicle.toml", label="vehicle.toml"),
+            *(
+                [mo.download(channels.value.encode(), filename="map.toml", label="map.toml")]
+                if channels.value.strip()
+                else []
+            ),
+        ],
+        justify="start",
+        wrap=True,
+    )
+    return
+
+
+@app.cell
 def _(channels, lab, mo, page, source, uploads, vehicle):
     _files = (
         tuple((each.name, each.contents) for each in uploads.value)
@@ -131,12 +150,12 @@ def _(channels, lab, mo, page, source, uploads, vehicle):
         [
             mo.md("## 2. What was read"),
             page.table(
-                ["record", "channel", "unit", "samples", "least", "greatest"],
+                ["record", "channel", "unit", "samples", "smallest", "largest"],
                 lab.channel_rows(_records),
             ),
             mo.md(
-                "Columns that no channel needs are not read. If a channel is missing here, its column has "
-                "another name: put that into the map."
+                "If a channel is missing here, its column has another name: put that name into the "
+                "channel map. Columns that belong to no channel are not read."
             ),
         ]
     )
@@ -148,12 +167,12 @@ def _(given, lab, mo, page):
     _check, _error = lab.tried(lambda: lab.checked(given))
     mo.vstack(
         [
-            mo.md("## 3. The sensors, before any model"),
+            mo.md("## 3. Check of the sensors"),
             mo.callout(mo.md(f"**Refused.** {page.plain(_error)}"), kind="danger")
             if _check is None
             else mo.md(
                 "\n".join(f"- {page.plain(line)}" for line in (*_check.sentences, *_check.warnings))
-                or "The kinematics find nothing to say."
+                or "The check by kinematics has no result for these channels."
             ),
             page.plotted(
                 _check.plot.reconstruction(),
@@ -180,7 +199,7 @@ def _(given, lab, mo, model, page):
     else:
         _shown = [
             page.table(
-                ["parameter", "unit", "estimate", "sigma", "started at"],
+                ["parameter", "unit", "estimate", "sigma", "starting value"],
                 [
                     [
                         p.name,
@@ -196,7 +215,7 @@ def _(given, lab, mo, model, page):
                 f"Outcome: {_found.outcome}."
                 + "".join(f"\n- {page.plain(line)}" for line in (*_found.warnings, *_found.notes))
             ),
-            page.plotted(_found.plot.fit(), "measured and fitted outputs with what is left"),
+            page.plotted(_found.plot.fit(), "measured and fitted outputs with the residual"),
         ]
     mo.vstack(
         [
@@ -222,8 +241,8 @@ def _(given, mo):
         [
             mo.md("## 5. Diagnosis"),
             mo.md(
-                "The loop tries every effect that it knows. A short record takes some seconds, "
-                "several long ones take minutes."
+                "The tracing loop tries every effect of its library (lab 5). A short record takes some "
+                "seconds, several long ones take minutes."
             ),
             ask,
         ]
@@ -234,7 +253,7 @@ def _(given, mo):
 @app.cell
 def _(ask, given, lab, mo, model, page, partial):
     mo.stop(not ask.value)
-    with mo.status.spinner(title="Tracing what the residual comes from"):
+    with mo.status.spinner(title="Searching for the cause of the residual"):
         _found, _error = lab.tried(lambda: lab.diagnosed(given, model.value))
     mo.stop(_found is None, mo.callout(mo.md(f"**Refused.** {page.plain(_error)}"), kind="danger"))
     _effects = [
@@ -252,7 +271,7 @@ def _(ask, given, lab, mo, model, page, partial):
             ),
             page.plotted(
                 _found.plot.prediction(),
-                "what was held out: measured and predicted, before and after",
+                "record that was not fitted: measured and predicted, before and after",
             ),
             page.plotted(_found.plot.derivatives(), "parameters before and after"),
             mo.md("\n".join(f"- {page.plain(line)}" for line in (*_found.warnings, *_found.notes))),
@@ -279,14 +298,13 @@ def _(mo):
     mo.md(r"""
     ## Questions
 
-    1. The table: does the kinematic check alone already name the fault? In which sentence?
-    2. The table: by how many of its sigmas does each derivative move when the fault is taken into account (the last figure)? Which sigma was honest
-       before?
-    3. The table: set the unit of `alpha` in the map to `rad`. Which step notices, and in which words? What would have happened without that check?
-    4. The log of ArduPilot: the kinematic check finds nothing, and yet the identification warns. Which derivatives have the wrong sign, and what does the
-       diagnosis find? Why can the kinematics not see it?
-    5. Your own record: is the residual white? If not, which of labs 3 to 6 does it remind you of?
-    6. Which maneuver would you fly next, and which sensor would you add, to decide what your record left open?
+    1. The table: does the check of the sensors alone find the fault? In which sentence? Another fault fits the data as well: why is it improbable?
+    2. The table: run the diagnosis. By how many of its sigmas does each derivative change when the fault is part of the model (the last figure of section 5)? Which sigmas become smaller, and why?
+    3. The table: set the unit of `alpha` in the channel map to `rad`. Which step refuses the record, and with which reason? What would have happened without that check?
+    4. The log of ArduPilot: the check of the sensors finds no fault, but the identification warns. Which derivatives differ in sign from their starting values? What does the
+       diagnosis find? Why can the check of the sensors not find it?
+    5. Your own record: is the residual white? If not, which of labs 3 to 6 shows a similar residual?
+    6. Which maneuver would you fly next, and which sensor would you add, to decide what your record leaves open?
     """)
     return
 

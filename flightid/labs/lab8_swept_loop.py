@@ -21,8 +21,8 @@ def _(page):
     page.heading(
         8,
         "A sweep, its response, its margins",
-        """To sweep the roll loop of a small aircraft in flight, to read a model and the stability margins off its frequency responses,
-        and to see how wrong they are when the excitation is not recorded.""",
+        """To excite the roll loop of a small aircraft in flight by a frequency sweep, to find a model and the stability margins from its frequency responses,
+        and to see how wrong the margins are if the excitation is not recorded.""",
     )
     return
 
@@ -32,21 +32,22 @@ def _(mo):
     mo.md(r"""
     ## Theory
 
-    A law feeds the roll rate $p$ back to the command of the ailerons. A sweep $r$ is added at the sum:
+    A control law feeds the roll rate $p$ back to the command of the ailerons. The pilot or a computer adds a **sweep** $r$, a sine whose frequency rises slowly:
 
     $$ e = r - f , \qquad p = P\,e , \qquad f = C\,p , \qquad L = C P . $$
 
-    $P$ is the transfer function of the aircraft and $C$ that of the law, $e$ the command behind the sum and $f$ the signal that returns. The **broken-loop response** $L =
-    f/e$ gives the margins, although the loop stays closed: where $|L| = 1$ the phase margin is the angle to $-180°$, where the angle is $-180°$ the gain margin is $-20 \log_{10} |L|$.
+    $P$ is the transfer function of the aircraft and $C$ that of the control law, $e$ the command to the ailerons and $f$ the signal that is fed back. The **broken-loop response** $L =
+    f/e$ gives the margins, although the loop stays closed in flight. At the frequency where $|L| = 1$, the phase margin is the distance of the phase from $-180°$. Where the phase is $-180°$, the gain margin is $-20 \log_{10} |L|$.
+    A third measure of stability is the smallest distance of $L$ from $-1$.
 
-    *Noise goes round the loop.* Gyro noise and rough air enter $f$, and from there $e$. Let $S_{fe}$ be the cross spectrum of $f$ and $e$, and $S_{ee}$ the power spectrum of $e$. A **direct** estimate
-    $\hat L = S_{fe}/S_{ee}$ then mixes two values,
+    *Noise runs round the loop.* Gyro noise and turbulence enter $f$, and from there $e$. Let $S_{fe}$ be the cross spectrum of $f$ and $e$, and $S_{ee}$ the power spectrum of $e$. The **direct** estimate
+    $\hat L = S_{fe}/S_{ee}$ then mixes two values:
 
-    $$ L \ \text{(the sweep's share)} \quad\text{and}\quad -1 \ \text{(what noise alone would give: } e = -f\text{)} . $$
+    $$ L \ \text{(if there were only the sweep)} \quad\text{and}\quad -1 \ \text{(if there were only noise: } r = 0, \text{ so } e = -f\text{)} . $$
 
-    The **joint** estimate relates both signals to the sweep, which no noise reaches: $\hat L = S_{fr}/S_{er}$.
+    The **joint** estimate relates both signals to the sweep, which contains no noise: $\hat L = S_{fr}/S_{er}$.
 
-    *Model.* The response $p/e$ in the usable band (coherence of 0.6 or more) is fitted by
+    *Model.* In the band of frequencies where the coherence is 0.6 or more, the response $p/e$ is fitted by the roll mode with a delay $\tau$:
 
     $$ \frac{p}{e}(s) = \frac{K}{s + 1/T_{roll}}\, e^{-\tau s} . $$
     """)
@@ -60,7 +61,7 @@ def _(lab, mo, page):
             "gain": mo.ui.slider(
                 steps=list(lab.GAINS),
                 value=0.22,
-                label="gain of the law, command per rad/s",
+                label="gain of the control law, command per rad/s",
                 show_value=True,
                 debounce=True,
             ),
@@ -96,7 +97,9 @@ def _(controls, figure_response, found, mo, page):
             page.beside(
                 [
                     page.sliders(controls),
-                    mo.md("Three flights of a minute are pooled; they take a second or two."),
+                    mo.md(
+                        "The estimates use three flights of a minute each; they take a second or two."
+                    ),
                 ],
                 _figure,
             ),
@@ -123,6 +126,11 @@ def _(command, controls, lab, mo, page):
     mo.vstack(
         [
             page.table(["quantity", "unit", "true", "estimate ± σ", "error, σ"], _rows),
+            mo.md(
+                "`inv T roll` is 1/T of the roll mode. `gain increase` is the gain margin; `delay "
+                "margin` is the further delay at which the loop would become unstable. `distance` is "
+                "the smallest distance from -1; the figure below shows it in dB."
+            ),
             page.command_line(command("run", lab.SCENARIO, asked)),
         ]
     )
@@ -134,13 +142,13 @@ def _(asked, figure_margins, found, lab, mo, page):
     _direct = lab.without_excitation(asked)
     mo.vstack(
         [
-            mo.md("**The broken loop, by the joint estimate.**"),
+            mo.md("**The broken-loop response by the joint estimate:**"),
             page.plotted(
                 figure_margins(found.loop),
                 "gain, phase and distance from -1 of the broken loop with its margins, joint "
                 "estimate",
             ),
-            mo.md("**The same flights if the sweep had not been recorded.** The direct estimate:"),
+            mo.md("**The same flights if the sweep were not recorded, by the direct estimate:**"),
             page.plotted(
                 figure_margins(_direct),
                 "gain, phase and distance from -1 of the broken loop by the direct estimate",
@@ -154,51 +162,51 @@ def _(asked, figure_margins, found, lab, mo, page):
 def _(close, lab, page):
     questions = {
         "phase": page.Question(
-            "Everything as it was at first. How large is the phase margin?",
+            "Sliders as at first. How large is the estimated phase margin?",
             page.number_field("deg"),
             lambda value: close(value, lab.numbers()["phase margin"], 0.03),
-            "The table, or the bar in the second panel of the broken loop.",
-            "Its interval holds the true value. The loop stayed closed, and no model was needed.",
+            "Read the table, or the bar in the phase of the broken-loop response.",
+            "Its 2-sigma interval contains the true value. The loop stayed closed in flight, and no model was needed.",
         ),
         "delay": page.Question(
-            f"What is the longest delay of the slider with a true phase margin of {lab.ENOUGH:g} "
-            "deg or more?",
+            "What is the longest delay on the slider at which the true phase margin is still at "
+            "least 45 deg, as MIL-F-9490D asks?",
             page.number_field("ms"),
             lambda value: close(value, lab.longest_delay(), 0.01),
             "Move the delay and read the column `true`.",
-            "Each millisecond costs the crossover frequency times 0.057 deg per rad/s. A delay "
-            "margin says the same in one number.",
+            "A delay lowers the phase margin by the crossover frequency (where |L| = 1) times the "
+            "delay: by 0.057 deg per millisecond for each rad/s. The delay margin is the delay that takes all of it.",
         ),
         "gain": page.Question(
-            "Back to 32 ms. Double the gain of the law from 0.22 to 0.44. By how many dB does the "
-            "gain margin fall?",
+            "Delay 32 ms again. Double the gain of the control law from 0.22 to 0.44. By how many dB does "
+            "the gain margin fall?",
             page.number_field("dB"),
             lambda value: value is not None and abs(value - 6.0) <= 0.5,
-            "Compare `gain increase` before and after.",
-            "By 20 log 2 = 6 dB, less the effect of the integral: a gain margin is "
-            "counted in the same unit.",
+            "The gain margin is `gain increase` in the table: compare it before and after.",
+            "Twice the gain is 20 log 2 = 6 dB more, and the gain margin falls by nearly as much. (A "
+            "small part of the feedback, the integral of the roll rate, keeps its gain.)",
         ),
         "direct": page.Question(
-            "Gain 0.22 again, gyro noise of 20 deg/s. Where does the direct estimate of the broken "
-            "loop go?",
+            "Gain 0.22 again, gyro noise of 20 deg/s. What happens to the direct estimate of the "
+            "broken-loop response?",
             page.choice(
                 [
-                    "towards 0",
-                    "towards -1, as if the loop were at its border",
-                    "nowhere: it only scatters more",
+                    "it moves towards 0",
+                    "it moves towards -1, as if the loop were at its stability limit",
+                    "it only scatters more",
                 ]
             ),
-            lambda value: value is not None and value.startswith("towards -1"),
+            lambda value: value is not None and value.startswith("it moves towards -1"),
             "Look at the distance from -1 in the last figure, and at the theory: what is f/e when "
             "there is no sweep?",
-            "Where noise is larger than the sweep, e = -f for any control law. The "
-            "margins shown are those of the noise.",
+            "At frequencies where the noise is larger than the sweep, e is nearly -f for any control "
+            "law. The margins of the direct estimate then show the noise, not the loop.",
         ),
         "amplitude": page.Question(
-            "Gyro noise of 5 deg/s. Raise the amplitude of the sweep from 0.1 to 0.2. What does "
-            "the sigma of the phase margin do?",
-            page.choice(["it stays", "it halves about", "it doubles"]),
-            lambda value: value == "it halves about",
+            "Gyro noise of 5 deg/s. Raise the amplitude of the sweep from 0.1 to 0.2. How does the "
+            "sigma of the phase margin change?",
+            page.choice(["it stays", "it falls to about a half", "it doubles"]),
+            lambda value: value == "it falls to about a half",
             "Compare the sigmas of the phase margin in the table.",
             "The random error is proportional to noise over signal. Twice the "
             "amplitude has the same effect as four times the flight time.",
@@ -219,9 +227,9 @@ def _(mo):
     mo.md(r"""
     ## To think about
 
-    The sweep is the only signal that no noise reaches. Could the pilot's stick serve as one? When would it not?
-    `flightid design --band LOW HIGH` says before the flight what coherence a sweep will give, and `flightid response ... --margins minus` reads
-    the margins off a record of your own.
+    The sweep is the only signal that no noise enters. Could the movement of the pilot's stick take its place? When could it not?
+    `flightid design --band LOW HIGH` predicts before the flight which coherence a sweep will give, and `flightid response ... --margins minus` estimates
+    the margins from a record of your own.
     """)
     return
 

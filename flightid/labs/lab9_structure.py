@@ -21,8 +21,8 @@ def _(page):
     page.heading(
         9,
         "Terms of a model, from data",
-        """To find which terms the aerodynamic coefficients of an aircraft consist of, to see when a record cannot
-        distinguish two terms, and why a model that fits need not predict.""",
+        """To find the terms of the aerodynamic coefficients of an aircraft from records, to see when a record cannot
+        distinguish two terms, and why a model that fits well need not predict well.""",
     )
     return
 
@@ -32,27 +32,26 @@ def _(mo):
     mo.md(r"""
     ## Theory
 
-    Accelerometers and the slopes of measured rates give the **coefficients** of force and moment over time; of the pitching moment, for example,
+    The measured accelerations and the derivatives of the measured rates give the **coefficients** of force and moment at each time. The coefficient of the pitching moment, for example, is
 
     $$ C_m = \frac{I_y \dot q + (I_x - I_z)\, p r + I_{xz}\,(p^2 - r^2) - T z_T}{\bar q S \bar c} , $$
 
     with the moments of inertia $I$, the thrust $T$ and its arm $z_T$, the dynamic pressure $\bar q$, the wing area $S$ and the mean chord $\bar c$.
 
-    Each is modelled as a sum $z = \theta_0 + \sum_j \theta_j\, t_j$ of **terms** $t_j$: signals ($\alpha$, $\hat q = q \bar c / 2V$, $\delta_e$) and
-    their products. Which of them? With eight signals there are 44 terms up to the second degree: 8 signals, 8 squares, 28 products.
+    The model of a coefficient is a sum $z = \theta_0 + \sum_j \theta_j\, t_j$ of **terms** $t_j$: signals ($\alpha$, $\hat q = q \bar c / 2V$, $\delta_e$, ...) and
+    their products. Which terms does it need? With eight signals there are 44 terms up to the second degree: 8 signals, 8 squares, 28 products.
 
-    **Stepwise regression**: at each step the term with the largest partial $F$ enters, if $F > 20$; terms whose $F$ has fallen below 20 leave. A weaker linear term stays where the value of another depends on it.
-    $F$ is the sum of squares that a term explains, divided by the variance of the residual. Two further numbers show whether the last terms were worth it:
+    **Stepwise regression** adds terms one after the other. $F$ of a term is the sum of squares that it explains, divided by the variance of the residual. At each step the term with the largest $F$ enters, if $F > 20$; terms whose $F$ has fallen below 20 leave. A linear term of small $F$ stays if
+    the value of another term depends on it. Two further numbers show whether the last terms improve the model, with $N$ samples $k$:
 
     $$ \text{PSE} = \frac{1}{N}\sum_k (z_k - \hat z_k)^2 + \sigma^2_{max}\,\frac{n}{N} , \qquad R^2_{\text{left out}} = 1 - \frac{\sum_k (z_k - \hat z_k^{(-m)})^2}{\sum_k (z_k - \bar z)^2} . $$
 
-    The **predicted squared error** adds a penalty for each of the $n$ terms, $\sigma^2_{max}$ being the variance of $z$. The second number leaves out each
-    maneuver $m$ in turn and predicts it from the others.
+    The **predicted squared error** (PSE) adds a penalty for each of the $n$ terms, with the variance $\sigma^2_{max}$ of $z$. The second number, **R² left out**, leaves out each
+    maneuver $m$ in turn and predicts it by a model from the others, $\hat z^{(-m)}$.
 
-    **Collinearity.** If two columns are correlated, the sum of their effects is known, but not
-    each of them. The *variance inflation factor* of a term (VIF) says how
-    many times larger its variance is than it would be if its column were orthogonal to the others; values above 10 are critical. Two
-    proportional columns do not show a large VIF, because only one of them enters.
+    **Collinearity.** If two terms change together in a record, the record determines their joint effect, but not
+    the effect of each. The *variance inflation factor* (VIF) of a term is the ratio of the variance of its estimate to the variance that it would have if the term were uncorrelated with all others; values above 10 are critical. Two
+    proportional terms do not show a large VIF, because only one of them enters.
     """)
     return
 
@@ -79,7 +78,7 @@ def _(lab, mo):
                 4,
                 step=1,
                 value=2,
-                label="degree of terms offered",
+                label="largest degree of a term",
                 show_value=True,
                 debounce=True,
             ),
@@ -93,7 +92,7 @@ def _(axis, controls, figure_structure, lab, mo, page, studied):
     _each = studied.found.selections[axis]
     _figure = page.plotted(
         figure_structure(_each.steps, lab.variance(studied, axis), lab.shown(studied, axis), axis),
-        "what each step of the regression leaves, and the coefficient measured and modelled",
+        "the residual after each step of the regression, and the coefficient measured and modelled",
     )
     mo.vstack([mo.md("## Try it"), page.beside([page.sliders(controls)], _figure)])
     return
@@ -119,10 +118,12 @@ def _(axis, controls, lab, mo, page, studied):
                 lab.term_rows(studied, axis),
             ),
             mo.md(
-                f"R² of the maneuvers fitted **{_each.r2:.4f}**, left out in turn "
-                f"**{lab.held_out(studied, axis)}**, of one that is never fitted, rudder free, "
+                f"R² of the fitted maneuvers **{_each.r2:.4f}**; R² left out "
+                f"**{lab.held_out(studied, axis)}**; R² of a maneuver that is never fitted, in "
+                "which the rudder does not follow the aileron, "
                 f"**{studied.predicted(axis):.4f}**; residual over noise **{_each.ratio:.2f}**; "
-                f"largest condition index **{max(_together.indices):.0f}**."
+                "largest condition index (another measure of collinearity) "
+                f"**{max(_together.indices):.0f}**."
             ),
             mo.callout(
                 mo.md("<br>".join(page.plain(line) for line in _said)),
@@ -131,7 +132,7 @@ def _(axis, controls, lab, mo, page, studied):
             if _said
             else mo.callout(
                 mo.md(
-                    "No warning. This does not prove that every true term was found: compare with the column of true values."
+                    "No warning. This does not prove that every true term was found: compare with the column `true`."
                 ),
                 kind="neutral",
             ),
@@ -142,7 +143,7 @@ def _(axis, controls, lab, mo, page, studied):
             ),
             page.command_line(
                 lab.command(controls.value["maneuvers"], controls.value["degree"]),
-                "The same on the command line, beside the unpacked files",
+                "The same on the command line, in the folder with the unpacked files",
             ),
         ]
     )
@@ -153,28 +154,28 @@ def _(axis, controls, lab, mo, page, studied):
 def _(close, lab, page):
     questions = {
         "product": page.Question(
-            "Everything as it was at first. Which term of the pitching moment is no derivative of "
-            "a linear model?",
+            "Sliders as at first. Which term of the pitching moment does a linear model not contain?",
             page.choice(["alpha^2", "alpha*elevator", "alpha*q", "abs(elevator)"]),
             lambda value: value == "alpha*elevator",
             "Read the table.",
-            "The elevator loses power as the angle of attack grows, as in downwash or stall.",
+            "The elevator becomes less effective as the angle of attack grows: its effect is "
+            "-1.3 + 5 alpha.",
         ),
         "lacking": page.Question(
-            "Offer terms of degree 1 only. How many times the noise is the residual of Cm now?",
+            "Set the largest degree to 1. How many times the noise is the residual of Cm now?",
             page.number_field("times"),
             lambda value: close(value, lab.numbers(degree=1)["residual/noise"], 0.03),
             "The line below the table.",
-            "And R² is still 0.96. A high R² says that the maneuver was large, not that the model "
-            "is right; noise is the measure. The report names the term that was not offered.",
+            "R² is still 0.96: a high R² shows that the response was large, not that the model is "
+            "right. Compare the residual with the noise instead. The warning names the missing term.",
         ),
         "inflation": page.Question(
-            "Degree 2 again, coefficient Cl. The largest VIF is 8.4, of beta. How large is the "
-            "largest one with multisines on all surfaces at once?",
+            "Degree 2 again, coefficient Cl. The largest VIF is 8.4, that of beta. How large is the "
+            "largest VIF if all surfaces move by multisines at once?",
             page.number_field("VIF"),
             lambda value: close(value, lab.numbers(axis="Cl", kind=lab.KINDS[1])["VIF"], 0.03),
             "Change how the surfaces move and read the last column.",
-            "After a pulse an aircraft swings in its Dutch roll, where p, r and beta keep their "
+            "After a pulse the aircraft oscillates in its Dutch roll, in which p, r and beta keep their "
             "ratios. Surfaces that keep moving change these ratios.",
         ),
         "linked": page.Question(
@@ -183,9 +184,10 @@ def _(close, lab, page):
             page.number_field("VIF"),
             lambda value: close(value, lab.numbers(axis="Cn", linked=True)["VIF"], 0.03),
             "The last column of the table.",
-            "The rudder moves 0.6 times the aileron. Without it the aileron would take its effect "
-            "in, 0.004 + 0.6 (-0.110) = -0.062, with R² of 0.98. Both are kept: their standard "
-            "deviations say how little the maneuvers tell them apart.",
+            "The rudder moves 0.6 times the aileron, and hardly by itself. In a model without the rudder, the aileron "
+            "would take over its effect: 0.004 + 0.6 (-0.110) = -0.062, with R² left out of 0.98. The regression "
+            "keeps both terms: their large standard deviations show that the maneuvers hardly "
+            "distinguish them.",
         ),
         "noise": page.Question(
             "Rudder free, multisines at once, Cm, noise of 10. How many maneuvers does it take "
@@ -193,17 +195,17 @@ def _(close, lab, page):
             page.number_field("maneuvers"),
             lambda value: value == lab.maneuvers_needed("alpha*elevator", "Cm", 10.0),
             "Move the number of maneuvers up from one.",
-            "F grows in proportion to the number of samples. A term that is not chosen need not be zero: the record does not "
-            "determine it.",
+            "F grows in proportion to the number of samples. A term that was not chosen need not be "
+            "zero: the records may not determine it.",
         ),
         "degree": page.Question(
             "One maneuver of pulses, usual noise, Cl, degree 4. What shows that the terms cannot be "
             "trusted?",
             page.choice(["R²", "residual over noise", "VIF"]),
             lambda value: value == "VIF",
-            "Compare all three with those at degree 2.",
-            "`alpha^2*r` has a VIF of 29: where alpha hardly moves, it and `alpha*p` together "
-            "imitate p and beta. R² of the maneuver that is not fitted is 0.998 all the same.",
+            "Compare all three with their values at degree 2.",
+            "`alpha^2*r` has a VIF of 29: since alpha hardly changes, `alpha^2*r` and `alpha*p` together "
+            "imitate p and beta. R² of the maneuver that is never fitted is 0.998 all the same.",
         ),
     }
     answers = page.fields(questions)
@@ -221,8 +223,8 @@ def _(mo):
     mo.md(r"""
     ## To think about
 
-    Which maneuver would you fly to find $C_{m_{\alpha \delta_e}}$ with as little time as possible? What does a feedback law do to collinearity, and
-    what can be added to its commands? The file that `flightid structure --out` writes is one of model `aircraft`: `flightid identify` refines its
+    Which maneuver would you fly to find $C_{m_{\alpha \delta_e}}$ in the shortest time? How does feedback change the collinearity, and
+    which signal could be added to its commands? `flightid structure --out` writes the terms found into a vehicle file of model `aircraft`, and `flightid identify` refines their
     values by output error.
     """)
     return

@@ -17,8 +17,8 @@ from scenarios.plots.drawing import figure_document, figure_frame
 
 @dataclass(frozen=True)
 class Question:
-    """A question of a lab: ``field`` is the notebook element for the answer, ``right`` whether its
-    value holds.
+    """A question of a lab: ``field`` is the notebook element for the answer, ``right`` tells
+    whether its value is right.
 
     ``hint`` is shown beside a wrong answer, ``reason`` beside a right one.
     """
@@ -124,7 +124,7 @@ def asked(questions: Mapping[str, Question], answers: Any) -> Any:
         blocks.append(answers.elements[key])
         blocks.append(_said(question, answers.value[key]))
     held = sum(_holds(question, answers.value[key]) for key, question in questions.items())
-    return mo.vstack([*blocks, mo.md(f"*{held} of {len(questions)} answers hold.*")], gap=0.75)
+    return mo.vstack([*blocks, mo.md(f"*{held} of {len(questions)} answers are right.*")], gap=0.75)
 
 
 def _holds(question: Question, value: Any) -> bool:

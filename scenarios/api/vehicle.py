@@ -199,7 +199,7 @@ class VehicleParameter:
     >>> import flightid as fid
     >>> bomber = fid.vehicle("bomber_rigid")
     >>> bomber.parameters["Cm_q"].fix(-28.0)
-    <Vehicle bomber_rigid: 9 entries, starts of CL_alpha, CL_q, CL_de, Cm_alpha, Cm_de>
+    <Vehicle bomber_rigid: 10 entries, starts of CL_alpha, CL_q, CL_de, Cm_alpha, Cm_de>
     >>> bomber.parameters["Cm_q"]
     <Cm_q = -28, fixed>
     """

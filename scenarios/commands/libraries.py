@@ -454,8 +454,8 @@ def list_labs() -> None:
     for number, path in lab_files().items():
         print(f"{number}  {title_of(path)}")
     print(
-        "flightid lab N opens one; --copy DIR makes it yours; --key prints what an instructor "
-        "wants to know"
+        "flightid lab N opens one in the browser; --copy DIR copies it, for changes; --key prints "
+        "the instructor's key"
     )
 
 
@@ -488,7 +488,7 @@ def copy_lab(number: int, folder: Path) -> Path:
             where=str(target),
             remedy="name a folder that you may write in",
         ) from None
-    print(f"copied to {target}; marimo edit {target} opens it")
+    print(f"copied to {target}; marimo edit {target} opens it in an editor")
     return target
 
 

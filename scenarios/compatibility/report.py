@@ -80,7 +80,12 @@ WORDS = {
     "scale": "{} reads {} times the true value",
     "drift": "{} drifts by {}",
 } | {"bias": "{} reads {} too much"}
-PLACES = {"arm": "ahead of", "arm-right": "to the right of", "arm-below": "below"}
+# Of a positive and of a negative arm.
+PLACES = {
+    "arm": ("ahead of", "behind"),
+    "arm-right": ("to the right of", "to the left of"),
+    "arm-below": ("below", "above"),
+}
 
 
 def print_check(
@@ -189,8 +194,8 @@ def finding_lines(check: CompatibilityCheck) -> list[str]:
 
 
 def odds(finding: SensorFinding, findings: Sequence[SensorFinding]) -> str:
-    """Probabilities and sizes of a finding and of what would do as well, where one is an arm: how
-    far sensors usually are off then counts.
+    """Probabilities and sizes of a finding and of the faults that fit as well, where one is an arm:
+    where sensors usually sit then counts.
     """
     by_name = {item.name: item for item in findings} | {finding.name: finding}
     known = [
@@ -203,7 +208,7 @@ def odds(finding: SensorFinding, findings: Sequence[SensorFinding]) -> str:
         for item, share in sorted(known, key=lambda pair: -pair[1])
     ]
     prior = "vanes usually sit metres from the centre of gravity, accelerometers within a metre"
-    return f"probability of each cause ({prior}): {'; '.join(shown)}"
+    return f"the usual places of sensors decide between these causes ({prior}): {'; '.join(shown)}"
 
 
 def _share(share: float) -> str:
@@ -212,19 +217,27 @@ def _share(share: float) -> str:
 
 def sentence(finding: SensorFinding) -> str:
     """One finding with its alternatives."""
-    other = f"; {' or '.join(finding.group)} would do as well" if finding.group else ""
+    other = f"; {fit_as_well(finding.group)}" if finding.group else ""
     return f"{finding.name}, {fault_text(finding)} (gain {finding.gain:.1f}{other})"
+
+
+def fit_as_well(group: Sequence[str]) -> str:
+    """That other faults fit the data as well as the one that is named."""
+    return f"{' or '.join(group)} fits these data as well"
 
 
 def fault_text(finding: SensorFinding) -> str:
     """What is wrong with the sensor, and by how much."""
     factor, shown = shown_in(finding.unit)
+    place = PLACES.get(finding.kind)
+    size = abs(finding.value) if place else finding.value
     value = (
-        f"{number_text(factor * finding.value, factor * finding.std)} +- "
+        f"{number_text(factor * size, factor * finding.std)} +- "
         f"{number_text(factor * finding.std, factor * finding.std)}"
     )
-    if finding.kind in PLACES:
-        return f"{_sensor(finding.channel)} {value} m {PLACES[finding.kind]} the centre of gravity"
+    if place:
+        side = place[finding.value < 0.0]
+        return f"{_sensor(finding.channel)} {value} m {side} the centre of gravity"
     if finding.channel == "wind":
         return f"the air rises by {value} {shown}"
     unit = f" {shown}" if finding.kind in ("drift", "bias") else ""

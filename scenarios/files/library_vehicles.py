@@ -76,6 +76,7 @@ def content_of(data: VehicleData) -> dict[str, Any]:
     values = {number.name: number.value for number in data.numbers}
     out: dict[str, Any] = {
         "name": data.name,
+        **({"aircraft_class": data.aircraft_class} if data.aircraft_class else {}),
         **{key: values[key] for key in constants if key in values},
     }
     if (

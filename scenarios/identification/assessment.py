@@ -508,10 +508,10 @@ class OtherReading:
     @property
     def decision(self) -> str:
         """The reading that the data chose, and by how much."""
-        worse = f"{WORDS[self.other]} ones fit worse (twice the log likelihood {self.gain:.1f})"
+        worse = f"the fit is worse (twice the log likelihood {self.gain:.1f})"
         return (
-            f"inputs {WORDS[self.used]} between samples: {worse}; --hold {self.other.value} reads "
-            "them the other way"
+            f"inputs {WORDS[self.used]} between samples: with {WORDS[self.other]} inputs {worse}; "
+            f"--hold {self.other.value} selects these"
         )
 
     @property
@@ -523,8 +523,8 @@ class OtherReading:
         return (
             f"{names}: changes by more than one sigma if inputs are {WORDS[self.other]} between "
             f"samples, which {fits}; "
-            f"inputs were read as {WORDS[self.used]}; --hold {self.other.value} reads them the "
-            "other way"
+            f"inputs were read as {WORDS[self.used]}; --hold {self.other.value} selects the other "
+            "reading"
         )
 
 

@@ -455,7 +455,7 @@ def figure_reconstruction(
         below.axhline(0.0, **ZERO)
         shown = [(item.recorded[name], "integrated from the other channels")]
         if corrected:
-            shown.append((item.integrated[name], "with the faults that stand"))
+            shown.append((item.integrated[name], "with the faults found"))
         shown.append((item.smoothed[name], "smoothed"))
         for order, (values, label) in enumerate(shown):
             look = method_style(order)

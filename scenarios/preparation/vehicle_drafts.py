@@ -42,6 +42,8 @@ def vehicle_text(draft: Draft) -> str:
         f"# Draft of a vehicle file for --model {model}. Take the # from each line and give its "
         "number.",
         f"name = {quoted(draft.file.path.stem)}",
+        '# aircraft_class = ...  # "I" light, "II" medium, "III" large, "IV" fighter (MIL-F-8785C)',
+        '# flight_phase = ...  # "A" rapid maneuvers, "B" gradual ones, "C" approach and landing',
         '# mass = ...  # kg, or a text with a unit: mass = "24200 lb"',
         "# wing_area = ...  # m2",
         *(f"# {name} = ...  # m" for name in lengths),

@@ -95,7 +95,7 @@ def estimates_table(
         ),
         (Column("published", BY_ROW), published),
         (
-            Column("published, off", "its σ", printed="off, own sigmas", beside=True),
+            Column("its error", "its σ", printed="its error, sigmas", beside=True),
             [formatted(row.published_sigmas, "+.1f") if row.published else "" for row in rows],
         ),
         (Column("start", BY_ROW), [_times(f, begun.get(row.name)) for row, f in scaled]),

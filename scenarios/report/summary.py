@@ -353,9 +353,14 @@ def limit_text(level: ModeLevel) -> str:
 
 def levels_heading(flown: Flown) -> str:
     """Standard, class and category, and what of them nobody declared."""
+    classes = (
+        f"; class {flown.aircraft_class} is for medium weight: I is light, III large, IV a fighter"
+        if "class" in flown.assumed
+        else ""
+    )
     assumed = (
         f" ({' and '.join(flown.assumed)} assumed, as neither an option (--class, --category) nor "
-        "the vehicle file gives it)"
+        f"the vehicle file gives it{classes})"
         if flown.assumed
         else ""
     )

@@ -64,6 +64,7 @@ from scenarios.studies.campaign_trials import (
     Level,
     Levels,
 )
+from scenarios.studies.comparison import distance_text
 
 # ---- Why sigmas are wrong, in tables and words
 
@@ -470,8 +471,8 @@ def campaign_page(
             *section(
                 "How it was made",
                 Prose(
-                    f"Truth and model: {scenario.distance}. Each run has its own seed, with "
-                    "which flightid run repeats it."
+                    f"Flight and model: {distance_text(scenario.distance)}. Each run has its own "
+                    "seed, with which flightid run repeats it."
                 ),
             ),
         ),

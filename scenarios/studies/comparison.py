@@ -29,12 +29,40 @@ from sim.vehicles.library import Origin, VehicleData, read_parameter_set
 # ---- What a study must tell beside its numbers
 
 HEADING = "chosen for this study [own], not published or published otherwise:"
-SEE_PAPERS = "docs/papers.md compares these values with the published ones"
+SEE_PAPERS = (
+    "published: estimates and sigmas that the source of this study prints, with the error of each "
+    "in its own sigmas; docs/papers.md compares them with the estimates above"
+)
+CONDENSED = (
+    "condensed: the value that the derivative has in the fitted model if all modes that the model "
+    "lacks follow their loads at once; errors are against this value"
+)
+# The scenario's key ``distance`` in words.
+DISTANCES = {
+    "same equations and step": "same equations, computed with the same steps",
+    "same equations, finer step": (
+        "same equations; the motion of the flight is computed more exactly than that of the model"
+    ),
+    "same equations, other values": "same equations with other values of the parameters",
+    "effect missing": "the model lacks an effect that acts in flight",
+    "nothing missing": "the model lacks nothing",
+}
 # origins that a reader would not expect of a published aircraft
 STATED_ORIGINS = (Origin.OWN, Origin.REMEMBERED, Origin.CONVERTED)
 _MODAL = re.compile(
     r"(?:omega|zeta|generalized_mass|CL_eta|CL_etadot|Cm_eta|Cm_etadot|Ceta)(\d+)(?:_|$)"
 )
+
+
+def reference_lines(rows: Sequence[Row], estimation: Estimation) -> list[str]:
+    """What the columns of condensed and of published values are, where a table has them."""
+    condensed = [CONDENSED] if any(row.condensed is not None for row in rows) else []
+    return condensed + ([SEE_PAPERS] if estimation.published is not None else [])
+
+
+def distance_text(distance: str) -> str:
+    """How far the flight is from the model that is fitted, in words."""
+    return DISTANCES.get(distance, distance)
 
 
 def choice_lines(choices: Sequence[Choice]) -> list[str]:
@@ -132,7 +160,8 @@ def other_flight_line(scenario: Scenario, estimation: Estimation) -> str:
         f"{name} {_worded(name, value)}"
         for name, value in other_flight(scenario, estimation).items()
     )
-    return f"its own flight: {changed}; truth and model: {estimation.distance or scenario.distance}"
+    distance = distance_text(estimation.distance or scenario.distance)
+    return f"its own flight: {changed}; flight and model: {distance}"
 
 
 def _worded(name: str, value: Any) -> str:

@@ -30,10 +30,11 @@ from scenarios.report.shared_tables import (
 )
 from scenarios.report.summary import levels_line
 from scenarios.studies.comparison import (
-    SEE_PAPERS,
     choice_lines,
+    distance_text,
     engine_line,
     other_flight_line,
+    reference_lines,
     vehicle_line,
 )
 from scenarios.studies.published import Row
@@ -119,7 +120,7 @@ def _found(study: StudyResult, method: MethodResult) -> list[Block]:
         other_flight_line(scenario, estimation),
         levels_line(method.levels, flown, method.tests) if flown is not None else "",
         estimation.explanation,
-        SEE_PAPERS if estimation.published is not None else "",
+        *reference_lines(method.rows, estimation),
     )
     blocks: list[Block] = [
         estimates_table(
@@ -170,18 +171,21 @@ def _evidence(study: StudyResult) -> list[Block]:
 
 def _integrated(truth: Truth) -> str:
     if truth.step is not None:
-        return f"flown with steps of {truth.step:g} s"
+        return f"The motion is integrated in steps of {truth.step:g} s."
     if truth.method == EXACT:
-        return "flown without steps: its equations are linear, and the motion is exact"
-    return f"flown by {truth.method} to a tolerance of {TOLERANCE:g} of the motion"
+        return "The motion is the exact solution of the linear equations of the aircraft."
+    return f"The motion is integrated by {truth.method} to a relative error of {TOLERANCE:g}."
 
 
 def _made(study: StudyResult) -> list[Block]:
     scenario, record = study.scenario, study.record
     vehicle = vehicle_line(scenario.flight)
     blocks: list[Block] = [Prose(as_sentence(scenario.about))] if scenario.about else []
-    told = f"Truth and model: {scenario.distance}. {len(record)} samples in {record.time[-1]:g} s"
-    blocks += [Prose(f"{told}, {_integrated(study.truth)}.")]
+    told = (
+        f"Flight and model: {distance_text(scenario.distance)}. {len(record)} samples in "
+        f"{record.time[-1]:g} s."
+    )
+    blocks += [Prose(f"{told} {_integrated(study.truth)}")]
     if line := engine_line([method.estimation for method in study.methods]):
         blocks += [Prose(as_sentence(line))]
     if study.flexibility is not None:

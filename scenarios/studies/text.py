@@ -43,10 +43,11 @@ from scenarios.report.summary import (
 from scenarios.report.terminal import show_blocks, show_table
 from scenarios.studies.comparison import (
     HEADING,
-    SEE_PAPERS,
     choice_lines,
+    distance_text,
     engine_line,
     other_flight_line,
+    reference_lines,
     vehicle_line,
 )
 from scenarios.studies.published import Row
@@ -261,8 +262,8 @@ def print_study(study: StudyResult, out: Console | None = None, details: str = B
     print_summary(out, study_summary(study, details))
     out.print(Text.assemble((scenario.name, "bold"), f": {scenario.title}"))
     out.print(
-        f"truth and model: {scenario.distance}; seed {study.seed}; {len(study.record)} samples in "
-        f"{study.record.time[-1]:g} s",
+        f"flight and model: {distance_text(scenario.distance)}; seed {study.seed}; "
+        f"{len(study.record)} samples in {study.record.time[-1]:g} s",
         highlight=False,
     )
     if line := engine_line([method.estimation for method in study.methods]):
@@ -363,14 +364,13 @@ def _print_method(study: StudyResult, method: MethodResult, out: Console) -> Non
     flown = study.scenario.flown
     levels = levels_line(method.levels, flown, method.tests) if flown is not None else ""
     seen = other_flight_line(study.scenario, method.estimation)
-    compared = SEE_PAPERS if method.estimation.published is not None else ""
     for line in (
         seen,
         derived_line(method.derived),
         levels,
         test_line(method.tests),
         method.estimation.explanation,
-        compared,
+        *reference_lines(method.rows, method.estimation),
     ):
         if line:
             print_paragraph(out, line)

@@ -46,7 +46,7 @@ from scenarios.responses.fitting import FitOptions
 from scenarios.responses.loops import MINUS, UNITS, loop_tables, margin_lines, margins_content
 from scenarios.responses.reading import Names
 from scenarios.responses.report import fit_lines, fit_tables, responses_csv
-from scenarios.studies.comparison import SCHEMA, estimate_content
+from scenarios.studies.comparison import SCHEMA, distance_text, estimate_content
 from scenarios.studies.published import Row
 from scenarios.studies.schema import Quantity, positive, si
 from sim.closed_loop.airframe import load_x29
@@ -590,7 +590,7 @@ def sweep_page(study: SweepStudy, drawn: tuple[Drawn, ...]) -> Page:
             *section(
                 "What was flown",
                 Prose(scenario.about),
-                Prose(f"Truth and model: {scenario.distance}.", "note"),
+                Prose(f"Flight and model: {distance_text(scenario.distance)}.", "note"),
             ),
         ),
         reproduction=reproduction(

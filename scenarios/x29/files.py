@@ -101,7 +101,7 @@ def loop_page(study: LoopStudy, drawn: Sequence[Drawn] = ()) -> Page:
 def _made(study: LoopStudy, window: str, choices: Sequence[str]) -> tuple[Section, ...]:
     scenario = study.scenario
     told = Prose(
-        f"Truth and model: {scenario.distance}. {len(study.result.setting.record)} samples, "
+        f"Flight and model: {scenario.distance}. {len(study.result.setting.record)} samples, "
         f"{window}."
     )
     engine = Prose(as_sentence(bank_line(scenario.estimation.engine, study.second)))

@@ -244,7 +244,8 @@ def print_loop(study: LoopStudy, out: Console | None = None, details: str = BELO
     out.print(Text.assemble((scenario.name, "bold"), f": {scenario.title}"))
     window = f"{record.time[0]:g} to {record.time[-1]:g} s"
     out.print(
-        f"truth and model: {scenario.distance}; seed {study.seed}; {len(record)} samples, {window}",
+        f"flight and model: {scenario.distance}; seed {study.seed}; {len(record)} samples, "
+        f"{window}",
         highlight=False,
     )
     out.print(bank_line(scenario.estimation.engine, study.second), highlight=False)

@@ -82,6 +82,7 @@ class VehicleData:
     numbers : of the parameters, those of elastic modes by full name (``omega1``, ``CL_eta1``,
     ``Ceta1_eta2``). initial : starting state, by state name; a state that is missing starts at
     zero. modes : how many elastic modes it has. based_on : name of the set it was built on.
+    aircraft_class : class of MIL-F-8785C, I to IV; empty for a vehicle that is no aircraft.
     """
 
     name: str
@@ -92,6 +93,7 @@ class VehicleData:
     initial: tuple[Number, ...] = ()
     modes: int = 0
     based_on: str = ""
+    aircraft_class: str = ""
 
     def __contains__(self, name: object) -> bool:
         return any(number.name == name for number in self.numbers)
@@ -146,7 +148,17 @@ def difference(a: VehicleData, b: VehicleData) -> tuple[Difference, ...]:
 
 # ---- The built-in vehicles: one data file each, found by being there
 
-_KEYS = {"title", "source", "equations", "based_on", "modes", "parameters", "initial"}
+_KEYS = {
+    "title",
+    "source",
+    "equations",
+    "aircraft_class",
+    "based_on",
+    "modes",
+    "parameters",
+    "initial",
+}
+_CLASSES = ("I", "II", "III", "IV")
 _COLUMNS = {"value", "unit", "printed", "origin", "note", "printed_by_paper"}
 _REQUIRED = ("value", "unit", "printed", "origin")
 
@@ -198,6 +210,13 @@ def _read(entry: Traversable, above: tuple[str, ...]) -> VehicleData:
         raise DeclarationError(
             f"modes is {modes!r}", where=where, remedy="give a whole number, zero or more"
         )
+    aircraft_class = document.get("aircraft_class")
+    if aircraft_class is not None and aircraft_class not in _CLASSES:
+        raise DeclarationError(
+            f"aircraft_class is {aircraft_class!r}",
+            where=where,
+            remedy=f"use one of {', '.join(_CLASSES)}",
+        )
     numbers, initial = _numbers(document, "parameters", where), _numbers(document, "initial", where)
     based_on: VehicleData | None = None
     if base_name:
@@ -217,6 +236,8 @@ def _read(entry: Traversable, above: tuple[str, ...]) -> VehicleData:
         based_on = _read(base_entry, (*above, name))
         numbers, initial = _over(based_on.numbers, numbers), _over(based_on.initial, initial)
     inherited = based_on.modes if based_on is not None else 0
+    if aircraft_class is None:
+        aircraft_class = based_on.aircraft_class if based_on is not None else ""
     texts = {key: document[key] for key in ("title", "source", "equations")}
     return VehicleData(
         name=name,
@@ -225,6 +246,7 @@ def _read(entry: Traversable, above: tuple[str, ...]) -> VehicleData:
         initial=initial,
         modes=inherited if modes is None else modes,
         based_on=base_name,
+        aircraft_class=aircraft_class,
     )
 
 

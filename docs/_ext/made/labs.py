@@ -58,8 +58,8 @@ def lab_page(number: int, path: Path) -> str:
     return "\n".join(
         [
             head,
-            f"This page shows the lab as it begins. `flightid lab {number}` opens it, with figures "
-            "that follow the controls, and with questions that answer "
+            f"This page shows the lab as it begins. `flightid lab {number}` opens the notebook: "
+            "there figures follow the controls, and questions check the answers "
             "([how to](README.md)).\n",
             *parts[: 1 + at_try(parts)],
             *controls(labels),

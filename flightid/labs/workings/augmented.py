@@ -80,6 +80,8 @@ def vehicle_text(flown: FlownLoop) -> str:
     }
     lines = [
         'name = "augmented"',
+        'aircraft_class = "IV"',
+        f'flight_phase = "{CATEGORY}"',
         *(f"{name} = {value:.6g}" for name, value in constants.items()),
         "[derivatives]",
     ]

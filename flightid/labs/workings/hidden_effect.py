@@ -42,12 +42,12 @@ SUSPECTS: Mapping[str, Suspect] = {
     NOTHING: Suspect("", "white residuals of the size of the noise, in all channels"),
     "the elevator acts later than recorded": Suspect(
         "input-delay",
-        "a spike in **all** channels after each switch of the elevator, strongest in q",
+        "a spike in **all** channels after each step of the elevator, strongest in q",
         {"delay": (0.05, 0.09)},
     ),
     "the pitch-rate gyro is late": Suspect(
         "sensor-delay:q",
-        "spikes after each switch in **q**, hardly any in α and nz",
+        "spikes in **q** after each step of the elevator, hardly any in α and nz",
         {"delay": (0.07, 0.12)},
     ),
     "the α vane sits ahead of the centre of gravity": Suspect(
@@ -69,22 +69,24 @@ SUSPECTS: Mapping[str, Suspect] = {
     ),
     "the α sensor drifts": Suspect(
         "sensor-drift:alpha",
-        "a slow slope in the residual of **α** alone, at low frequency",
+        "a residual of **α** alone that grows slowly and steadily",
         {"slope": (0.0012, 0.002)},
     ),
     "the static stability changes during the flight": Suspect(
         "derivative-jump",
-        "two halves that each could be fitted alone; the swing has another frequency **from one "
-        "time on**",
+        "each of two parts of the record could be fitted alone; the oscillation has another "
+        "frequency **from one time on**",
         {"time": (8.5, 9.5), "Cm_alpha": (0.25, 0.4)},
         {"time": 6.0},
     ),
     "an elastic mode rings": Suspect(
         "elastic-mode",
-        "a ringing after each switch at **one frequency** well above the short period",
+        "an oscillation after each step of the elevator at **one frequency** well above the short "
+        "period",
     ),
     "the air is rough": Suspect(
-        "gust-turbulence", "a coloured residual in α and nz **all the time**, maneuver or not"
+        "gust-turbulence",
+        "a coloured residual in α and nz **all the time**, also between the maneuvers",
     ),
 }
 # of the seed that the lab begins with, so that all of a class begin with one they can find

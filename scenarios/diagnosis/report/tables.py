@@ -366,9 +366,9 @@ def finding_sentence(finding: SensorFinding, wording: Wording) -> str:
         return f"{finding.name} {with_sigma(quantity)}, {words}"
     # What is no effect of the library, a bias or the place of all accelerometers together, has the
     # words of a check.
-    from scenarios.compatibility.report import fault_text
+    from scenarios.compatibility.report import fault_text, fit_as_well
 
-    group = f" ({' or '.join(finding.group)} would do as well)" if finding.group else ""
+    group = f" ({fit_as_well(finding.group)})" if finding.group else ""
     return f"{finding.name}, {fault_text(finding)}{group}"
 
 

@@ -34,6 +34,7 @@ from sim.record import Channel, Record
 from sim.truth.flight import fly, sample_times
 from sim.vehicles.aircraft import declaration_of
 from sim.vehicles.factory import FAMILIES, LOES_CONSTANTS, MODE_CONSTANTS, RIGID_CONSTANTS
+from sim.vehicles.library import read_parameter_set, vehicle_names
 
 # The constant terms of a low-order equivalent stay at zero.
 CONSTANTS = {
@@ -238,6 +239,13 @@ def _stick(plans: tuple[ManeuverPlan, ...], where: str) -> Sum:
     return Sum((moved["stick"],)) if moved else Sum()
 
 
+def _class_of(vehicle: str) -> str:
+    """Class of MIL-F-8785C of a vehicle that flies: a fighter's in the closed loop."""
+    if vehicle.startswith(CLOSED_LOOP):
+        return "IV"
+    return read_parameter_set(vehicle).aircraft_class if vehicle in vehicle_names() else ""
+
+
 def _vehicle_text(
     scenario: TraceScenario, values: Mapping[str, float], derivatives: Mapping[str, float]
 ) -> str:
@@ -250,8 +258,10 @@ def _vehicle_text(
         for i, (name, value) in enumerate(derivatives.items())
     }
     started |= dict(scenario.start)
+    of_class = _class_of(scenario.flight.vehicle)
     lines = [
         f'name = "{scenario.flight.vehicle}"',
+        *([f'aircraft_class = "{of_class}"'] if of_class else []),
         *(f"{name} = {values[name]!r}" for name in CONSTANTS[scenario.model]),
     ]
     modal = {name: number for name in started if (number := _mode_of(name))}

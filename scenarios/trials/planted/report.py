@@ -42,6 +42,7 @@ from scenarios.report.figure_formats import USUAL, Formats
 from scenarios.report.quantities import quantity_text, shown_in
 from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines, wrapped
 from scenarios.report.terminal import table_as_lines
+from scenarios.studies.comparison import distance_text
 from scenarios.trials.planted.declaration import hidden_units
 from scenarios.trials.planted.flights import write_flown
 from scenarios.trials.planted.study import TRUE, Grade, Scored, TraceStudy
@@ -63,7 +64,7 @@ def trace_text(study: TraceStudy, width: int = WIDTH, details: str = BELOW) -> s
         summary_lines(trace_summary(study, details), width),
         [
             f"{scenario.name}: {scenario.title}",
-            f"truth and model: {scenario.distance}; seed {study.seed}",
+            f"flight and model: {distance_text(scenario.distance)}; seed {study.seed}",
         ],
         details_text(study.tracing, width).rstrip().split("\n"),
         table_as_lines(third_table(study), width),
@@ -258,7 +259,7 @@ def scored_page(study: TraceStudy, page: Page) -> Page:
         modes_table(study),
         *(Prose(as_sentence(capital(told))) for told in comparable_sentences(study)),
         third_table(study),
-        Prose(f"Truth and model: {scenario.distance}.", "note"),
+        Prose(f"Flight and model: {distance_text(scenario.distance)}.", "note"),
     )
     again = reproduction(
         ("flightid", "run", scenario.name, "--seed", str(study.seed)),

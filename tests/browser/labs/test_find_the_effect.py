@@ -54,13 +54,13 @@ def test_from_the_guess_to_the_truth(page: Page, servers: Servers, tmp_path: Pat
     )
     show.click()
     page.get_by_role("heading", name="What the loop says").wait_for()
-    page.get_by_role("button", name="Open the envelope").wait_for()
+    page.get_by_role("button", name="Show the truth").wait_for()
     page.get_by_text("TRACED").first.wait_for()
-    assert page.get_by_text("Hidden was").count() == 0
+    assert page.get_by_text("The hidden effect:").count() == 0
     keep_picture(page, "lab5_loop")
 
-    page.get_by_role("button", name="Open the envelope").click()
-    page.get_by_text("Hidden was").first.wait_for()
+    page.get_by_role("button", name="Show the truth").click()
+    page.get_by_text("The hidden effect:").first.wait_for()
     page.get_by_text("Your guess was right").first.wait_for()
     page.get_by_text("Brier score of your guesses").first.wait_for()
     assert_no_failure(page)

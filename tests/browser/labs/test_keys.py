@@ -112,6 +112,23 @@ def test_answers_that_are_computed_are_those_of_the_keys() -> None:
     )
 
 
+def test_output_error_on_the_falls_of_lab_1_is_what_its_page_says() -> None:
+    from flightid.labs.workings.trying import repeated
+
+    (line,) = (
+        line.strip()
+        for line in (KEYS.parent / "lab1_falling_body.py").read_text(encoding="utf-8").splitlines()
+        if "estimate.method=output-error" in line
+    )
+    words = shlex.split(line)
+    assert words[:5] == ["flightid", "campaign", "ballistic", "--runs", "200"]
+    found = repeated("ballistic", tuple(words[6::2]), 200, 1)
+    (spread,) = found.spreads
+    assert abs(spread.bias) < spread.scatter / len(found.seeds) ** 0.5
+    assert spread.reported == pytest.approx(1.5, abs=0.05)
+    assert 100.0 * spread.within_two == pytest.approx(96.0, abs=0.5)
+
+
 def test_the_longest_delay_of_lab_8_is_that_of_its_key() -> None:
     from flightid.labs.workings.swept_loop import longest_delay
 

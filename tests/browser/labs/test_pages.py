@@ -109,7 +109,7 @@ def test_an_answer_is_judged(lab: Callable[[int], Page]) -> None:
     page.get_by_text("Not yet.").first.wait_for()
     field.fill("4")
     field.press("Tab")
-    page.get_by_text("1 of 5 answers hold").wait_for()
+    page.get_by_text("1 of 5 answers are right").wait_for()
 
 
 def test_linked_surfaces_are_warned_of(lab: Callable[[int], Page]) -> None:

@@ -32,7 +32,7 @@ NOT_RUN: dict[tuple[str, str], str] = {
     ("docs/README.md", 'python -m pip install -e ".[docs]"'): BY_CI,
     ("docs/README.md", "python -m sphinx"): BY_CI,
     ("docs/how-to/labs.md", 'python -m pip install -e ".[labs]"'): BY_CI,
-    ("labs/README.md", 'python -m pip install "flightid[labs]"'): BY_CI,
+    ("labs/README.md", 'python -m pip install -e ".[labs]"'): BY_CI,
     (
         "docs/how-to/labs.md",
         "flightid lab 5",

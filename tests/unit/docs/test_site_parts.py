@@ -277,7 +277,7 @@ def test_the_page_of_a_lab_has_what_its_notebook_says() -> None:
         "$M_\\alpha > 0$",
         "![Axes, angles, rates and their signs](../../axes.svg)",
         "stick amplitude, in",
-        "1. Airframe F. How long would it take",
+        "1. Airframe F. If the computer stopped",
         "## To think about",
     ):
         assert part in page, part

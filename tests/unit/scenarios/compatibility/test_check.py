@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from ident.compatibility.trials import SensorFinding
 from scenarios.compatibility.check import _with_speed
+from scenarios.compatibility.report import fault_text, sentence
 from sim.record import Channel, Record
 
 TIME = np.arange(4) * 0.1
@@ -42,3 +45,12 @@ def test_a_recorded_airspeed_is_kept_and_without_a_density_none_is_made() -> Non
         assert made.output_names == ("q",) and said == ""
     bare = record_of(q=np.zeros(4))
     assert _with_speed(bare, AIR) == (bare, "")
+
+
+def test_an_arm_is_told_by_its_side_and_a_confusable_fault_beside_it() -> None:
+    behind = SensorFinding("nz", "arm", -9.14, 0.23, "m", 824.7, True, ("vane-offset",), "x")
+    assert fault_text(behind) == "the accelerometer is 9.14 +- 0.23 m behind the centre of gravity"
+    assert "(gain 824.7; vane-offset fits these data as well)" in sentence(behind)
+    ahead = replace(behind, channel="alpha", value=9.14, group=())
+    assert fault_text(ahead) == "the vane is 9.14 +- 0.23 m ahead of the centre of gravity"
+    assert sentence(ahead).endswith("(gain 824.7)")

@@ -102,8 +102,8 @@ def test_what_is_assumed_and_what_is_doubted_is_said() -> None:
     )
     assert (
         "class II-L, category B (class and category assumed, as neither an option "
-        "(--class, --category) nor the vehicle file gives it): "
-        in levels_line(some, Flown(), sound)
+        "(--class, --category) nor the vehicle file gives it; class II-L is for medium weight: "
+        "I is light, III large, IV a fighter): " in levels_line(some, Flown(), sound)
     )
     assert levels_line(some, Flown("IV", "A", ()), bad).startswith(
         "levels by MIL-F-8785C, class IV, category A, not valid here: the residual shows"

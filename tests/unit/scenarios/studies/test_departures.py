@@ -13,6 +13,7 @@ from scenarios.studies.campaign import fly_campaign
 from scenarios.studies.catalogue import load_document, load_scenario
 from scenarios.studies.comparison import (
     choice_lines,
+    distance_text,
     misprints,
     other_flight,
     other_flight_line,
@@ -113,9 +114,9 @@ def test_a_method_sees_its_own_flight_and_the_others_the_scenarios() -> None:
         "rate": 40.0,
         "noise_std": {"alpha": 0.001, "q": 0.002},
     }, "noise of one kind replaces both"
-    assert "rate 40 Hz" in other_flight_line(
-        scenario, other
-    ) and scenario.distance in other_flight_line(scenario, other)
+    assert "rate 40 Hz" in other_flight_line(scenario, other) and distance_text(
+        scenario.distance
+    ) in other_flight_line(scenario, other)
     study = run_scenario(scenario)
     assert [len(method.result.record) for method in study.methods] == [61, 121, 61]
     assert study.methods[2].result.record is study.record

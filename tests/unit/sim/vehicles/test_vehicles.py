@@ -23,7 +23,14 @@ from sim.vehicles.factory import (
     rigid_model,
     vehicle_from_values,
 )
-from sim.vehicles.library import Number, Origin, difference, read_parameter_file, read_parameter_set
+from sim.vehicles.library import (
+    Number,
+    Origin,
+    difference,
+    read_parameter_file,
+    read_parameter_set,
+    vehicle_names,
+)
 
 
 def roots(name: str, modes: int) -> list[complex]:
@@ -241,6 +248,7 @@ def test_a_new_vehicle_is_one_new_file(tmp_path: Path) -> None:
         ("bomber_rigid", "nothing", "based_on nothing: there is no such vehicle"),
         ("bomber_rigid", "glider", "leads back to itself"),
         ("[parameters]", "modes = -1\n[parameters]", "modes is -1"),
+        ("[parameters]", 'aircraft_class = "V"\n[parameters]', "aircraft_class is 'V'"),
         ("value = 2.0", "value = true", "value True"),
         ("value = 2.0", "value = inf", "value inf"),
         ("value = 2.0, ", "", "value is missing"),
@@ -256,6 +264,18 @@ def test_faults_of_a_file_are_named(tmp_path: Path, old: str, new: str, message:
     with pytest.raises(DeclarationError, match=message) as caught:
         read_parameter_file(path)
     assert str(caught.value).startswith("glider.toml")
+
+
+def test_each_aircraft_names_its_class() -> None:
+    """Class III from 45 t, class I below 5 t; a set has the class of the one it is based on."""
+    found = {name: read_parameter_set(name) for name in vehicle_names()}
+    assert {data.aircraft_class for data in found.values()} == {"", "I", "III", "IV"}
+    for name, data in found.items():
+        mass = data.values.get("mass", 0.0)
+        assert (data.aircraft_class == "") is (data.equations == "ballistic"), name
+        assert (data.aircraft_class == "III") is (mass > 45e3), name
+        assert (data.aircraft_class == "I") is (0.0 < mass < 5e3), name
+    assert found["bomber_ac2"].aircraft_class == "III"
 
 
 def test_unknown_vehicle_lists_the_known() -> None:
