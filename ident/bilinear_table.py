@@ -161,7 +161,7 @@ def _values_and_slopes(function: Function, points: np.ndarray) -> tuple[np.ndarr
     """
     size, count = points.shape
     out = function(list(points[:, None, :] + (1j * COMPLEX_STEP) * np.eye(size)[:, :, None]))
-    found = np.empty((len(out), size, count), dtype=complex)
+    result = np.empty((len(out), size, count), dtype=complex)
     for i, value in enumerate(out):
-        found[i] = value
-    return found[:, 0].real.copy(), found.imag / COMPLEX_STEP
+        result[i] = value
+    return result[:, 0].real.copy(), result.imag / COMPLEX_STEP

@@ -202,8 +202,8 @@ def sigmas_of(fit: Fit) -> dict[str, float]:
     """
     information, _ = fit.normal_equations()
     inverse, _ = inverse_information(information, fit.theta)
-    told = np.diag(information) > 0.0
-    std = np.where(told, np.sqrt(np.maximum(np.diag(inverse), 0.0)), np.inf)
+    determined = np.diag(information) > 0.0
+    std = np.where(determined, np.sqrt(np.maximum(np.diag(inverse), 0.0)), np.inf)
     return dict(zip(fit.layout.shared, std.tolist(), strict=False))
 
 
@@ -281,14 +281,14 @@ class RivalDecision:
 
 
 def decision_of(
-    squares: np.ndarray, counts: np.ndarray, found: float, own: int, other: int, price: float = 0.0
+    squares: np.ndarray, counts: np.ndarray, gain: float, own: int, other: int, price: float = 0.0
 ) -> RivalDecision:
     """The decision between two effects.
 
     Parameters
     ----------
     squares, counts : ``(m,)`` weighted squares that the rival leaves, and samples, by output.
-    found : weighted squares that the declared model alone leaves. own, other : free parameters of
+    gain : weighted squares that the declared model alone leaves. own, other : free parameters of
     the true effect and of the rival. price : what the loop charges for the rival less what it
     charges for the true one, in twice the log likelihood.
     """
@@ -297,7 +297,7 @@ def decision_of(
     total = float(squares.sum())
     mean = float(np.sum(samples * np.log1p(share))) + own - other
     variance = float(np.sum((4.0 * squares + 2.0 * squares * share) / (1.0 + share) ** 2))
-    along = min(1.0, total / found) if found > 0.0 else 1.0
+    along = min(1.0, total / gain) if gain > 0.0 else 1.0
     return RivalDecision(mean, math.sqrt(variance + 4.0 * along), price)
 
 
@@ -366,10 +366,10 @@ def found_by(planned: Planned, true: Acting) -> tuple[Planned, FittedModel]:
     """The flight under an effect without noise, and the declared model alone fitted to it: half the
     squares that this leaves is what finds it.
     """
-    flown = simulated(planned, (true.effect,), true.full_values, slopes=False)
-    held = planned.measuring(flown.fit.lines[0].y)
-    base = fitted(held, ())
-    return held, base if base is not None else simulated(held)
+    simulated_fit = simulated(planned, (true.effect,), true.full_values, slopes=False)
+    measured = planned.measuring(simulated_fit.fit.lines[0].y)
+    base = fitted(measured, ())
+    return measured, base if base is not None else simulated(measured)
 
 
 def contest(
@@ -380,13 +380,13 @@ def contest(
     ``hint`` : values of the rival by local name from which a fit begins as well. A rival that
     explains nothing leaves what the declared model does.
     """
-    held, base = found_by(planned, true)
-    best = best_fit(held, base, rival, hint) or base
+    measured, base = found_by(planned, true)
+    best = best_fit(measured, base, rival, hint) or base
     counts = best.fit.counts
     own, other = _free(true.effect), _free(rival)
     paid = price(rival, counts) - price(true.effect, counts)
     # Priors of the true effect cost it something, too.
-    spent = _own_cost(held, true)
+    spent = _own_cost(measured, true)
     decision = decision_of(
         _squares(best),
         counts,
@@ -395,12 +395,12 @@ def contest(
         other,
         paid + 2.0 * (_prior_cost(best) - spent),
     )
-    found = max(0.0, base.fit.cost - spent)
-    shown = chance_found(found, own, price(true.effect, counts), ODDS_COST)
+    gain = max(0.0, base.fit.cost - spent)
+    shown = chance_found(gain, own, price(true.effect, counts), ODDS_COST)
     return Contest(
         true,
         Acting(_form(best, rival), _values(best, rival)),
-        found,
+        gain,
         shown,
         best.fit.cost,
         decision,
@@ -408,7 +408,7 @@ def contest(
 
 
 def best_fit(
-    held: Planned, base: FittedModel, rival: Traceable, hint: Mapping[str, float] | None = None
+    measured: Planned, base: FittedModel, rival: Traceable, hint: Mapping[str, float] | None = None
 ) -> FittedModel | None:
     """The rival fitted to a flight from where a search would begin, and from ``hint``; the best of
     all, None where it can explain nothing.
@@ -425,7 +425,9 @@ def best_fit(
         }
         tries.insert(0, (form, {**known, **named}))
     fits = [
-        found for effect, start in tries if (found := fitted(held, (effect,), start)) is not None
+        result
+        for effect, start in tries
+        if (result := fitted(measured, (effect,), start)) is not None
     ]
     return min(fits, key=lambda each: each.fit.cost, default=None)
 
@@ -434,14 +436,14 @@ def linear_squares(planned: Planned, true: Acting, rival: Acting) -> float:
     """Weighted squares that a rival leaves to first order, about the values that it has: quick, for
     comparing maneuvers.
     """
-    flown = simulated(planned, (true.effect,), true.full_values, slopes=False).fit
+    simulated_fit = simulated(planned, (true.effect,), true.full_values, slopes=False).fit
     other = simulated(planned, (rival.effect,), rival.full_values).fit
     sigma = planned.noise[:, None]
-    apart = ((flown.lines[0].y - other.lines[0].y) / sigma).ravel()
-    slopes = (other.jacobians[0] / sigma[:, :, None]).reshape(apart.size, -1)
+    difference = ((simulated_fit.lines[0].y - other.lines[0].y) / sigma).ravel()
+    slopes = (other.jacobians[0] / sigma[:, :, None]).reshape(difference.size, -1)
     size = np.linalg.norm(slopes, axis=0)
     basis = np.linalg.qr(slopes[:, size > 0.0] / size[size > 0.0])[0]
-    left = apart - basis @ (basis.T @ apart)
+    left = difference - basis @ (basis.T @ difference)
     return float(left @ left)
 
 
@@ -454,14 +456,14 @@ def _prior_cost(best: FittedModel) -> float:
     return best.fit.cost - 0.5 * float(_squares(best).sum())
 
 
-def _own_cost(held: Planned, true: Acting) -> float:
+def _own_cost(measured: Planned, true: Acting) -> float:
     """Cost of the true effect fitted to its own flight: nothing but what its priors hold against
     it.
     """
-    there = simulated(held, (true.effect,), true.full_values, slopes=False)
+    there = simulated(measured, (true.effect,), true.full_values, slopes=False)
     if there.fit.layout.prior is None or there.fit.cost < 1e-9:
         return there.fit.cost
-    own = fitted(held, (true.effect,), true.full_values)
+    own = fitted(measured, (true.effect,), true.full_values)
     return there.fit.cost if own is None else min(own.fit.cost, there.fit.cost)
 
 
@@ -483,10 +485,10 @@ def _form(best: FittedModel, rival: Traceable) -> Traceable:
 def _values(best: FittedModel, rival: Traceable) -> dict[str, float]:
     """The rival's values as fitted; those at which it vanishes where it explains nothing."""
     effect = _form(best, rival)
-    plain = {item.name: item.value for item in effect.parameters}
+    initial_values = {item.name: item.value for item in effect.parameters}
     if not best.effects:
-        return {**plain, **effect.absent}
+        return {**initial_values, **effect.absent}
     values = best.values
     known = {**values.shared, **values.own[0]}
     named = {item.name: full_name(effect, item.name) for item in effect.parameters}
-    return {local: known.get(full, plain[local]) for local, full in named.items()}
+    return {local: known.get(full, initial_values[local]) for local, full in named.items()}

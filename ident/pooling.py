@@ -158,10 +158,10 @@ def scatter_between(values: np.ndarray, sigmas: np.ndarray, design: np.ndarray) 
     if at == 0:
         return 0.0
     low, high = grid[at - 1], grid[min(at + 1, len(grid) - 1)]
-    found = minimize_scalar(
+    solution = minimize_scalar(
         cost, bounds=(float(low), float(high)), method="bounded", options={"xatol": 1e-6 * largest}
     )
-    return float(found.x)
+    return float(solution.x)
 
 
 # ---- Flights whose value lies beyond the scatter of the others
@@ -242,16 +242,16 @@ def trend(values: np.ndarray, sigmas: np.ndarray, condition: np.ndarray) -> Tren
     scatter = scatter_between(values, sigmas, design)
     weight = 1.0 / (sigmas**2 + scatter**2)
     inverse = np.linalg.inv(design.T @ (weight[:, None] * design))
-    found = inverse @ (design.T @ (weight * values))
-    left = values - design @ found
+    result = inverse @ (design.T @ (weight * values))
+    left = values - design @ result
     inverse *= max(1.0, float(weight @ left**2) / (n - 2))
     sigma = float(np.sqrt(inverse[1, 1]))
-    p_value = 2.0 * float(stdtr(n - 2, -abs(found[1]) / sigma))
+    p_value = 2.0 * float(stdtr(n - 2, -abs(result[1]) / sigma))
     units = np.array([1.0, 1.0 / size])
     return Trend(
         middle,
-        float(found[0]),
-        float(found[1]) / size,
+        float(result[0]),
+        float(result[1]) / size,
         sigma / size,
         inverse * np.outer(units, units),
         scatter,
@@ -387,10 +387,10 @@ def _best(evidence: Evidence, scatters: tuple[float, ...] = SCATTERS) -> _Mixtur
     """The likeliest common value: from the values of the flights that say most, and their mean,
     with each scatter.
     """
-    told = np.argsort(-evidence.gain)[:4]
+    largest = np.argsort(-evidence.gain)[:4]
     starts = np.array(
         [
-            *evidence.value[told],
+            *evidence.value[largest],
             np.average(evidence.value, axis=0, weights=np.maximum(evidence.gain, 1e-12)),
         ]
     )
@@ -406,12 +406,12 @@ def _maximised(evidence: Evidence, value: np.ndarray, scatter: np.ndarray) -> _M
     for _ in range(ROUNDS):
         probability = expit(each + _logit(share)[:, None])
         weights = probability[:, :, None, None] * inverse
-        found = np.einsum(
+        result = np.einsum(
             "cij,cj->ci",
             np.linalg.pinv(weights.sum(axis=1)),
             np.einsum("cnij,nj->ci", weights, evidence.value),
         )
-        value = np.where(probability.sum(axis=1)[:, None] > 1e-9, found, value)
+        value = np.where(probability.sum(axis=1)[:, None] > 1e-9, result, value)
         share = np.clip(probability.mean(axis=1), 1e-9, 1.0 - 1e-9)
         each, inverse = _at(evidence, value, scatter)
         before, total = (

@@ -164,13 +164,13 @@ class TermTable:
         ----------
         signals : by name, numbers or arrays of one shape, complex ones as well.
         """
-        found: list[Any] = []
+        result: list[Any] = []
         for step in self._steps:
             if isinstance(step, Factor):
-                found.append(step.of(signals[step.signal]))
+                result.append(step.of(signals[step.signal]))
             else:
-                found.append(found[step[0]] * found[step[1]])
-        return [1.0 if place is None else found[place] for place in self._places]
+                result.append(result[step[0]] * result[step[1]])
+        return [1.0 if place is None else result[place] for place in self._places]
 
     def _place_of(self, factors: tuple[Factor, ...]) -> int:
         """The step that gives a product of factors."""
@@ -212,11 +212,11 @@ def parse_term(text: str, signals: Collection[str], where: str = "term") -> Term
     >>> parse_term("spline(alpha, 0.2, 1)*beta", ("alpha", "beta")).label
     'alpha_above_0p2_beta'
     """
-    plain = re.sub(r"\s+", "", text)
-    if plain == "1":
+    compact = re.sub(r"\s+", "", text)
+    if compact == "1":
         return Term()
     factors: dict[tuple[str, bool, float | None, int], Factor] = {}
-    for part in _parts(plain):
+    for part in _parts(compact):
         factor = _factor(part, text, where)
         if factor.signal not in signals:
             raise DeclarationError(
@@ -224,11 +224,11 @@ def parse_term(text: str, signals: Collection[str], where: str = "term") -> Term
                 where=where,
                 remedy=f"use {', '.join(signals)}, or declare it under [surfaces]",
             )
-        plain_power = factor.knot is None and not factor.absolute
-        key = (factor.signal, factor.absolute, factor.knot, 0 if plain_power else factor.power)
-        if key in factors and plain_power:
+        is_power = factor.knot is None and not factor.absolute
+        key = (factor.signal, factor.absolute, factor.knot, 0 if is_power else factor.power)
+        if key in factors and is_power:
             factor = Factor(factor.signal, factor.power + factors[key].power)
-        if (key in factors and not plain_power) or factor.power > HIGHEST:
+        if (key in factors and not is_power) or factor.power > HIGHEST:
             raise DeclarationError(
                 f"the term {text!r} is no product of powers up to {HIGHEST}",
                 where=where,
@@ -245,10 +245,10 @@ def _order(factor: Factor) -> tuple[int, str, bool, float, int]:
     return place, factor.signal, factor.absolute, knot, factor.power
 
 
-def _parts(plain: str) -> list[str]:
+def _parts(compact: str) -> list[str]:
     """The text between the stars that are outside of brackets."""
     parts, depth = [""], 0
-    for letter in plain:
+    for letter in compact:
         depth += (letter == "(") - (letter == ")")
         if letter == "*" and depth == 0:
             parts.append("")
@@ -258,14 +258,14 @@ def _parts(plain: str) -> list[str]:
 
 
 def _factor(part: str, text: str, where: str) -> Factor:
-    if found := _SPLINE.fullmatch(part):
-        return Factor(found[1], int(found[3]), knot=float(found[2]))
-    if found := _ABSOLUTE.fullmatch(part):
-        return Factor(found[1], absolute=True)
-    found = _POWER.fullmatch(part)
-    if found is None or found[2] == "0":
+    if match := _SPLINE.fullmatch(part):
+        return Factor(match[1], int(match[3]), knot=float(match[2]))
+    if match := _ABSOLUTE.fullmatch(part):
+        return Factor(match[1], absolute=True)
+    match = _POWER.fullmatch(part)
+    if match is None or match[2] == "0":
         raise DeclarationError(f"{text!r} is no term", where=where, remedy=_FORMS)
-    return Factor(found[1], int(found[2] or 1))
+    return Factor(match[1], int(match[2] or 1))
 
 
 IN_SYMMETRY = ("CX", "CZ", "CD", "CL", "Cm")  # coefficients that a mirrored motion leaves alone
@@ -322,9 +322,9 @@ def parents(term: Term) -> frozenset[Term]:
     sideways = {name: power for name, power in powers.items() if name not in _ALONG}
     if sum(powers.values()) + sum(factor.absolute for factor in term.factors) < 2:
         return frozenset()
-    found = {name for name, power in sideways.items() if _others_even(sideways, name, power)}
-    found |= {name for name in powers if name in _ALONG and not _odd(sideways)}
-    return frozenset(Term((Factor(name),)) for name in found)
+    result = {name for name, power in sideways.items() if _others_even(sideways, name, power)}
+    result |= {name for name in powers if name in _ALONG and not _odd(sideways)}
+    return frozenset(Term((Factor(name),)) for name in result)
 
 
 def is_linear(term: Term, axis: str) -> bool:
@@ -377,14 +377,14 @@ def allowed_terms(along: Sequence[str], across: Sequence[str], *, symmetric: boo
     """
     along, across = (*ALONG, *along), (*ACROSS, *across)
     single = along if symmetric else across
-    found = [Term((Factor(name),)) for name in single]
+    terms = [Term((Factor(name),)) for name in single]
     pairs = (
         [*combinations_with_replacement(along, 2), *((name, name) for name in across)]
         if symmetric
         else [(one, other) for one in along for other in across]
     )
-    found += [
+    terms += [
         Term((Factor(one, 2),)) if one == other else parse_term(f"{one}*{other}", (one, other))
         for one, other in pairs
     ]
-    return found + [Term((Factor(name, 3),)) for name in single if name in ABOVE_SQUARES]
+    return terms + [Term((Factor(name, 3),)) for name in single if name in ABOVE_SQUARES]

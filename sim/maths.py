@@ -208,8 +208,8 @@ def interpolate(x: Any, knots: np.ndarray, values: np.ndarray) -> np.ndarray:
     """
     formula = getattr(x, "interpolated", None)  # of a symbol, of which equations are written
     if formula is not None:
-        found: np.ndarray = formula(knots, values)
-        return found
+        result: np.ndarray = formula(knots, values)
+        return result
     x = np.asarray(x)
     low = np.clip(np.searchsorted(knots, x.real, side="right") - 1, 0, len(knots) - 2)
     if values.ndim == 1:
@@ -271,12 +271,12 @@ def each_column(function: Callable[..., np.ndarray], rows: Any, *values: Any) ->
     out = np.empty(full.shape, dtype=np.result_type(full, *given, float))
     one_row = rows.size == len(rows)
     # runs alike are computed once: most are in a batch of differences
-    known: dict[tuple[Any, ...], np.ndarray] = {}
+    computed: dict[tuple[Any, ...], np.ndarray] = {}
     for index in np.ndindex(shape):
         scalars, column = tuple(value[index].item() for value in given), (slice(None), *index)
-        if scalars not in known or not one_row:
-            known[scalars] = function(np.ascontiguousarray(full[column]), *scalars)
-        out[column] = known[scalars]
+        if scalars not in computed or not one_row:
+            computed[scalars] = function(np.ascontiguousarray(full[column]), *scalars)
+        out[column] = computed[scalars]
     return out
 
 
@@ -290,14 +290,14 @@ def once_for_alike(function: Callable[..., Any], *values: Any) -> Any:
     columns = [value for value in values if np.ndim(value) > 0]
     if not columns or any(np.shape(value) != (len(columns[0]), 1) for value in columns):
         return function(*values)
-    known: dict[tuple[Any, ...], int] = {}
+    rows: dict[tuple[Any, ...], int] = {}
     place = [
-        known.setdefault(run, len(known))
+        rows.setdefault(run, len(rows))
         for run in zip(*(value[:, 0].tolist() for value in columns), strict=True)
     ]
-    if len(known) == len(place):
+    if len(rows) == len(place):
         return function(*values)
-    first = [place.index(k) for k in range(len(known))]
+    first = [place.index(k) for k in range(len(rows))]
     return function(*(value[first] if np.ndim(value) > 0 else value for value in values))[place]
 
 

@@ -231,7 +231,7 @@ def run_bank(
     settings: FilterSettings | None = None,
     *,
     z: np.ndarray | None = None,
-    held: Mapping[str, np.ndarray] | None = None,
+    fixed_values: Mapping[str, np.ndarray] | None = None,
     start: np.ndarray | None = None,
     covariance: np.ndarray | None = None,
     keep: bool = False,
@@ -246,19 +246,19 @@ def run_bank(
     settled or
         broken down, it takes no further part, and the bank ends when no run is left.
     z : outputs of each run, ``(m, N, B)``; the record's own for all when None.
-    held : values of held parameters by name, ``(B,)`` each, e.g. ``{"input-delay.delay": delays}``.
+    fixed_values : fixed parameters, ``(B,)`` each, e.g. ``{"input-delay.delay": delays}``.
     start : starting mean of states and free parameters, ``(n,)`` or ``(n, B)``; the System's when
     None. covariance : at the start, ``(B, n, n)``, for a single pass; the System's priors for all
     when None. keep : also return histories of means and innovations.
 
     Raises
     ------
-    ModelError : as for ``run_ekf``; a parameter given in ``held`` that is free; numbers of runs
-    that differ; a covariance of each
+    ModelError : as for ``run_ekf``; a parameter given in ``fixed_values`` that is free; numbers of
+    runs that differ; a covariance of each
         run with several passes.
     """
     settings = settings or FilterSettings()
-    problem, runs = bank_runs(record, system, settings, z=z, held=held, start=start)
+    problem, runs = bank_runs(record, system, settings, z=z, fixed_values=fixed_values, start=start)
     n_x, count = len(system.states), runs.start.shape[1]
     if covariance is not None:
         if settings.passes > 1 or covariance.shape != (count, *problem.covariance.shape):
@@ -321,21 +321,21 @@ def bank_runs(
     settings: FilterSettings,
     *,
     z: np.ndarray | None = None,
-    held: Mapping[str, np.ndarray] | None = None,
+    fixed_values: Mapping[str, np.ndarray] | None = None,
     start: np.ndarray | None = None,
 ) -> tuple[FilterProblem, BankRuns]:
     """What a bank filters, from the arguments of ``run_bank``."""
     problem = filter_problem(record, system, settings.max_step)
     n = len(problem.names)
     p: list = list(problem.p)
-    for name, values in (held or {}).items():
+    for name, values in (fixed_values or {}).items():
         if system.parameters[name].free:
             raise ModelError(
                 "it is free", where=f"bank, {name}", remedy="hold it, or vary its start instead"
             )
         p[system.parameters.index(name)] = np.atleast_1d(np.asarray(values, dtype=float))
     drive = problem.drive
-    if held:
+    if fixed_values:
         drive = drive_from_record(
             system,
             p,
@@ -350,7 +350,7 @@ def bank_runs(
         {
             "z": z_runs.shape[2],
             "start": first.shape[1],
-            **{name: np.size(values) for name, values in (held or {}).items()},
+            **{name: np.size(values) for name, values in (fixed_values or {}).items()},
         }
     )
     return problem, BankRuns(p, drive, z_runs, np.array(np.broadcast_to(first, (n, count))))
@@ -515,7 +515,7 @@ def run_iterated_bank(
     system: System,
     settings: FilterSettings | None = None,
     *,
-    held: Mapping[str, np.ndarray] | None = None,
+    fixed_values: Mapping[str, np.ndarray] | None = None,
     about: np.ndarray | None = None,
     iterations: int = ITERATIONS,
     tolerance: float = SETTLED,
@@ -539,7 +539,7 @@ def run_iterated_bank(
     ModelError : as for ``run_bank``.
     """
     settings = settings or FilterSettings()
-    problem, runs = bank_runs(record, system, settings, held=held)
+    problem, runs = bank_runs(record, system, settings, fixed_values=fixed_values)
     n_x, count = len(system.states), runs.start.shape[1]
     if about is not None:
         about = np.array(np.broadcast_to(about, (len(problem.names), len(problem.time), count)))

@@ -67,13 +67,14 @@ def run_one_by_one(
     system: System,
     settings: FilterSettings | None = None,
     *,
-    held: Mapping[str, np.ndarray],
+    fixed_values: Mapping[str, np.ndarray],
 ) -> BankEstimate:
     """``run_bank`` for values ``held (B,)`` by name, by B calls of ``run_ekf`` with filterpy's
     passes. Raises as it does.
     """
     estimates = [
-        run_ekf(record, each, settings, by=filter_by_filterpy) for each in _systems(system, held)
+        run_ekf(record, each, settings, by=filter_by_filterpy)
+        for each in _systems(system, fixed_values)
     ]
     return _bank(estimates, np.array([each.outcome is Outcome.CONVERGED for each in estimates]))
 
@@ -83,7 +84,7 @@ def run_iterated_one_by_one(
     system: System,
     settings: FilterSettings | None = None,
     *,
-    held: Mapping[str, np.ndarray],
+    fixed_values: Mapping[str, np.ndarray],
     about: np.ndarray | None = None,
     iterations: int = ITERATIONS,
     tolerance: float = SETTLED,
@@ -92,7 +93,9 @@ def run_iterated_one_by_one(
     B)`` and errors as there.
     """
     settings = settings or FilterSettings()
-    problems = [filter_problem(record, each, settings.max_step) for each in _systems(system, held)]
+    problems = [
+        filter_problem(record, each, settings.max_step) for each in _systems(system, fixed_values)
+    ]
     count, N = len(problems), len(record)
     points: list[np.ndarray | None] = (
         [None] * count
@@ -103,20 +106,20 @@ def run_iterated_one_by_one(
     settled, passes = np.zeros(count, dtype=bool), 0
     while True:
         passes += 1
-        found = [
+        result = [
             filter_by_filterpy(problem, settings, about=point)
             for problem, point in zip(problems, points, strict=True)
         ]
-        sound = np.array([each.outcome is Outcome.CONVERGED for each in found])
+        sound = np.array([each.outcome is Outcome.CONVERGED for each in result])
         # A filter that broke down is linearised at its start, as in the batched bank.
         points = [
             smooth(each.history).mean
             if good and each.history is not None
             else np.repeat(problem.start[:, None], N, axis=1)
-            for problem, each, good in zip(problems, found, sound, strict=True)
+            for problem, each, good in zip(problems, result, sound, strict=True)
         ]
-        values = np.stack([each.values for each in found], axis=1)
-        std = np.stack([each.std for each in found], axis=1)
+        values = np.stack([each.values for each in result], axis=1)
+        std = np.stack([each.std for each in result], axis=1)
         if before is not None:
             settled = (
                 np.max(
@@ -130,7 +133,7 @@ def run_iterated_one_by_one(
             break
         before = values
     trajectories = [point for point in points if point is not None]
-    return replace(_bank(found, sound & settled), iterations=np.full(count, passes)), np.stack(
+    return replace(_bank(result, sound & settled), iterations=np.full(count, passes)), np.stack(
         trajectories, axis=2
     )
 
@@ -215,12 +218,13 @@ def against_filterpy(
         sound=bank.sound[best : best + 1],
     )
     settings = replace(settings or FilterSettings(), passes=1)
-    found = agreement(
-        own, run_one_by_one(record, system, settings, held={name: np.atleast_1d(values[best])})
+    result = agreement(
+        own,
+        run_one_by_one(record, system, settings, fixed_values={name: np.atleast_1d(values[best])}),
     )
     return (
-        SecondPass(float(values[best]), found.mean, found.std, found.log_likelihood)
-        if found.sound
+        SecondPass(float(values[best]), result.mean, result.std, result.log_likelihood)
+        if result.sound
         else None
     )
 
@@ -263,12 +267,13 @@ def agreement(one: BankEstimate, other: BankEstimate) -> Agreement:
     )
 
 
-def _systems(system: System, held: Mapping[str, np.ndarray]) -> list[System]:
+def _systems(system: System, fixed_values: Mapping[str, np.ndarray]) -> list[System]:
     """The System once for each run, with its values held."""
-    runs = zip(*(np.atleast_1d(values).tolist() for values in held.values()), strict=True)
+    runs = zip(*(np.atleast_1d(values).tolist() for values in fixed_values.values()), strict=True)
     return [
         replace(
-            system, parameters=system.parameters.with_values(dict(zip(held, values, strict=True)))
+            system,
+            parameters=system.parameters.with_values(dict(zip(fixed_values, values, strict=True))),
         )
         for values in runs
     ]
@@ -383,44 +388,62 @@ def run_delay_bank(
     bank = engine.run(record, system, settings, held={name: grid})
     weights, best = likelihood_weights(bank.log_likelihood), int(np.argmax(bank.log_likelihood))
     between = (float(grid[max(best - 1, 0)]), float(grid[min(best + 1, grid.size - 1)]))
-    found = _closing_in(
+    bank_result = _closing_in(
         engine, record, system, settings, name, grid, float(grid[best]), between, None
     )
     for _ in range(widenings):
-        held_back = contradicted(system, found.parameters)
+        held_back = contradicted(system, bank_result.parameters)
         if not held_back:
             break
         system = widened(system, held_back)
         half = 0.5 * (between[1] - between[0])
         between = (
-            max(found.delay - half, float(grid[0])),
-            min(found.delay + half, float(grid[-1])),
+            max(bank_result.delay - half, float(grid[0])),
+            min(bank_result.delay + half, float(grid[-1])),
         )
-        found = _closing_in(
-            engine, record, system, settings, name, grid, found.delay, between, found.about
+        bank_result = _closing_in(
+            engine,
+            record,
+            system,
+            settings,
+            name,
+            grid,
+            bank_result.delay,
+            between,
+            bank_result.about,
         )
-    held = replace(system, parameters=system.parameters.with_values({name: found.delay}))
+    held = replace(system, parameters=system.parameters.with_values({name: bank_result.delay}))
     estimate = engine.alone(
-        record, held, settings, None if found.about is None else found.about[:, :, 0]
+        record, held, settings, None if bank_result.about is None else bank_result.about[:, :, 0]
     )
     held_back = contradicted(system, estimate.as_dict())
     if held_back and estimate.outcome is Outcome.CONVERGED:
-        told = ", ".join(f"{each} by {abs(sigmas):.1f}" for each, sigmas in held_back)
+        text = ", ".join(f"{each} by {abs(sigmas):.1f}" for each, sigmas in held_back)
         estimate = replace(
             estimate,
             message=(
-                f"but far from the start, in sigmas of its prior: {told}; start again from this "
+                f"but far from the start, in sigmas of its prior: {text}; start again from this "
                 "result"
             ),
         )
-    if found.std > 0 and estimate.outcome is Outcome.CONVERGED:
+    if bank_result.std > 0 and estimate.outcome is Outcome.CONVERGED:
         estimate = _with_delay(
-            estimate, name, system.parameters[name].unit, found, len(system.states)
+            estimate, name, system.parameters[name].unit, bank_result, len(system.states)
         )
-    mean, nearest = float(weights @ grid), None if found.about is None else found.about[:, :, 0]
+    mean, nearest = (
+        float(weights @ grid),
+        None if bank_result.about is None else bank_result.about[:, :, 0],
+    )
     judged = (grid, bank.log_likelihood, weights, bank, float(grid[best]), mean)
     return DelayBank(
-        *judged, found.delay, found.std, found.std == 0.0, estimate, held_back, system, nearest
+        *judged,
+        bank_result.delay,
+        bank_result.std,
+        bank_result.std == 0.0,
+        estimate,
+        held_back,
+        system,
+        nearest,
     )
 
 
@@ -452,8 +475,8 @@ def likelihood_weights(log_likelihood: np.ndarray) -> np.ndarray:
     equal where no filter is sound.
     """
     top = np.max(log_likelihood, axis=-1, keepdims=True)
-    known = np.isfinite(top)
-    weights = np.exp(np.where(known, log_likelihood - np.where(known, top, 0.0), 0.0))
+    finite = np.isfinite(top)
+    weights = np.exp(np.where(finite, log_likelihood - np.where(finite, top, 0.0), 0.0))
     return np.asarray(weights / weights.sum(axis=-1, keepdims=True))
 
 

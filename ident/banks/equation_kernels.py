@@ -332,11 +332,11 @@ def values_and_jacobians(
     """
     n, B = x.shape
     out = function(list(x[:, None, :] + nudge))
-    found = np.empty((len(out), n, B), dtype=complex)
+    result = np.empty((len(out), n, B), dtype=complex)
     for i, value in enumerate(out):
-        found[i] = value
-    return found[:, 0].real.copy(), np.multiply(
-        found.imag.transpose(2, 0, 1), 1.0 / COMPLEX_STEP, order="C"
+        result[i] = value
+    return result[:, 0].real.copy(), np.multiply(
+        result.imag.transpose(2, 0, 1), 1.0 / COMPLEX_STEP, order="C"
     )
 
 
@@ -387,17 +387,17 @@ def tables_of(
     n_x = len(system.states)
     if np.any(density[n_x:]):
         return None
-    found = system_tables(system, p)
-    if found is None:
+    result = system_tables(system, p)
+    if result is None:
         return None
     driven, order = np.flatnonzero(density), np.arange(_SERIES.terms)
     # With M_0 = I, Q_k = sum over i, j of M_i Q M_j^T dt / (i + j + 1), M_i the terms of the
     # series.
     share = np.kron(1.0 / (order[:, None] + order + 1.0), np.diag(density[driven]))
     return Tables(
-        found[0].n,
+        result[0].n,
         n_x,
-        *found,
+        *result,
         tuple(driven.tolist()),
         share,
         np.diag(np.asarray(variance, dtype=float)),
@@ -590,10 +590,10 @@ def along(
             leave_out(rows, missing)
         out.innovation[k] = y_S
         if trace is not None:
-            kept, at = trace[0], trace[1] + k
-            kept.H[at], kept.HP[at], kept.y[at], kept.S[at] = H, HP, y[:, :, 0], S
+            history, at = trace[0], trace[1] + k
+            history.H[at], history.HP[at], history.y[at], history.S[at] = H, HP, y[:, :, 0], S
             if missing is not None:
-                kept.H[at, :, missing] = 0.0
+                history.H[at, :, missing] = 0.0
         for (below, column, pivot, row), ratio, product in zip(
             eliminated, ratios, products, strict=True
         ):

@@ -310,15 +310,15 @@ def _through(bank: OnlineBank, state: BankState, way: _Way, outputs: np.ndarray)
     with np.errstate(all="ignore"):
         while first < count:
             rows = slice(first, min(first + length, count))
-            filtered, found = _filtered(bank, state, way, rows, z[:, rows], spikes)
+            filtered, result = _filtered(bank, state, way, rows, z[:, rows], spikes)
             states += filtered
             first, state = first + len(filtered), filtered[-1] if filtered else state
             # From a spike on in ever longer parts, so that many spikes do not cost the rest of the
             # rows each time.
-            length = 1 if found is not None else 2 * length
-            if found is not None:
-                z[found.skipped, first] = np.nan
-            spikes = found
+            length = 1 if result is not None else 2 * length
+            if result is not None:
+                z[result.skipped, first] = np.nan
+            spikes = result
     return states
 
 
@@ -369,19 +369,19 @@ def _filtered(
     mean, covariance, seen = before.mean, before.covariance, before.rows_seen
     every = bool(good[-1].all())
     for k, row in enumerate(range(rows.start, rows.stop)):
-        found = _Assessed(sizes[k], expected[k], none, streak)
+        result = _Assessed(sizes[k], expected[k], none, streak)
         if k == 0 and judged is not None:
-            found = judged
+            result = judged
         elif suspicious and valid[:, k].any():
-            found = _Assessed(
+            result = _Assessed(
                 sizes[k],
                 expected[k],
                 wild[k] & (streak < LONGEST_SPIKE),
                 np.where(wild[k], streak + 1, 0),
             )
-            if found.skipped.any():
-                return states, found
-        streak = found.streak
+            if result.skipped.any():
+                return states, result
+        streak = result.streak
         mean = done.mean[k].T if every else np.where(good[k], done.mean[k].T, mean)
         covariance = (
             done.covariance[k]
@@ -395,7 +395,7 @@ def _filtered(
                 covariance,
                 total[k],
                 good[k],
-                *found,
+                *result,
                 seen + k + 1,
                 way.time[past],
                 way.inputs[:, past],

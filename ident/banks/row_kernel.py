@@ -56,29 +56,31 @@ def slope_terms(table: Bilinear) -> list[Term]:
     """
     n, width = table.n, len(table.table)
     slopes = table.table.reshape(width, -1, n + width)[:, :, :n].reshape(width, -1)
-    found = [
+    result = [
         [Term(row, float(slopes[a, row]), a, 0) for a in np.flatnonzero(slopes[:, row]).tolist()]
         for row in range(slopes.shape[1])
     ]
-    return _in_layers(found)
+    return _in_layers(result)
 
 
 def value_terms(table: Bilinear) -> list[Term]:
     """The values, in as many rows: one term of each first, then the others."""
     n, width = table.n, len(table.table)
     halves = table.table.reshape(width, -1, n + width)[:, :, n:]
-    found = []
+    result = []
     for row in range(halves.shape[1]):
         # Of two entries the table holds half a coefficient twice; what is linear it holds once, at
         # (0, b).
         whole = np.triu(halves[:, row] + halves[:, row].T - np.diag(np.diag(halves[:, row])))
         pairs = zip(*(index.tolist() for index in np.nonzero(whole)), strict=True)
-        found.append([Term(row, float(whole[a, b]), b, a) for a, b in pairs])
-    return _in_layers(found)
+        result.append([Term(row, float(whole[a, b]), b, a) for a, b in pairs])
+    return _in_layers(result)
 
 
-def _in_layers(found: list[list[Term]]) -> list[Term]:
-    return [terms[0] for terms in found if terms] + [term for terms in found for term in terms[1:]]
+def _in_layers(layers: list[list[Term]]) -> list[Term]:
+    return [terms[0] for terms in layers if terms] + [
+        term for terms in layers for term in terms[1:]
+    ]
 
 
 def summed(terms: Sequence[Term], w: np.ndarray, out: np.ndarray) -> Callable[[float], None]:
@@ -167,13 +169,13 @@ def predictor(tables: Tables, w: np.ndarray, P: np.ndarray) -> Callable[[float],
 
 
 def _product(
-    parts: Sequence[tuple[np.ndarray, np.ndarray]], out: np.ndarray, room: np.ndarray
+    parts: Sequence[tuple[np.ndarray, np.ndarray]], out: np.ndarray, workspace: np.ndarray
 ) -> None:
     """The sum of products, always in the same order."""
     np.multiply(*parts[0], out)
     for one, other in parts[1:]:
-        np.multiply(one, other, room)
-        np.add(out, room, out)
+        np.multiply(one, other, workspace)
+        np.add(out, workspace, out)
 
 
 def _noise(tables: Tables, F: np.ndarray, second: np.ndarray) -> Callable[[float], np.ndarray]:
@@ -185,7 +187,7 @@ def _noise(tables: Tables, F: np.ndarray, second: np.ndarray) -> Callable[[float
     C = np.zeros((len(tables.share), n_x, B))
     for j, i in enumerate(driven):
         C[j, i] = 1.0
-    total, room = np.empty((n_x, n_x, B)), np.empty((n_x, n_x, B))
+    total, workspace = np.empty((n_x, n_x, B)), np.empty((n_x, n_x, B))
 
     def noise(dt: float) -> np.ndarray:
         for j, i in enumerate(driven):
@@ -194,9 +196,9 @@ def _noise(tables: Tables, F: np.ndarray, second: np.ndarray) -> Callable[[float
         total[:] = 0.0
         for a, row in enumerate(tables.share):
             for b in np.flatnonzero(row).tolist():
-                np.multiply(C[a][:, None], C[b][None], room)
-                np.multiply(room, float(row[b]) * dt, room)
-                np.add(total, room, total)
+                np.multiply(C[a][:, None], C[b][None], workspace)
+                np.multiply(workspace, float(row[b]) * dt, workspace)
+                np.add(total, workspace, total)
         return total
 
     return noise
@@ -210,7 +212,7 @@ def updater(
     """
     n, m, B = tables.n, len(tables.R), w.shape[1]
     H, expected = np.empty((m, n, B)), np.empty((m, B))
-    rows, room = np.empty((m, n + 1 + m, B)), np.empty((n + 1 + m, B))
+    rows, workspace = np.empty((m, n + 1 + m, B)), np.empty((n + 1 + m, B))
     slopes = summed(slope_terms(tables.h), w, H.reshape(-1, B))
     values = summed(value_terms(tables.h), w, expected)
     varying = bool(np.any(tables.h.table[1:]))
@@ -235,9 +237,9 @@ def updater(
         values(1.0)
         subtract(z, expected, y)
         for i in range(m):
-            _product(by_state[i], HP[i], room[:n])
+            _product(by_state[i], HP[i], workspace[:n])
             for j in range(m):
-                _product(squares[i][j], S[i, j], room[0])
+                _product(squares[i][j], S[i, j], workspace[0])
             np.add(S[i, i], R[i], S[i, i])
         if missing is not None:
             rows[missing] = 0.0
@@ -246,21 +248,21 @@ def updater(
         seen.y[:], seen.S[:] = y, diagonal
         for i in range(m - 1):
             for j in range(i + 1, m):
-                divide(S[j, i], S[i, i], room[0])
-                ratio = room[0].copy()
-                multiply(rows[i], ratio, room)
-                subtract(rows[j], room, rows[j])
+                divide(S[j, i], S[i, i], workspace[0])
+                ratio = workspace[0].copy()
+                multiply(rows[i], ratio, workspace)
+                subtract(rows[j], workspace, rows[j])
         seen.alone[:] = diagonal
         multiply(y, y, seen.squared)
         divide(seen.squared, diagonal, seen.squared)
         for i in range(m):
-            np.sqrt(S[i, i], room[0])
-            divide(rows[i, : n + 1], room[0], scaled)
+            np.sqrt(S[i, i], workspace[0])
+            divide(rows[i, : n + 1], workspace[0], scaled)
             # P loses s s^T, of which both sides of the diagonal are the same numbers.
             multiply(above, beside, outer)
             subtract(P, outer, P)
-            multiply(s, scaled[n], room[:n])
-            np.add(point, room[:n], point)
+            multiply(s, scaled[n], workspace[:n])
+            np.add(point, workspace[:n], point)
 
     return update
 
@@ -313,7 +315,7 @@ def _filtered(
         if keep
         else None
     )
-    room = _Room(
+    workspace = _Room(
         np.empty((_STRETCH, n, B)),
         np.empty((_STRETCH, n, B)),
         Seen(*(np.empty((_STRETCH, m, B)) for _ in Seen._fields)),
@@ -322,25 +324,25 @@ def _filtered(
     for first in range(0, N, _STRETCH):
         last = min(first + _STRETCH, N)
         at, before = slice(first, last), (w.copy(), P.copy())
-        go(first, last, room)
-        squared = room.seen.squared[: last - first].sum(axis=1)
+        go(first, last, workspace)
+        squared = workspace.seen.squared[: last - first].sum(axis=1)
         gained = -0.5 * (
             squared
-            + np.log(room.seen.alone[: last - first]).sum(axis=1)
+            + np.log(workspace.seen.alone[: last - first]).sum(axis=1)
             + channels[at, None] * LOG_TWO_PI
         )
-        good = _sound_so_far(room, squared, P, sound)
+        good = _sound_so_far(workspace, squared, P, sound)
         for row in np.where(good, gained, 0.0):  # one after the other, whatever the number of runs
             log_likelihood += row
         nis[at], sound = np.where(good, squared, 0.0), good[-1]
         if history is not None:
-            _written(history, at, room, good, (last_x, last_P.reshape(n * n, B)[:: n + 1]))
+            _written(history, at, workspace, good, (last_x, last_P.reshape(n * n, B)[:: n + 1]))
         if good[-1].all():
             last_x[:], last_P[:] = point, P
             continue
         w[:], P[:] = before
         for k, serves in enumerate(good):
-            go(first + k, first + k + 1, room)
+            go(first + k, first + k + 1, workspace)
             last_x[:, serves], last_P[:, :, serves] = point[:, serves], P[:, :, serves]
     return BankPass(
         last_x, np.ascontiguousarray(last_P.transpose(2, 0, 1)), log_likelihood, nis, sound, history
@@ -375,7 +377,7 @@ def _prepared(
     }
     diagonal, point = P.reshape(n * n, B)[:: n + 1], w[1 : 1 + n]
 
-    def go(first: int, last: int, room: _Room) -> None:
+    def go(first: int, last: int, workspace: _Room) -> None:
         for k in range(first, last):
             for s in steps[k]:
                 for row, values in zip(inputs, u, strict=True):
@@ -385,8 +387,8 @@ def _prepared(
                 for row, values in zip(inputs, feed, strict=True):
                     row[:] = values[k]
             at = k - first
-            update(z[k], missing.get(k), Seen(*(each[at] for each in room.seen)))
-            room.mean[at], room.variance[at] = point, diagonal
+            update(z[k], missing.get(k), Seen(*(each[at] for each in workspace.seen)))
+            workspace.mean[at], workspace.variance[at] = point, diagonal
 
     return w, P, go
 
@@ -399,12 +401,12 @@ def _mine(rows: Sequence[np.ndarray], part: slice) -> list[np.ndarray]:
 
 
 def _sound_so_far(
-    room: _Room, squared: np.ndarray, P: np.ndarray, before: np.ndarray
+    workspace: _Room, squared: np.ndarray, P: np.ndarray, before: np.ndarray
 ) -> np.ndarray:
     """Which runs hold numbers that serve up to each sample, finite and no negative variance: ``(K,
     B)``.
     """
-    mean, variance = room.mean[: len(squared)], room.variance[: len(squared)]
+    mean, variance = workspace.mean[: len(squared)], workspace.variance[: len(squared)]
     # A NaN fails each comparison.
     good = (
         (np.abs(mean).max(axis=1) < LARGEST)
@@ -419,7 +421,7 @@ def _sound_so_far(
 def _written(
     history: BankHistory,
     at: slice,
-    room: _Room,
+    workspace: _Room,
     good: np.ndarray,
     before: tuple[np.ndarray, np.ndarray],
 ) -> None:
@@ -427,7 +429,7 @@ def _written(
     and variance ``(n, B)``.
     """
     K = len(good)
-    mean, variance = room.mean[:K].copy(), room.variance[:K].copy()
+    mean, variance = workspace.mean[:K].copy(), workspace.variance[:K].copy()
     for run in np.flatnonzero(~good[-1]):
         count = np.count_nonzero(good[:, run])
         mean[count:, :, run] = mean[count - 1, :, run] if count else before[0][:, run]
@@ -436,10 +438,10 @@ def _written(
         mean.swapaxes(0, 1),
         np.sqrt(np.maximum(variance, 0.0)).swapaxes(0, 1),
     )
-    history.innovation[:, at] = np.where(good[:, None], room.seen.y[:K], 0.0).swapaxes(0, 1)
-    history.innovation_std[:, at] = np.where(good[:, None], np.sqrt(room.seen.S[:K]), 1.0).swapaxes(
-        0, 1
-    )
+    history.innovation[:, at] = np.where(good[:, None], workspace.seen.y[:K], 0.0).swapaxes(0, 1)
+    history.innovation_std[:, at] = np.where(
+        good[:, None], np.sqrt(workspace.seen.S[:K]), 1.0
+    ).swapaxes(0, 1)
 
 
 def _joined(parts: Sequence[BankPass]) -> BankPass:

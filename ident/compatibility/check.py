@@ -132,31 +132,31 @@ def _compatibility(
     bases = [fit([s]) for s in signals]
     together = len(bases) > 1
     whole = fit(signals, begin=_together(bases)) if together else bases[0]
-    found = search(
+    search_result = search(
         whole, faults_of(used, drifts=not together, chord=settings.chord), bases, settings
     )
-    joint = _result(found, bias_estimates(whole) if not together else ())
+    joint = _result(search_result, bias_estimates(whole) if not together else ())
     single = (
-        [_by_itself(base, found, settings, len(bases)) for base in bases if each]
+        [_by_itself(base, search_result, settings, len(bases)) for base in bases if each]
         if together
         else [joint]
     )
-    if found.early is not None:
-        ahead = -1000.0 * found.early
+    if search_result.early is not None:
+        ahead = -1000.0 * search_result.early
         notes.append(
             f"nz recorded {ahead:.0f} ms before it happens would explain more than any sensor "
             "fault: something acts that the kinematics "
             "do not know, a gust on vane and load most likely, so that no further fault is named"
         )
-    if counted := reference_sentence(found.found.faults, clocks(signals)):
+    if counted := reference_sentence(search_result.found.faults, clocks(signals)):
         notes.append(counted)
-    told = (*_closed_by(channels, joined), *cannot_tell(whole, found.found.noise, used))
+    told = (*_closed_by(channels, joined), *cannot_tell(whole, search_result.found.noise, used))
     return Compatibility(
         channels,
         joined,
         joint,
         tuple(single),
-        _reconstructions(whole, found.found),
+        _reconstructions(whole, search_result.found),
         told,
         tuple(notes),
     )
@@ -177,8 +177,8 @@ def _nothing_observable(records: Sequence[Record], why: tuple[str, ...]) -> Comp
     return Compatibility(channels_of(records), {}, empty, single, (), why, ())
 
 
-def _result(found: FaultSearch, biases: tuple[SensorEstimate, ...]) -> CheckResult:
-    noise = found.found.noise
+def _result(search_result: FaultSearch, biases: tuple[SensorEstimate, ...]) -> CheckResult:
+    noise = search_result.found.noise
     levels = dict(
         zip(
             (*noise.outputs, *noise.inputs),
@@ -186,9 +186,13 @@ def _result(found: FaultSearch, biases: tuple[SensorEstimate, ...]) -> CheckResu
             strict=True,
         )
     )
-    names = tuple(s.name for s in found.found.signals)
+    names = tuple(s.name for s in search_result.found.signals)
     return CheckResult(
-        names, tuple(estimate_of(trial) for trial in found.trials), biases, found.findings, levels
+        names,
+        tuple(estimate_of(trial) for trial in search_result.trials),
+        biases,
+        search_result.findings,
+        levels,
     )
 
 

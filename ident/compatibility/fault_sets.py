@@ -65,26 +65,39 @@ def charge_of(false_alarm: float, count: int) -> float:
     return math.log(max(count, 1)) - math.log(false_alarm)
 
 
-def fault_set(found: KinematicFit, given: int = 0, *, early: bool = False) -> FaultSet:
+def fault_set(kinematic_fit: KinematicFit, given: int = 0, *, early: bool = False) -> FaultSet:
     """A fit judged as a set of faults, of which the first few are ``given``."""
-    k = len(found.faults) - given
+    k = len(kinematic_fit.faults) - given
     if not k:
-        return FaultSet(found, 1.0, sound=True, given=given)
-    sigmas = smoother_sigmas(found)
+        return FaultSet(kinematic_fit, 1.0, sound=True, given=given)
+    sigmas = smoother_sigmas(kinematic_fit)
     widening = sigmas.widening[-k:]
     variances = np.diag(sigmas.covariance)[-k:] * widening
     determined = all(
         0.0 < variance < fault.plausible**2
-        for fault, variance in zip(found.faults[given:], variances.tolist(), strict=True)
+        for fault, variance in zip(kinematic_fit.faults[given:], variances.tolist(), strict=True)
     )
     possible = all(
         _possible(fault, size)
-        for fault, size in zip(found.faults[given:], found.sizes[given:].tolist(), strict=True)
+        for fault, size in zip(
+            kinematic_fit.faults[given:], kinematic_fit.sizes[given:].tolist(), strict=True
+        )
     )
-    sized = zip(found.faults[given:], found.sizes[given:].tolist(), variances.tolist(), strict=True)
+    sized = zip(
+        kinematic_fit.faults[given:],
+        kinematic_fit.sizes[given:].tolist(),
+        variances.tolist(),
+        strict=True,
+    )
     surprise = float(sum(fault.surprise(size, variance) for fault, size, variance in sized))
     return FaultSet(
-        found, float(np.mean(widening)), determined and possible, determined, early, given, surprise
+        kinematic_fit,
+        float(np.mean(widening)),
+        determined and possible,
+        determined,
+        early,
+        given,
+        surprise,
     )
 
 
@@ -133,8 +146,8 @@ def grow(
         before = best.found
         fits: dict[frozenset[SensorFault], KinematicFit] = {}
         for each in level:
-            for found in _extended(each.found, faults, fits):
-                fits[frozenset(found.faults)] = found
+            for kinematic_fit in _extended(each.found, faults, fits):
+                fits[frozenset(kinematic_fit.faults)] = kinematic_fit
         level = _kept(list(fits.values()), given)
     return out
 
@@ -153,20 +166,24 @@ def chosen(sets: Sequence[FaultSet], charge: float) -> FaultSet:
     return sets[int(np.argmin(score))]
 
 
-def needed(base: KinematicFit, found: FaultSet, charge: float) -> FaultSet:
+def needed(base: KinematicFit, chosen_set: FaultSet, charge: float) -> FaultSet:
     """The set less every fault without which the others do nearly as well."""
-    while len(found.faults) > 1:
+    while len(chosen_set.faults) > 1:
         less = [
-            fit(base.signals, [other for other in found.found.faults if other is not fault], base)
-            for fault in found.faults
+            fit(
+                base.signals,
+                [other for other in chosen_set.found.faults if other is not fault],
+                base,
+            )
+            for fault in chosen_set.faults
         ]
-        misfit = misfits([found.found, *less])
-        losses = (misfit[1:] - misfit[0]) / found.widening
+        misfit = misfits([chosen_set.found, *less])
+        losses = (misfit[1:] - misfit[0]) / chosen_set.widening
         least = int(np.argmin(losses))
         if losses[least] >= charge:
             break
-        found = fault_set(less[least], found.given)
-    return found
+        chosen_set = fault_set(less[least], chosen_set.given)
+    return chosen_set
 
 
 def _kept(fits: Sequence[KinematicFit], given: int) -> list[FaultSet]:
@@ -184,27 +201,32 @@ def _kept(fits: Sequence[KinematicFit], given: int) -> list[FaultSet]:
 
 
 def _extended(
-    found: KinematicFit,
+    kinematic_fit: KinematicFit,
     faults: Sequence[SensorFault],
     done: dict[frozenset[SensorFault], KinematicFit],
 ) -> list[KinematicFit]:
     """Fits of a set with one more fault each: those that promise most to first order."""
-    timed = clocks(found.signals)
+    timed = clocks(kinematic_fit.signals)
     free = [
         fault
         for fault in faults
-        if fault not in found.faults and leaves_a_reference((*found.faults, fault), timed)
+        if fault not in kinematic_fit.faults
+        and leaves_a_reference((*kinematic_fit.faults, fault), timed)
     ]
-    quick = sorted(zip(free, one_step(found, free), strict=True), key=lambda pair: pair[1].cost)
-    worth = [fault for fault, first in quick[:_BREADTH] if found.cost - first.cost > _WORTH]
+    quick = sorted(
+        zip(free, one_step(kinematic_fit, free), strict=True), key=lambda pair: pair[1].cost
+    )
+    worth = [fault for fault, first in quick[:_BREADTH] if kinematic_fit.cost - first.cost > _WORTH]
     return [
-        fit(found.signals, (*found.faults, fault), found)
+        fit(kinematic_fit.signals, (*kinematic_fit.faults, fault), kinematic_fit)
         for fault in worth
-        if frozenset((*found.faults, fault)) not in done
+        if frozenset((*kinematic_fit.faults, fault)) not in done
     ]
 
 
-def _early(found: KinematicFit, faults: Sequence[SensorFault], given: int) -> list[FaultSet]:
+def _early(
+    kinematic_fit: KinematicFit, faults: Sequence[SensorFault], given: int
+) -> list[FaultSet]:
     """A load recorded before it happens, beside a set; which no sensor does.
 
     A gust moves the vane and the load at once, the path only later: the load then seems early, and
@@ -213,10 +235,16 @@ def _early(found: KinematicFit, faults: Sequence[SensorFault], given: int) -> li
     ahead = [
         fault
         for fault in faults
-        if fault.channel == "nz" and fault.kind in (DELAY, LAG) and fault not in found.faults
+        if fault.channel == "nz"
+        and fault.kind in (DELAY, LAG)
+        and fault not in kinematic_fit.faults
     ]
     sets = [
-        fault_set(fit(found.signals, (*found.faults, fault), found), given, early=True)
+        fault_set(
+            fit(kinematic_fit.signals, (*kinematic_fit.faults, fault), kinematic_fit),
+            given,
+            early=True,
+        )
         for fault in ahead
     ]
     return [each for each in sets if each.determined and each.found.sizes[-1] < 0]
@@ -249,17 +277,17 @@ def leaves_a_reference(faults: Sequence[SensorFault], timed: Sequence[str]) -> b
     Nothing is recorded before it happens, so that what remains is the channel that is least late.
     """
     # An accelerometer ahead is a lag of q.
-    late = late_channels(faults) | {"q" for fault in faults if fault.rare}
-    return not timed or not set(timed) <= late
+    delayed = late_channels(faults) | {"q" for fault in faults if fault.rare}
+    return not timed or not set(timed) <= delayed
 
 
 def reference_sentence(faults: Sequence[SensorFault], timed: Sequence[str]) -> str:
     """Which of the clocks ``timed`` the times of these faults count from; nothing where no channel
     is late.
     """
-    late = late_channels(faults)
-    on_time = [name for name in timed if name not in late]
-    if not late or not on_time:
+    delayed = late_channels(faults)
+    on_time = [name for name in timed if name not in delayed]
+    if not delayed or not on_time:
         return ""
     if len(on_time) == 1:
         first = f"times count from {on_time[0]}, the channel that is least late"
@@ -331,7 +359,10 @@ def probabilities(among: Sequence[tuple[SensorFault, FaultQuantity, float]]) -> 
 
 
 def slots_of(
-    base: KinematicFit, found: FaultSet, faults: Sequence[SensorFault], singles: Sequence[Trial]
+    base: KinematicFit,
+    chosen_set: FaultSet,
+    faults: Sequence[SensorFault],
+    singles: Sequence[Trial],
 ) -> tuple[FaultSet, list[Slot]]:
     """The places of a set, each with all faults in it; where another does better in one, it takes
     the place, and all is looked at again.
@@ -339,30 +370,34 @@ def slots_of(
     ``singles`` : every fault tried beside ``base`` alone.
     """
     for _ in range(3):
-        slots = [_slot(base, found, fault, faults, singles) for fault in found.faults]
+        slots = [_slot(base, chosen_set, fault, faults, singles) for fault in chosen_set.faults]
         better = [
-            (i, slot) for i, slot in enumerate(slots) if slot.trials[0].fault is not found.faults[i]
+            (i, slot)
+            for i, slot in enumerate(slots)
+            if slot.trials[0].fault is not chosen_set.faults[i]
         ]
         if not better:
             break
         i, slot = max(
             better,
             key=lambda pair: pair[1].losses[
-                [t.fault for t in pair[1].trials].index(found.faults[pair[0]])
+                [t.fault for t in pair[1].trials].index(chosen_set.faults[pair[0]])
             ],
         )
-        chosen = list(found.found.faults)
-        chosen[found.given + i] = slot.trials[0].fault
-        changed = fault_set(fit(base.signals, chosen, slot.trials[0].found), found.given)
-        before, after = misfits([found.found, changed.found]).tolist()
+        chosen = list(chosen_set.found.faults)
+        chosen[chosen_set.given + i] = slot.trials[0].fault
+        changed = fault_set(fit(base.signals, chosen, slot.trials[0].found), chosen_set.given)
+        before, after = misfits([chosen_set.found, changed.found]).tolist()
         before, after = (
-            before + found.widening * found.surprise,
-            after + found.widening * changed.surprise,
+            before + chosen_set.widening * chosen_set.surprise,
+            after + chosen_set.widening * changed.surprise,
         )
         if not changed.sound or after > before + TIE:
             break
-        found = changed
-    return found, [_led_by(slot, fault) for slot, fault in zip(slots, found.faults, strict=True)]
+        chosen_set = changed
+    return chosen_set, [
+        _led_by(slot, fault) for slot, fault in zip(slots, chosen_set.faults, strict=True)
+    ]
 
 
 def same_lateness(one: SensorFault, other: SensorFault) -> bool:
@@ -386,12 +421,12 @@ def same_trace(one: SensorFault, other: SensorFault) -> bool:
 
 def _slot(
     base: KinematicFit,
-    found: FaultSet,
+    chosen_set: FaultSet,
     fault: SensorFault,
     faults: Sequence[SensorFault],
     singles: Sequence[Trial],
 ) -> Slot:
-    rest = [other for other in found.found.faults if other is not fault]
+    rest = [other for other in chosen_set.found.faults if other is not fault]
     free = [
         each
         for each in faults
@@ -402,7 +437,7 @@ def _slot(
     else:
         others = fit(base.signals, rest, base)
         trials = tried(others, free)
-    misfit = misfits([others, found.found, *(t.found for t in trials)])
+    misfit = misfits([others, chosen_set.found, *(t.found for t in trials)])
     # The fault that stands has been fitted as long as any: its fit in the set serves.
     here = [
         misfit[1] if t.fault is fault else value
@@ -410,12 +445,12 @@ def _slot(
     ]
     here = [value + TIE * t.fault.rare for t, value in zip(trials, here, strict=True)]
     usual = [
-        value + found.widening * float(t.fault.surprise(t.size, t.variance))
+        value + chosen_set.widening * float(t.fault.surprise(t.size, t.variance))
         for t, value in zip(trials, here, strict=True)
     ]
     sound = [t.told and (t.size > 0 or not t.fault.one_sided) for t in trials]
     order = sorted(range(len(trials)), key=lambda i: (not sound[i], usual[i]))
-    gains = (misfit[0] - np.array(here)) / found.widening
+    gains = (misfit[0] - np.array(here)) / chosen_set.widening
     led = [replace(trials[i], gain=max(float(gains[i]), 0.0)) for i in order]
     return Slot(others, tuple(led), (gains[order[0]] - gains)[order])
 

@@ -117,8 +117,8 @@ def signals_of(
         there = there.copy()
         there[np.flatnonzero(there)[wrong]] = False
         raw[name], valid[name] = np.interp(record.time, record.time[there], values[there]), there
-    found = relations(channels)
-    used = {name for joined in found.values() for name in joined}
+    relation_list = relations(channels)
+    used = {name for joined in relation_list.values() for name in joined}
     edge = EDGE if record.time[-1] - record.time[0] > 50.0 * EDGE else 0.0
     inside = (record.time >= record.time[0] + edge) & (record.time <= record.time[-1] - edge)
     speed = (
@@ -132,14 +132,16 @@ def signals_of(
         {
             name: raw[name]
             for name in channels
-            if name in used or (name == "airspeed" and "alpha" in found)
+            if name in used or (name == "airspeed" and "alpha" in relation_list)
         },
-        tuple(found),
-        np.array([valid[name] & inside for name in found]).reshape(len(found), len(record)),
+        tuple(relation_list),
+        np.array([valid[name] & inside for name in relation_list]).reshape(
+            len(relation_list), len(record)
+        ),
         speed,
         gravity,
         vane_arm,
-        _jumps(record, raw) if "alpha" in found else np.zeros(0),
+        _jumps(record, raw) if "alpha" in relation_list else np.zeros(0),
         spikes,
     )
 
@@ -580,8 +582,10 @@ def _orthonormal(flat: np.ndarray) -> np.ndarray:
     gram = flat.T @ flat
     scale = 1.0 / np.sqrt(np.where(np.diag(gram) > 0, np.diag(gram), 1.0))
     values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))
-    told = values > _ALIKE * values[-1]
-    return np.asarray(flat @ (scale[:, None] * vectors[:, told] / np.sqrt(values[told])))
+    determined = values > _ALIKE * values[-1]
+    return np.asarray(
+        flat @ (scale[:, None] * vectors[:, determined] / np.sqrt(values[determined]))
+    )
 
 
 def _integral(u: np.ndarray, t: np.ndarray) -> np.ndarray:

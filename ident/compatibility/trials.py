@@ -208,25 +208,25 @@ def tried(base: KinematicFit, faults: Sequence[SensorFault]) -> list[Trial]:
     return out
 
 
-def _trial(base: KinematicFit, fault: SensorFault, found: KinematicFit) -> Trial:
-    sigmas = smoother_sigmas(found)
+def _trial(base: KinematicFit, fault: SensorFault, kinematic_fit: KinematicFit) -> Trial:
+    sigmas = smoother_sigmas(kinematic_fit)
     white = float(sigmas.covariance[-1, -1])
     widening = float(sigmas.widening[-1])
     # A likelihood counts what a gust explains too: with controls recorded only their part of the
     # residual counts.
-    before, after = base.cost, found.cost
+    before, after = base.cost, kinematic_fit.cost
     if instrumented(base.signals):
-        whiteners = [weigher(s, found.noise) for s in found.signals]
-        before, after = least_misfit(base, whiteners), least_misfit(found, whiteners)
+        whiteners = [weigher(s, kinematic_fit.noise) for s in kinematic_fit.signals]
+        before, after = least_misfit(base, whiteners), least_misfit(kinematic_fit, whiteners)
     gain = max(before - after, 0.0) / widening
     return Trial(
         fault,
-        found,
-        float(found.sizes[-1]),
+        kinematic_fit,
+        float(kinematic_fit.sizes[-1]),
         white,
         white * widening,
         gain,
-        p_value(gain, found.sizes[-1], fault),
+        p_value(gain, kinematic_fit.sizes[-1], fault),
     )
 
 

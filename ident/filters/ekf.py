@@ -133,12 +133,12 @@ def filter_by_table(
     equations = table_equations(problem, settings.step, settings.transition)
     if equations is None:
         return None
-    kept = empty_history(problem)
+    buffers = empty_history(problem)
     with np.errstate(all="ignore"):
         sound = filter_one(
-            problem, equations, problem.start if start is None else start, about, kept
+            problem, equations, problem.start if start is None else start, about, buffers
         )
-        return finished(problem, kept, "ekf") if sound else None
+        return finished(problem, buffers, "ekf") if sound else None
 
 
 def filter_by_filterpy(

@@ -206,10 +206,10 @@ def filter_one(
     equations: Equations,
     start: np.ndarray,
     about: np.ndarray | None,
-    kept: Kept,
+    buffers: Kept,
 ) -> bool:
     """Filter a record from ``start (n,)``, linearised about the trajectory ``about (n, N)`` where
-    given; fills ``kept``.
+    given; fills ``buffers``.
 
     False where an innovation's covariance is not positive definite. Other numbers may be infinite
     or NaN: the caller looks.
@@ -219,7 +219,7 @@ def filter_one(
     point, look, G = equations.point, equations.look, equations.G
     varying, dot, subtract = equations.varying, np.dot, np.subtract
     m, n = len(G), len(point)
-    predict = _prediction(problem, equations, about, kept.transition)
+    predict = _prediction(problem, equations, about, buffers.transition)
     point[:] = start
     x = point if about is None else start.copy()
     W = np.zeros((n + m + 1, n + m + 1))
@@ -238,9 +238,9 @@ def filter_one(
     }
     z = np.where(problem.valid, problem.z, 0.0).T.copy()
     P = problem.covariance
-    before = zip(kept.predicted_mean, kept.predicted_covariance, strict=True)
-    after = zip(kept.mean, kept.covariance, strict=True)
-    samples = zip(before, after, kept.S, kept.outputs, z, strict=True)
+    before = zip(buffers.predicted_mean, buffers.predicted_covariance, strict=True)
+    after = zip(buffers.mean, buffers.covariance, strict=True)
+    samples = zip(before, after, buffers.S, buffers.outputs, z, strict=True)
     for k, ((x_before, P_before), (mean, P_after), S, expected, measured) in enumerate(samples):
         if k:
             predict(k, x, P, P_before)
@@ -256,7 +256,7 @@ def filter_one(
         gone = missing.get(k)
         whole = None if gone is None else _left_out(gone, G, W)
         if varying:
-            kept.sensitivity[k] = H
+            buffers.sensitivity[k] = H
         W_P[:] = P_before
         dot(G, W, GW)
         dot(GW, G_turned, S)
@@ -271,9 +271,9 @@ def filter_one(
         x[:], P = mean, P_after
         if whole is not None:
             G[:], W[noise, noise] = whole, problem.variance
-    kept.innovation[:] = np.where(problem.valid.T, z - kept.outputs, 0.0)
+    buffers.innovation[:] = np.where(problem.valid.T, z - buffers.outputs, 0.0)
     if not varying:
-        kept.sensitivity[:] = H * problem.valid.T[:, :, None]
+        buffers.sensitivity[:] = H * problem.valid.T[:, :, None]
     return True
 
 
@@ -335,10 +335,10 @@ def table_equations(problem: FilterProblem, step: Step, transition: Transition) 
     """
     if step not in _ORDERS or transition not in _TERMS or not held_within_steps(problem.drive):
         return None
-    found = system_tables(problem.system, problem.p)
-    if found is None:
+    result = system_tables(problem.system, problem.p)
+    if result is None:
         return None
-    f, h = found
+    f, h = result
     w = np.zeros(len(f.table))
     w[0] = 1.0
     move = _motion(f, w, problem, _ORDERS[step], _TERMS[transition])
@@ -372,11 +372,11 @@ def _motion(
     )
     shapes = [np.block(pair[0]).shape[1:] for pair in blocks]
     ends = np.cumsum([0, *(rows * columns for rows, columns in shapes)]).tolist()
-    room = np.concatenate([np.zeros(ends[-1]), np.eye(n_x, n).ravel()])
+    workspace = np.concatenate([np.zeros(ends[-1]), np.eye(n_x, n).ravel()])
     of_values, *stages, blend, F = (
-        room[a:b].reshape(shape) for (a, b), shape in zip(pairwise(ends), shapes, strict=True)
+        workspace[a:b].reshape(shape) for (a, b), shape in zip(pairwise(ends), shapes, strict=True)
     )
-    product, F_on_one = room[: ends[-1]], room[ends[-2] :].reshape(2 * n_x, n)
+    product, F_on_one = workspace[: ends[-1]], workspace[ends[-2] :].reshape(2 * n_x, n)
     states, table, sizes = w[1 : 1 + n_x], np.empty_like(constant), problem.grid.steps.tolist()
     values = np.zeros(n_x)
     way = [(stage, np.zeros(len(stage))) for stage in stages]
@@ -396,9 +396,9 @@ def _motion(
         dot(w, table, product)
         dot(of_values, w, values)
         last = values
-        for stage, found in way:
-            dot(stage, last, found)
-            last = found
+        for stage, result in way:
+            dot(stage, last, result)
+            last = result
         add(states, change, states)
         dot(blend, F_on_one, rows)
         return None if noise_of is None else noise_of(dt)

@@ -334,58 +334,58 @@ def empty_history(problem: FilterProblem) -> Kept:
     return Kept(*arrays, np.empty((N, m, n)), np.empty(output))
 
 
-def finished(problem: FilterProblem, kept: Kept, method: str) -> Estimate | None:
+def finished(problem: FilterProblem, buffers: Kept, method: str) -> Estimate | None:
     """The estimate of a pass that went through; None where a number is not finite, or a variance
     negative, by the rules of ``breakdown``.
     """
-    variance = np.diagonal(kept.covariance, axis1=1, axis2=2)
+    variance = np.diagonal(buffers.covariance, axis1=1, axis2=2)
     if (
         not all(
-            each.max(initial=0.0) < LARGEST and each.min(initial=0.0) > -LARGEST for each in kept
+            each.max(initial=0.0) < LARGEST and each.min(initial=0.0) > -LARGEST for each in buffers
         )
         or variance.min(initial=0.0) < 0.0
     ):
         return None
     try:
-        root = np.linalg.cholesky(kept.S)
+        root = np.linalg.cholesky(buffers.S)
     except np.linalg.LinAlgError:
         return None
     # A channel that is missing has zero in y and one in S, which adds nothing.
-    nis = np.square(np.linalg.solve(root, kept.innovation[:, :, None])[:, :, 0]).sum(axis=1)
+    nis = np.square(np.linalg.solve(root, buffers.innovation[:, :, None])[:, :, 0]).sum(axis=1)
     if not np.all(nis < LARGEST):
         return None
     degrees = np.count_nonzero(problem.valid, axis=0)
     log_likelihood = -0.5 * (nis + degrees * LOG_TWO_PI) - np.log(
         np.diagonal(root, axis1=1, axis2=2)
     ).sum(axis=1)
-    for P in (kept.predicted_covariance, kept.covariance):
+    for P in (buffers.predicted_covariance, buffers.covariance):
         np.add(P, P.transpose(0, 2, 1), out=P)
         np.multiply(P, 0.5, out=P)
     history = FilterHistory(
         problem.time,
         problem.names,
-        kept.mean.T.copy(),
+        buffers.mean.T.copy(),
         np.sqrt(variance.T),
-        kept.innovation.T.copy(),
-        np.sqrt(np.diagonal(kept.S, axis1=1, axis2=2).T),
+        buffers.innovation.T.copy(),
+        np.sqrt(np.diagonal(buffers.S, axis1=1, axis2=2).T),
         problem.valid.copy(),
         log_likelihood,
         nis,
         degrees,
-        kept.predicted_mean.T.copy(),
-        kept.predicted_covariance,
-        kept.covariance,
-        kept.transition,
-        kept.sensitivity,
-        kept.S,
+        buffers.predicted_mean.T.copy(),
+        buffers.predicted_covariance,
+        buffers.covariance,
+        buffers.transition,
+        buffers.sensitivity,
+        buffers.S,
     )
     return _estimate(
         problem,
         method,
         Outcome.CONVERGED,
-        kept.mean[-1],
-        kept.covariance[-1],
-        kept.outputs.T.copy(),
+        buffers.mean[-1],
+        buffers.covariance[-1],
+        buffers.outputs.T.copy(),
         history,
     )
 

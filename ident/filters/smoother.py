@@ -61,10 +61,12 @@ def smooth(history: FilterHistory) -> SmoothedHistory:
         lost = np.flatnonzero(
             ~(np.all(np.isfinite(x), axis=0) & np.all(np.isfinite(reduced), axis=(1, 2)))
         )
-    held = slice(lost[-1] + 1 if lost.size else 0, N - 1)
-    mean[:, held] = x[:, held]
-    symmetric = 0.5 * (reduced[held] + reduced[held].transpose(0, 2, 1))
-    covariance[held] = _at_most(symmetric, np.diagonal(covariance[held], axis1=1, axis2=2))
+    fixed_rows = slice(lost[-1] + 1 if lost.size else 0, N - 1)
+    mean[:, fixed_rows] = x[:, fixed_rows]
+    symmetric = 0.5 * (reduced[fixed_rows] + reduced[fixed_rows].transpose(0, 2, 1))
+    covariance[fixed_rows] = _at_most(
+        symmetric, np.diagonal(covariance[fixed_rows], axis1=1, axis2=2)
+    )
     std = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2).T, 0.0))
     return SmoothedHistory(history.time, history.names, mean, std, covariance)
 
@@ -84,12 +86,12 @@ def _backwards(history: FilterHistory) -> tuple[np.ndarray, np.ndarray]:
     r, W = np.empty((N, n)), np.empty((N, n, n))
     if N:
         r[-1], W[-1] = c[-1], D[-1]
-    room, dot, add = np.empty((n, n)), np.dot, np.add
+    workspace, dot, add = np.empty((n, n)), np.dot, np.add
     for k in range(N - 1, 0, -1):
         turned, before = M_turned[k - 1], W[k - 1]
         add(dot(turned, r[k]), c[k - 1], r[k - 1])
-        dot(turned, W[k], room)
-        dot(room, M[k - 1], before)
+        dot(turned, W[k], workspace)
+        dot(workspace, M[k - 1], before)
         add(before, D[k - 1], before)
     return r, W
 
@@ -169,11 +171,13 @@ def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
             return None
         part = np.arange(len(free)), scaled, residual, history.valid
         try:
-            found = corrected_covariance(inverse, [part], np.ones(len(residual)), np.eye(len(free)))
+            result = corrected_covariance(
+                inverse, [part], np.ones(len(residual)), np.eye(len(free))
+            )
         except np.linalg.LinAlgError:
             return None
     scale = prior[at]
-    covariance = found[np.ix_(at, at)] * np.outer(scale, scale)
+    covariance = result[np.ix_(at, at)] * np.outer(scale, scale)
     white = np.diagonal(inverse)[at] * scale**2
     if not (np.all(np.isfinite(covariance)) and np.all(white > 0.0)):
         return None
@@ -200,11 +204,11 @@ def with_coloured_covariance(estimate: Estimate) -> Estimate:
     """The estimate with its covariance corrected for coloured innovations; unchanged where there is
     no correction.
     """
-    found = coloured_innovations(estimate)
+    result = coloured_innovations(estimate)
     return (
         estimate
-        if found is None or found.names != estimate.names
-        else replace(estimate, covariance=found.covariance)
+        if result is None or result.names != estimate.names
+        else replace(estimate, covariance=result.covariance)
     )
 
 
@@ -232,8 +236,8 @@ def _whitened(history: FilterHistory, variance: np.ndarray) -> tuple[np.ndarray,
         residual[:, k], slopes[:, k] = np.linalg.solve(root, e), np.linalg.solve(root, J)
         if noise is not None:
             K = np.linalg.solve(S, H[k] @ P).T
-            x, kept = x + K @ e, np.eye(n) - K @ H[k]
-            D, P = kept @ D, kept @ P @ kept.T + K @ R @ K.T
+            x, I_KH = x + K @ e, np.eye(n) - K @ H[k]
+            D, P = I_KH @ D, I_KH @ P @ I_KH.T + K @ R @ K.T
     return np.where(history.valid, residual, 0.0), slopes
 
 

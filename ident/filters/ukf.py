@@ -400,8 +400,8 @@ def _updated(
         except np.linalg.LinAlgError:
             return x, P, breakdown(x, S) or Outcome.INDEFINITE
         K = np.linalg.solve(S, H @ P).T
-        kept = np.eye(len(x)) - K @ H
-        x, P = x + K @ innovation, _symmetric(kept @ P @ kept.T + K @ R @ K.T)
+        I_KH = np.eye(len(x)) - K @ H
+        x, P = x + K @ innovation, _symmetric(I_KH @ P @ I_KH.T + K @ R @ K.T)
     trouble = breakdown(x, P, keeper.transition(k), expected, nis)
     if trouble is None:
         keeper.outputs(k, expected)

@@ -231,8 +231,8 @@ def _line(
     curve: AttitudeCurve, values: np.ndarray, std: np.ndarray, at: float
 ) -> tuple[float, float, float]:
     """Value, slope by ln(omega) and deviation of the value, of a parabola about ``at``."""
-    found = parabola_at(curve, values, std, at)
-    return found.value, found.slope, found.std
+    result = parabola_at(curve, values, std, at)
+    return result.value, result.slope, result.std
 
 
 @dataclass(frozen=True)
@@ -255,11 +255,11 @@ def parabola_at(curve: Curve, values: np.ndarray, std: np.ndarray, at: float) ->
     windows do.
     """
     gain, covariance, near = parabola_weights(curve, std, at)
-    found = gain @ values[near]
+    result = gain @ values[near]
     spread = math.sqrt(max(float(covariance[0, 0]), 0.0))
     weights = np.zeros(curve.omega.size)
     weights[near] = gain[0]
-    return Parabola(float(found[0]), float(found[1]), 2.0 * float(found[2]), spread, weights)
+    return Parabola(float(result[0]), float(result[1]), 2.0 * float(result[2]), spread, weights)
 
 
 def parabola_weights(
@@ -365,14 +365,14 @@ def neal_smith(curve: AttitudeCurve, demand: PilotDemand) -> NealSmith | str:
         )
     omega = np.unique(np.append(np.geomspace(low, high, POINTS), demand.bandwidth))
     centre, draws = _smoothed(curve, omega)
-    found = _adjusted(omega, centre[None], demand)
-    if found is None:
+    result = _adjusted(omega, centre[None], demand)
+    if result is None:
         return "no Neal-Smith pilot: no lead or lag gives the bandwidth"
-    resonance, compensation, droop = (float(each[0]) for each in found)
-    drawn = _adjusted(omega, draws, demand)
-    assert drawn is not None
-    stds = [float(np.std(each)) for each in drawn[:2]]
-    alike = np.corrcoef(drawn[0], drawn[1])[0, 1] if min(stds) > 0.0 else 0.0
+    resonance, compensation, droop = (float(each[0]) for each in result)
+    sampled = _adjusted(omega, draws, demand)
+    assert sampled is not None
+    stds = [float(np.std(each)) for each in sampled[:2]]
+    alike = np.corrcoef(sampled[0], sampled[1])[0, 1] if min(stds) > 0.0 else 0.0
     levels = [resonance_level(resonance + sign * 2.0 * stds[0]) for sign in (-1.0, 1.0)]
     notes = []
     if droop < DROOP - 0.05:
@@ -456,12 +456,12 @@ def _adjusted(
 def _least(tried: np.ndarray, droop: np.ndarray) -> float:
     """The most lead with a droop of 3 dB at most, between the grid's points: more would droop, less
     resonates. Of none the one that droops least."""
-    known = np.flatnonzero(np.isfinite(droop))
-    fit = known[droop[known] >= DROOP]
-    if not known.size:
+    finite_rows = np.flatnonzero(np.isfinite(droop))
+    fit = finite_rows[droop[finite_rows] >= DROOP]
+    if not finite_rows.size:
         return math.nan
     if not fit.size:
-        return float(tried[known[np.argmax(droop[known])]])
+        return float(tried[finite_rows[np.argmax(droop[finite_rows])]])
     best = int(fit[-1])
     if best + 1 >= tried.size or not np.isfinite(droop[best + 1]):
         return float(tried[best])
@@ -499,8 +499,8 @@ def step_response(function: FittedResponse, duration: float | None = None) -> St
     def value(p: Mapping[str, float]) -> np.ndarray:
         top, bottom = function.form.polynomials(p)
         _, out = signal.step((top, bottom), T=np.linspace(0.0, length, 301))
-        late = np.interp(time - p["delay"], time, out, left=0.0)
-        return np.asarray(late * bottom[-1] / top[-1])
+        delayed = np.interp(time - p["delay"], time, out, left=0.0)
+        return np.asarray(delayed * bottom[-1] / top[-1])
 
     return StepResponse(time, value(function.values), _spread(function, value))
 

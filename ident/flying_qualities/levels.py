@@ -123,20 +123,20 @@ def qualities(
     ------
     ModelError : a parameter that is neither estimated nor fixed.
     """
-    known = {**(fixed or {}), **estimate.as_dict()}
+    values = {**(fixed or {}), **estimate.as_dict()}
     for name in _NEEDED:
-        if name not in known:
+        if name not in values:
             raise ModelError(
                 "it is neither estimated nor given",
                 where=f"handling qualities, {name}",
                 remedy="give its value under fixed",
             )
-    centre = _evaluate(known, airspeed, gravity)
+    centre = _evaluate(values, airspeed, gravity)
     gradients = {name: np.zeros(len(estimate.names)) for name in centre}
     for column, name in enumerate(estimate.names):
         if name in _NEEDED:
             moved = _evaluate(
-                {**known, name: complex(known[name], COMPLEX_STEP)}, airspeed, gravity
+                {**values, name: complex(values[name], COMPLEX_STEP)}, airspeed, gravity
             )
             for quantity in centre:
                 gradients[quantity][column] = np.imag(moved[quantity]) / COMPLEX_STEP
@@ -175,10 +175,10 @@ def _every() -> tuple[Criterion, ...]:
 
 
 def levels(
-    found: Sequence[Quality], against: Sequence[Criterion] | None = None
+    quality_values: Sequence[Quality], against: Sequence[Criterion] | None = None
 ) -> tuple[Level, ...]:
     """Every quantity against every criterion for it, in the order of the criteria."""
-    by_name = {quality.name: quality for quality in found}
+    by_name = {quality.name: quality for quality in quality_values}
     out = []
     for criterion in criteria() if against is None else against:
         if criterion.quantity not in by_name:
@@ -327,20 +327,20 @@ def flown_as(aircraft_class: str | None, category: str | None) -> Flown:
     return Flown(chosen, phase, assumed)
 
 
-def mode_levels(found: Characteristics, flown: Flown) -> tuple[ModeLevel, ...]:
+def mode_levels(characteristics: Characteristics, flown: Flown) -> tuple[ModeLevel, ...]:
     """The level of each mode that the model has, in the order of ``MODES``; the same
     characteristics give the same numbers.
     """
     rules = [
         rule for rule in criteria(flown.aircraft_class) if rule.category in (flown.category, "all")
     ]
-    centre = _quantities(found.names, found.values[:, None])
-    drawn = _quantities(found.names, _draws(found))
+    centre = _quantities(characteristics.names, characteristics.values[:, None])
+    sampled = _quantities(characteristics.names, _draws(characteristics))
     out = []
     for mode, names in MODES.items():
-        mine = [rule for rule in rules if rule.quantity in names and rule.quantity in drawn]
+        mine = [rule for rule in rules if rule.quantity in names and rule.quantity in sampled]
         if mine:
-            out.append(_level(mode, mine, centre, drawn))
+            out.append(_level(mode, mine, centre, sampled))
     return tuple(out)
 
 
@@ -348,9 +348,9 @@ def _level(
     mode: str,
     rules: Sequence[Criterion],
     centre: Mapping[str, np.ndarray],
-    drawn: Mapping[str, np.ndarray],
+    sampled: Mapping[str, np.ndarray],
 ) -> ModeLevel:
-    reached = np.max([_reached(rule, drawn) for rule in rules], axis=0)
+    reached = np.max([_reached(rule, sampled) for rule in rules], axis=0)
     shares = tuple(float(np.mean(reached == number)) for number in range(1, WORST + 1))
     level = int(np.argmax(shares)) + 1
     worst = max(rules, key=lambda rule: int(_reached(rule, centre)[0]))
@@ -391,19 +391,19 @@ def _range(
     return low + rule.raised_by[number - 1] * np.maximum(excess, 0.0), high
 
 
-def _draws(found: Characteristics) -> np.ndarray:
+def _draws(characteristics: Characteristics) -> np.ndarray:
     """``(k, DRAWS)`` of a Gaussian, the same each time; each draw has its mirror image."""
-    scale = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+    scale = np.sqrt(np.maximum(np.diag(characteristics.covariance), 0.0))
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
-    values, vectors = np.linalg.eigh(found.covariance * np.outer(inverse, inverse))
+    values, vectors = np.linalg.eigh(characteristics.covariance * np.outer(inverse, inverse))
     root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
     half = root @ np.random.default_rng(0).standard_normal((len(scale), DRAWS // 2))
-    return found.values[:, None] + np.concatenate([half, -half], axis=1)
+    return characteristics.values[:, None] + np.concatenate([half, -half], axis=1)
 
 
 def _quantities(names: Sequence[str], draws: np.ndarray) -> dict[str, np.ndarray]:
     """What the limits speak of, for each draw ``(k, N)`` of the characteristics ``names``."""
-    known = dict(zip(names, draws, strict=True))
+    values = dict(zip(names, draws, strict=True))
     out: dict[str, np.ndarray] = {}
     for mode, prefix in (
         ("short_period", ""),
@@ -411,15 +411,15 @@ def _quantities(names: Sequence[str], draws: np.ndarray) -> dict[str, np.ndarray
         ("dutch_roll", "dutch_roll_"),
         ("roll_spiral", "roll_spiral_"),
     ):
-        if f"{mode}_rate" in known:
+        if f"{mode}_rate" in values:
             out |= {
                 f"{prefix}{name}": value
                 for name, value in _of_pair(
-                    known[f"{mode}_rate"], known[f"{mode}_stiffness"]
+                    values[f"{mode}_rate"], values[f"{mode}_stiffness"]
                 ).items()
             }
-    if "natural_frequency" in out and "load_factor_slope" in known:
-        slope = known["load_factor_slope"]
+    if "natural_frequency" in out and "load_factor_slope" in values:
+        slope = values["load_factor_slope"]
         out["load_factor_slope"] = slope
         out["control_anticipation"] = np.divide(
             out["natural_frequency"] ** 2,
@@ -427,15 +427,15 @@ def _quantities(names: Sequence[str], draws: np.ndarray) -> dict[str, np.ndarray
             out=np.full_like(slope, -math.inf),
             where=slope > 0,
         )
-    if "roll_root" in known:
-        root = known["roll_root"]
+    if "roll_root" in values:
+        root = values["roll_root"]
         out["roll_time_constant"] = np.divide(
             -1.0, root, out=np.full_like(root, math.inf), where=root < 0
         )
-        out["spiral_time_to_double"] = _doubling(known["spiral_root"])
-    if "delay" in known:
-        out["delay"] = np.maximum(known["delay"], 0.0)  # a draw below zero is as good as none
-    return out | {name: known[name] for name in ("bank_ratio",) if name in known}
+        out["spiral_time_to_double"] = _doubling(values["spiral_root"])
+    if "delay" in values:
+        out["delay"] = np.maximum(values["delay"], 0.0)  # a draw below zero is as good as none
+    return out | {name: values[name] for name in ("bank_ratio",) if name in values}
 
 
 def _of_pair(rate: np.ndarray, stiffness: np.ndarray) -> dict[str, np.ndarray]:
@@ -492,18 +492,18 @@ def form_qualities(
     for name, value in _quantities_of_form(
         function.form.name, airspeed, dutch_roll=dutch_roll
     ).items():
-        found = _propagated(function, value)
-        if found is not None:
-            out.append(Quality(name, *found, UNITS_OF_FORMS[name]))
+        result = _propagated(function, value)
+        if result is not None:
+            out.append(Quality(name, *result, UNITS_OF_FORMS[name]))
     return tuple(out)
 
 
 def form_levels(
-    found: tuple[Quality, ...], aircraft_class: str, category: str
+    quality_values: tuple[Quality, ...], aircraft_class: str, category: str
 ) -> tuple[Level, ...]:
     """Quantities against the limits of a class of aircraft and a category of flight phase."""
     chosen = [each for each in criteria(aircraft_class) if each.category in (category, EVERY)]
-    return levels(found, chosen)
+    return levels(quality_values, chosen)
 
 
 def _quantities_of_form(

@@ -209,8 +209,8 @@ def _determined(
     """Crossings whose frequency is known to within the reach of the parabola, and where the others
     are.
     """
-    known = [(at, slope, std) for at, slope, std in found if std <= REACH * abs(slope)]
-    return known, [at for at, slope, std in found if std > REACH * abs(slope)]
+    determined = [(at, slope, std) for at, slope, std in found if std <= REACH * abs(slope)]
+    return determined, [at for at, slope, std in found if std > REACH * abs(slope)]
 
 
 def _across(curve: LoopCurve, kind: str, at: float, slope: float, std: float) -> Margin:
@@ -392,8 +392,8 @@ def worst_margins(maneuvers: Sequence[StabilityMargins]) -> tuple[WorstMargin, .
         sizes = np.array([each.size.value for _, each in known])
         weights = np.array([max(each.size.std, 1e-300) for _, each in known]) ** -2.0
         mean = float(weights @ sizes / weights.sum())
-        apart = float(weights @ (sizes - mean) ** 2)
-        p = float(chi2.sf(apart, len(known) - 1)) if len(known) > 1 else 1.0
+        spread = float(weights @ (sizes - mean) ** 2)
+        p = float(chi2.sf(spread, len(known) - 1)) if len(known) > 1 else 1.0
         out.append(WorstMargin(name, least, number, wide * least.size.std, tuple(values), p))
     return tuple(out)
 

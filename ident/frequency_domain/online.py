@@ -228,7 +228,7 @@ def begin(equations: OnlineEquations) -> Sums:
     zero = np.zeros((e, f), dtype=complex)
     wide = np.zeros((e, q, f), dtype=complex)
     noisy, blank = np.zeros((e, n, q + 1, q + 1)), np.full((watched, 3), np.nan)
-    apart, beside = np.zeros(f, dtype=complex), np.zeros(2 * f - 1, dtype=complex)
+    differences, beside = np.zeros(f, dtype=complex), np.zeros(2 * f - 1, dtype=complex)
     return Sums(
         0,
         -math.inf,
@@ -237,7 +237,7 @@ def begin(equations: OnlineEquations) -> Sums:
         zero,
         wide,
         zero,
-        apart,
+        differences,
         beside,
         noisy,
         np.zeros(watched),
@@ -441,10 +441,10 @@ def _with_noise(
     third = np.diff(rows, 3, axis=1)
     noise, counted = sums.noise.copy(), sums.counted.copy()
     for k, row in enumerate(third):
-        known = row[np.isfinite(row)]
-        if known.size and (k >= len(equations.sources) or equations.sources[k] >= 0):
-            noise[k] += known.size * _NORMAL * float(np.median(np.abs(known))) / math.sqrt(_THIRD)
-            counted[k] += known.size
+        finite = row[np.isfinite(row)]
+        if finite.size and (k >= len(equations.sources) or equations.sources[k] >= 0):
+            noise[k] += finite.size * _NORMAL * float(np.median(np.abs(finite))) / math.sqrt(_THIRD)
+            counted[k] += finite.size
     system, n = equations.system, len(equations.system.states)
     at, x, u = times[-1:], states[:, -1:], held[:, -1:]
     noisy = sums.noisy.copy()
@@ -490,8 +490,8 @@ def _refuse_bent(
             moved[position] = p[position] + sign * size
             ones.append(at(moved))
         bent = np.abs(ones[0] + ones[1] - 2.0 * base)
-        room = LINEAR * np.maximum(np.abs(ones[0] - ones[1]), np.abs(base)) + 1e-300
-        if np.any(bent > room):
+        tolerance = LINEAR * np.maximum(np.abs(ones[0] - ones[1]), np.abs(base)) + 1e-300
+        if np.any(bent > tolerance):
             what = f"the equations are not linear in {name}"
             raise ModelError(
                 what, where="equation error on line", remedy=f"fix {name}, or use flightid identify"
@@ -526,12 +526,12 @@ def estimate(
     degrees = 2.0 * independent * e - np.count_nonzero(np.any(np.abs(whole) > 0.0, axis=(0, 2)))
     if degrees < 3.0:
         return None
-    found = None
+    result = None
     for _ in range(PASSES):
-        found = _regressed(sums, whole, levels, q - sums.regressors.shape[1])
-        if found is None:
+        result = _regressed(sums, whole, levels, q - sums.regressors.shape[1])
+        if result is None:
             return None
-        theta, gain, unknown = found
+        theta, gain, unknown = result
         residuals = sums.left - np.einsum("ecf,c->ef", whole, theta)
         # What the regression takes of each equation: the trace of its part of the hat matrix.
         spare = 2.0 * independent - np.einsum("aef,eaf->e", gain, whole).real
@@ -540,7 +540,7 @@ def estimate(
         sensors = _sensor_levels(equations, sums, theta[: len(equations.names)], count)
         known = sensors.within + sensors.ends
         levels = _levels(residuals, equations.omega, 2.0 * independent / spare, sizes, known)
-    assert found is not None
+    assert result is not None
     covariance = _covariance(gain, residuals, levels, sensors, sums, equations.omega, count)
     from scipy.stats import t
 
@@ -563,17 +563,17 @@ def _regressed(
     scale = np.sqrt(np.maximum(np.diag(normal), 0.0))
     unknown = scale <= 1e-12 * max(float(scale.max()), 1e-300)
     scale = np.where(unknown, 1.0, scale)
-    plain = normal / np.outer(scale, scale)
-    plain[unknown, :] = plain[:, unknown] = 0.0
+    scaled = normal / np.outer(scale, scale)
+    scaled[unknown, :] = scaled[:, unknown] = 0.0
     taken = np.zeros_like(normal)
     p = sums.regressors.shape[1]
     noise, n = sums.noise_variance, sums.noisy.shape[1]
     share = sums.noisy[:, :, :p, :p]
     taken[:p, :p] = np.einsum("esab,s,e->ab", share, noise[:n], weights.sum(axis=1))
-    less = plain - taken / np.outer(scale, scale)
-    values, vectors = np.linalg.eigh(plain)
+    less = scaled - taken / np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(scaled)
     open_ = values < 1e-10 * max(float(values[-1]), 1e-300)
-    inverse = _inverse(plain, values, vectors)
+    inverse = _inverse(scaled, values, vectors)
     # The share of the information that the noise had, in the direction where it is largest.
     root = vectors[:, ~open_] / np.sqrt(values[~open_])
     kept = np.linalg.eigvalsh(root.T @ less @ root)
@@ -593,8 +593,8 @@ def _regressed(
 
 
 def _inverse(matrix: np.ndarray, values: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    kept = values >= 1e-10 * max(float(values[-1]), 1e-300)
-    return np.asarray((vectors[:, kept] / values[kept]) @ vectors[:, kept].T)
+    significant = values >= 1e-10 * max(float(values[-1]), 1e-300)
+    return np.asarray((vectors[:, significant] / values[significant]) @ vectors[:, significant].T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -648,8 +648,8 @@ def _levels(
         floor = 1e-24 * sizes[k] ** 2
         level = np.maximum(max(float(power.mean()), floor), known[k])
         for _ in range(3):
-            found = nnls(shapes / level[:, None], (power - known[k]) / level)[0]
-            level = known[k] + shapes @ found
+            solution = nnls(shapes / level[:, None], (power - known[k]) / level)[0]
+            level = known[k] + shapes @ solution
             level = np.maximum(level, 1e-3 * max(float(level.max()), floor))
         out[k] = np.maximum(level, floor)
     return out
@@ -680,9 +680,9 @@ def _covariance(
     g = gain * spread
     total = np.zeros((gain.shape[0],) * 2)
     for k in range(e):
-        plain, turned = g[:, k] @ near, g[:, k] @ far
+        near_sum, turned = g[:, k] @ near, g[:, k] @ far
         for m in range(e):
-            both = plain @ g[:, m].conj().T + turned @ g[:, m].T
+            both = near_sum @ g[:, m].conj().T + turned @ g[:, m].T
             total += 0.5 * alike[k, m] * both.real
     for at in (sums.first, sums.time):
         reached = np.einsum("aef,f->ae", gain, np.exp(-1j * omega * at)).real

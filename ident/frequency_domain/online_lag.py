@@ -89,8 +89,8 @@ def taken(
     """The stream after further rows: ``time``, ``stick`` ``(N,)``, ``outputs`` ``(m, N)``;
     ``values`` : the last estimate, for the curvature within a step. Rows beyond ``MOST_ROWS`` are
     left out."""
-    room = slice(0, max(MOST_ROWS - stream.times.size, 0))
-    time, stick, outputs = time[room], stick[room], outputs[:, room]
+    free_rows = slice(0, max(MOST_ROWS - stream.times.size, 0))
+    time, stick, outputs = time[free_rows], stick[free_rows], outputs[:, free_rows]
     if not time.size:
         return stream
     few = None if values is None else values[: len(stream.equations.names)]
@@ -118,10 +118,10 @@ def estimated(stream: LagStream) -> tuple[OnlineEstimate | None, LagStream]:
             (factor * stream.place[0], float(delay)) for factor in FACTORS for delay in delays
         ]
         stream = replace(stream, searched=stream.times.size)
-    found = [(each, one) for one in starts if (each := _at(stream, *one)) is not None]
-    if not found:
+    outcome = [(each, one) for one in starts if (each := _at(stream, *one)) is not None]
+    if not outcome:
         return None, stream
-    best, place = min(found, key=lambda pair: pair[0].cost)
+    best, place = min(outcome, key=lambda pair: pair[0].cost)
     q = len(stream.equations.names)
     for _ in range(STEPS):
         both = _at(stream, *place, best.values[:q])
@@ -152,13 +152,13 @@ def estimated(stream: LagStream) -> tuple[OnlineEstimate | None, LagStream]:
 
 
 def _at(
-    stream: LagStream, time: float, late: float, values: np.ndarray | None = None
+    stream: LagStream, time: float, delay: float, values: np.ndarray | None = None
 ) -> OnlineEstimate | None:
     """The regression with time constant of the lag and delay given, s; with ``values`` of the other
     parameters also over small changes of the two, whose coefficients follow."""
     sums = stream.sums
     filled = (
-        sums.regressors + stream.slopes[:, :, None] * _transforms(stream, time, late)[:, None, :]
+        sums.regressors + stream.slopes[:, :, None] * _transforms(stream, time, delay)[:, None, :]
     )
     whole = replace(sums, regressors=filled)
     if values is None:
@@ -168,7 +168,7 @@ def _at(
     for k, reach in enumerate((1e-3 * time, 1e-4)):
         ends = []
         for sign in (1.0, -1.0):
-            there = [time, late]
+            there = [time, delay]
             there[k] += sign * reach
             ends.append(_transforms(stream, *there))
         columns.append(size[:, None] * (ends[0] - ends[1]) / (2.0 * reach))
@@ -192,21 +192,21 @@ def _slopes(equations: OnlineEquations) -> np.ndarray:
     return np.array(rows)
 
 
-def _transforms(stream: LagStream, time: float, late: float) -> np.ndarray:
+def _transforms(stream: LagStream, time: float, delay: float) -> np.ndarray:
     """Of the pseudo-control ``(e, F)``: its integrals from row to row for rates, itself for
     readings.
     """
-    delta, whole = pseudo_control(stream.times, stream.stick, 1.0 / time, late)
-    kept = np.abs(stream.turns[:, 0]) > 0.0
-    turns, e = stream.turns[kept], len(stream.equations.states)
+    delta, whole = pseudo_control(stream.times, stream.stick, 1.0 / time, delay)
+    recorded = np.abs(stream.turns[:, 0]) > 0.0
+    turns, e = stream.turns[recorded], len(stream.equations.states)
     out = np.empty((len(stream.slopes), turns.shape[1]), dtype=complex)
-    out[:e] = np.diff(whole[kept]) @ turns[:-1]
-    out[e:] = delta[kept] @ turns
+    out[:e] = np.diff(whole[recorded]) @ turns[:-1]
+    out[e:] = delta[recorded] @ turns
     return out
 
 
 def pseudo_control(
-    times: np.ndarray, stick: np.ndarray, lag: float, late: float
+    times: np.ndarray, stick: np.ndarray, lag: float, delay: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """The pseudo-control and its integral at the rows, ``(N,)`` each, of a stick that is held.
 
@@ -220,7 +220,7 @@ def pseudo_control(
     grid = times[0] + step * np.arange(count)
     at = np.clip(np.searchsorted(times, grid + 1e-6 * step, side="right") - 1, 0, times.size - 1)
     u = stick[at] - stick[0]
-    whole, rest = divmod(max(late, 0.0), step)
+    whole, rest = divmod(max(delay, 0.0), step)
     before = np.concatenate([np.zeros(int(whole) + 1), u])[:count]
     now = np.concatenate([np.zeros(int(whole)), u])[:count]
     first, second = np.exp(-lag * rest), np.exp(-lag * (step - rest))

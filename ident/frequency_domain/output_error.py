@@ -190,15 +190,15 @@ def evaluate(problem: FrequencyProblem, theta: np.ndarray) -> FrequencyFit | Non
         delays = {i: _delay(problem, name, p) for i, name in problem.delays.items()}
         for r, record in enumerate(problem.records):
             try:
-                found = response(model, record, delays, theta[problem.columns(r)[q:]])
+                result = response(model, record, delays, theta[problem.columns(r)[q:]])
             # a root upon a harmonic, or matrices beyond all numbers
             except (np.linalg.LinAlgError, ValueError):
                 return None
-            slope = np.concatenate([found.by_parameter, found.by_ends], axis=2)
-            if not (np.all(np.abs(found.y) < LARGEST) and np.all(np.abs(slope) < LARGEST)):
+            slope = np.concatenate([result.by_parameter, result.by_ends], axis=2)
+            if not (np.all(np.abs(result.y) < LARGEST) and np.all(np.abs(slope) < LARGEST)):
                 return None
-            modelled.append(found.y)
-            residuals.append(np.where(record.known[:, None], record.outputs - found.y, 0.0))
+            modelled.append(result.y)
+            residuals.append(np.where(record.known[:, None], record.outputs - result.y, 0.0))
             slopes.append(slope)
     known = [record.known for record in problem.records]
     level, counts = levels(residuals, known, problem.bands, problem.floor)
@@ -239,12 +239,12 @@ def fit_transforms(
     def settled(fit: FrequencyFit, model: LocalModel) -> bool:
         return model.promised < 0.5 * problem.tolerance**2 or _between(costs, refused)
 
-    found = minimise(Descent(lambda fit: fit.model, trial, settled), fit, problem.iterations)
-    done = settled(found.point, found.model)
+    solution = minimise(Descent(lambda fit: fit.model, trial, settled), fit, problem.iterations)
+    done = settled(solution.point, solution.model)
     return replace(
-        found.point,
+        solution.point,
         outcome=Outcome.CONVERGED if done else Outcome.MAX_ITERATIONS,
-        iterations=found.steps,
+        iterations=solution.steps,
     )
 
 
@@ -304,8 +304,10 @@ def _refit(
         low, high = fit.problem.low.copy(), fit.problem.high.copy()
         low[j] = high[j] = value
         # Priors stay about the fit's own start: only the bounds differ.
-        found = fit_transforms(replace(fit.problem, low=low, high=high), replace(near, theta=theta))
-        return None if found is None else (found.cost, found)
+        result = fit_transforms(
+            replace(fit.problem, low=low, high=high), replace(near, theta=theta)
+        )
+        return None if result is None else (result.cost, result)
 
     return refit
 
@@ -473,19 +475,19 @@ def _problem_of(
             remedy="release at least one",
         )
     band = settings.band or band_for(records, system)
-    found = tuple(transformed(record, system, band) for record in records)
+    result = tuple(transformed(record, system, band) for record in records)
     items = [system.parameters[name] for name in names]
     prior = np.array([item.prior_std if settings.use_priors else np.inf for item in items]) ** -2.0
     return FrequencyProblem(
         system,
-        found,
+        result,
         {system.input_names.index(name): parameter for name, parameter in delays.items()},
         names,
         np.array([item.value for item in items]),
         np.array([item.bounds[0] for item in items]),
         np.array([item.bounds[1] for item in items]),
         prior,
-        tuple(one_band(len(record.omega)) for record in found),
+        tuple(one_band(len(record.omega)) for record in result),
     )
 
 
@@ -515,13 +517,13 @@ def from_best_start(problem: FrequencyProblem, records: Sequence[Record]) -> Fre
     if first is not None and first.outcome is Outcome.CONVERGED:
         return first
     try:
-        found = run_equation_error(records, problem.system)
+        estimate = run_equation_error(records, problem.system)
     except FlightidError:
         return first
-    if found.names != problem.names or not np.all(np.isfinite(found.values)):
+    if estimate.names != problem.names or not np.all(np.isfinite(estimate.values)):
         return first
     # The prior stays about the declared values: the data are not to be counted twice.
-    begun = at_start(replace(problem, start=np.clip(found.values, problem.low, problem.high)))
+    begun = at_start(replace(problem, start=np.clip(estimate.values, problem.low, problem.high)))
     second = None if begun is None else fit_transforms(problem, begun)
     return min(
         (fit for fit in (first, second) if fit is not None), key=lambda fit: fit.cost, default=None
@@ -565,18 +567,18 @@ def _turned_back(fit: FrequencyFit, r: int) -> np.ndarray:
 
 def _said(fit: FrequencyFit) -> str:
     frequencies = np.concatenate([record.omega for record in fit.problem.records]) / (2.0 * np.pi)
-    told = [
+    texts = [
         f"{len(frequencies)} harmonics from {frequencies.min():.3g} to {frequencies.max():.3g} Hz"
     ]
     if fit.levels.shape[1] > 1:
-        told.append(
+        texts.append(
             f"the noise is not level along the frequency: {fit.levels.shape[1]} bands, each with "
             "its own"
         )
     filled = sum(record.filled for record in fit.problem.records)
     if filled:
-        told.append(f"{filled} missing samples bridged")
-    return "; ".join(told)
+        texts.append(f"{filled} missing samples bridged")
+    return "; ".join(texts)
 
 
 def _failed(problem: FrequencyProblem) -> Estimate:

@@ -104,9 +104,9 @@ def transformed(record: Record, system: System, band: tuple[float, float]) -> Tr
     """
     step, count = step_of(record), len(record)
     rows, valid = record.output_array(system.output_names)
-    known = np.asarray(valid.any(axis=1))
+    usable = np.asarray(valid.any(axis=1))
     filled = 0
-    for i in np.flatnonzero(known & ~valid.all(axis=1)):
+    for i in np.flatnonzero(usable & ~valid.all(axis=1)):
         lost = int(np.count_nonzero(~valid[i]))
         if lost > FILLED * count:
             what = (
@@ -126,8 +126,8 @@ def transformed(record: Record, system: System, band: tuple[float, float]) -> Tr
         raise RecordError(what, where=record.name, remedy="widen --band")
     omega = 2.0 * np.pi * bins / (count * step)
     outputs = np.where(
-        known[:, None],
-        np.fft.rfft(np.where(known[:, None], rows, 0.0))[:, bins] / np.sqrt(count),
+        usable[:, None],
+        np.fft.rfft(np.where(usable[:, None], rows, 0.0))[:, bins] / np.sqrt(count),
         0.0,
     )
     inputs = record.input_array(system.input_names)
@@ -139,7 +139,7 @@ def transformed(record: Record, system: System, band: tuple[float, float]) -> Tr
         omega,
         np.exp(1j * omega * step),
         outputs,
-        known,
+        usable,
         inputs,
         filled,
     )
@@ -237,12 +237,12 @@ def bent(system: System, records: Sequence[Record]) -> str:
     ]
     with np.errstate(all="ignore"):
         start = _values(system, points[-1], p, np.zeros(1))
-        room = STRAIGHT * np.maximum(
+        tolerance = STRAIGHT * np.maximum(
             np.max(np.abs(matrix * sizes), axis=1), 1e-300
         ) + 1e-12 * np.abs(start[:, 0])
         for point in points:
-            found, expected = _values(system, point, p, times) - start, matrix @ point
-            off = ~np.all(np.abs(found - expected[:, None]) <= room[:, None], axis=1)
+            result, expected = _values(system, point, p, times) - start, matrix @ point
+            off = ~np.all(np.abs(result - expected[:, None]) <= tolerance[:, None], axis=1)
             if np.any(off):
                 return names[int(np.argmax(off))]
     return ""
@@ -259,13 +259,13 @@ def _values(system: System, point: np.ndarray, p: np.ndarray, times: np.ndarray)
 
 def _size(name: str, records: Sequence[Record]) -> float:
     """Largest recorded value of a signal, one where it is not recorded."""
-    found = [
+    result = [
         np.max(np.abs(channel.values[channel.valid]), initial=0.0)
         for record in records
         for channel in record.channels
         if channel.name == name
     ]
-    return float(max(found, default=0.0)) or 1.0
+    return float(max(result, default=0.0)) or 1.0
 
 
 # ---- Response of a linear model to recorded inputs at the harmonics of a record
@@ -335,11 +335,11 @@ def _stepped(
     forced = np.zeros((len(record.omega), n), dtype=complex)
     d_forced = np.zeros((len(record.omega), n, q), dtype=complex)
     for i in range(model.B.shape[1]):
-        late, part = _parted(delays.get(i, Delay()), record.step, width)
+        delay, part = _parted(delays.get(i, Delay()), record.step, width)
         for offset, G in zip(NEIGHBOURS, _gains(A, B[:, :, i], part, record), strict=True):
             if not np.any(G):
                 continue
-            U = record.shifted(i, late - offset)
+            U = record.shifted(i, delay - offset)
             forced += U[:, None] * G[0].real
             d_forced += U[:, None, None] * (G.imag / COMPLEX_STEP).T[None, :, :q]
     return Phi[0].real, Phi[:q].imag / COMPLEX_STEP, forced, d_forced
@@ -394,8 +394,8 @@ def _transition(
     q, n = len(A), A.shape[1]
     block = np.zeros((q, n + 2, n + 2), dtype=complex)
     block[:, :n, :n], block[:, :n, n], block[:, n, n + 1] = A, b, 1.0
-    found = expm(block * time[:, None, None])
-    return found[:, :n, :n], found[:, :n, n], found[:, :n, n + 1]
+    result = expm(block * time[:, None, None])
+    return result[:, :n, :n], result[:, :n, n], result[:, :n, n + 1]
 
 
 def _read(
@@ -409,9 +409,9 @@ def _read(
     dU = np.zeros((len(record.omega), count, q), dtype=complex)
     for i in range(count):
         delay = delays.get(i, Delay())
-        late, rest = _parted(Delay(delay.seconds), record.step, 1)
+        delay_value, rest = _parted(Delay(delay.seconds), record.step, 1)
         share = float(rest[0].real)
-        now, before = record.shifted(i, late), record.shifted(i, late + 1)
+        now, before = record.shifted(i, delay_value), record.shifted(i, delay_value + 1)
         if record.hold is Hold.PREVIOUS:
             U[:, i] = before if share > 0.0 else now
             continue
@@ -482,16 +482,18 @@ def coloured(
     """
     from scipy.special import gammaincc  # scipy.stats takes half a second to load
 
-    apart, count = levels(residuals, known, bands, floor)
+    split_levels, count = levels(residuals, known, bands, floor)
     together, _ = levels(residuals, known, [np.zeros_like(band) for band in bands], floor)
-    degrees = apart.shape[1] - 1
+    degrees = split_levels.shape[1] - 1
     if degrees == 0:
         return False
-    told = np.flatnonzero(count.sum(axis=1) > 0)
-    ratio = 2.0 * np.sum(count[told] * np.log(together[told] / apart[told]), axis=1)
+    determined = np.flatnonzero(count.sum(axis=1) > 0)
+    ratio = 2.0 * np.sum(
+        count[determined] * np.log(together[determined] / split_levels[determined]), axis=1
+    )
     return bool(
         np.min(gammaincc(0.5 * degrees, 0.5 * np.maximum(ratio, 0.0)), initial=1.0)
-        * max(len(told), 1)
+        * max(len(determined), 1)
         < SURE
     )
 

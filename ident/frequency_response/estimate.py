@@ -228,7 +228,7 @@ def responses_of_segments(
         std = np.where(
             _instrument_tells(of_inputs[0], averages), std, np.maximum(std, np.abs(response))
         )
-    found = FrequencyResponses(
+    result = FrequencyResponses(
         frequency,
         response,
         std,
@@ -242,8 +242,8 @@ def responses_of_segments(
         spectra,
         joint,
     )
-    leaked = _leaked(segments, left, usable_rows) if not spectra.tapers else found.leaked
-    return replace(found, usable=_usable(found, aside), leaked=leaked)
+    leaked = _leaked(segments, left, usable_rows) if not spectra.tapers else result.leaked
+    return replace(result, usable=_usable(result, aside), leaked=leaked)
 
 
 def detrended(signals: np.ndarray) -> np.ndarray:
@@ -345,13 +345,13 @@ def _smoothed(errors: np.ndarray) -> np.ndarray:
     """Squared errors ``(W, F)``, geometric means over neighbouring frequencies of one window."""
     out = errors.copy()
     for row, each in enumerate(errors):
-        known = np.isfinite(each)
-        if not known.any():
+        finite = np.isfinite(each)
+        if not finite.any():
             continue
-        logs = np.where(known, np.log(np.maximum(np.where(known, each, 1.0), 1e-300)), 0.0)
+        logs = np.where(finite, np.log(np.maximum(np.where(finite, each, 1.0), 1e-300)), 0.0)
         kernel = np.ones(min(_SIMILAR, each.size))
-        sums, count = np.convolve(logs, kernel, "same"), np.convolve(known, kernel, "same")
-        out[row] = np.where(known, np.exp(sums / np.maximum(count, 1.0)), np.inf)
+        sums, count = np.convolve(logs, kernel, "same"), np.convolve(finite, kernel, "same")
+        out[row] = np.where(finite, np.exp(sums / np.maximum(count, 1.0)), np.inf)
     return out
 
 
@@ -375,7 +375,7 @@ def _pooled(
         here = open_ & (_carried(averages, q, order) | (order == 0))
         if not here.any():
             continue
-        plain = np.arange(q) * terms
+        rows = np.arange(q) * terms
         together = max(1, _NUMBERS // (len(y) * q * terms))
         places = np.flatnonzero(here)
         for at in (places[n : n + together] for n in range(0, places.size, together)):
@@ -383,10 +383,10 @@ def _pooled(
                 segments.transforms[each, :terms][..., at].reshape(q * terms, -1, at.size)
                 for each in (inputs, left)
             )
-            found = regress(y[:, at], z, weights[:, at], segments.overlap, instruments)
-            response[:, at] = found.coefficients[:, plain].T
-            std[:, at] = np.sqrt(np.einsum("fkk->fk", found.covariance).real[:, plain]).T
-            degrees[at] = found.degrees
+            result = regress(y[:, at], z, weights[:, at], segments.overlap, instruments)
+            response[:, at] = result.coefficients[:, rows].T
+            std[:, at] = np.sqrt(np.einsum("fkk->fk", result.covariance).real[:, rows]).T
+            degrees[at] = result.degrees
         open_ &= ~here
     return response, std, degrees
 
@@ -448,7 +448,7 @@ def _instrument_tells(coherence: np.ndarray, averages: np.ndarray) -> np.ndarray
     return np.asarray(coherence[None] >= least[:, None])
 
 
-def _usable(found: FrequencyResponses, aside: np.ndarray) -> np.ndarray:
+def _usable(responses: FrequencyResponses, aside: np.ndarray) -> np.ndarray:
     """The longest run of frequencies, in octaves, whose coherence and random error reach their
     limits and whose input has power on both sides.
 
@@ -458,18 +458,18 @@ def _usable(found: FrequencyResponses, aside: np.ndarray) -> np.ndarray:
     """
     from scipy.ndimage import median_filter
 
-    out = np.zeros(found.response.shape, dtype=bool)
-    log = np.log(found.frequency)
-    for output, row in enumerate(found.partial_coherence):
+    out = np.zeros(responses.response.shape, dtype=bool)
+    log = np.log(responses.frequency)
+    for output, row in enumerate(responses.partial_coherence):
         for one, partial in enumerate(row):
-            if found.joint:
-                partial = np.minimum(found.coherence[output], found.input_coherence[one])
+            if responses.joint:
+                partial = np.minimum(responses.coherence[output], responses.input_coherence[one])
             size = min(_SIMILAR, partial.size)
             coherent, error, away = (
                 median_filter(each, size=size, mode="nearest")
-                for each in (partial, found.random_error[output, one], aside[output, one])
+                for each in (partial, responses.random_error[output, one], aside[output, one])
             )
-            good = (coherent >= found.spectra.least_coherence) & (error <= RANDOM_ERROR)
+            good = (coherent >= responses.spectra.least_coherence) & (error <= RANDOM_ERROR)
             out[output, one] = longest_run(good & (np.abs(away) <= ASIDE), log)
     return out
 

@@ -114,9 +114,9 @@ def fit_model(
     for factor in SPREAD:
         p = np.maximum(factor * begin, np.where(np.isfinite(bounds), bounds + 1e-6, -np.inf))
         scale = np.maximum(np.abs(p), 1e-2)
-        found = least_squares(residuals, p, bounds=(bounds, np.inf), x_scale=scale, max_nfev=200)
-        if found.cost < least * (1.0 - 1e-6):
-            best, least, ended = found.x, float(found.cost), found.status > 0
+        solution = least_squares(residuals, p, bounds=(bounds, np.inf), x_scale=scale, max_nfev=200)
+        if solution.cost < least * (1.0 - 1e-6):
+            best, least, ended = solution.x, float(solution.cost), solution.status > 0
     if least >= 0.5 * _FURTHEST**2:
         what = "the model has no finite responses at its starting values"
         raise ModelError(what, where="fit", remedy="check them in the vehicle file")
@@ -157,5 +157,5 @@ def _slopes(residuals: Callable[[np.ndarray], np.ndarray], p: np.ndarray) -> np.
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    plain = matrix / np.outer(scale, scale)
-    return np.asarray(np.linalg.pinv(plain, rcond=1e-12, hermitian=True) / np.outer(scale, scale))
+    scaled = matrix / np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(scaled, rcond=1e-12, hermitian=True) / np.outer(scale, scale))

@@ -133,9 +133,9 @@ def coherences(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     matrix, 1 - 1/(S_yy P_yy) and |P_iy|^2/(P_ii P_yy).
     """
     scale = np.sqrt(np.maximum(np.einsum("fss->fs", matrix).real, _SMALLEST))
-    plain = matrix / (scale[:, :, None] * scale[:, None, :])
+    scaled = matrix / (scale[:, :, None] * scale[:, None, :])
     size = matrix.shape[1]
-    inverse = np.linalg.inv(plain + 1e-13 * np.eye(size))
+    inverse = np.linalg.inv(scaled + 1e-13 * np.eye(size))
     last = inverse[:, -1, -1].real
     multiple = 1.0 - 1.0 / np.maximum(last, 1.0)
     partial = np.abs(inverse[:, :-1, -1]) ** 2 / (
@@ -360,11 +360,11 @@ def _overlap(places_in_time: bytes, owners: bytes) -> csr_array:
         known = (inside > 0.0) & (inside < 1.0)
         values = np.where(known, 0.5 - 0.5 * np.cos(2.0 * math.pi * inside), 0.0)
         scale = np.sqrt(length[row] / length[others]) / (0.375 * grid.size)
-        found = values @ shape * scale
+        result = values @ shape * scale
         longer = length[others] > length[row]
         places += [np.full(others.size, row), others[longer]]
         partners += [others, np.full(np.count_nonzero(longer), row)]
-        products += [found, found[longer]]
+        products += [result, result[longer]]
     where = (np.concatenate(places), np.concatenate(partners))
     return csr_array((np.concatenate(products), where), shape=(len(spans), len(spans)))
 
@@ -459,8 +459,8 @@ def estimate_response(
     rows = sine_segments([np.array([u, *aligned])], step, tapers, hertz, derivatives=0).transforms[
         :, 0
     ]
-    late = np.exp(-1j * omega * step * np.array(lags)[:, None])
-    U, Y = rows[0], rows[1:] * late[:, None, :]
+    shifts = np.exp(-1j * omega * step * np.array(lags)[:, None])
+    U, Y = rows[0], rows[1:] * shifts[:, None, :]
     Suu, Syy = (np.abs(U) ** 2).mean(axis=0), (np.abs(Y) ** 2).mean(axis=1)
     Syu = (Y * np.conj(U)).mean(axis=1)
     coherence = np.abs(Syu) ** 2 / np.maximum(Suu * Syy, np.finfo(float).tiny)
@@ -508,12 +508,12 @@ def model_response(
     rows = [system.output_names.index(name) for name in outputs]
     s = 1j * np.asarray(omega)
     inside = np.linalg.solve(s[:, None, None] * np.eye(len(A)) - A, B.astype(complex)[None])
-    late = (
+    delay_factor = (
         np.exp(-s * values.get(delay, 0.0))
         if delay in values
         else np.exp(-s * _held_delay(system, delay))
     )
-    return ((C[rows] @ inside + D[rows])[:, :, 0] * late[:, None]).T
+    return ((C[rows] @ inside + D[rows])[:, :, 0] * delay_factor[:, None]).T
 
 
 def fit_response(
@@ -552,15 +552,15 @@ def fit_response(
     bounds = np.array([system.parameters[name].bounds for name in free]).T
 
     def errors(p: np.ndarray) -> np.ndarray:
-        found = model_response(
+        result = model_response(
             system, dict(zip(free, p.tolist(), strict=True)), response.omega, names, delay
         )
-        ratio = np.log(found / response.response[rows])
+        ratio = np.log(result / response.response[rows])
         return np.concatenate(
             [(_DECIBEL * weight * ratio.real).ravel(), (_PHASE * weight * ratio.imag).ravel()]
         )
 
-    found = least_squares(
+    solution = least_squares(
         errors,
         start,
         bounds=(bounds[0], bounds[1]),
@@ -568,9 +568,9 @@ def fit_response(
         max_nfev=500,
     )
     return ResponseFit(
-        dict(zip(free, found.x.tolist(), strict=True)),
-        float(2.0 * found.cost / weight.size),
-        found.status > 0,
+        dict(zip(free, solution.x.tolist(), strict=True)),
+        float(2.0 * solution.cost / weight.size),
+        solution.status > 0,
     )
 
 

@@ -143,9 +143,9 @@ def form_of(text: str) -> Form:
     if text in FORMS:
         return FORMS[text]
     top, slash, bottom = text.partition("/")
-    known = f"name {', '.join(FORMS)}, or orders such as 1/2"
+    available = f"name {', '.join(FORMS)}, or orders such as 1/2"
     if not (slash and top.isascii() and top.isdigit() and bottom.isascii() and bottom.isdigit()):
-        raise ModelError(f"there is no form {text!r}", where="fit", remedy=known)
+        raise ModelError(f"there is no form {text!r}", where="fit", remedy=available)
     n, m = int(top), int(bottom)
     if not 0 <= n <= m <= 8 or m < 1:
         what = f"orders {n} and {m}"
@@ -259,9 +259,12 @@ def fit_transfer_functions(
     every = [name for form in forms for name in form.parameters]
     for name, value in fixed.items():
         if name not in every or not math.isfinite(value):
-            known = ", ".join(dict.fromkeys(every))
+            available = ", ".join(dict.fromkeys(every))
             if name not in every:
-                what, remedy = f"no form has a parameter {name!r}", f"the parameters are {known}"
+                what, remedy = (
+                    f"no form has a parameter {name!r}",
+                    f"the parameters are {available}",
+                )
             else:
                 what, remedy = f"{name} = {value} is not finite", "give a finite number"
             raise ModelError(what, where="fix", remedy=remedy)
@@ -337,11 +340,11 @@ class _Problem:
             p = np.array([start[n][name] for n, name in self.keys])
             p = np.maximum(p, np.where(np.isfinite(low), low + 1e-6, p))
             scale = np.maximum(np.abs(p), 1e-2)
-            found = least_squares(
+            solution = least_squares(
                 self.residuals, p, bounds=(low, np.inf), x_scale=scale, max_nfev=300
             )
-            if found.cost < least:
-                best, least, ended = found.x, float(found.cost), found.status > 0
+            if solution.cost < least:
+                best, least, ended = solution.x, float(solution.cost), solution.status > 0
         return best, ended
 
     def told(self, p: np.ndarray, converged: bool) -> TransferFit:
@@ -428,8 +431,8 @@ def weighted_errors(targets: Sequence[Target], ratios: Sequence[np.ndarray]) -> 
         root = np.sqrt(coherence_weight(target.coherence) * _POINTS / target.omega.size)
         out += [_DECIBEL * root * ratio.real]
         out += [math.sqrt(PHASE_WEIGHT) * _DEGREE * root * ratio.imag]
-    found = np.concatenate(out)
-    return np.where(np.isfinite(found), np.clip(found, -1e6, 1e6), 1e6)
+    result = np.concatenate(out)
+    return np.where(np.isfinite(result), np.clip(result, -1e6, 1e6), 1e6)
 
 
 def weighted_noise(targets: Sequence[Target]) -> np.ndarray:
@@ -452,8 +455,8 @@ def shared_correlation(omega: np.ndarray, length: float | np.ndarray) -> np.ndar
     """Correlation ``(F, F)`` of the errors at frequencies ``omega``, rad/s, under windows of
     ``length``, s, one or ``(F,)``: short windows, which high frequencies have, join more of them.
     """
-    apart = np.subtract.outer(omega, omega) / (2.0 * math.pi)
-    return neighbour_correlation(apart * 0.5 * np.add.outer(length, length))
+    frequency_difference = np.subtract.outer(omega, omega) / (2.0 * math.pi)
+    return neighbour_correlation(frequency_difference * 0.5 * np.add.outer(length, length))
 
 
 def neighbour_correlation(bins: np.ndarray) -> np.ndarray:

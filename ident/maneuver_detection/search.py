@@ -344,8 +344,8 @@ def find_maneuvers(signals: FlightSignals) -> tuple[Maneuver, ...]:
     above its local rest level; the motion for bank angles and load factors that are held. Of
     controls that move at the same time the strongest counts, others follow it.
     """
-    found = [each for stretch in stretches(signals) for each in _found_in(stretch)]
-    return tuple(sorted(found, key=lambda each: (each.start, each.axis)))
+    result = [each for stretch in stretches(signals) for each in _found_in(stretch)]
+    return tuple(sorted(result, key=lambda each: (each.start, each.axis)))
 
 
 def active_share(signals: FlightSignals) -> float:
@@ -464,11 +464,11 @@ def candidates_of(stretch: Stretch, name: str, activity: Activity) -> list[Maneu
     if not np.any(activity.rest > 0.0):
         return []
     values = stretch.inputs[name]
-    found = [
+    result = [
         _candidate(name, shape, activity)
         for shape in step_shapes(stretch, values, values - activity.deviation)
     ]
-    found = _from_rest([each for each in found if accepted(each)], stretch.samples(AT_REST))
+    result = _from_rest([each for each in result if accepted(each)], stretch.samples(AT_REST))
     ratio, margin = _ratio(activity), stretch.samples(MARGIN)
     for first, last in active_parts(ratio, stretch.samples(QUIET)):
         low, high = max(0, first - margin), min(ratio.size, last + margin)
@@ -476,13 +476,13 @@ def candidates_of(stretch: Stretch, name: str, activity: Activity) -> list[Maneu
         if wave is None:
             continue
         wave = replace(wave, first=wave.first + low, last=wave.last + low)
-        inside = [each for each in found if each.shape.first < last and first < each.shape.last]
+        inside = [each for each in result if each.shape.first < last and first < each.shape.last]
         explained = max((_energy(activity, each.shape) for each in inside), default=0.0)
         whole = ManeuverCandidate(name, wave, float(np.median(ratio[wave.first : wave.last])))
         many = len(inside) >= SEVERAL and whole.strength >= WEAK
         if explained < DOMINANT * _energy(activity, wave) and (accepted(whole) or many):
-            found = [*(each for each in found if each not in inside), whole]
-    return found
+            result = [*(each for each in result if each not in inside), whole]
+    return result
 
 
 def _candidate(name: str, shape: Shape, activity: Activity) -> ManeuverCandidate:

@@ -154,11 +154,11 @@ def _even(signals: FlightSignals, rows: slice, usual: float) -> Stretch:
 
     def on_grid(values: np.ndarray) -> np.ndarray | None:
         whole = np.asarray(values[rows], dtype=float)
-        known = np.isfinite(whole)
-        if np.count_nonzero(known) < 2:
+        finite = np.isfinite(whole)
+        if np.count_nonzero(finite) < 2:
             return None
-        if not even or not known.all():
-            whole = np.interp(grid, time[known], whole[known])
+        if not even or not finite.all():
+            whole = np.interp(grid, time[finite], whole[finite])
         return (
             whole[: count // block * block].reshape(-1, block).mean(axis=1) if block > 1 else whole
         )
@@ -326,7 +326,7 @@ def step_shapes(stretch: Stretch, values: np.ndarray, trim: np.ndarray) -> list[
     """
     from scipy.signal import find_peaks  # takes long to import, and most commands search nothing
 
-    found: dict[tuple[int, ...], tuple[float, Shape]] = {}
+    result: dict[tuple[int, ...], tuple[float, Shape]] = {}
     fast = _changes(stretch, values, RISES[0])
     for rise in RISES:
         moved = _changes(stretch, values, rise)
@@ -339,9 +339,9 @@ def step_shapes(stretch: Stretch, values: np.ndarray, trim: np.ndarray) -> list[
         )
         for some in (at, *(_major(at, moved, stretch.samples(NEAR), share) for share in MINOR)):
             for times in _sequences(stretch, some, moved):
-                if times not in found and (one := _pattern(control, np.array(times))) is not None:
-                    found[times] = one
-    every = [*found.values(), *_paused(values - trim, list(found.values()))]
+                if times not in result and (one := _pattern(control, np.array(times))) is not None:
+                    result[times] = one
+    every = [*result.values(), *_paused(values - trim, list(result.values()))]
     out: list[Shape] = []
     for _, shape in sorted(every, key=lambda each: (-each[0], each[1].first)):
         if not any(shape.first < other.last and other.first < shape.last for other in out):
@@ -350,13 +350,13 @@ def step_shapes(stretch: Stretch, values: np.ndarray, trim: np.ndarray) -> list[
 
 
 def _paused(
-    deviation: np.ndarray, found: Sequence[tuple[float, Shape]]
+    deviation: np.ndarray, shapes: Sequence[tuple[float, Shape]]
 ) -> Iterator[tuple[float, Shape]]:
     """Doublets with a pause between their halves: pulses of opposite sign and like duration, apart
     by no more than the shorter of them.
     """
     pulses = sorted(
-        ((merit, one) for merit, one in found if one.kind == "pulse"),
+        ((merit, one) for merit, one in shapes if one.kind == "pulse"),
         key=lambda each: each[1].first,
     )
     for i, (merit, one) in enumerate(pulses):
@@ -462,10 +462,10 @@ def _sequences(stretch: Stretch, at: np.ndarray, moved: np.ndarray) -> Iterator[
 def _pattern(control: _Control, at: np.ndarray) -> tuple[float, Shape] | None:
     """The pattern that some level changes make, with its merit; None where they make none."""
     kind = _kind(np.diff(at) * control.stretch.step)
-    found = _levels(control, at) if kind else None
-    if kind is None or found is None:
+    result = _levels(control, at) if kind else None
+    if kind is None or result is None:
         return None
-    flatness, levels, energy = found
+    flatness, levels, energy = result
     edge = float(np.min(np.abs(control.moved[at]) / control.rest[at]))
     jumps = np.abs(np.diff([0.0, *levels, 0.0]))
     fast = [
@@ -515,9 +515,9 @@ def _levels(control: _Control, at: np.ndarray) -> tuple[float, np.ndarray, float
         )
         scatter += float(np.sum((part - levels[-1] - line) ** 2))
         weight += part.size
-    found = np.array(levels)
-    largest = float(np.max(np.abs(found)))
-    if np.any(found[1:] * found[:-1] >= 0.0) or np.min(np.abs(found)) < LEVELS * largest:
+    result = np.array(levels)
+    largest = float(np.max(np.abs(result)))
+    if np.any(result[1:] * result[:-1] >= 0.0) or np.min(np.abs(result)) < LEVELS * largest:
         return None
     jumps = control.moved[at]
     cancel = abs(float(jumps.sum())) <= CANCEL * float(np.max(np.abs(jumps)))
@@ -527,7 +527,7 @@ def _levels(control: _Control, at: np.ndarray) -> tuple[float, np.ndarray, float
     if abs(offset) > (RETURN if at.size == 2 else 1.0) * largest:
         return None
     flatness = 1.0 - float(np.sqrt(scatter / weight)) / largest
-    return flatness, found, float(np.sum((found + offset) ** 2 * np.diff(at)))
+    return flatness, result, float(np.sum((result + offset) ** 2 * np.diff(at)))
 
 
 def _slope(values: np.ndarray) -> float:

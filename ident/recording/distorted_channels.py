@@ -259,12 +259,12 @@ def _is_load(
     return expected > CORNER * std and abs(corner) < 0.5 * expected
 
 
-def _still(inputs: Sequence[np.ndarray], count: int, apart: int) -> np.ndarray:
-    """Rows at which no input steps within ``apart`` rows."""
+def _still(inputs: Sequence[np.ndarray], count: int, spacing: int) -> np.ndarray:
+    """Rows at which no input steps within ``spacing`` rows."""
     steps = np.zeros(count)
     for values in inputs:
         steps[1:-1] += np.abs(np.diff(values, 2)) > INPUT_QUIET * float(np.ptp(values))
-    return np.asarray(np.convolve(steps, np.ones(2 * apart + 3), mode="same") < 0.5)
+    return np.asarray(np.convolve(steps, np.ones(2 * spacing + 3), mode="same") < 0.5)
 
 
 def _zero_steps_finding(series: Series, row: int, size: float) -> RecordFinding:
@@ -459,11 +459,11 @@ def _over_floor(power: np.ndarray, first: int) -> np.ndarray:
     return np.asarray(some / np.maximum(floor, 1e-300))
 
 
-def _refined(bent: np.ndarray, step: float, near: float, apart: float) -> float:
+def _refined(bent: np.ndarray, step: float, near: float, spacing: float) -> float:
     """The line's frequency between two bins, Hz."""
     number = np.arange(len(bent))
     window = np.hanning(len(bent) + 2)[1:-1]
-    grid = near + apart * np.linspace(-1.0, 1.0, 41)
+    grid = near + spacing * np.linspace(-1.0, 1.0, 41)
     turn = np.exp(-2j * math.pi * step * grid[:, None] * number[None, :])
     return float(grid[int(np.argmax(np.abs(turn @ (window * bent))))])
 

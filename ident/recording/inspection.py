@@ -122,13 +122,13 @@ def _control_agrees(columns: FlownColumns, factor: float, expected: Expectations
     """
     if expected.control_power is None or not expected.control_power or not expected.angular_control:
         return False
-    apart = []
+    estimates = []
     for some in (columns, columns.times({"time": factor})):
-        found = control_power(some)
-        if found is None or not sure(found) or found.value * expected.control_power <= 0.0:
+        power = control_power(some)
+        if power is None or not sure(power) or power.value * expected.control_power <= 0.0:
             return False
-        apart.append(abs(math.log(found.value / expected.control_power)))
-    return apart[1] < min(CLOSE, 0.5 * apart[0])
+        estimates.append(abs(math.log(power.value / expected.control_power)))
+    return estimates[1] < min(CLOSE, 0.5 * estimates[0])
 
 
 # ---- Columns that are not what their header says
@@ -174,24 +174,24 @@ def misread(record: Record, expected: Expectations) -> list[RecordFinding]:
     columns = columns_of(record, expected)
     if columns is None:
         return far
-    found = _of_columns(columns, expected)
-    if far and not any(one.kind is Kind.EXCHANGED for one in found):
+    result = _of_columns(columns, expected)
+    if far and not any(one.kind is Kind.EXCHANGED for one in result):
         return far
     return (
-        [_of_az(one) for one in found]
+        [_of_az(one) for one in result]
         if "az" in record.output_names and "nz" not in record.output_names
-        else found
+        else result
     )
 
 
 def _of_columns(columns: FlownColumns, expected: Expectations) -> list[RecordFinding]:
     shares = disagreement(columns)
     as_read = max(shares.values(), default=0.0)
-    found = _of_lift(columns, as_read) or _of_angles(columns, as_read)
-    if found is None and as_read > SUSPECT:
-        found = _best(columns, as_read, expected)
-    if found is not None:
-        return [found]
+    result = _of_lift(columns, as_read) or _of_angles(columns, as_read)
+    if result is None and as_read > SUSPECT:
+        result = _best(columns, as_read, expected)
+    if result is not None:
+        return [result]
     return _of_control(columns, expected) if shares and as_read <= WRONG else []
 
 
@@ -216,7 +216,7 @@ def _far(channel: Channel) -> RecordFinding | None:
     )
     if reach <= LARGEST:
         return None
-    told = f"moves by {reach:.3g} rad ({math.degrees(reach):.3g} deg)"
+    text = f"moves by {reach:.3g} rad ({math.degrees(reach):.3g} deg)"
     remedy = (
         f"if the column is in degrees, name it {channel.name}_deg or say so in a channel map; if "
         f"it is right, {channel.name} = false there"
@@ -225,7 +225,7 @@ def _far(channel: Channel) -> RecordFinding | None:
         channel.name,
         Kind.UNIT,
         Certainty.CERTAIN,
-        told,
+        text,
         remedy,
         numbers={"reach": Number(reach, "rad")},
     )
@@ -238,12 +238,12 @@ def _gravity(channel: Channel) -> RecordFinding | None:
     middle = float(np.median(channel.values[channel.valid]))
     if not LEVEL[0] < abs(middle) < LEVEL[1]:
         return None
-    told = f"is in m/s2, not in g: its middle is {middle:.3g}"
+    text = f"is in m/s2, not in g: its middle is {middle:.3g}"
     return RecordFinding(
         channel.name,
         Kind.UNIT,
         Certainty.CERTAIN,
-        told,
+        text,
         NZ_REMEDY,
         numbers={"middle": Number(middle, "g")},
     )
@@ -258,21 +258,21 @@ def _of_lift(columns: FlownColumns, as_read: float) -> RecordFinding | None:
         return None
     lag, step = lag_of(columns), float(np.median(np.diff(columns.time)))
     alpha = change(y["alpha"], lag)
-    shifts = sorted({min(round(late / step), len(alpha) // 4) for late in SHIFTS})
+    shifts = sorted({min(round(shift / step), len(alpha) // 4) for shift in SHIFTS})
 
     def goes_with_alpha(values: np.ndarray) -> float:
         """The largest correlation of changes, either column up to ``SHIFTS`` late."""
         other = change(values, lag)
         with np.errstate(invalid="ignore"):
-            found = [
+            result = [
                 float(np.nan_to_num(np.corrcoef(alpha[k:], other[: len(other) - k])[0, 1]))
                 for k in shifts
             ]
-            found += [
+            result += [
                 float(np.nan_to_num(np.corrcoef(alpha[: len(alpha) - k], other[k:])[0, 1]))
                 for k in shifts
             ]
-        return max(found, key=abs)
+        return max(result, key=abs)
 
     together = goes_with_alpha(y["nz"])
     turned = max(disagreement(columns.times({"nz": -1.0})).values())
@@ -332,12 +332,12 @@ def _of_angles(columns: FlownColumns, as_read: float) -> RecordFinding | None:
     )
     if other > SUITS or READINGS_CLEARLY * other > as_read:
         return None
-    told = "are in degrees, not in radians: with nz the kinematics hold only so"
+    text = "are in degrees, not in radians: with nz the kinematics hold only so"
     return RecordFinding(
         " and ".join(names),
         Kind.UNIT,
         Certainty.CERTAIN,
-        told,
+        text,
         "say their units in a channel map",
         numbers={"unexplained": Number(as_read, "1")},
     )
@@ -418,10 +418,10 @@ def _pitching(
     """Whether the control has the power that the vehicle's data say, None where it cannot be relied
     on; and that power.
     """
-    found = control_power(columns)
-    if found is None or not sure(found) or not expected.control_power:
-        return None, found
-    return _fits(found.value, expected), found
+    power = control_power(columns)
+    if power is None or not sure(power) or not expected.control_power:
+        return None, power
+    return _fits(power.value, expected), power
 
 
 def _fits(power: float, expected: Expectations) -> bool:
@@ -472,16 +472,16 @@ def _of_control(columns: FlownColumns, expected: Expectations) -> list[RecordFin
     """A control whose sign, or unit, is not that of the vehicle's data."""
     if expected.control_power is None or not expected.control_power:
         return []
-    found = control_power(columns)
-    if found is None or not sure(found) or _contradicted(columns, found.value):
+    power = control_power(columns)
+    if power is None or not sure(power) or _contradicted(columns, power.value):
         return []
-    ratio, name = found.value / expected.control_power, columns.control_name
+    ratio, name = power.value / expected.control_power, columns.control_name
     told = (
-        f"its pitch acceleration is {found.value:+.3g} rad/s2 per unit, the vehicle file says "
+        f"its pitch acceleration is {power.value:+.3g} rad/s2 per unit, the vehicle file says "
         f"{expected.control_power:+.3g}"
     )
     numbers = {
-        "control_power": Number(found.value, "rad/s2"),
+        "control_power": Number(power.value, "rad/s2"),
         "expected": Number(expected.control_power, "rad/s2"),
     }
     if ratio < 0.0:
@@ -554,19 +554,19 @@ def inspect(record: Record, expected: Expectations | None = None) -> tuple[Recor
     ]
     inputs = [series_of(record, channel) for channel in record.inputs]
     masked: dict[str, np.ndarray] = {}
-    found = missing_rows(record) if len(record) >= FEWEST else []
+    result = missing_rows(record) if len(record) >= FEWEST else []
     for series in outputs:
         others = [other for other in outputs if other is not series]
-        found += _samples(series, others, inputs, len(record), masked)
+        result += _samples(series, others, inputs, len(record), masked)
     for series in inputs:
-        found += [
+        result += [
             *dropouts(series, len(record), is_input=True),
             *clipped(series, len(record), is_input=True),
         ]
         filled = interpolated(series, len(record), is_input=True)
-        found += [filled] if filled is not None else []
+        result += [filled] if filled is not None else []
     limited = [one for series in inputs if (one := band_limited(series)) is not None]
-    found += limited
+    result += limited
     clean = _without(record, masked)
     whole = [
         series_of(clean, clean[series.name])
@@ -581,17 +581,17 @@ def inspect(record: Record, expected: Expectations | None = None) -> tuple[Recor
             hum(series, inputs),
             _band_limited(series, limited),
         )
-        found += [one for one in looked if one is not None]
-    found += zero_steps(
+        result += [one for one in looked if one is not None]
+    result += zero_steps(
         [series for series in whole if series.least_bit <= 2.0 * max(series.noise, 1e-300)],
         inputs,
         masked,
         over,
     )
     if expected.aircraft:
-        found += misread(clean, expected)
-    found += height_unit(clean, expected)
-    return tuple(sorted(found, key=lambda one: ORDER.index(one.certainty)))
+        result += misread(clean, expected)
+    result += height_unit(clean, expected)
+    return tuple(sorted(result, key=lambda one: ORDER.index(one.certainty)))
 
 
 def _samples(
@@ -628,15 +628,15 @@ def _band_limited(series: Series, inputs: Sequence[RecordFinding]) -> RecordFind
     """An output's end of the spectrum, unless that of an input explains it: a motion without noise
     ends where what excites it does.
     """
-    found = band_limited(series)
+    result = band_limited(series)
     return (
         None
-        if found is None
+        if result is None
         or any(
-            0.5 < one.numbers["cutoff"].value / found.numbers["cutoff"].value < 2.0
+            0.5 < one.numbers["cutoff"].value / result.numbers["cutoff"].value < 2.0
             for one in inputs
         )
-        else found
+        else result
     )
 
 

@@ -85,12 +85,14 @@ def columns_of(record: Record, expected: Expectations) -> FlownColumns | None:
     if len(outputs) < 1:
         return None
     control = record.inputs[0] if record.inputs else None
-    known = [
+    finite_rows = [
         np.flatnonzero(record[name].valid)
         for name in (*JOINED, "az")
         if name in record.output_names
     ]
-    sparse = max(int(np.median(np.diff(rows))) if len(rows) > 1 else len(record) for rows in known)
+    sparse = max(
+        int(np.median(np.diff(rows))) if len(rows) > 1 else len(record) for rows in finite_rows
+    )
     over = (
         expected.gravity / expected.airspeed
         if expected.airspeed
@@ -170,7 +172,7 @@ def unexplained_lift(columns: FlownColumns) -> tuple[float, float] | None:
         change(integral(columns.time, values - np.mean(values)), lag)
         for values in (y["nz"], y["alpha"], control)
     )
-    shifts = sorted({min(round(late / step), len(load) // 4) for late in SHIFTS})
+    shifts = sorted({min(round(shift / step), len(load) // 4) for shift in SHIFTS})
     pairs = [(load[: len(load) - k], flow[k:], surface[: len(load) - k]) for k in shifts]
     pairs += [(load[k:], flow[: len(load) - k], surface[: len(load) - k]) for k in shifts]
     return min(_share_of_lift(*each) for each in pairs), len(load) / lag
@@ -401,18 +403,18 @@ def control_power(columns: FlownColumns) -> ControlPower | None:
             np.cumsum((columns.control - np.mean(columns.control))[:-1] * np.diff(columns.time)),
         ]
     )
-    found = [
+    result = [
         fitted
-        for late in CONTROL_LATE
-        if (fitted := _fitted(left, sums, change(_late(columns.time, moved, late), lag), lag))
+        for delay in CONTROL_LATE
+        if (fitted := _fitted(left, sums, change(_late(columns.time, moved, delay), lag), lag))
         is not None
     ]
-    if not found:
+    if not result:
         return None
-    best = max(found, key=lambda one: one.explained)
+    best = max(result, key=lambda one: one.explained)
     return replace(
         best,
-        opposed=max((one.explained for one in found if one.value * best.value < 0.0), default=0.0),
+        opposed=max((one.explained for one in result if one.value * best.value < 0.0), default=0.0),
     )
 
 
@@ -458,8 +460,8 @@ def _fitted(
     )
 
 
-def _late(time: np.ndarray, moved: np.ndarray, late: float) -> np.ndarray:
-    return moved if late == 0.0 else np.interp(time - late, time, moved)
+def _late(time: np.ndarray, moved: np.ndarray, delay: float) -> np.ndarray:
+    return moved if delay == 0.0 else np.interp(time - delay, time, moved)
 
 
 # ---- A height that is not in metres
@@ -488,11 +490,11 @@ def height_unit(record: Record, expected: Expectations) -> list[RecordFinding]:
     if np.count_nonzero(channel.valid) < 2 * FEWEST_SAMPLES:
         return []
     as_read = _unexplained(record.time, channel, 1.0, expected)
-    found = sorted(
+    result = sorted(
         (_unexplained(record.time, channel, factor, expected), unit)
         for unit, factor in LENGTHS.items()
     )
-    (best, unit), (second, _) = found[:2]
+    (best, unit), (second, _) = result[:2]
     if best > RIGHT or CLEARLY * best > min(as_read, second):
         return []
     told = (

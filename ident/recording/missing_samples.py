@@ -40,11 +40,11 @@ def dropouts(series: Series, count: int, *, is_input: bool = False) -> list[Reco
     """Zeros and fill values among samples that are elsewhere, masked; in an input, which must have
     no gap, a warning.
     """
-    found = [("exact zeros", 0.0, _zeros(series))]
+    result = [("exact zeros", 0.0, _zeros(series))]
     fill, at = _fill(series)
-    found.append((f"the fill value {fill:g}", fill, at))
+    result.append((f"the fill value {fill:g}", fill, at))
     out = []
-    for word, value, where in found:
+    for word, value, where in result:
         if not np.any(where):
             continue
         runs = runs_of(where)
@@ -123,9 +123,9 @@ def _sudden(values: np.ndarray, begin: int, end: int, least: float) -> bool:
 
 
 def _fill(series: Series) -> tuple[float, np.ndarray]:
-    found = fill_value(series.values, series.noise)
-    at = np.zeros(len(series.values), dtype=bool) if found is None else series.values == found
-    return found or 0.0, at
+    result = fill_value(series.values, series.noise)
+    at = np.zeros(len(series.values), dtype=bool) if result is None else series.values == result
+    return result or 0.0, at
 
 
 def fill_value(values: np.ndarray, noise: float = 0.0) -> float | None:
@@ -317,11 +317,11 @@ def stuck(
     longest = max(last - first for first, last in times)
     places = f"{len(times)} times, " if len(times) > 1 else ""
     what = "are exact zeros" if len(void) == len(chosen) else "repeat the one before exactly"
-    told = f"is stuck {places}{_between(times)}: {int(np.count_nonzero(mask))} samples {what}"
+    text = f"is stuck {places}{_between(times)}: {int(np.count_nonzero(mask))} samples {what}"
     numbers = {"longest": Number(longest, "s"), "runs": Number(float(len(times)), "1")}
     remedy = "see why the channel stood; cut the record there if much of a maneuver is lost"
     return RecordFinding(
-        series.name, Kind.STUCK, Certainty.COSTS_INFORMATION, told, remedy, times, numbers, mask
+        series.name, Kind.STUCK, Certainty.COSTS_INFORMATION, text, remedy, times, numbers, mask
     )
 
 
@@ -491,21 +491,21 @@ def interpolated(
     """
     if len(series.values) < 2 * UPDATES:
         return None
-    found = _straight(series, inputs) or _cubic(series, inputs)
-    if found is None:
+    result = _straight(series, inputs) or _cubic(series, inputs)
+    if result is None:
         return None
     step = float(np.median(np.diff(series.time)))
-    filled = int(np.count_nonzero(~found.fresh))
-    rate = f"measured every {found.period:.3g} samples ({1.0 / (found.period * step):.3g} Hz)"
+    filled = int(np.count_nonzero(~result.fresh))
+    rate = f"measured every {result.period:.3g} samples ({1.0 / (result.period * step):.3g} Hz)"
     told = (
-        f"is interpolated: {rate}, with {found.curve} between: {filled} of {len(series.values)} "
+        f"is interpolated: {rate}, with {result.curve} between: {filled} of {len(series.values)} "
         "samples follow from their neighbours"
     )
-    numbers = {"period": Number(found.period * step, "s"), "samples": Number(found.period, "1")}
+    numbers = {"period": Number(result.period * step, "s"), "samples": Number(result.period, "1")}
     if is_input:
         return RecordFinding(series.name, Kind.INTERPOLATED, Certainty.NOTED, told, "", (), numbers)
     mask = np.zeros(count, dtype=bool)
-    mask[series.rows[~found.fresh]] = True
+    mask[series.rows[~result.fresh]] = True
     remedy = "export the channel at the rate at which it was measured"
     return RecordFinding(
         series.name, Kind.INTERPOLATED, Certainty.COSTS_INFORMATION, told, remedy, (), numbers, mask

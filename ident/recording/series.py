@@ -257,9 +257,9 @@ def _converter_step(values: np.ndarray, exact: float) -> float:
     if moving.size < FEWEST:
         return 0.0
     starts = np.quantile(moving, (0.02, 0.1, 0.2, 0.3, 0.4, 0.5))
-    found = max(_lattice_step(sizes, start) for start in starts.tolist())
+    result = max(_lattice_step(sizes, start) for start in starts.tolist())
     turning = float(np.mean(differences[1:] * differences[:-1] < 0.0))
-    return found or (
+    return result or (
         _blurred_step(moving)
         if exact < FINE_DIGITS * float(np.median(moving)) and turning > TURNS
         else 0.0
@@ -289,7 +289,7 @@ def _blurred_step(moving: np.ndarray) -> float:
     they usually are, and two multiples of it or more occur: a triangle has one.
     """
     usual = float(np.median(moving))
-    best, found = SHARE, 0.0
+    best, result = SHARE, 0.0
     for step in np.geomspace(usual / LATTICE, 2.0 * usual, 100).tolist():
         ratio = moving[moving < LATTICE * step] / step
         if ratio.size < ENOUGH:
@@ -298,8 +298,8 @@ def _blurred_step(moving: np.ndarray) -> float:
         inside = np.abs(ratio - count) < SPREAD
         share, occurring = float(np.mean(inside)), np.bincount(count[inside].astype(int))
         if share > best and np.max(occurring) < MOST_OTHERS * np.sum(occurring):
-            best, found = share, step
-    return found
+            best, result = share, step
+    return result
 
 
 def scaled_differences(time: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -418,11 +418,11 @@ def changing_noise(
     if not series.white or series.noise < BITS * series.least_bit:
         return None
     for parts in PARTS:
-        found = _between_parts(
+        result = _between_parts(
             series, min(parts, len(series.values) // NOISE_LEVEL_FEWEST), count, (inputs, others)
         )
-        if found is not None:
-            return found
+        if result is not None:
+            return result
     return None
 
 
@@ -432,18 +432,18 @@ def _parts(series: Series, parts: int, inputs: Sequence[Series]) -> list[_NoiseP
     fourth = fourth_differences(series.time, series.values)
     out = []
     for rows in np.array_split(np.arange(len(fourth)), parts):
-        known = np.isfinite(fourth[rows])
-        if np.count_nonzero(known) < NOISE_LEVEL_FEWEST // 2:
+        finite = np.isfinite(fourth[rows])
+        if np.count_nonzero(finite) < NOISE_LEVEL_FEWEST // 2:
             continue
         level = max(
-            robust_sigma_about_zero(fourth[rows][known]),
+            robust_sigma_about_zero(fourth[rows][finite]),
             0.5 * series.least_bit,
             SMALLEST * series.span,
         )
         if level > 0.0:
-            white = robust_sigma_about_zero(second[rows][known]) < MOTION * level
+            white = robust_sigma_about_zero(second[rows][finite]) < MOTION * level
             begin, end = float(series.time[rows[0]]), float(series.time[rows[-1] + 4])
-            steps, rough4 = np.diff(series.values[rows[0] : rows[-1] + 5]), fourth[rows][known]
+            steps, rough4 = np.diff(series.values[rows[0] : rows[-1] + 5]), fourth[rows][finite]
             power = float(np.mean(steps**2) - 2.0 * np.mean(rough4**2))
             slow = (
                 power < float(np.mean(rough4**2))
@@ -457,7 +457,7 @@ def _parts(series: Series, parts: int, inputs: Sequence[Series]) -> list[_NoiseP
                     slow,
                     float(np.sqrt(max(power, 0.0))),
                     rough,
-                    int(np.count_nonzero(known)),
+                    int(np.count_nonzero(finite)),
                     (begin, end),
                 )
             )
@@ -516,18 +516,18 @@ def _between_parts(
         return None
     inputs, others = beside
     every = _parts(series, parts, inputs)
-    found = [one for one in every if one.white]
+    result = [one for one in every if one.white]
     pairs = [
         (quiet, loud)
-        for quiet in found
-        for loud in found
+        for quiet in result
+        for loud in result
         if loud.level > quiet.level and _sure(quiet, loud) and not _shared(quiet, loud, others)
     ]
-    if len(found) < 3 or not pairs:
+    if len(result) < 3 or not pairs:
         return None
     low, high = max(pairs, key=lambda pair: pair[1].level / pair[0].level)
-    told = "has noise that changes along the record: "
-    told += ", ".join(
+    text = "has noise that changes along the record: "
+    text += ", ".join(
         f"{shown(one.level, series.unit)} from {one.times[0]:.4g} to {one.times[1]:.4g} s"
         for one in (low, high)
     )
@@ -535,7 +535,7 @@ def _between_parts(
     mask = np.zeros(count, dtype=bool)
     between = float(np.sqrt(low.level * high.level))
     above = [loud.level for _, loud in pairs if loud.level > between]
-    below = [one.level for one in found if one.level <= between]
+    below = [one.level for one in result if one.level <= between]
     if np.median(above) > LOUD * np.median(below):
         loud = _loud(fourth_differences(series.time, series.values), between, len(series.values))
         moved = [
@@ -549,7 +549,7 @@ def _between_parts(
             series.name,
             Kind.NOISE_LEVEL,
             Certainty.COSTS_INFORMATION,
-            told,
+            text,
             "",
             (high.times,),
             numbers,
@@ -560,7 +560,7 @@ def _between_parts(
         "if it is a fault"
     )
     return RecordFinding(
-        series.name, Kind.NOISE_LEVEL, Certainty.LIKELY, told, remedy, (high.times,), numbers
+        series.name, Kind.NOISE_LEVEL, Certainty.LIKELY, text, remedy, (high.times,), numbers
     )
 
 
@@ -574,8 +574,8 @@ def _inside(time: np.ndarray, parts: Sequence[_NoisePart]) -> np.ndarray:
 
 def _loud(fourth: np.ndarray, above: float, count: int) -> np.ndarray:
     """Which of ``count`` samples lie where the noise, over a short window, is above a level."""
-    known = np.isfinite(fourth)
-    padded = np.pad(np.where(known, np.abs(fourth), np.nan), WINDOW, mode="reflect")
+    finite = np.isfinite(fourth)
+    padded = np.pad(np.where(finite, np.abs(fourth), np.nan), WINDOW, mode="reflect")
     local = ROBUST * np.nanmedian(
         np.lib.stride_tricks.sliding_window_view(padded, 2 * WINDOW + 1), axis=1
     )

@@ -77,10 +77,10 @@ def determined_and_open(
         return np.zeros((0, 0)), np.zeros((0, 0))
     square, values, vectors = _spectrum(information, size)
     least = UNDETERMINED * (float(values[-1]) if values[-1] > 0 else 1.0)
-    known = values > least
+    determined = values > least
     return (
-        square * ((vectors[:, known] / values[known]) @ vectors[:, known].T),
-        square * ((vectors[:, ~known] / least) @ vectors[:, ~known].T),
+        square * ((vectors[:, determined] / values[determined]) @ vectors[:, determined].T),
+        square * ((vectors[:, ~determined] / least) @ vectors[:, ~determined].T),
     )
 
 
@@ -94,8 +94,8 @@ def variance_along(covariance: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """
     n = covariance.shape[0]
     sizes = np.abs(rows) @ np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    found = np.einsum("ki,ij,kj->k", rows, covariance, rows)
-    return np.asarray(np.maximum(found, 0.0) + n * np.finfo(float).eps * sizes**2)
+    result = np.einsum("ki,ij,kj->k", rows, covariance, rows)
+    return np.asarray(np.maximum(result, 0.0) + n * np.finfo(float).eps * sizes**2)
 
 
 def bounded_inverse(information: np.ndarray) -> np.ndarray:
@@ -103,8 +103,10 @@ def bounded_inverse(information: np.ndarray) -> np.ndarray:
     scaled information.
     """
     square, values, vectors = _spectrum(information, 0.0)
-    told = values > FOLLOWED * max(float(values[-1]), 1e-300)
-    return square * ((vectors * np.where(told, 1.0 / np.where(told, values, 1.0), 0.0)) @ vectors.T)
+    determined = values > FOLLOWED * max(float(values[-1]), 1e-300)
+    return square * (
+        (vectors * np.where(determined, 1.0 / np.where(determined, values, 1.0), 0.0)) @ vectors.T
+    )
 
 
 def _spectrum(
@@ -208,10 +210,10 @@ def determination(
     determine; ``M >= n`` is not needed.
     """
     prior = np.asarray(prior_std, dtype=float)
-    _, found, rows = np.linalg.svd(
+    _, result, rows = np.linalg.svd(
         sensitivities * prior, full_matrices=len(sensitivities) < len(names)
     )
-    strengths = np.concatenate([found, np.zeros(len(names) - len(found))])
+    strengths = np.concatenate([result, np.zeros(len(names) - len(result))])
     directions = rows.T
     variance = 1.0 / (1.0 + strengths**2)
     posterior = directions**2 @ variance
@@ -288,10 +290,10 @@ class _Side(Generic[State]):
         """Square root of twice the drop, over that of the inflated threshold's unit; infinite where
         there is no refit.
         """
-        found = self.refit(at, self.state)
-        if found is None or not math.isfinite(found[0]):
+        result = self.refit(at, self.state)
+        if result is None or not math.isfinite(result[0]):
             return math.inf
-        cost, self.state = found
+        cost, self.state = result
         self.better = max(self.better, self.cost - cost)
         return math.sqrt(max(2.0 * (cost - self.cost), 0.0))
 
@@ -439,8 +441,8 @@ def clustered_share(
     runs, shares = len(of), counts / of
     if np.all(of == 1.0) or np.ptp(shares) == 0.0:
         return clopper_pearson(float(shares.sum()), runs, level)
-    drawn = (rng.integers(runs, size=runs) for _ in range(DRAWS))
-    resampled = [counts[rows].sum() / of[rows].sum() for rows in drawn]
+    samples = (rng.integers(runs, size=runs) for _ in range(DRAWS))
+    resampled = [counts[rows].sum() / of[rows].sum() for rows in samples]
     low, high = np.quantile(resampled, [0.5 * (1.0 - level), 0.5 * (1.0 + level)])
     return float(low), float(high)
 

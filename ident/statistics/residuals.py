@@ -142,9 +142,9 @@ def residual_tests(
         if np.any(mask)
     ]
     tests += [
-        found
+        result
         for (row, mask), name in zip(rows, estimate.output_names, strict=True)
-        if (found := residual_size(row, mask, name)) is not None
+        if (result := residual_size(row, mask, name)) is not None
     ]
     return tuple(tests) if history is None else (*tests, innovation_size(history))
 
@@ -233,14 +233,16 @@ def share_from_inputs(
     rows = _past_means(inputs, interval)
     half = slice(0, count // 2), slice(count // 2, count)
     shares = np.zeros(len(residuals))
-    for i, (residual, known) in enumerate(zip(residuals, valid, strict=True)):
-        series = np.where(known, residual - (residual[known].mean() if known.any() else 0.0), 0.0)
+    for i, (residual, usable) in enumerate(zip(residuals, valid, strict=True)):
+        series = np.where(
+            usable, residual - (residual[usable].mean() if usable.any() else 0.0), 0.0
+        )
         left, total = 0.0, float(series @ series)
         for fitted, held in (half, half[::-1]):
-            a = np.where(known[fitted, None], rows[fitted], 0.0)
+            a = np.where(usable[fitted, None], rows[fitted], 0.0)
             ridge = RIDGE * len(a) * np.eye(a.shape[1])
             weights = np.linalg.solve(a.T @ a + ridge, a.T @ series[fitted])
-            left += float(np.sum((series[held] - rows[held] @ weights)[known[held]] ** 2))
+            left += float(np.sum((series[held] - rows[held] @ weights)[usable[held]] ** 2))
         shares[i] = 1.0 - left / total if total > 0.0 else 0.0
     return shares
 
@@ -344,9 +346,9 @@ def compare_estimates(first: Estimate, second: Estimate, limit: float = BEYOND) 
             float(second.std[b[k]]),
         )
         rows.append(Difference(name, first.units[a[k]], *values, z, abs(z) > limit))
-    kept = scale > 0
-    whole = P[np.ix_(kept, kept)] / np.outer(scale[kept], scale[kept])
-    white = d[kept] / scale[kept]
+    usable = scale > 0
+    whole = P[np.ix_(usable, usable)] / np.outer(scale[usable], scale[usable])
+    white = d[usable] / scale[usable]
     statistic = float(white @ np.linalg.pinv(whole, hermitian=True) @ white)
     degrees = int(np.linalg.matrix_rank(whole, hermitian=True))
     ordered = tuple(sorted(rows, key=lambda item: -abs(item.z)))

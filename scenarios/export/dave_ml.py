@@ -112,8 +112,8 @@ def _variable(
     given: bool = False,
 ) -> XML.Element:
     """A variable: given from outside, constant, or calculated by what is added to it."""
-    told = UNITS.get(unit, unit.replace("/", "_"))
-    element = XML.SubElement(root, "variableDef", name=long, varID=name, units=told)
+    unit_name = UNITS.get(unit, unit.replace("/", "_"))
+    element = XML.SubElement(root, "variableDef", name=long, varID=name, units=unit_name)
     if value is not None:
         element.set("initialValue", repr(float(value)))
     if given:

@@ -99,8 +99,8 @@ def exported(
     ------
     DeclarationError : an effect of the model needs the whole record.
     """
-    known = {item.name for item in model.parameters}
-    chosen = {name: value for name, value in (values or {}).items() if name in known}
+    parameter_names = {item.name for item in model.parameters}
+    chosen = {name: value for name, value in (values or {}).items() if name in parameter_names}
     model = model.with_values(chosen)
     given = {item.name for item in model.initial}
     model = model.with_initial(
@@ -148,19 +148,19 @@ def model_of_study(folder: Path, user_model: Path | OwnModel | None = None) -> E
 
     file = read_kept(folder)
     vehicle = vehicle_of_study(file, user_model)
-    kept = file.model()
+    stored = file.model()
     model = model_of_file(vehicle)
-    if kept.after.effects:
-        model = model.with_effects(*kept.after.effects)
+    if stored.after.effects:
+        model = model.with_effects(*stored.after.effects)
     starts = {
         key[:-3]: value
-        for key, value in (kept.after.own[0] if kept.after.own else {}).items()
+        for key, value in (stored.after.own[0] if stored.after.own else {}).items()
         if key.endswith("(0)")
     }
     declared = None
-    if kept.model == AIRCRAFT:
-        declared = _aircraft_of(kept.vehicle_text, folder)
-    return exported(vehicle.name, model, kept.after.shared, starts, declared, kept.made_by)
+    if stored.model == AIRCRAFT:
+        declared = _aircraft_of(stored.vehicle_text, folder)
+    return exported(vehicle.name, model, stored.after.shared, starts, declared, stored.made_by)
 
 
 def _aircraft_of(text: str, folder: Path) -> Aircraft:
@@ -276,8 +276,8 @@ class OperationTrace:
     def _number(self, value: Any) -> float | None:
         if not isinstance(value, Symbol):
             return float(value)
-        found = self.operations[value.place]
-        return found.value if found.name == "number" else None
+        result = self.operations[value.place]
+        return result.value if result.name == "number" else None
 
 
 class Symbol(NDArrayOperatorsMixin):

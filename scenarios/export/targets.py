@@ -151,11 +151,11 @@ def _body(formulas: Formulas, results: Sequence[int]) -> list[str]:
     names |= {f"p:{name}": _variable(name) for name in own}
     lines = ["    p = PARAMETERS if parameters is None else {**PARAMETERS, **parameters}"]
     lines += [f"    {_variable(name)} = p[{name!r}]" for name in own]
-    made, found = statements(formulas, results, names, _special)
+    made, result = statements(formulas, results, names, _special)
     lines += [f"    {name} = {formula}" for name, formula in made]
     lines += [
         "    shape = np.broadcast_shapes(np.shape(t), *map(np.shape, x), *map(np.shape, u))",
-        f"    rows = ({''.join(f'{text}, ' for text in found)})",
+        f"    rows = ({''.join(f'{text}, ' for text in result)})",
         "    return np.array([np.broadcast_to(row, shape) for row in rows])",
     ]
     return lines
@@ -223,11 +223,11 @@ def written_model(
             f"there is no target {to!r}", where="--to", remedy=f"use {' or '.join(_WRITERS)}"
         )
     write, ending = _WRITERS[to]
-    found = model_of_study(study, model)
-    content, told = write(found)
-    path = out or Path(f"{found.identifier}{ending}")
+    result = model_of_study(study, model)
+    content, notes = write(result)
+    path = out or Path(f"{result.identifier}{ending}")
     if path.is_dir():
-        remedy = f"name a file, {path / (found.identifier + ending)}"
+        remedy = f"name a file, {path / (result.identifier + ending)}"
         raise DeclarationError("this is a folder", where=str(path), remedy=remedy)
     write_content(path, content)
-    return path, found, told
+    return path, result, notes

@@ -184,7 +184,7 @@ def _aerodynamics(table: object, path: Path) -> dict[str, dict[str, float]]:
     if not isinstance(table, dict) or not table:
         remedy = 'write [aerodynamics.Cm] with "1" = 0.05, "alpha" = -0.9 and so on'
         raise DeclarationError("there are no terms", where=where, remedy=remedy)
-    found = {}
+    result = {}
     for axis, terms in table.items():
         if axis not in AXES:
             raise DeclarationError(
@@ -193,10 +193,10 @@ def _aerodynamics(table: object, path: Path) -> dict[str, dict[str, float]]:
         if not isinstance(terms, dict):
             remedy = f'write [aerodynamics.{axis}] and lines such as "alpha" = 0.1'
             raise DeclarationError("this is no table", where=f"{where}.{axis}", remedy=remedy)
-        found[axis] = {
+        result[axis] = {
             text: number_in(value, "1", f"{where}.{axis}.{text}") for text, value in terms.items()
         }
-    return found
+    return result
 
 
 def _refuse_names(vehicle: Mapping[str, Any], path: Path) -> None:

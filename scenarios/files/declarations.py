@@ -106,9 +106,9 @@ def checked(
         raise _one_line(error, schema, path, inside) from None
 
 
-def closest(word: str, known: Iterable[str]) -> str:
+def closest(word: str, allowed: Iterable[str]) -> str:
     """``"did you mean 'alpha'?"``, or the whole choice where nothing is near."""
-    choice = list(known)
+    choice = list(allowed)
     if not choice:
         return "leave it out"
     lower = {name.lower(): name for name in choice}
@@ -280,12 +280,12 @@ def run_python(source: Source, kind: str) -> ModuleType:
 
 def _line(error: BaseException, path: Path) -> str:
     """The line of the user's file that the error came through last."""
-    found, trace = "", error.__traceback__
+    result, trace = "", error.__traceback__
     while trace is not None:
         if trace.tb_frame.f_code.co_filename == str(path):
-            found = f", line {trace.tb_lineno}"
+            result = f", line {trace.tb_lineno}"
         trace = trace.tb_next
-    return found
+    return result
 
 
 TIME = "time"
@@ -341,16 +341,16 @@ _BRACKETS = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
 
 def split_header(cell: str) -> tuple[str, str | None]:
     """Name and unit of ``name [unit]`` or ``name (unit)``; the unit is None without brackets."""
-    found = _BRACKETS.fullmatch(cell)
-    if found is None or not found[1] or _ELEMENT.fullmatch(cell):
+    match = _BRACKETS.fullmatch(cell)
+    if match is None or not match[1] or _ELEMENT.fullmatch(cell):
         return cell, None
-    return found[1], (found[2] if found[2] is not None else found[3]).strip()
+    return match[1], (match[2] if match[2] is not None else match[3]).strip()
 
 
 def is_clock(name: str) -> bool:
     """Whether a header names a clock, in whatever case and with any unit in brackets."""
-    plain = re.sub(r"\s*[\[(].*", "", name).strip().lower()
-    return plain in CLOCK_NAMES or plain.replace(" ", "_") in CLOCK_NAMES
+    label = re.sub(r"\s*[\[(].*", "", name).strip().lower()
+    return label in CLOCK_NAMES or label.replace(" ", "_") in CLOCK_NAMES
 
 
 @dataclass(frozen=True)
@@ -392,7 +392,7 @@ class ColumnChoice:
 
 
 def read_channel_map(
-    path: str | Path | Mapping[str, Any], known: Iterable[str] = CHANNEL_UNITS
+    path: str | Path | Mapping[str, Any], allowed: Iterable[str] = CHANNEL_UNITS
 ) -> dict[str, ColumnChoice]:
     """Channel name -> column, from a TOML file or as a mapping.
 
@@ -401,7 +401,7 @@ def read_channel_map(
     "deg"}`` or ``elevator = {sum = ["a", "b"], scale = 0.5}``; with ``airspeed = false`` the record
     counts as one without that channel.
 
-    ``known``: all channels that there are.
+    ``allowed``: all channels that there are.
 
     Raises
     ------
@@ -410,7 +410,7 @@ def read_channel_map(
     """
     from scenarios.files.schemas import channel_map
 
-    schema = channel_map(tuple(known))
+    schema = channel_map(tuple(allowed))
     content, where = (path, "channels") if isinstance(path, Mapping) else (read_toml(path), path)
     chosen = checked(schema, content, where)
     entries = {

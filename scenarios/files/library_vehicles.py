@@ -52,8 +52,8 @@ def vehicle_source(given: str | Path | Source, model: str = "") -> Source:
 
 def source_of_content(name: str, content: Mapping[str, Any], model: str) -> Source:
     """The vehicle file of a content; elastic modes go where the model is rigid."""
-    kept = {key: value for key, value in content.items() if key != "modes" or model != "rigid"}
-    raw = toml_text(kept).encode()
+    used = {key: value for key, value in content.items() if key != "modes" or model != "rigid"}
+    raw = toml_text(used).encode()
     return Source(Path(name), raw, InputFile(name, hashlib.sha256(raw).hexdigest()))
 
 
@@ -118,12 +118,12 @@ def toml_text(content: Mapping[str, Any]) -> str:
     """A vehicle file's text: plain keys first, then tables, then lists of tables. Raises
     DeclarationError for a value that TOML does not have.
     """
-    plain = [
+    lines = [
         f"{_key(key)} = {toml_value(value, key)}"
         for key, value in content.items()
         if not _is_table(value)
     ]
-    out = ["\n".join(plain)]
+    out = ["\n".join(lines)]
     for key, value in content.items():
         if isinstance(value, Mapping):
             out.append(

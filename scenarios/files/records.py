@@ -66,7 +66,7 @@ def read_with_notes(
     optional: Sequence[str] = (),
     hold: Hold | None = None,
     instead: Mapping[str, str] | None = None,
-    known: Mapping[str, str] = CHANNEL_UNITS,
+    channel_units: Mapping[str, str] = CHANNEL_UNITS,
     rate: float | None = None,
 ) -> tuple[Record, tuple[str, ...]]:
     """The channels of a model from a file of any format, and what was decided about the file, one
@@ -86,7 +86,7 @@ def read_with_notes(
         unit.
     instead : output -> channel that is read, under its own name, where that output has no column.
     hold : behaviour of the inputs between samples; None: as the sidecar says, else previous.
-    known : all channels that there are, and their units inside.
+    channel_units : all channels that there are, and their units inside.
     rate : Hz; the samples per second of a file without a clock, and the grid on which topics of a
     log are put. SI, radians and g inside; the stick keeps its numbers and its unit as a label.
     Columns that nobody asked for are never looked at. Row numbers in messages are the file's: the
@@ -104,11 +104,11 @@ def read_with_notes(
     channel_map = channel_map or file.choices
     others = list(dict.fromkeys((*model_outputs, *optional, *(instead or {}).values())))
     refuse_unknown_units(
-        file.sidecar, file.table.header, file.path, {*CHANNEL_UNITS, *known, *channel_map}
+        file.sidecar, file.table.header, file.path, {*CHANNEL_UNITS, *channel_units, *channel_map}
     )
     way = None if hold is None else hold.value
     file, channel_map = with_derived(
-        file, channel_map, model_inputs, others, rate=rate, hold=way, known=known
+        file, channel_map, model_inputs, others, rate=rate, hold=way, channel_units=channel_units
     )
     table = file.table
     further = (
@@ -121,13 +121,13 @@ def read_with_notes(
         *model_outputs,
         *(name for name in optional if name not in model_outputs),
     ]
-    columns = _columns(file, wanted, further, channel_map, known)
+    columns = _columns(file, wanted, further, channel_map, channel_units)
     substitutes = [
         other
         for name, other in (instead or {}).items()
         if columns.get(name, ...) is None and other not in columns
     ]
-    columns |= _columns(file, substitutes, set(), channel_map, known)
+    columns |= _columns(file, substitutes, set(), channel_map, channel_units)
     wanted += substitutes
     for name in model_inputs:
         if columns[name] is None:
@@ -140,7 +140,7 @@ def read_with_notes(
     )
     if not needed and (model_outputs or optional):
         raise missing_column((*model_outputs, *optional)[0], table.header, table.file)
-    window = _time(table, _clock_column(file, channel_map, known, rate), start, stop, rate)
+    window = _time(table, _clock_column(file, channel_map, channel_units, rate), start, stop, rate)
     outputs = [
         name
         for name in outputs
@@ -249,7 +249,7 @@ def _columns(
     names: Sequence[str],
     further: set[str],
     channel_map: Mapping[str, ColumnChoice] | None,
-    known: Mapping[str, str],
+    channel_units: Mapping[str, str],
 ) -> dict[str, SourceColumn | None]:
     """Channel -> its column, None where there is none; one of ``further`` counts as absent where
     only a header of another meaning recalls it.
@@ -264,7 +264,7 @@ def _columns(
             file.table.file,
             channel_map,
             file.sidecar.units,
-            known,
+            channel_units,
             file.table.units,
             lenient=file.table.stated_apart,
         )
@@ -303,13 +303,13 @@ def _boundary(before: np.ndarray, after: np.ndarray) -> int:
 def _clock_column(
     file: RecordFile,
     channel_map: Mapping[str, ColumnChoice] | None,
-    known: Mapping[str, str],
+    channel_units: Mapping[str, str],
     rate: float | None,
 ) -> SourceColumn | None:
     """The column of the clock: ``time``, else another name of a clock; None where the file has none
     and its rate is known.
     """
-    column = _columns(file, [TIME], set(), channel_map, known)[TIME]
+    column = _columns(file, [TIME], set(), channel_map, channel_units)[TIME]
     table = file.table
     if column is not None:
         mapped = (channel_map or {}).get(TIME)
@@ -429,15 +429,15 @@ def _repeats(table: CellTable, time: np.ndarray, rows: slice) -> np.ndarray:
     times; shape ``(N,)``.
     """
     order = np.argsort(time, kind="stable")
-    found = np.zeros(time.size, dtype=bool)
+    repeated = np.zeros(time.size, dtype=bool)
     for earlier, later in pairwise(order):
         if time[earlier] == time[later]:
             cells = (
                 (column[rows.start + earlier], column[rows.start + later])
                 for column in table.columns
             )
-            found[later] = all(one == two or (one != one and two != two) for one, two in cells)
-    return found
+            repeated[later] = all(one == two or (one != one and two != two) for one, two in cells)
+    return repeated
 
 
 def _input(
@@ -452,16 +452,16 @@ def _input(
     content = _sized(table, column)
     _check_cells(table, column, content, window.rows)
     values = window.of(content.values)
-    known = np.flatnonzero(np.isfinite(values))
-    if known.size in (0, values.size):
+    finite_rows = np.flatnonzero(np.isfinite(values))
+    if finite_rows.size in (0, values.size):
         return _channel(table, column, window), ""
     time = window.time
-    own = np.diff(time[known]) if known.size > 2 else np.array([np.inf])
+    own = np.diff(time[finite_rows]) if finite_rows.size > 2 else np.array([np.inf])
     usual = float(np.median(own))
-    ends = max(time[known[0]] - time[0], time[-1] - time[known[-1]])
+    ends = max(time[finite_rows[0]] - time[0], time[-1] - time[finite_rows[-1]])
     if (
         not np.isfinite(usual)
-        or np.median(np.diff(known)) < 2
+        or np.median(np.diff(finite_rows)) < 2
         or max(float(own.max()), ends) > 2.5 * usual
     ):
         where = _cell(table, column, _row_of(window, int(np.flatnonzero(~np.isfinite(values))[0])))
@@ -470,19 +470,19 @@ def _input(
             where=where,
             remedy="fill the gap, or cut the record there with --from and --to",
         )
-    chosen = way or ("previous" if leaps(values[known]) else "linear")
+    chosen = way or ("previous" if leaps(values[finite_rows]) else "linear")
     if chosen == "previous":
         filled = values[
-            known[
+            finite_rows[
                 np.clip(
-                    np.searchsorted(known, np.arange(values.size), side="right") - 1,
+                    np.searchsorted(finite_rows, np.arange(values.size), side="right") - 1,
                     0,
-                    known.size - 1,
+                    finite_rows.size - 1,
                 )
             ]
         ]
     else:
-        filled = np.interp(time, time[known], values[known])
+        filled = np.interp(time, time[finite_rows], values[finite_rows])
     said = "held" if chosen == "previous" else "joined by lines"
     note = (
         f"{column.channel} has a sample every {usual:.3g} s; between them it is {said} (hold in "

@@ -98,12 +98,12 @@ def _table(value: object) -> object:
 _Entry = Annotated[ColumnEntry | None, BeforeValidator(_table)]
 
 
-def channel_map(known: Sequence[str]) -> type[BaseModel]:
+def channel_map(allowed: Sequence[str]) -> type[BaseModel]:
     """The schema of a map of these channels, each behind an alias: an own model may use names that
     pydantic needs for itself.
     """
     fields: dict[str, Any] = {
-        f"channel_{place}": (_Entry, Field(None, alias=name)) for place, name in enumerate(known)
+        f"channel_{place}": (_Entry, Field(None, alias=name)) for place, name in enumerate(allowed)
     }
     return create_model("ChannelMap", __config__=STRICT, **fields)
 
@@ -134,22 +134,22 @@ def quantity_in(target: str) -> Callable[[object], float]:
             isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**1023
         ):
             return float(value)
-        found = _QUANTITY.fullmatch(value) if isinstance(value, str) else None
-        if found is None:
+        match = _QUANTITY.fullmatch(value) if isinstance(value, str) else None
+        if match is None:
             shown = f"{value!r:.60}"
             raise PydanticCustomError(
                 "quantity",
                 "no quantity",
                 {"what": f"{shown} is not a number with a unit", "remedy": _example(target)},
             )
-        if not found[2]:
+        if not match[2]:
             raise PydanticCustomError(
                 "quantity",
                 "no unit",
                 {"what": f"{value!r} has no unit", "remedy": _example(target)},
             )
         try:
-            return float(to_si(float(found[1]), found[2].strip(), target, "", DeclarationError))
+            return float(to_si(float(match[1]), match[2].strip(), target, "", DeclarationError))
         except DeclarationError as fault:
             raise PydanticCustomError(
                 "quantity", "unit", {"what": fault.what, "remedy": fault.remedy}

@@ -185,14 +185,14 @@ def _content(path: Path, error: type[FlightidError], wanted: str, most: int) -> 
     # Without blocking: a pipe that nothing writes into would be waited for without end.
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     try:
-        found = os.fstat(handle)
-        if stat.S_ISDIR(found.st_mode):
+        status = os.fstat(handle)
+        if stat.S_ISDIR(status.st_mode):
             raise IsADirectoryError
-        is_pipe = stat.S_ISFIFO(found.st_mode)
-        if not (stat.S_ISREG(found.st_mode) or is_pipe):
+        is_pipe = stat.S_ISFIFO(status.st_mode)
+        if not (stat.S_ISREG(status.st_mode) or is_pipe):
             raise error("this is a device, not a file", where=str(path), remedy=f"name {wanted}")
-        if found.st_size > most:
-            raise too_large(error, str(path), f"{found.st_size / (1 << 20):.4g} MiB", most)
+        if status.st_size > most:
+            raise too_large(error, str(path), f"{status.st_size / (1 << 20):.4g} MiB", most)
         piece = _first_piece(handle) if is_pipe else _piece(handle)
         if is_pipe and not piece:
             raise error("nothing writes into this pipe", where=str(path), remedy=f"name {wanted}")
@@ -365,11 +365,11 @@ def versions() -> dict[str, str]:
     """Python's version and those of the packages that are installed, the same in every file that a
     command writes.
     """
-    found = {"python": platform.python_version()}
+    versions_by_package = {"python": platform.python_version()}
     for package in PACKAGES:
         with contextlib.suppress(PackageNotFoundError):
-            found[package] = version(package)
-    return found
+            versions_by_package[package] = version(package)
+    return versions_by_package
 
 
 def own_version() -> str:
@@ -424,8 +424,8 @@ def _numbers_in_parquet(content: bytes) -> int:
     try:
         import pyarrow.parquet
 
-        found = pyarrow.parquet.ParquetFile(io.BytesIO(content)).metadata
-        return int(found.num_rows) * int(found.num_columns)
+        result = pyarrow.parquet.ParquetFile(io.BytesIO(content)).metadata
+        return int(result.num_rows) * int(result.num_columns)
     except Exception:  # not installed, or damaged in one of many ways
         return 0
 

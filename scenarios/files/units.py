@@ -208,13 +208,13 @@ def _si_size(text: str) -> _Size | None:
     """Exponents of a product of SI units and degrees, None if anything else stands in it."""
     total, degrees, at = np.zeros(4, dtype=int), 0, 0
     while at < len(text):
-        found = _FACTOR.match(text, at)
-        if found is None or (at == 0) != (found[1] == ""):
+        match = _FACTOR.match(text, at)
+        if match is None or (at == 0) != (match[1] == ""):
             return None
-        power = int(found[3] or 1) * (-1 if found[1] == "/" else 1)
-        total += np.array(_SI[found[2]]) * power
-        degrees += power if found[2] == "deg" else 0
-        at = found.end()
+        power = int(match[3] or 1) * (-1 if match[1] == "/" else 1)
+        total += np.array(_SI[match[2]]) * power
+        degrees += power if match[2] == "deg" else 0
+        at = match.end()
     return _Size(*(int(power) for power in (*total, degrees))) if text else None
 
 

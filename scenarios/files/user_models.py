@@ -78,16 +78,16 @@ def take_constraints(
     modes = content.get("modes")
     # What is new goes into the first map, the derivatives; starts of elastic modes are only looked
     # up.
-    known = ChainMap(
+    values = ChainMap(
         starts,
         *(table for table in (modes if isinstance(modes, list) else ()) if isinstance(table, dict)),
         dict(defaults or {}),
     )
-    fixed = _fixed(given["fixed"], known, units, path)
-    ties = _ties(given["tied"], known, units, fixed, path)
+    fixed = _fixed(given["fixed"], values, units, path)
+    ties = _ties(given["tied"], values, units, fixed, path)
     return Constraints(
         fixed,
-        _bounds(given["bounds"], known, units, (*fixed, *(tie.name for tie in ties)), path),
+        _bounds(given["bounds"], values, units, (*fixed, *(tie.name for tie in ties)), path),
         ties,
     )
 
@@ -127,10 +127,10 @@ def side_at(value: float, bounds: tuple[float, float]) -> str:
     empty.
     """
     low, high = bounds
-    room = _AT * max(abs(end) if math.isfinite(end) else 0.0 for end in bounds)
-    if math.isfinite(low) and low - value >= -room:
+    tolerance = _AT * max(abs(end) if math.isfinite(end) else 0.0 for end in bounds)
+    if math.isfinite(low) and low - value >= -tolerance:
         return "lower"
-    return "upper" if math.isfinite(high) and value - high >= -room else ""
+    return "upper" if math.isfinite(high) and value - high >= -tolerance else ""
 
 
 def constrained(model: Model, constraints: Constraints) -> Model:
@@ -151,22 +151,24 @@ def constraint_sentences(
     constraints: Constraints, starts: Mapping[str, float], units: Mapping[str, str]
 ) -> tuple[str, ...]:
     """What the vehicle file lays down, a sentence each; nothing where it lays down nothing."""
-    told = []
+    sentences = []
     if constraints.fixed:
         each = [
             f"{name} = {starts[name]:.6g}{_unit(units.get(name, '1'))}"
             for name in constraints.fixed
         ]
-        told.append(f"held by the vehicle file: {', '.join(each)}")
+        sentences.append(f"held by the vehicle file: {', '.join(each)}")
     if constraints.ties:
-        told.append(f"tied by the vehicle file: {', '.join(tie.words for tie in constraints.ties)}")
+        sentences.append(
+            f"tied by the vehicle file: {', '.join(tie.words for tie in constraints.ties)}"
+        )
     if constraints.bounds:
         each = [
             f"{name} from {low:g} to {high:g}{_unit(units.get(name, '1'))}"
             for name, (low, high) in constraints.bounds.items()
         ]
-        told.append(f"bounded by the vehicle file: {', '.join(each)}")
-    return tuple(told)
+        sentences.append(f"bounded by the vehicle file: {', '.join(each)}")
+    return tuple(sentences)
 
 
 def _unit(unit: str) -> str:
@@ -502,13 +504,13 @@ def _refuse_unused(model: Model, equations: OwnEquations, source: Source) -> Non
         **rest,
         **{port.name: 0.0 for port in equations.ports},
     }
-    asked = parameters_read(
+    used = parameters_read(
         equations, Starts(signals, {item.name: item.value for item in model.parameters})
     )
     nodes = [*ast.walk(ast.parse(source.content))]
     spelt = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
     for name in model.parameters.free_names:
-        if name not in asked and name not in spelt:
+        if name not in used and name not in spelt:
             lines = [
                 node.lineno
                 for node in nodes
@@ -559,14 +561,14 @@ def own_numbers(own: OwnModel, source: Source) -> tuple[str, Model, Constraints]
     given = {item.name: item for item in own.model.parameters}
     values = {}
     for table, is_free, keys in ((content, False, ""), (starts, True, "derivatives.")):
-        known = [item.name for item in given.values() if item.free is is_free]
+        names = [item.name for item in given.values() if item.free is is_free]
         for key, value in table.items():
             where = f"{path}, key {keys}{key}"
-            if key not in known:
+            if key not in names:
                 raise DeclarationError(
                     "there is no such key",
                     where=where,
-                    remedy=_remedy(key, known, free=is_free, other=key in given),
+                    remedy=_remedy(key, names, free=is_free, other=key in given),
                 )
             values[key] = number_in(value, given[key].unit, where)
     try:
@@ -594,7 +596,7 @@ def channel_units(model: Model) -> Mapping[str, str]:
     }
 
 
-def _remedy(key: str, known: list[str], *, free: bool, other: bool) -> str:
+def _remedy(key: str, allowed: list[str], *, free: bool, other: bool) -> str:
     if other:
         return (
             "it is a constant: put it above [derivatives]"
@@ -602,4 +604,4 @@ def _remedy(key: str, known: list[str], *, free: bool, other: bool) -> str:
             else "it is a parameter: put it under [derivatives]"
         )
     what = "parameters" if free else "constants"
-    return closest(key, known) if known else f"the model has no {what}"
+    return closest(key, allowed) if allowed else f"the model has no {what}"

@@ -250,7 +250,7 @@ def _with_uncertainty(vehicle: VehicleFile, source: Source) -> VehicleFile:
         else FAMILIES["rigid" if vehicle.model == "flexible" else vehicle.model][1]
     )
     units = {name: known[name] for name in vehicle.constants if name in known}
-    found = {}
+    sigmas = {}
     for name, given in table.items():
         place = f"{where}.{name}"
         if name not in units:
@@ -269,8 +269,8 @@ def _with_uncertainty(vehicle: VehicleFile, source: Source) -> VehicleFile:
                 where=place,
                 remedy="give one standard deviation, in the constant's own unit or in %",
             )
-        found[name] = sigma
-    return replace(vehicle, uncertainty=found)
+        sigmas[name] = sigma
+    return replace(vehicle, uncertainty=sigmas)
 
 
 def read_any_vehicle(path: str | Path | Source) -> VehicleFile:
@@ -389,12 +389,12 @@ def _mode_tables(content: dict[str, Any], path: str | Path) -> list[dict[str, An
     tables = [dict(mode) for mode in modes]
     derivatives = content.get("derivatives")
     if isinstance(derivatives, dict):
-        kept = {}
+        rest = {}
         for key, value in derivatives.items():
-            found = _MODAL_START.fullmatch(key)
-            number = int(found[1] or found[2]) if found else 0
+            match = _MODAL_START.fullmatch(key)
+            number = int(match[1] or match[2]) if match else 0
             if not 1 <= number <= len(tables):
-                kept[key] = value
+                rest[key] = value
                 continue
             if key in tables[number - 1]:
                 raise DeclarationError(
@@ -403,7 +403,7 @@ def _mode_tables(content: dict[str, Any], path: str | Path) -> list[dict[str, An
                     remedy="keep one of the two",
                 )
             tables[number - 1][key] = value
-        content["derivatives"] = kept
+        content["derivatives"] = rest
     return tables
 
 

@@ -424,8 +424,8 @@ def _move_in(scratch: Path, target: Path, main: str, made: list[Path]) -> None:
     others = (
         [entry for entry in target.glob("*.json") if entry.name != main] if target.is_dir() else []
     )
-    kept = set(written).union(*(listed_files(entry) for entry in others))
-    stale = listed_files(target / main) - kept
+    listed = set(written).union(*(listed_files(entry) for entry in others))
+    stale = listed_files(target / main) - listed
     _make(target, made)
     for name in sorted(written, key=lambda name: (name == main, name.endswith(".json"), name)):
         if name == main:

@@ -197,9 +197,9 @@ def predicted_responses(setting: Setting, flight: LimitedManeuver) -> Predicted:
     for _ in range(DRAWS):
         measured = clean + noise * rng.standard_normal(clean.shape)
         records, _ = decimated([Signals(setting.room.interval, flight.rows, measured)], high)
-        found = estimate_responses(records, at, Spectra(windows))
-        coherence.append(found.partial_coherence)
-        errors.append(found.random_error)
+        responses = estimate_responses(records, at, Spectra(windows))
+        coherence.append(responses.partial_coherence)
+        errors.append(responses.random_error)
     inputs = tuple(setting.rest)
     return Predicted(at, inputs, names, np.mean(coherence, axis=0), np.median(errors, axis=0))
 
@@ -211,7 +211,7 @@ RANGE = ("low", "high")  # of a curve
 HALVINGS = 24
 
 
-def rivals_of(asked: DesignRequest, model: Model) -> tuple[Traceable, ...]:
+def rivals_of(request: DesignRequest, model: Model) -> tuple[Traceable, ...]:
     """The effects named by ``--tell``.
 
     Raises
@@ -219,7 +219,7 @@ def rivals_of(asked: DesignRequest, model: Model) -> tuple[Traceable, ...]:
     DeclarationError : fewer than two, the same twice, one that cannot act on the model or has no
     simulation that could be compared.
     """
-    names = list(asked.tell)
+    names = list(request.tell)
     if not names:
         return ()
     if not 2 <= len(names) <= MOST or len(set(names)) < len(names):
@@ -228,7 +228,7 @@ def rivals_of(asked: DesignRequest, model: Model) -> tuple[Traceable, ...]:
             where="--tell",
             remedy=f"name two different effects, {MOST} at most: --tell A,B",
         )
-    found = []
+    rivals = []
     for name in names:
         try:
             effect = find_effect(name, model.equations)
@@ -247,23 +247,23 @@ def rivals_of(asked: DesignRequest, model: Model) -> tuple[Traceable, ...]:
                 where="--tell",
                 remedy="name effects that it lacks",
             )
-        found.append(effect)
-    return tuple(found)
+        rivals.append(effect)
+    return tuple(rivals)
 
 
-def sized(asked: DesignRequest, effect: Traceable, reference: Planned) -> Acting:
+def sized(request: DesignRequest, effect: Traceable, reference: Planned) -> Acting:
     """The first effect as it acts: at the values of ``--size``, at typical ones, or where the
     reference maneuver just finds it.
     """
     typical = {item.name: item.value for item in effect.parameters}
-    if asked.size == TYPICAL:
+    if request.size == TYPICAL:
         return Acting(effect, typical)
-    if asked.size == JUST_FOUND:
+    if request.size == JUST_FOUND:
         return just_found(effect, reference)
     units = {item.name: item.unit for item in effect.parameters} | (
         {name: _unit(effect) for name in RANGE} if isinstance(effect, Curve) else {}
     )
-    given = numbers_of([asked.size], units, "--size")
+    given = numbers_of([request.size], units, "--size")
     over = {name: given.pop(name) for name in RANGE if name in given}
     form = replace(effect, **over) if over else effect  # type: ignore[type-var]
     return Acting(form, {**typical, **given})
@@ -312,10 +312,10 @@ def mimicking(reference: Planned, true: Acting, rival: Traceable) -> Acting:
     """The rival at the values with which it looks most like the true effect; typical ones where it
     cannot.
     """
-    found = contest(reference, true, rival)
-    if found.found - found.left < 0.5 * ODDS_COST:
+    result = contest(reference, true, rival)
+    if result.found - result.left < 0.5 * ODDS_COST:
         return Acting(rival, {item.name: item.value for item in rival.parameters})
-    return found.rival
+    return result.rival
 
 
 def contests(planned: Planned, acting: Sequence[Acting]) -> tuple[Contest, ...]:
@@ -408,7 +408,7 @@ def design(
     setting = setting_of(asked)
     effects = rivals_of(asked, setting.model)
     acting = _acting(asked, effects, _reference(setting)) if effects else ()
-    found = []
+    designed = []
     able = [kind for kind in KINDS if kind in asked.flown.kinds]
     kinds = [kind for kind in able if asked.band is None or kind in OVER_A_BAND]
     for number, kind in enumerate(kinds):
@@ -419,12 +419,12 @@ def design(
             else _over_the_band(setting, kind)
         )
         if best is not None:
-            found.append(_weighed(setting, kind, *best, acting))
-    if not found:
+            designed.append(_weighed(setting, kind, *best, acting))
+    if not designed:
         raise DeclarationError(
             "no kind of maneuver has room", where="--duration", remedy="give a longer one"
         )
-    return DesignResult(asked, setting, tuple(sorted(found, key=_rank)), acting)
+    return DesignResult(asked, setting, tuple(sorted(designed, key=_rank)), acting)
 
 
 def _over_the_band(setting: Setting, kind: str) -> tuple[float, np.ndarray, LimitedManeuver] | None:
@@ -457,10 +457,10 @@ def _reference(setting: Setting) -> LimitedManeuver:
 
 
 def _acting(
-    asked: DesignRequest, effects: Sequence[Traceable], reference: LimitedManeuver
+    request: DesignRequest, effects: Sequence[Traceable], reference: LimitedManeuver
 ) -> tuple[Acting, ...]:
     try:
-        first = sized(asked, effects[0], reference.planned)
+        first = sized(request, effects[0], reference.planned)
         return (first, *(mimicking(reference.planned, first, other) for other in effects[1:]))
     except ModelError as error:
         raise DeclarationError(
@@ -513,8 +513,10 @@ def _weighed(
     flight = within_limits(setting, shapes, start=quick.scale, bound_by=quick.bound_by)
     sigmas = sigmas_of(flight.motion.fit)
     responses = predicted_responses(setting, flight) if setting.room.band is not None else None
-    told = contests(flight.planned, acting) if acting else ()
-    return DesignedManeuver(kind, pace, flight, sigmas, _criterion(flight), told, responses)
+    contest_results = contests(flight.planned, acting) if acting else ()
+    return DesignedManeuver(
+        kind, pace, flight, sigmas, _criterion(flight), contest_results, responses
+    )
 
 
 def _criterion(flight: LimitedManeuver) -> float:

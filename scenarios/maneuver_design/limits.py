@@ -143,7 +143,7 @@ def limits_of(given: Path | Mapping[str, Any] | None, model: Model, usual: Limit
     content = read_toml(given) if isinstance(given, Path) else dict(given)
     known = _keys(model)
     outputs, amplitude, rate = dict(usual.outputs), dict(usual.amplitude), dict(usual.rate)
-    found: dict[str, dict[str, float]] = {}
+    result: dict[str, dict[str, float]] = {}
     for key, value in content.items():
         if key not in known:
             raise DeclarationError(
@@ -160,8 +160,8 @@ def limits_of(given: Path | Mapping[str, Any] | None, model: Model, usual: Limit
                 )
             (amplitude if kind == "amplitude" else rate)[name] = number
         else:
-            found.setdefault(name, {})[kind] = number
-    for name, ends in found.items():
+            result.setdefault(name, {})[kind] = number
+    for name, ends in result.items():
         low, high = outputs.get(name, (-np.inf, np.inf))
         high = ends.get("max", high)
         # A pull-up's limit says nothing of a push-over's; an angle's or a rate's holds to both

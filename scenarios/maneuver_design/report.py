@@ -119,10 +119,10 @@ def _title(design: DesignResult) -> str:
         return (
             "maneuvers over the band within the limits, the one with the least random errors first"
         )
-    told = "; log likelihood and chance are the least over who acts" if design.acting else ""
+    remark = "; log likelihood and chance are the least over who acts" if design.acting else ""
     return (
         "maneuvers of equal amplitude and duration, within the limits, the best first; mean sigma: "
-        f"geometric mean of sigma over value{told}"
+        f"geometric mean of sigma over value{remark}"
     )
 
 
@@ -206,20 +206,20 @@ def maneuver_content(design: DesignResult, maneuver: DesignedManeuver) -> dict[s
         "sigmas": {name: std for name, std in maneuver.sigmas.items() if math.isfinite(std)},
     }
     if maneuver.responses is not None:
-        found = maneuver.responses
+        result = maneuver.responses
         content["responses"] = {
-            "frequency_Hz": found.frequency.tolist(),
-            "mean_random_error": found.criterion,
+            "frequency_Hz": result.frequency.tolist(),
+            "mean_random_error": result.criterion,
             "pairs": [
                 {
                     "output": output,
                     "input": name,
-                    "usable": float(found.usable[m, q]),
-                    "coherence": found.coherence[m, q].tolist(),
-                    "random_error": found.random_error[m, q].tolist(),
+                    "usable": float(result.usable[m, q]),
+                    "coherence": result.coherence[m, q].tolist(),
+                    "random_error": result.random_error[m, q].tolist(),
                 }
-                for m, output in enumerate(found.outputs)
-                for q, name in enumerate(found.inputs)
+                for m, output in enumerate(result.outputs)
+                for q, name in enumerate(result.inputs)
             ],
         }
     if maneuver.contests:
@@ -315,9 +315,9 @@ RULE = (
 )
 
 
-def design_page(design: DesignResult, drawn: Sequence[Drawn] = ()) -> Page:
-    """The page of a design with the figures ``drawn``."""
-    setting, told = design.setting, bool(design.acting)
+def design_page(design: DesignResult, figure_files: Sequence[Drawn] = ()) -> Page:
+    """The page of a design with the figures ``figure_files``."""
+    setting, with_rivals = design.setting, bool(design.acting)
     word, _, rest = verdict_of(design).partition(": ")
     inputs = [
         (use, file.name, file.sha256)
@@ -331,12 +331,12 @@ def design_page(design: DesignResult, drawn: Sequence[Drawn] = ()) -> Page:
         title=f"{setting.vehicle.name}: maneuver design",
         kind=f"{setting.model.name} model, {setting.room.time[-1]:g} s at {setting.rate:g} Hz",
         verdict=capital(word.lower()),
-        tone="open" if told and design.best.chance < LEAST else "good",
+        tone="open" if with_rivals and design.best.chance < LEAST else "good",
         sentence=as_sentence(rest),
         summary=(),
         warnings=(),
         sections=(
-            *section("Figures", *figures(drawn)),
+            *section("Figures", *figures(figure_files)),
             *section("Maneuvers", maneuvers_table(design)),
             *(
                 section("Margins to the limits", margins_table(design, f"The {design.best.kind}"))
@@ -349,7 +349,7 @@ def design_page(design: DesignResult, drawn: Sequence[Drawn] = ()) -> Page:
                     contest_table(design, f"The {design.best.kind}"),
                     Prose(f"{RULE}.", "note"),
                 )
-                if told
+                if with_rivals
                 else ()
             ),
             *section(
@@ -385,8 +385,8 @@ def write_design(design: DesignResult, folder: str | Path, *, figures: Formats =
         for each in design.maneuvers:
             write_maneuver(scratch, each, f"{FLOWN}_{each.kind}")
         write_text(scratch / f"{EXPECTED}.csv", _expected(design))
-        drawn = drawn_in(scratch, design_figures(design), figures)
-        write_page(scratch, design_page(design, drawn))
+        figure_files = drawn_in(scratch, design_figures(design), figures)
+        write_page(scratch, design_page(design, figure_files))
         write_json(scratch / MAIN, design_content(design))
     return Path(folder)
 

@@ -170,70 +170,72 @@ Shapes = np.ndarray | None
 
 
 def steps_in_turn(
-    room: Room, pace: float, single: Callable[[float, float, float], Maneuver], units: float
+    limits: Room, pace: float, single: Callable[[float, float, float], Maneuver], units: float
 ) -> Shapes:
     """A maneuver of ``units`` paces on one input after the other, each round with the other sign,
     while there is time.
     """
-    length, gap = units * pace, max(2.0 * room.pulse, pace, room.rest)
-    out = np.zeros((room.inputs, len(room.time)))
-    at, count = room.lead, 0
-    while at + length <= room.lead + room.active + 1e-9:
-        sign = (-1.0) ** (count // room.inputs)
-        begin = round(at / room.interval) * room.interval
-        out[count % room.inputs] += np.asarray(single(sign, pace, begin)(room.time))
+    length, gap = units * pace, max(2.0 * limits.pulse, pace, limits.rest)
+    out = np.zeros((limits.inputs, len(limits.time)))
+    at, count = limits.lead, 0
+    while at + length <= limits.lead + limits.active + 1e-9:
+        sign = (-1.0) ** (count // limits.inputs)
+        begin = round(at / limits.interval) * limits.interval
+        out[count % limits.inputs] += np.asarray(single(sign, pace, begin)(limits.time))
         at, count = begin + length + gap, count + 1
-    return out if count >= room.inputs else None
+    return out if count >= limits.inputs else None
 
 
-def sweeps(room: Room, pace: float) -> Shapes:
+def sweeps(limits: Room, pace: float) -> Shapes:
     """A logarithmic sweep on one input after the other, up to half a period of ``pace``.
 
     Where it would be faster than the limit of the rate, its amplitude falls with the frequency.
     """
-    each = min(room.active / room.inputs, room.longest_sweep)
-    low, high = max(2.0 * math.pi / each, SLOWEST * 1.5 / room.pulse), math.pi / pace
-    low, high = room.band or (low, high)
+    each = min(limits.active / limits.inputs, limits.longest_sweep)
+    low, high = max(2.0 * math.pi / each, SLOWEST * 1.5 / limits.pulse), math.pi / pace
+    low, high = limits.band or (low, high)
     if high < 1.5 * low:
         return None
     rows = []
-    for i in range(room.inputs):
-        begin = room.lead + i * each
-        row = Sweep(1.0, low, high, each, begin, TAPER * each, Spacing.LOGARITHMIC)(room.time)
-        at = np.clip((room.time - begin) / each, 0.0, 1.0)
+    for i in range(limits.inputs):
+        begin = limits.lead + i * each
+        row = Sweep(1.0, low, high, each, begin, TAPER * each, Spacing.LOGARITHMIC)(limits.time)
+        at = np.clip((limits.time - begin) / each, 0.0, 1.0)
         rows.append(
-            room.slow_enough(i, row * np.minimum(1.0, room.corner(i) / (low * (high / low) ** at)))
+            limits.slow_enough(
+                i, row * np.minimum(1.0, limits.corner(i) / (low * (high / low) ** at))
+            )
         )
     return np.array(rows)
 
 
-def multisines(room: Room, pace: float) -> Shapes:
+def multisines(limits: Room, pace: float) -> Shapes:
     """Orthogonal multisines on all inputs at once, harmonics dealt out in turn up to half a period
     of ``pace``, phases of least peak.
 
     Harmonics that would be faster than the limit of the rate are smaller, so that nothing is cut
     off and the inputs stay orthogonal.
     """
-    samples = math.floor(room.active / room.interval + 1e-9)
-    period = samples * room.interval
+    samples = math.floor(limits.active / limits.interval + 1e-9)
+    period = samples * limits.interval
     lowest, highest = 1, min(math.floor(period / (2.0 * pace)), MOST_HARMONICS)
-    if room.band is not None:
-        lowest, highest = (round(omega * period / (2.0 * math.pi)) for omega in room.band)
+    if limits.band is not None:
+        lowest, highest = (round(omega * period / (2.0 * math.pi)) for omega in limits.band)
         lowest = max(lowest, 1)
-    if highest - lowest + 1 < 2 * room.inputs:
+    if highest - lowest + 1 < 2 * limits.inputs:
         return None
-    begin = round(room.lead / room.interval) * room.interval
+    begin = round(limits.lead / limits.interval) * limits.interval
     rows = []
-    for i in range(room.inputs):
-        own = range(lowest + i, highest + 1, room.inputs)
+    for i in range(limits.inputs):
+        own = range(lowest + i, highest + 1, limits.inputs)
         shares = [
-            min(1.0, room.corner(i) * period / (2.0 * math.pi * harmonic)) for harmonic in own
+            min(1.0, limits.corner(i) * period / (2.0 * math.pi * harmonic)) for harmonic in own
         ]
         equal = min(shares) == max(shares)
         row = least_peak_multisine(1.0, period, own, begin, shares=None if equal else shares)(
-            room.time
+            limits.time
         )
-        rows.append(room.slow_enough(i, row))
+        rows.append(limits.slow_enough(i, row))
     return np.array(rows)
 
 
@@ -332,14 +334,14 @@ class Setting:
         )
 
 
-def setting_of(asked: DesignRequest) -> Setting:
+def setting_of(request: DesignRequest) -> Setting:
     """Read the files and put everything together.
 
     Raises
     ------
     DeclarationError : anything wrong in the files or texts, a model without an input, in one line.
     """
-    vehicle = read_vehicle(asked.vehicle, asked.model)
+    vehicle = read_vehicle(request.vehicle, request.model)
     model = model_of_file(vehicle).with_noise(Noise())
     if not model.equations.inputs:
         what = (
@@ -353,26 +355,26 @@ def setting_of(asked: DesignRequest) -> Setting:
         )
     model = model.with_values(
         numbers_of(
-            asked.values,
+            request.values,
             {item.name: item.unit for item in model.parameters if item.free},
             "--value",
         )
     )
     model, rest = in_trim(model)
     still = _outputs_at(model, rest)
-    pulse = max(PULSE / _frequency(model, rest), asked.flown.shortest_step)
-    _refuse_band(asked)
-    room = _room(asked, model, pulse)
-    noise = _noise(asked, model)
-    limits = limits_of(asked.limits, model, usual_limits(model, still))
+    pulse = max(PULSE / _frequency(model, rest), request.flown.shortest_step)
+    _refuse_band(request)
+    room = _room(request, model, pulse)
+    noise = _noise(request, model)
+    limits = limits_of(request.limits, model, usual_limits(model, still))
     inputs = {signal.name: unit_in(model, signal.name) for signal in model.equations.inputs}
-    amplitude = _positive(numbers_of(asked.amplitude, inputs, "--amplitude"), "--amplitude")
+    amplitude = _positive(numbers_of(request.amplitude, inputs, "--amplitude"), "--amplitude")
     limits = replace(limits, amplitude={**limits.amplitude, **amplitude})
-    limits = with_usual_rates(limits, model, asked.flown)
+    limits = with_usual_rates(limits, model, request.flown)
     corners = [limits.rate.get(name, math.inf) / size for name, size in limits.amplitude.items()]
     room = replace(room, corners=tuple(corners) if np.any(np.isfinite(corners)) else ())
     biased = model.with_biases(outputs_with_bias(model, list(noise)))
-    setting = Setting(vehicle, biased, room, limits, noise, rest, still, 0.01, asked.flown)
+    setting = Setting(vehicle, biased, room, limits, noise, rest, still, 0.01, request.flown)
     return replace(
         setting,
         step=step_for(model, [setting.planned(np.zeros((len(rest), len(room.time)))).record], 0.01),
@@ -397,7 +399,7 @@ def in_trim(model: Model) -> tuple[Model, dict[str, float]]:
     def rates(v: list[Any]) -> list[Any]:
         alpha, elevator, thrust = v
         x = [{"airspeed": speed, "alpha": alpha, "theta": alpha, "q": 0.0}[name] for name in states]
-        found = dict(
+        result = dict(
             zip(
                 states,
                 system.f(
@@ -406,7 +408,7 @@ def in_trim(model: Model) -> tuple[Model, dict[str, float]]:
                 strict=True,
             )
         )
-        return [found["airspeed"], found["alpha"], found["q"]]
+        return [result["airspeed"], result["alpha"], result["q"]]
 
     at = np.zeros(3)
     for _ in range(30):
@@ -448,15 +450,15 @@ def _frequency(model: Model, rest: Mapping[str, float]) -> float:
     return float(np.exp(np.mean(np.log(quick)))) if len(quick) else 1.0
 
 
-def _refuse_band(asked: DesignRequest) -> None:
+def _refuse_band(request: DesignRequest) -> None:
     """Raise DeclarationError for a band that is none, or for effects beside it."""
-    if asked.band is None:
+    if request.band is None:
         return
-    low, high = asked.band
+    low, high = request.band
     if not (0.0 < 1.5 * low <= high and math.isfinite(high)):
         remedy = "give LOW HIGH in Hz, the higher one and a half times the lower or more"
         raise DeclarationError(f"{low:g} to {high:g} Hz is no band", where="--band", remedy=remedy)
-    flown = asked.flown
+    flown = request.flown
     if high > flown.fastest:
         what = f"{flown.name} does not follow a sweep to {high:g} Hz by hand"
         remedy = f"give {flown.fastest:g} Hz at most, or --computer for a flight computer"
@@ -466,35 +468,35 @@ def _refuse_band(asked: DesignRequest) -> None:
         least = math.ceil(1e3 * CYCLES / flown.longest_sweep) / 1e3
         remedy = f"give {least:g} Hz or more, or --computer for a flight computer"
         raise DeclarationError(what, where="--band", remedy=remedy)
-    if asked.tell:
+    if request.tell:
         what = "maneuvers for a band are compared by responses, not by effects"
         raise DeclarationError(what, where="--band, --tell", remedy="leave one of them out")
 
 
-def _room(asked: DesignRequest, model: Model, pulse: float) -> Room:
-    for option, value in (("--duration", asked.duration), ("--rate", asked.rate)):
+def _room(request: DesignRequest, model: Model, pulse: float) -> Room:
+    for option, value in (("--duration", request.duration), ("--rate", request.rate)):
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise DeclarationError(
                 f"{value:g} is not above 0", where=option, remedy="give a positive number"
             )
     own = is_own(model)
-    rate = asked.rate or (_rounded(SAMPLES / pulse) if own else RATE)
+    rate = request.rate or (_rounded(SAMPLES / pulse) if own else RATE)
     least = pulse * (4.0 * len(model.equations.inputs) + 5.0)
-    duration = asked.duration or (
+    duration = request.duration or (
         math.ceil(PULSES * pulse * rate) / rate if own else max(DURATION, math.ceil(1.5 * least))
     )
     band = None
-    if asked.band is not None:
-        low, high = asked.band
+    if request.band is not None:
+        low, high = request.band
         band = (2.0 * math.pi * low, 2.0 * math.pi * high)
-        rate = asked.rate or max(rate, _rounded(PER_PERIOD * high))
+        rate = request.rate or max(rate, _rounded(PER_PERIOD * high))
         if PER_PERIOD * high > rate * (1.0 + 1e-9):
             what = f"{rate:g} samples a second are too few for {high:g} Hz"
             raise DeclarationError(
                 what, where="--rate", remedy=f"give {PER_PERIOD * high:g} or more"
             )
         needed = CYCLES / low * len(model.equations.inputs) + 4.0 * pulse + 2.0 / rate
-        duration = asked.duration or math.ceil(max(duration, needed))
+        duration = request.duration or math.ceil(max(duration, needed))
         if duration < 0.8 * needed:
             what = f"{duration:g} s are too short for {low:g} Hz"
             raise DeclarationError(
@@ -507,44 +509,44 @@ def _room(asked: DesignRequest, model: Model, pulse: float) -> Room:
         raise DeclarationError(
             f"{count} samples", where="--duration, --rate", remedy=f"ask for {MOST_SAMPLES} at most"
         )
-    room = Room(
+    limits = Room(
         np.arange(count + 1) / rate,
         pulse,
         len(model.equations.inputs),
         band=band,
-        longest_sweep=asked.flown.longest_sweep,
-        rest=asked.flown.rest,
+        longest_sweep=request.flown.longest_sweep,
+        rest=request.flown.rest,
     )
-    if count < 20 or room.active < 4.0 * pulse * room.inputs:
+    if count < 20 or limits.active < 4.0 * pulse * limits.inputs:
         raise DeclarationError(
             f"{duration:g} s leave no room for a maneuver",
             where="--duration",
             remedy=f"give {least:.2g} s or more",
         )
-    return room
+    return limits
 
 
-def _noise(asked: DesignRequest, model: Model) -> dict[str, float]:
+def _noise(request: DesignRequest, model: Model) -> dict[str, float]:
     """Measured outputs with their noise: those named, all that the model has where none is."""
     units = {signal.name: signal.unit for signal in model.equations.outputs}
-    given = _positive(numbers_of(asked.noise, units, "--noise"), "--noise")
+    given = _positive(numbers_of(request.noise, units, "--noise"), "--noise")
     if given:
         return {name: given[name] for name in units if name in given}
     if not is_own(model):
         return {name: INSTRUMENTS[name] for name in units}
     sizes = doublet_motion(model).sizes
-    found = {
+    result = {
         name: float(f"{SHARE * size:.2g}")
         for name, size in zip(units, sizes, strict=True)
         if size > 0.0
     }
-    if not found:
+    if not result:
         raise DeclarationError(
             "no output moves",
             where="--noise",
             remedy="name the outputs that are measured, --noise NAME=SIZE",
         )
-    return found
+    return result
 
 
 def numbers_of(texts: Sequence[str], units: Mapping[str, str], option: str) -> dict[str, float]:

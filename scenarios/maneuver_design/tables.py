@@ -78,11 +78,11 @@ def notes_of(design: DesignResult) -> list[str]:
 def acting_text(acting: Acting) -> str:
     """An effect with its values."""
     units = {item.name: item.unit for item in acting.effect.parameters}
-    told = []
+    sentences = []
     for name, value in acting.values.items():
         factor, unit = shown_in(units.get(name, "1"), name)
-        told.append(f"{name} {factor * value:.3g}{spaced(unit)}")
-    return f"{acting.effect.name} ({', '.join(told)})"
+        sentences.append(f"{name} {factor * value:.3g}{spaced(unit)}")
+    return f"{acting.effect.name} ({', '.join(sentences)})"
 
 
 def percent(chance: float) -> str:
@@ -148,7 +148,7 @@ SHOWN = ("nz", "alpha", "q", "beta", "p", "r", "phi", "ny", "airspeed")
 
 def maneuvers_table(design: DesignResult) -> Table:
     """The maneuvers at equal amplitude and time, the best first."""
-    setting, some, told = design.setting, design.maneuvers, bool(design.acting)
+    setting, some, with_rivals = design.setting, design.maneuvers, bool(design.acting)
     outputs = [name for name in SHOWN if name in setting.noise] or list(setting.noise)[:3]
     columns: list[tuple[Column, list[Cell]]] = [
         (Column("maneuver"), [each.kind for each in some]),
@@ -159,7 +159,7 @@ def maneuvers_table(design: DesignResult) -> Table:
         columns.append((Column(f"peak {name}", PURE), peaks))
     shares = [formatted(100.0 * each.criterion, ".3g") for each in some]
     columns.append((Column("mean sigma", "%", printed="mean sigma %"), shares))
-    if told:
+    if with_rivals:
         likelihoods = [formatted(each.log_likelihood, ".1f") for each in some]
         chances = [formatted(100.0 * each.chance, ".0f") for each in some]
         columns.append((Column("log likelihood", PURE), likelihoods))
@@ -220,12 +220,12 @@ def responses_table(design: DesignResult, caption: str) -> Table:
         for q, name in enumerate(first.inputs)
     ]
     columns: list[tuple[Column, list[Cell]]] = []
-    for kind, found in kinds:
+    for kind, result in kinds:
         usable, least, errors = list[Cell](), list[Cell](), list[Cell]()
         for m, q, _ in places:
-            usable.append(Number(100.0 * float(found.usable[m, q]), digits=0))
-            least.append(Number(float(found.coherence[m, q].min()), digits=2))
-            error = 100.0 * float(np.median(found.random_error[m, q]))
+            usable.append(Number(100.0 * float(result.usable[m, q]), digits=0))
+            least.append(Number(float(result.coherence[m, q].min()), digits=2))
+            error = 100.0 * float(np.median(result.random_error[m, q]))
             errors.append(Number(error, shown=f"{error:.2g}" if error < 100.0 else "above 100"))
         columns += [
             (Column(f"{kind}: usable", "%", printed=f"{kind}: usable %"), usable),

@@ -113,14 +113,14 @@ def symbol(name: str) -> str:
         return _SIGNALS.get(name) or _SYMBOLS[name]
     if name.startswith("bias_"):
         return f"bias of {symbol(name.removeprefix('bias_'))}"
-    if found := re.fullmatch(r"(?:(C)([LDmYlnXZ])|(L|M))_(\w+)", name):
-        argument = _argument(found[4]) or _product(found[4])
+    if match := re.fullmatch(r"(?:(C)([LDmYlnXZ])|(L|M))_(\w+)", name):
+        argument = _argument(match[4]) or _product(match[4])
         if argument is not None:
-            return f"${found[3]}_{{{argument}}}$" if found[3] else f"$C_{{{found[2]}{argument}}}$"
-    if found := re.fullmatch(r"Ceta(\d+)_(\w+)", name):
-        argument = _argument(found[2])
+            return f"${match[3]}_{{{argument}}}$" if match[3] else f"$C_{{{match[2]}{argument}}}$"
+    if match := re.fullmatch(r"Ceta(\d+)_(\w+)", name):
+        argument = _argument(match[2])
         if argument is not None:
-            return rf"$C^{{\eta {found[1]}}}_{{{argument}}}$"
+            return rf"$C^{{\eta {match[1]}}}_{{{argument}}}$"
     if argument := _argument(name):
         return f"${argument}$"
     return plain(name)
@@ -152,8 +152,8 @@ def plain(text: str) -> str:
 
 
 def _argument(text: str) -> str | None:
-    if found := re.fullmatch(r"(eta|etadot)(\d+)", text):
-        return rf"\eta {found[2]}" if found[1] == "eta" else rf"\dot{{\eta}} {found[2]}"
+    if match := re.fullmatch(r"(eta|etadot)(\d+)", text):
+        return rf"\eta {match[2]}" if match[1] == "eta" else rf"\dot{{\eta}} {match[2]}"
     return _ARGUMENTS.get(text)
 
 
@@ -161,15 +161,15 @@ def _product(text: str) -> str | None:
     """Several factors of a term of the model ``aircraft``, as ``alpha2_elevator`` or
     ``beta_abs_beta``; None where one of them is no known signal.
     """
-    found = []
+    result = []
     for name, power in re.findall(r"_?(abs_[a-z]+?|[a-z]+?)([234]?)(?=_|$)", text):
         factor = _FACTORS.get(name.removeprefix("abs_"))
         if factor is None:
             return None
         factor = f"|{factor}|" if name.startswith("abs_") else factor
-        found.append(factor + (f"^{power}" if power else ""))
+        result.append(factor + (f"^{power}" if power else ""))
     whole = re.fullmatch(r"(?:_?(?:abs_[a-z]+?|[a-z]+?)[234]?(?=_|$))+", text)
-    return r"\,".join(found) if whole else None
+    return r"\,".join(result) if whole else None
 
 
 # ---- Rows of a filter's history by name

@@ -459,9 +459,9 @@ def _declarations(style: str) -> dict[str, str]:
     return {name.strip(): value.strip() for name, _, value in pairs}
 
 
-def _attributes(found: re.Match[str]) -> str:
+def _attributes(match: re.Match[str]) -> str:
     """A style as attributes; the font is that of the page."""
-    known = _declarations(found[1])
+    known = _declarations(match[1])
     if font := _FONT.search(known.pop("font", "")):  # of matplotlib before 3.11
         known |= {key: value for key, value in font.groupdict().items() if value}
     known = {key.replace("_", "-"): value for key, value in known.items()}
@@ -472,9 +472,9 @@ def _attributes(found: re.Match[str]) -> str:
     )
 
 
-def _path_data(found: re.Match[str]) -> str:
+def _path_data(match: re.Match[str]) -> str:
     """Path data with one decimal; a long outline without curves simplified as lines are."""
-    data = found[1]
+    data = match[1]
     if data.count("L") >= LONG and data.count("M") == 1 and data.rstrip().endswith("z"):
         numbers = np.array(re.findall(r"-?[\d.]+", data), dtype=float).reshape(-1, 2)
         line = Outline(numbers)
@@ -551,11 +551,11 @@ def description(figure: Figure) -> str:
         for label in panel.get_legend_handles_labels()[1]
         if label and not str(label).startswith("_")
     )
-    told = [_plain(title) or "Figure"]
+    sentences = [_plain(title) or "Figure"]
     against = f" against {', '.join(across)}" if across else ""
-    told += [f"Panels: {', '.join(upward)}{against}"] if upward or across else []
-    told += [f"Shown: {', '.join(lines)}"] if lines else []
-    return ". ".join(told) + "."
+    sentences += [f"Panels: {', '.join(upward)}{against}"] if upward or across else []
+    sentences += [f"Shown: {', '.join(lines)}"] if lines else []
+    return ". ".join(sentences) + "."
 
 
 def _plain(text: str) -> str:

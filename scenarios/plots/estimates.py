@@ -90,8 +90,8 @@ def figure_parameter_histories(
     broke = sound < len(history.time)
     for name, unit, panel in zip(names, units, sheet.panels, strict=True):
         shown = _unit(history, name, unit, true.get(name, 0.0))
-        late = f", ends at {history.time[sound - 1]:.3g} s" if broke and sound else ""
-        caption(panel, axis_label(name, shown) + late, LABEL_SIZE)
+        ending = f", ends at {history.time[sound - 1]:.3g} s" if broke and sound else ""
+        caption(panel, axis_label(name, shown) + ending, LABEL_SIZE)
         if sound == 0:
             caption(panel, f"{axis_label(name, shown)}: no sound sample", LABEL_SIZE)
             continue
@@ -441,12 +441,12 @@ def figure_innovations(
         y_label(left, axis_label(output_names[row], unit))
         normalised = np.where(valid, history.innovation[row] / history.innovation_std[row], 0.0)
         _autocorrelation(right, normalised, valid, lags)
-        late = f"; ends at {history.time[sound - 1]:.3g} s" if sound < len(valid) else ""
+        ending = f"; ends at {history.time[sound - 1]:.3g} s" if sound < len(valid) else ""
         outside = float(np.mean(np.abs(normalised[valid]) > 2.0))
         caption(
             left,
             f"{symbol(output_names[row])}: {100 * outside:.1f} % outside ±2σ "
-            f"({100 * EXPECTED_OUTSIDE:.1f} % expected){late}",
+            f"({100 * EXPECTED_OUTSIDE:.1f} % expected){ending}",
         )
     if len(sheet.axes[-1]) == 2:
         time_axis(sheet.axes[-1][0])

@@ -240,7 +240,7 @@ def figure_peaks(rows: Sequence[tuple[str, float]], words: str, title: str = "")
 
 def figure_linear(
     time: np.ndarray,
-    flown: np.ndarray,
+    simulated: np.ndarray,
     linear: np.ndarray,
     names: Sequence[str],
     units: Sequence[str],
@@ -253,7 +253,7 @@ def figure_linear(
     """
     sheet = make_sheet([1.05] * (len(names) + 1) + [1.9], row_gap=0.45, share_x=False)
     for name, unit, one, other, panel in zip(
-        names, units, flown, linear, sheet.panels, strict=False
+        names, units, simulated, linear, sheet.panels, strict=False
     ):
         shown = display_unit(unit)
         panel.plot(time, shown.factor * one, color=BLUE, linewidth=2.4, label="flown, noise-free")
@@ -264,7 +264,7 @@ def figure_linear(
     panel = sheet.panels[len(names)]
     panel.plot(
         time,
-        shown.factor * (flown[row] - linear[row]),
+        shown.factor * (simulated[row] - linear[row]),
         color=VERMILION,
         linewidth=1.0,
         label="flown less linear",

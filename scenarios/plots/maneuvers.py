@@ -70,7 +70,7 @@ class Searched(Protocol):
     def simulated(self) -> bool: ...
 
 
-def figure_flight(found: Searched, title: str = "") -> Figure:
+def figure_flight(search: Searched, title: str = "") -> Figure:
     """Controls and motion of a whole record, each as the band between its least and largest values,
     maneuvers as coloured spans.
 
@@ -78,7 +78,7 @@ def figure_flight(found: Searched, title: str = "") -> Figure:
     all panels. Angles in degrees. Long pauses in the rows are cut out: a column of panels for each
     part, wide as it is long.
     """
-    record = found.record
+    record = search.record
     names = [name for name in (*AXES, *SHOWN) if name in record.output_names]
     parts = _parts(record.time)
     lengths = [last - first for first, last in parts]
@@ -89,7 +89,7 @@ def figure_flight(found: Searched, title: str = "") -> Figure:
         time, low, high = _parted(*envelope(record.time, unit.factor * record[name].with_gaps()))
         marked = [
             each
-            for each in found.maneuvers
+            for each in search.maneuvers
             if each.found.axis == "all"
             or each.found.channel == name
             or each.found.channel not in names
@@ -107,7 +107,7 @@ def figure_flight(found: Searched, title: str = "") -> Figure:
             panel.set_ylim(min(least for least, _ in limits), max(most for _, most in limits))
             panel.tick_params(labelleft=panel is panels[0])
         y_label(panels[0], axis_label(name, unit), TICK_SIZE)
-    data = SIMULATED_DATA if found.simulated else MEASURED_DATA
+    data = SIMULATED_DATA if search.simulated else MEASURED_DATA
     for panel in sheet.axes[-1]:
         time_axis(panel)
     cut = "; pauses are cut out" if len(parts) > 1 else ""
@@ -191,8 +191,8 @@ def envelope(
 
     Neighbouring blocks share a sample, so that the band has no holes.
     """
-    known = np.isfinite(values)
-    time, values = time[known], values[known]
+    finite = np.isfinite(values)
+    time, values = time[finite], values[finite]
     if values.size <= 2 * bins:
         return time, values, values
     edges = np.linspace(0, values.size, bins + 1).astype(int)
@@ -291,11 +291,11 @@ def figure_coherence(kinds: Sequence[tuple[str, Any]], title: str = "") -> Figur
     for m, output in enumerate(first.outputs):
         for q, name in enumerate(first.inputs):
             panel = sheet.axes[m][q]
-            for number, (kind, found) in enumerate(kinds):
+            for number, (kind, result) in enumerate(kinds):
                 look = method_style(number, alone=True)
                 panel.plot(
-                    found.frequency,
-                    found.coherence[m, q],
+                    result.frequency,
+                    result.coherence[m, q],
                     label=plain(kind),
                     color=look["color"],
                     linewidth=1.2,

@@ -101,8 +101,8 @@ def figure_studies_estimates(
             for each in row
             if each is not None
         ]
-        plain_unit = display_unit(units[name], name)
-        unit = scaled_unit(plain_unit, plain_unit.factor * max(sizes))
+        base_unit = display_unit(units[name], name)
+        unit = scaled_unit(base_unit, base_unit.factor * max(sizes))
         label = axis_label(name, unit)
         caption(panel, label if "$" in label else label.replace("_", " "))
         for x, each in enumerate(row):

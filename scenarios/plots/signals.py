@@ -292,7 +292,7 @@ def figure_ballistic_coefficient(
         row_gap=0.36 if blocks == 1 else 0.62,
         column_gap=0.6,
     )
-    room = (WIDTH - sheet.left - sheet.right - sheet.column_gap) / 2
+    available_width = (WIDTH - sheet.left - sheet.right - sheet.column_gap) / 2
     paths = {label: course(history, "beta", unit.factor) for label, history in histories.items()}
     errors: list[np.ndarray] = []
     lowest: list[Axes] = []
@@ -306,7 +306,7 @@ def figure_ballistic_coefficient(
             "\n".join(
                 folded(
                     plain(label) if path.time.size else f"{plain(label)}: no sound sample",
-                    room,
+                    available_width,
                     TICK_SIZE,
                 )
             ),

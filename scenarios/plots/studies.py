@@ -157,15 +157,17 @@ def figure_coverage(
         panel.axvline(expected, label="normal distribution", **TRUE)
         for y, row in zip(range(n - 1, -1, -1), rows, strict=True):
             share, low, high = row.shares[at]
-            held = low <= expected <= high
+            covered = low <= expected <= high
             said = (
-                "95 % interval" if held else "95 % interval without the normal distribution's share"
+                "95 % interval"
+                if covered
+                else "95 % interval without the normal distribution's share"
             )
             panel.plot(
                 [low, high],
                 [y, y],
                 "-",
-                color=BLUE if held else VERMILION,
+                color=BLUE if covered else VERMILION,
                 linewidth=1.4,
                 label=said,
             )
@@ -177,8 +179,8 @@ def figure_coverage(
             min(expected, *(row.shares[at][1] for row in rows)),
             max(expected, *(row.shares[at][2] for row in rows)),
         )
-        room = 0.08 * max(highest - lowest, 1.0)
-        panel.set_xlim(max(lowest - room, -1.0), min(highest + room, 101.0))
+        margin = 0.08 * max(highest - lowest, 1.0)
+        panel.set_xlim(max(lowest - margin, -1.0), min(highest + margin, 101.0))
         panel.set_xlabel(plain(f"within {at + 1}σ (%)"), fontsize=LABEL_SIZE)
     return finish(sheet, title)
 
@@ -479,9 +481,9 @@ def _draw_derivative(panel: Axes, degrees: Sequence[float], course: DerivativeCo
         label="best rigid model, no noise",
     )
     shift = np.linspace(-0.03, 0.03, len(course.estimates)) if len(course.estimates) > 1 else [0.0]
-    for number, (label, found) in enumerate(course.estimates.items()):
+    for number, (label, result) in enumerate(course.estimates.items()):
         colour, marker = _ESTIMATES[number % len(_ESTIMATES)]
-        values, std = (unit.factor * np.array(part) for part in zip(*found, strict=True))
+        values, std = (unit.factor * np.array(part) for part in zip(*result, strict=True))
         places = np.array(degrees) * np.exp(shift[number])
         look: dict[str, Any] = {
             "fmt": marker,

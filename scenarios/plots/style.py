@@ -264,8 +264,8 @@ class PanelsOverNames:
             left=0.66,
         )
         inner = WIDTH - sheet.left - sheet.right - sheet.column_gap * (columns - 1)
-        room = inner / columns / max(len(names), 1)
-        numbered = any(text_width(name, TICK_SIZE) > room for name in names)
+        width_per_name = inner / columns / max(len(names), 1)
+        numbered = any(text_width(name, TICK_SIZE) > width_per_name for name in names)
         if numbered:
             title = "\n".join([title, *(f"{i}: {name}" for i, name in enumerate(names, start=1))])
         return cls(sheet, names, kind, title, numbered)
@@ -349,20 +349,20 @@ def _fewer_ticks(panel: Axes, width: float, height: float) -> None:
             locator.set_params(nbins=most)
 
 
-def _fitted_label(panel: Axes, room: float) -> None:
+def _fitted_label(panel: Axes, available_width: float) -> None:
     """Make the label up the side smaller where it would reach into the next panel's."""
     points = float(panel.yaxis.label.get_fontsize())
     wide = text_width(panel.get_ylabel(), points)
-    if wide > room:
-        panel.yaxis.label.set_fontsize(max(_SMALLEST, points * room / wide))
+    if wide > available_width:
+        panel.yaxis.label.set_fontsize(max(_SMALLEST, points * available_width / wide))
 
 
 def _title_lines(title: str, width: float) -> list[tuple[str, bool]]:
     """Folded lines, and whether each is bold."""
     first, *rest = title.split("\n")
-    room = width - 0.3
-    return [(line, True) for line in folded(first, room / _BOLD, TITLE_SIZE)] + [
-        (line, False) for text in rest for line in folded(text, room)
+    available_width = width - 0.3
+    return [(line, True) for line in folded(first, available_width / _BOLD, TITLE_SIZE)] + [
+        (line, False) for text in rest for line in folded(text, available_width)
     ]
 
 

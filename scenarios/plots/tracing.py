@@ -375,10 +375,13 @@ def figure_replication(effects: Sequence[Replicated], title: str = "") -> Figure
             label="one record ±2σ",
         )
         panel.set_xlim(-0.5, len(effect.by_record) - 0.5)
-        room = 5.9 / len(effect.by_record)
+        width_per_record = 5.9 / len(effect.by_record)
         panel.set_xticks(
             range(len(effect.by_record)),
-            ["\n".join(folded(plain(label), room, TICK_SIZE)) for label in effect.records],
+            [
+                "\n".join(folded(plain(label), width_per_record, TICK_SIZE))
+                for label in effect.records
+            ],
         )
         text = display_unit(effect.by_record[0][name].unit, name).text
         y_label(panel, plain(f"{name.replace('_', ' ')} ({text})"))

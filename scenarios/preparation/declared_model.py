@@ -201,8 +201,8 @@ def better_by(
         return Compared(0.0, why)
     if np.min(new.variance / old.variance) > (1.0 - least) ** 2:
         return Compared(0.0)
-    known = [problem.valid for problem in old.layout.problems]
-    return Compared(likelier_by(old.residuals, new.residuals, known))
+    valid = [problem.valid for problem in old.layout.problems]
+    return Compared(likelier_by(old.residuals, new.residuals, valid))
 
 
 def from_trim(record: Record, model: Model) -> Record:
@@ -263,17 +263,17 @@ def _implausible(*fits: Fit | None) -> list[np.ndarray]:
     """Isolated wrong samples of each record by either fit, ``(m, N)``; none where a fit is
     missing.
     """
-    known = [
+    finite = [
         fit
         for fit in fits
         if fit is not None and all(np.all(np.isfinite(each)) for each in fit.residuals)
     ]
-    if len(known) < len(fits):
+    if len(finite) < len(fits):
         return []
-    problems = known[0].layout.problems
+    problems = finite[0].layout.problems
     out = [np.zeros_like(problem.valid) for problem in problems]
     edges = [input_edges(problem.record) for problem in problems]
-    for fit in known:
+    for fit in finite:
         for i in np.flatnonzero(
             [any(np.any(problem.valid[row]) for problem in problems) for row in range(len(out[0]))]
         ):
@@ -282,8 +282,8 @@ def _implausible(*fits: Fit | None) -> list[np.ndarray]:
                 [problem.valid[i] for problem in problems],
                 edges,
             )
-            for mask, found in zip(out, wrong, strict=True):
-                mask[i] |= found
+            for mask, result in zip(out, wrong, strict=True):
+                mask[i] |= result
     return out
 
 
@@ -320,8 +320,8 @@ def likelier_by(
             )
             if count and old > 0.0 and new > 0.0:
                 total[k] += share * count * np.log(old / new)
-    found = float(np.sum(total))
-    return 0.0 if np.min(total * np.sign(found)) < -AGAINST else found
+    result = float(np.sum(total))
+    return 0.0 if np.min(total * np.sign(result)) < -AGAINST else result
 
 
 def with_hold(records: Sequence[Record], hold: Hold) -> list[Record]:

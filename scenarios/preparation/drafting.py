@@ -128,15 +128,15 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
     file : the file as it was read. rate : Hz, of a file without a clock.
     """
     topics = _topics_of(file)
-    found = _guesses(CHANNEL_UNITS, topics, _in_degrees(topics))
+    result = _guesses(CHANNEL_UNITS, topics, _in_degrees(topics))
     clockless: tuple[str, ...] = ()
-    if not any(guess.channel == TIME for guess in found) and len(topics) == 1 and rate is None:
+    if not any(guess.channel == TIME for guess in result) and len(topics) == 1 and rate is None:
         clockless = (
             "the file has no clock; give its rate with --rate HZ, or name the column of time",
         )
     if len(topics) > 1:
-        found = [guess for guess in found if guess.channel != TIME]
-    tried = _tried(file, found, 1.0 if clockless else rate)
+        result = [guess for guess in result if guess.channel != TIME]
+    tried = _tried(file, result, 1.0 if clockless else rate)
     faults = list(dict.fromkeys([*clockless, *(guess.fault for guess in tried if guess.fault)]))
     taken = {column for guess in tried for column in _columns_in(guess.choice, topics)}
     names = [
@@ -269,8 +269,8 @@ def _guesses(
 ) -> list[Guess]:
     """The best columns of channels, those left out that what flies has not."""
     absent = (*SURFACES, "airspeed") if _is_multirotor(topics) else COMMANDS
-    found = (_guess(channel, topics, degrees) for channel in channels if channel not in absent)
-    return [guess for guess in found if guess is not None]
+    result = (_guess(channel, topics, degrees) for channel in channels if channel not in absent)
+    return [guess for guess in result if guess is not None]
 
 
 def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> Guess | None:
@@ -360,7 +360,7 @@ def _moves(topic: Topic, index: int) -> bool:
 
 def _in_degrees(topics: Sequence[Topic]) -> set[str]:
     """Topics with an unlabelled angle or rate that moves further than one in radians would."""
-    found = set()
+    result = set()
     for channel, inside in CHANNEL_UNITS.items():
         if inside not in BEYOND or channel in INPUTS:
             continue
@@ -370,8 +370,8 @@ def _in_degrees(topics: Sequence[Topic]) -> set[str]:
             and guess.choice.unit in ("deg", "deg/s")
             and "no unit is stated" in guess.reason
         ):
-            found.add(str(guess.choice.column).rpartition(".")[0] if len(topics) > 1 else "")
-    return found
+            result.add(str(guess.choice.column).rpartition(".")[0] if len(topics) > 1 else "")
+    return result
 
 
 def _of_column(channel: str, topic: Topic, index: int, degrees: Collection[str]) -> Guess:
@@ -438,12 +438,12 @@ def _tried(file: RecordFile, guesses: Sequence[Guess], rate: float | None) -> li
             {topic_of[name] for name in _columns_in(guess.choice, topics)} if file.topics else set()
         )
         groups.setdefault(frozenset(used), []).append(guess)
-    found: dict[str, Guess] = {
+    result: dict[str, Guess] = {
         channel: guess for guess in guesses if (channel := guess.channel) == TIME
     }
     for some in groups.values():
-        found |= _read(file, [guess for guess in some if guess.channel != TIME], clock, rate)
-    return [found[guess.channel] for guess in guesses]
+        result |= _read(file, [guess for guess in some if guess.channel != TIME], clock, rate)
+    return [result[guess.channel] for guess in guesses]
 
 
 def _read(

@@ -72,8 +72,8 @@ def put_together(
     time = times if parted.time is None else parted.time
     places = np.searchsorted(time, times)
     before = np.clip(np.searchsorted(times, time, side="right") - 1, 0, None)
-    known = np.zeros(time.size, dtype=bool)
-    known[places] = True
+    valid = np.zeros(time.size, dtype=bool)
+    valid[places] = True
 
     def inputs(channel: Channel) -> Channel:
         return Channel.of(
@@ -90,7 +90,7 @@ def put_together(
             for part in parts
         ]
         return Channel.of(
-            channel.name, channel.unit, np.where(known, np.concatenate(values)[before], np.nan)
+            channel.name, channel.unit, np.where(valid, np.concatenate(values)[before], np.nan)
         )
 
     every = {channel.name: channel for part in reversed(parts) for channel in part.outputs}
@@ -104,7 +104,7 @@ def put_together(
     out = []
     for of_parts in rows:
         all_parts = np.concatenate(of_parts, axis=1)
-        out.append(np.where(known, all_parts[:, before], all_parts.mean(axis=1, keepdims=True)))
+        out.append(np.where(valid, all_parts[:, before], all_parts.mean(axis=1, keepdims=True)))
     return record, out
 
 
@@ -143,12 +143,12 @@ def split_at_gaps(
         for (begin, end), some in zip(pairwise(ends), seen, strict=True)
         if end - begin >= 2 and some
     ]
-    kept = [span for span in spans if span[1] - span[0] >= FEWEST] or spans
-    parts = tuple(_rows(record, begin, end) for begin, end in kept)
+    long_spans = [span for span in spans if span[1] - span[0] >= FEWEST] or spans
+    parts = tuple(_rows(record, begin, end) for begin, end in long_spans)
     t = record.time
     shown = [f"{t[position]:.4g} to {t[position + 1]:.4g} s" for position in after[:3]]
     more = f" and {after.size - 3} more" if after.size > 3 else ""
-    dropped = len(ends) - 1 - len(kept)
+    dropped = len(ends) - 1 - len(long_spans)
     left = (
         f"; {dropped} part{'s' * (dropped > 1)} of fewer than {FEWEST} samples left out"
         if dropped
@@ -316,7 +316,7 @@ def _is_even(time: np.ndarray, step: float) -> bool:
 
 def _on(time: np.ndarray, record: Record, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
     """A channel at ``time``, gaps bridged, and where its samples on both sides are there."""
-    t, known = record.time, channel.valid
+    t, valid = record.time, channel.valid
     if channel.name in record.input_names and record.hold is Hold.PREVIOUS:
         from scipy.interpolate import CubicSpline
 
@@ -324,8 +324,8 @@ def _on(time: np.ndarray, record: Record, channel: Channel) -> tuple[np.ndarray,
         return CubicSpline(middles, channel.values)(np.maximum(time, middles[0])), np.ones(
             len(time), dtype=bool
         )
-    return np.interp(time, t[known], channel.values[known]), np.interp(
-        time, t, known.astype(float)
+    return np.interp(time, t[valid], channel.values[valid]), np.interp(
+        time, t, valid.astype(float)
     ) > 1.0 - 1e-9
 
 

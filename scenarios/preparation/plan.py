@@ -249,14 +249,14 @@ def reading_options(request: Request, *, opening: bool = False, rate: bool = Tru
 
 
 def column_choices(
-    request: Request, known: Iterable[str] = CHANNEL_UNITS
+    request: Request, allowed: Iterable[str] = CHANNEL_UNITS
 ) -> Mapping[str, ColumnChoice] | None:
-    """The channel map that a request names, of the channels ``known``, read now; None where it
+    """The channel map that a request names, of the channels ``allowed``, read now; None where it
     names none. Raises DeclarationError.
     """
     from scenarios.files.declarations import read_channel_map
 
-    return read_channel_map(request.channels, known) if request.channels is not None else None
+    return read_channel_map(request.channels, allowed) if request.channels is not None else None
 
 
 FILE = "maneuvers.toml"
@@ -321,7 +321,7 @@ def read_parts(path: str | Path) -> Parts:
     return Parts(where, entry.record or "", entry.sha256 or "", tuple(parts))
 
 
-def chosen_parts(parts: Parts, asked: Sequence[str | int]) -> tuple[Part, ...]:
+def chosen_parts(parts: Parts, requested: Sequence[str | int]) -> tuple[Part, ...]:
     """The parts that are asked for by number or name, in the order of their times.
 
     Raises
@@ -331,27 +331,27 @@ def chosen_parts(parts: Parts, asked: Sequence[str | int]) -> tuple[Part, ...]:
     by_name = {each.name: each for each in parts.parts} | {
         str(each.number): each for each in parts.parts
     }
-    found: list[Part] = []
-    for wanted in asked:
+    result: list[Part] = []
+    for wanted in requested:
         part = by_name.get(str(wanted).strip())
         if part is None:
-            known = ", ".join(f"{each.number} {each.name}" for each in parts.parts[:12]) + (
+            available = ", ".join(f"{each.number} {each.name}" for each in parts.parts[:12]) + (
                 ", ..." if len(parts.parts) > 12 else ""
             )
             raise DeclarationError(
                 f"there is no maneuver {str(wanted)!r}",
                 where=parts.where,
-                remedy=f"it has {known}" if known else "it has none",
+                remedy=f"it has {available}" if available else "it has none",
             )
-        if part in found:
+        if part in result:
             raise DeclarationError(
                 f"maneuver {part.number} is asked for twice",
                 where="--maneuver",
                 remedy="name each once",
             )
-        found.append(part)
-    found.sort(key=lambda each: each.start)
-    for one, other in pairwise(found):
+        result.append(part)
+    result.sort(key=lambda each: each.start)
+    for one, other in pairwise(result):
         if other.start < one.stop:
             what = (
                 f"maneuvers {one.number} and {other.number} overlap ({one.start:g} to {one.stop:g} "
@@ -362,19 +362,19 @@ def chosen_parts(parts: Parts, asked: Sequence[str | int]) -> tuple[Part, ...]:
                 where=parts.where,
                 remedy="take one of them, or change their times in the file",
             )
-    return tuple(found)
+    return tuple(result)
 
 
 def with_maneuvers(
     plan: Plan,
     records: Sequence[Path | RecordFile],
-    asked: Sequence[str | int] | None,
+    requested: Sequence[str | int] | None,
     file: Path | Parts | None = None,
 ) -> Plan:
     """The plan with the parts of maneuvers as its segments, as ``--from`` and ``--to`` of each
     would give it, and a sentence on each.
 
-    ``asked`` : numbers or names; None or empty leaves the plan alone. ``file`` : None takes
+    ``requested`` : numbers or names; None or empty leaves the plan alone. ``file`` : None takes
     ``maneuvers.toml`` beside the record.
 
     Raises
@@ -382,7 +382,7 @@ def with_maneuvers(
     DeclarationError : together with ``--from`` or ``--to`` or with several records, no file, one of
     another record, or no such maneuver.
     """
-    if not asked:
+    if not requested:
         if file is not None:
             raise DeclarationError(
                 "no maneuver is named",
@@ -401,12 +401,12 @@ def with_maneuvers(
         )
     parts = file if isinstance(file, Parts) else read_parts(file or _beside(records[0]))
     _refuse_other(parts, records[0])
-    found = chosen_parts(parts, asked)
-    segments = plan_of([each.start for each in found], [each.stop for each in found]).segments
+    result = chosen_parts(parts, requested)
+    segments = plan_of([each.start for each in result], [each.stop for each in result]).segments
     return replace(
         plan,
         segments=segments,
-        chosen=tuple(f"{each.sentence}, of {parts.where}" for each in found),
+        chosen=tuple(f"{each.sentence}, of {parts.where}" for each in result),
     )
 
 

@@ -125,8 +125,8 @@ def refuse_unrelated_records(fitted: Sequence[Record], validation: Sequence[Reco
     measured = {name for record in fitted for name in record.output_names}
     for record in validation:
         if not measured.intersection(record.output_names):
-            known = ", ".join(sorted(measured))
-            what = f"none of the fitted channels ({known}) is measured here"
+            available = ", ".join(sorted(measured))
+            what = f"none of the fitted channels ({available}) is measured here"
             raise RecordError(
                 what, where=record.name, remedy="validate on a record that has one of them"
             )
@@ -252,11 +252,11 @@ def split_off(records: Sequence[Record], model: Model) -> Split:
             "others are fitted"
         )
         return Split(tuple(others), last, None, said)
-    first, held = hold_out(last)
-    cut = float(held.time[0])
+    first, held_out = hold_out(last)
+    cut = float(held_out.time[0])
     return Split(
         (*others, first),
-        held,
+        held_out,
         cut,
         f"no --validate: the last part of {last.name}, from {cut:g} s on, is not fitted but "
         "predicted",
@@ -303,7 +303,7 @@ def hold_out(record: Record) -> tuple[Record, Record]:
         )
     cut = min(max(_cut(record), FEWEST), len(record) - FEWEST)
     first = _part(record, slice(0, cut), "fitted")
-    held = _part(record, slice(cut, len(record)), "held-out")
+    held_out = _part(record, slice(cut, len(record)), "held-out")
     steered = [
         channel.name
         for channel in record.inputs
@@ -315,7 +315,7 @@ def hold_out(record: Record) -> tuple[Record, Record]:
             "out: the rest says nothing of a model"
         )
         raise RecordError(what, where=record.name, remedy=_REMEDY)
-    return first, held
+    return first, held_out
 
 
 def _cut(record: Record) -> int:

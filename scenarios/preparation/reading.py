@@ -138,8 +138,8 @@ def refuse_moving_together(
         told apart.
     """
     rows = surface_motion(records, aircraft)
-    told = {tuple(sorted(pair)) for group in groups for pair in combinations(sorted(group), 2)}
-    for one, other in sorted(told):
+    pairs = {tuple(sorted(pair)) for group in groups for pair in combinations(sorted(group), 2)}
+    for one, other in sorted(pairs):
         if one not in rows or other not in rows:
             continue
         a, b = rows[one], rows[other]
@@ -298,23 +298,23 @@ def prepare(
         _read(file, segment, n < split and len(plan.segments) > 1, model, optional, channels, plan)
         for n, (file, segment) in enumerate(parts)
     ]
-    told = [f"{each[0].name}: {note}" for each, notes in parted for note in notes]
+    texts = [f"{each[0].name}: {note}" for each, notes in parted for note in notes]
     read: list[Read] = []
     for (record, stated), _ in parted[:split]:
         pieces, of_gaps = split_at_gaps(record)
         read += [(piece, stated) for piece in pieces]
-        told += [f"{record.name}: {of_gaps}"] if of_gaps else []
+        texts += [f"{record.name}: {of_gaps}"] if of_gaps else []
     names = [record for (record, _), _ in parted]
     first, split, whole = split, len(read), []
     for (record, stated), _ in parted[first:]:
         pieces, of_gaps = split_at_gaps(record, IN_PARTS)
         read += [(piece, stated) for piece in pieces]
         whole.append(Parted(record.name, record.time if plan.rate is None else None, len(pieces)))
-        told += [f"{record.name}: {of_gaps}"] if of_gaps else []
+        texts += [f"{record.name}: {of_gaps}"] if of_gaps else []
     records, look = checked_records([record for record, _ in read], expectations_of(model), plan)
     read = [(record, stated) for record, (_, stated) in zip(records, read, strict=True)]
     ready = for_model(read[:split], model, plan, read[split:], decided)
-    notes = (*plan.chosen, *grouped(told, names), *ready.notes)
+    notes = (*plan.chosen, *grouped(texts, names), *ready.notes)
     return replace(
         ready, notes=notes, doubts=(*look.doubts, *ready.doubts), look=look, parted=tuple(whole)
     )
@@ -332,11 +332,11 @@ def for_model(
     """
     plan, split = plan or Plan(), len(fitted)
     read = [*fitted, *validation]
-    own, known = is_own(model), all(stated for _, stated in read)
-    kept = [signal.name for signal in model.equations.outputs]
-    first = [record if own else with_load_factors(record, kept)[0] for record, _ in fitted]
+    own, all_stated = is_own(model), all(stated for _, stated in read)
+    outputs = [signal.name for signal in model.equations.outputs]
+    first = [record if own else with_load_factors(record, outputs)[0] for record, _ in fitted]
     hold, weight, notes = (
-        _readings(first, model, plan, known=known)
+        _readings(first, model, plan, known=all_stated)
         if decided is None
         else (plan.hold or decided.hold, decided.weight, [])
     )
@@ -346,7 +346,7 @@ def for_model(
         as_read = (
             record if hold is None or (stated and plan.hold is None) else replace(record, hold=hold)
         )
-        one, sentences = prepared(as_read, plan, own=own, kept=kept)
+        one, sentences = prepared(as_read, plan, own=own, kept=outputs)
         records.append(one)
         told += sentences
     # numbers beyond all measure are for the fit to refuse
@@ -402,10 +402,10 @@ def _shown(value: float, unit: str) -> str:
     return f"{math.degrees(value):.4g} deg" if unit == "rad" else f"{value:.4g} {unit}"
 
 
-def grouped(told: Sequence[str], records: Sequence[Record]) -> list[str]:
+def grouped(notes: Sequence[str], records: Sequence[Record]) -> list[str]:
     """Sentences on single records, ``"NAME: text"``; the same text on several of them once."""
     names: dict[str, list[str]] = {}
-    for sentence in told:
+    for sentence in notes:
         of = next(
             (record.name for record in records if sentence.startswith(f"{record.name}: ")), ""
         )
@@ -442,7 +442,7 @@ def _read(
         optional=optional,
         hold=plan.hold,
         instead=instead,
-        known=units,
+        channel_units=units,
         rate=plan.rate,
     )
     # Named by their files: a sidecar's name may be the same for all of them.
@@ -486,17 +486,17 @@ def _weight(fitted: Sequence[Record], model: Model) -> tuple[bool, list[str]]:
         for signal in model.equations.outputs
         if any(signal.name in record.output_names for record in fitted)
     ]
-    found = better_by(
+    result = better_by(
         with_flow(model, fitted), with_flow(model, fitted, weight=False), outputs, PLAIN
     )
-    if found.gain < BETTER:
+    if result.gain < BETTER:
         undecided = (
-            f" (as in flight; fits do not decide it: {found.why_open})" if found.why_open else ""
+            f" (as in flight; fits do not decide it: {result.why_open})" if result.why_open else ""
         )
         return True, [f"the lift that carries the weight follows the measured pressure{undecided}"]
     return False, [
         "the lift that carries the weight is left out: perturbations alone fit better (twice the "
-        f"log likelihood {found.gain:.1f})"
+        f"log likelihood {result.gain:.1f})"
     ]
 
 

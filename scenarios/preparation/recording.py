@@ -143,12 +143,12 @@ def _refuse_endless(record: Record) -> None:
         usual = float(np.median(np.diff(record.time)))
         span = float(record.time[-1] - record.time[0])
     if not span / usual <= MOST_STEPS:
-        told = (
+        problem = (
             f"it goes from {record.time[0]:.4g} to {record.time[-1]:.4g} s in steps of {usual:.3g} "
             "s"
         )
         remedy = "correct wrong times, or read a part of the rows with --from and --to"
-        raise RecordError(told, where=f"{record.name}, column time", remedy=remedy)
+        raise RecordError(problem, where=f"{record.name}, column time", remedy=remedy)
 
 
 def _acted_on(record: Record, finding: RecordFinding, plan: Plan) -> tuple[Record, Seen]:

@@ -138,7 +138,7 @@ class Fits:
         return self.fit.functions[at], self.mismatches[at]
 
 
-def fits_of(found: FrequencyResponses, names: Names, options: FitOptions) -> Fits | None:
+def fits_of(responses: FrequencyResponses, names: Names, options: FitOptions) -> Fits | None:
     """Fit the forms to the responses in their usable bands; None where no form is named.
 
     Raises DeclarationError, RecordError or ModelError in one line.
@@ -151,11 +151,11 @@ def fits_of(found: FrequencyResponses, names: Names, options: FitOptions) -> Fit
         for column, one in enumerate(names.inputs):
             if output not in by_output:
                 continue
-            usable = found.usable[row, column]
+            usable = responses.usable[row, column]
             if not usable.any():
                 what = f"no usable band of {output}/{one} to fit"
                 raise RecordError(what, where="--fit", remedy="lower --coherence, or leave it out")
-            targets.append(target_of(found, (row, column), f"{output}/{one}"))
+            targets.append(target_of(responses, (row, column), f"{output}/{one}"))
             places.append((row, column))
             forms.append(form_of(by_output[output]))
     try:
@@ -166,23 +166,25 @@ def fits_of(found: FrequencyResponses, names: Names, options: FitOptions) -> Fit
         option = {"fix": "--fix", "shared poles": "--shared-poles"}.get(error.where, "--fit")
         raise DeclarationError(error.what, where=option, remedy=error.remedy) from None
     each = tuple(
-        _mismatch(found, place, function)
+        _mismatch(responses, place, function)
         for place, function in zip(places, fit.functions, strict=True)
     )
     return Fits(fit, tuple(places), each)
 
 
-def target_of(found: FrequencyResponses, place: tuple[int, int], name: str) -> Target:
+def target_of(responses: FrequencyResponses, place: tuple[int, int], name: str) -> Target:
     """The usable band of a response, as it is fitted."""
-    usable = found.usable[place]
-    likeness = found.coherence[place[0]] if found.joint else found.partial_coherence[place]
+    usable = responses.usable[place]
+    likeness = (
+        responses.coherence[place[0]] if responses.joint else responses.partial_coherence[place]
+    )
     return Target(
         name,
-        2.0 * math.pi * found.frequency[usable],
-        found.response[place][usable],
+        2.0 * math.pi * responses.frequency[usable],
+        responses.response[place][usable],
         likeness[usable],
-        found.std[place][usable],
-        found.lengths[place[0]][usable],
+        responses.std[place][usable],
+        responses.lengths[place[0]][usable],
     )
 
 
@@ -206,14 +208,16 @@ def _by_output(forms: Sequence[str], outputs: Sequence[str]) -> Mapping[str, str
 
 
 def _mismatch(
-    found: FrequencyResponses, place: tuple[int, int], function: FittedResponse
+    responses: FrequencyResponses, place: tuple[int, int], function: FittedResponse
 ) -> Mismatch:
-    usable = found.usable[place]
-    frequency = found.frequency[usable]
-    response = found.response[place][usable]
+    usable = responses.usable[place]
+    frequency = responses.frequency[usable]
+    response = responses.response[place][usable]
     ratio = response / function.response(2.0 * math.pi * frequency)
-    share = np.minimum((found.half_width()[place] / np.abs(found.response[place]))[usable], 0.999)
-    turn = found.phase_half_width()[place][usable]
+    share = np.minimum(
+        (responses.half_width()[place] / np.abs(responses.response[place]))[usable], 0.999
+    )
+    turn = responses.phase_half_width()[place][usable]
     return Mismatch(
         frequency,
         20.0 * np.log10(np.abs(ratio)),
@@ -383,7 +387,10 @@ class FittedModel:
 
 
 def model_fit_of(
-    found: FrequencyResponses, names: Names, options: ModelOptions, held: float | None = None
+    estimated_responses: FrequencyResponses,
+    names: Names,
+    options: ModelOptions,
+    held: float | None = None,
 ) -> FittedModel | None:
     """Fit the model to all responses that have a usable band; None where none is named.
 
@@ -407,11 +414,11 @@ def model_fit_of(
     places, targets, pairs = [], [], []
     for row, output in enumerate(names.outputs):
         for column, one in enumerate(names.inputs):
-            if np.count_nonzero(found.usable[row, column]) >= 3:
+            if np.count_nonzero(estimated_responses.usable[row, column]) >= 3:
                 name = f"{output}/{one}"
                 places.append((row, column))
                 pairs.append(name)
-                targets.append(target_of(found, (row, column), name))
+                targets.append(target_of(estimated_responses, (row, column), name))
     if not targets:
         what = "no response has a usable band to fit"
         raise RecordError(what, where="--model", remedy="lower --coherence, or leave it out")
@@ -423,7 +430,7 @@ def model_fit_of(
 
     def responses(values: Mapping[str, float]) -> list[np.ndarray]:
         space = state_space(system, values, x0, u0)
-        late = values.get(DELAY, 0.0)
+        delay_value = values.get(DELAY, 0.0)
         eye, out = np.eye(len(space.A)), []
         A, B = space.A, space.B
         if held is not None:
@@ -439,7 +446,7 @@ def model_fit_of(
             inside = np.linalg.solve(z[:, None, None] * eye - A, B[None, :, m, None])
             row = (space.C[k] @ inside)[:, 0] + space.D[k, m]
             between = 1.0 if held is None else (1.0 - np.exp(-s * held)) / (s * held)
-            out.append(row * np.exp(-s * late) / between)
+            out.append(row * np.exp(-s * delay_value) / between)
         return out
 
     start, fixed = _starts(system, options.fixed or {})
@@ -487,28 +494,28 @@ def _starts(
 
 
 def _refuse_other_signals(system: System, names: Names) -> None:
-    for option, asked, known in (
+    for option, requested, known in (
         ("--input", names.inputs, system.input_names),
         ("--output", names.outputs, system.output_names),
     ):
-        for name in asked:
+        for name in requested:
             if name not in known:
                 what, remedy = f"the model has no {name!r}", f"it has {', '.join(known)}"
                 raise DeclarationError(what, where=option, remedy=remedy)
 
 
-def model_lines(found: FittedModel) -> list[str]:
+def model_lines(fitted: FittedModel) -> list[str]:
     """The costs of the fitted model, one sentence each."""
-    lines = list(found.sentences)
-    for name, cost in zip(found.pairs, found.fit.costs, strict=True):
+    lines = list(fitted.sentences)
+    for name, cost in zip(fitted.pairs, fitted.fit.costs, strict=True):
         said = "close to the data" if cost <= BEST else "acceptable" if cost <= GOOD else "poor"
         lines.append(f"{name}: cost {cost:.3g}, {said}")
-    return [*lines, f"mean cost {found.fit.cost:.3g}"]
+    return [*lines, f"mean cost {fitted.fit.cost:.3g}"]
 
 
-def model_table(found: FittedModel, caption: str = "") -> Table:
+def model_table(fitted: FittedModel, caption: str = "") -> Table:
     """The parameters of a fitted model; those that were fixed come last."""
-    fit = found.fit
+    fit = fitted.fit
     names, fixed = list(fit.names), list(fit.fixed)
     none = [MISSING] * len(fixed)
 
@@ -532,7 +539,7 @@ def model_table(found: FittedModel, caption: str = "") -> Table:
         (Column("Cramer-Rao", "%"), [*shares(fit.cramer_rao), *none]),
         (Column("insensitivity", "%"), [*shares(fit.insensitivity), *none]),
         (Column("start", BY_ROW), [*start, *none]),
-        units=[found.units.get(name, "") for name in (*names, *fixed)],
+        units=[fitted.units.get(name, "") for name in (*names, *fixed)],
     )
 
 
@@ -541,14 +548,14 @@ def _share(part: float, value: float) -> Cell:
     return formatted(share if math.isfinite(share) and share < 1000.0 else None, ".3g")
 
 
-def model_content(found: FittedModel) -> dict[str, Any]:
+def model_content(fitted: FittedModel) -> dict[str, Any]:
     """The fitted model for ``responses.json``."""
-    fit = found.fit
+    fit = fitted.fit
     return {
-        "model": found.model,
-        "vehicle": found.vehicle,
+        "model": fitted.model,
+        "vehicle": fitted.vehicle,
         "cost": fit.cost,
-        "costs": dict(zip(found.pairs, fit.costs, strict=True)),
+        "costs": dict(zip(fitted.pairs, fit.costs, strict=True)),
         "converged": fit.converged,
         "parameters": {
             name: {
@@ -557,7 +564,7 @@ def model_content(found: FittedModel) -> dict[str, Any]:
                 "cramer_rao": float(fit.cramer_rao[k]),
                 "insensitivity": float(fit.insensitivity[k]),
                 "start": float(fit.start[k]),
-                "unit": found.units.get(name, ""),
+                "unit": fitted.units.get(name, ""),
             }
             for k, name in enumerate(fit.names)
         },

@@ -59,10 +59,10 @@ class LevelOptions:
 
     def __post_init__(self) -> None:
         if self.flown is not None and self.parts not in product(CLASSES, CATEGORIES):
-            known = f"{', '.join(CLASSES)} and {', '.join(CATEGORIES)}"
+            available = f"{', '.join(CLASSES)} and {', '.join(CATEGORIES)}"
             what = f"{self.flown!r} is no class and category"
             raise DeclarationError(
-                what, where="--levels", remedy=f"write CLASS-CATEGORY of {known}, as in IV-A"
+                what, where="--levels", remedy=f"write CLASS-CATEGORY of {available}, as in IV-A"
             )
         if self.airspeed is not None and not (self.airspeed > 0.0 and math.isfinite(self.airspeed)):
             what = f"{self.airspeed:g} m/s is no airspeed"
@@ -99,14 +99,14 @@ def pilot_demand(bandwidth: float | None, delay: float | None) -> PilotDemand | 
             remedy = "add --pilot RAD/S, the closed-loop bandwidth"
             raise DeclarationError("there is no pilot", where="--pilot-delay", remedy=remedy)
         return None
-    late = PILOT_DELAY if delay is None else delay
+    delay_seconds = PILOT_DELAY if delay is None else delay
     for option, value, fine in (
         ("--pilot", bandwidth, bandwidth > 0.0),
-        ("--pilot-delay", late, late >= 0.0),
+        ("--pilot-delay", delay_seconds, delay_seconds >= 0.0),
     ):
         if not (fine and math.isfinite(value)):
             raise DeclarationError(f"{value:g}", where=option, remedy="give a positive number")
-    return PilotDemand(bandwidth, late)
+    return PilotDemand(bandwidth, delay_seconds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,24 +137,24 @@ class Qualities:
     @property
     def numbers(self) -> Mapping[str, tuple[BandwidthQuantity, str]]:
         """Quantities that are known, with their units."""
-        found: dict[str, tuple[BandwidthQuantity | None, str]] = {}
+        result: dict[str, tuple[BandwidthQuantity | None, str]] = {}
         if self.bandwidth is not None:
-            found |= {
+            result |= {
                 "bandwidth": (self.bandwidth.bandwidth, "rad/s"),
                 "phase_bandwidth": (self.bandwidth.phase, "rad/s"),
                 "gain_bandwidth": (self.bandwidth.gain, "rad/s"),
                 "neutral_frequency": (self.bandwidth.neutral, "rad/s"),
                 "phase_delay": (self.bandwidth.delay, "s"),
             }
-        found["dropback"] = (self.dropback, "s")
-        found["pitch_rate_overshoot"] = (self.overshoot, "1")
+        result["dropback"] = (self.dropback, "s")
+        result["pitch_rate_overshoot"] = (self.overshoot, "1")
         if isinstance(self.pilot, NealSmith):
-            found["pilot_resonance"] = (self.pilot.resonance, "dB")
-            found["pilot_compensation"] = (self.pilot.compensation, "deg")
-        found |= {
+            result["pilot_resonance"] = (self.pilot.resonance, "dB")
+            result["pilot_compensation"] = (self.pilot.compensation, "deg")
+        result |= {
             each.name: (BandwidthQuantity(each.value, each.std), each.unit) for each in self.form
         }
-        return {name: (each, unit) for name, (each, unit) in found.items() if each is not None}
+        return {name: (each, unit) for name, (each, unit) in result.items() if each is not None}
 
     @property
     def lines(self) -> list[str]:
@@ -208,8 +208,8 @@ def chart_levels(one: Qualities) -> list[ChartLevel]:
     """Levels of bandwidth and phase delay, and of Neal and Smith's pilot, where they are known."""
     out = []
     band = one.bandwidth
-    flown = one.flown is not None and one.flown[1] == "A" and one.form_name in ("", PITCH)
-    if flown and band is not None and band.bandwidth is not None and band.delay is not None:
+    in_category_a = one.flown is not None and one.flown[1] == "A" and one.form_name in ("", PITCH)
+    if in_category_a and band is not None and band.bandwidth is not None and band.delay is not None:
         width, delay = band.bandwidth, band.delay
         best, worst = (
             pitch_bandwidth_level(
@@ -220,12 +220,12 @@ def chart_levels(one: Qualities) -> list[ChartLevel]:
         words = "bandwidth and phase delay" + ("" if one.form_name else ", if this is pitch")
         level = pitch_bandwidth_level(width.value, delay.value)
         out.append(ChartLevel("bandwidth_and_phase_delay", words, level, best, worst, PITCH_SOURCE))
-    found = one.pilot
-    if isinstance(found, NealSmith) and found.droop >= DROOP - 0.05:
-        words = f"resonance at {found.demand.bandwidth:g} rad/s, delay {found.demand.delay:g} s"
+    result = one.pilot
+    if isinstance(result, NealSmith) and result.droop >= DROOP - 0.05:
+        words = f"resonance at {result.demand.bandwidth:g} rad/s, delay {result.demand.delay:g} s"
         source = "MIL-STD-1797A, 4.2.1.2, closed-loop criterion"
         out.append(
-            ChartLevel("pilot_resonance", words, found.level, found.best, found.worst, source)
+            ChartLevel("pilot_resonance", words, result.level, result.best, result.worst, source)
         )
     return out
 
@@ -259,7 +259,7 @@ def refuse_kind(kind: str | None) -> None:
 
 
 def qualities_of(
-    found: FrequencyResponses,
+    responses: FrequencyResponses,
     names: Names,
     kind: str | None,
     fits: Fits | None,
@@ -282,8 +282,8 @@ def qualities_of(
             fall = dropback(fitted[0]) if fitted is not None else None
             bandwidth = curve = None
             name = f"{output}/{one}"
-            if kind is not None and found.usable[row, column].any():
-                target = target_of(found, (row, column), name)
+            if kind is not None and responses.usable[row, column].any():
+                target = target_of(responses, (row, column), name)
                 bandwidth = attitude_bandwidth(target, rate=kind == RATE)
                 curve = attitude_curve(target, rate=kind == RATE)
             form = (
@@ -296,11 +296,22 @@ def qualities_of(
             if bandwidth is not None or fall is not None or form:
                 over = pitch_overshoot(fitted[0]) if fitted is not None else None
                 closed = neal_smith(curve, pilot) if curve is not None and pilot else None
-                flown = limits.parts if limits.flown is not None else None
+                flight_phase = limits.parts if limits.flown is not None else None
                 place = (row, column)
                 out.append(
                     Qualities(
-                        *(name, place, bandwidth, curve, fall, form, levels, over, closed, flown),
+                        *(
+                            name,
+                            place,
+                            bandwidth,
+                            curve,
+                            fall,
+                            form,
+                            levels,
+                            over,
+                            closed,
+                            flight_phase,
+                        ),
                         fitted[0].form.name if fitted is not None else "",
                     )
                 )
@@ -341,14 +352,14 @@ def quality_lines(qualities: Sequence[Qualities]) -> list[str]:
 
 def levels_by_name(qualities: Sequence[Qualities]) -> dict[str, dict[str, tuple[int, int, int]]]:
     """Level, best and worst within two standard deviations by response and quantity or chart."""
-    found = {
+    result = {
         each.name: {
             **{one.quality.name: (one.level, one.best, one.worst) for one in each.levels},
             **{one.name: (one.level, one.best, one.worst) for one in chart_levels(each)},
         }
         for each in qualities
     }
-    return {name: levels for name, levels in found.items() if levels}
+    return {name: levels for name, levels in result.items() if levels}
 
 
 def levels_content(one: Qualities) -> list[dict[str, Any]]:

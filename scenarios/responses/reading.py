@@ -186,7 +186,7 @@ def _read(
         start,
         stop,
         hold=plan.hold,
-        known=known,
+        channel_units=known,
         rate=plan.rate,
     )
     missing = [name for name in names.outputs if name not in record.output_names]

@@ -88,11 +88,13 @@ def _told(folder: Path) -> tuple[dict[str, str], bool]:
     """Units of channels, those of the folder's record where it tells them, and whether that record
     is simulated.
     """
-    found = found_json(folder / "record.json")
-    content = found if isinstance(found, dict) else {}
+    result = found_json(folder / "record.json")
+    content = result if isinstance(result, dict) else {}
     units = content.get("units", {})
-    told = {name: str(unit) for name, unit in units.items()} if isinstance(units, dict) else {}
-    return {**CHANNEL_UNITS, **told}, content.get("origin") == SIMULATED_ORIGIN or (
+    units_by_name = (
+        {name: str(unit) for name, unit in units.items()} if isinstance(units, dict) else {}
+    )
+    return {**CHANNEL_UNITS, **units_by_name}, content.get("origin") == SIMULATED_ORIGIN or (
         folder / "truth.json"
     ).is_file()
 
@@ -257,30 +259,34 @@ def compare_columns(columns: Sequence[StudyColumn]) -> SideBySide:
             where=columns[0].label if columns else "compare",
             remedy="name at least two",
         )
-    held = [dict(column.values) for column in columns]
-    apart = tuple(
+    values_by_column = [dict(column.values) for column in columns]
+    separate = tuple(
         name
-        for name in _ordered({name for values in held for name in values})
-        if len(_units(name, held)) > 1
+        for name in _ordered({name for values in values_by_column for name in values})
+        if len(_units(name, values_by_column)) > 1
     )
-    counted = {name: sum(name in values for values in held) for values in held for name in values}
+    counted = {
+        name: sum(name in values for values in values_by_column)
+        for values in values_by_column
+        for name in values
+    }
     names = _ordered(
-        {name for name, count in counted.items() if count >= FEWEST and name not in apart}
+        {name for name, count in counted.items() if count >= FEWEST and name not in separate}
     )
     if not names:
         what = f"{', '.join(column.label for column in columns)} share no parameter"
         remedy = (
-            f"in the same unit: {', '.join(apart)}"
-            if apart
+            f"in the same unit: {', '.join(separate)}"
+            if separate
             else "; ".join(f"{c.label} has {_few(list(c.values))}" for c in columns)
         )
         raise DeclarationError(
             what, where="compare", remedy=f"name studies of one model ({remedy})"
         )
     single = {
-        c.label: found
+        c.label: result
         for c in columns
-        if (found := _ordered({name for name in c.values if counted[name] == 1}))
+        if (result := _ordered({name for name in c.values if counted[name] == 1}))
     }
     derived = [dict(column.derived) for column in columns]
     both = {
@@ -289,11 +295,11 @@ def compare_columns(columns: Sequence[StudyColumn]) -> SideBySide:
         for name in values
         if sum(name in other for other in derived) >= FEWEST and len(_units(name, derived)) == 1
     }
-    return SideBySide(tuple(columns), names, _ordered(both - set(names)), single, apart)
+    return SideBySide(tuple(columns), names, _ordered(both - set(names)), single, separate)
 
 
-def _units(name: str, held: Sequence[dict[str, Value]]) -> set[str]:
-    return {values[name].unit for values in held if name in values}
+def _units(name: str, values_by_column: Sequence[dict[str, Value]]) -> set[str]:
+    return {values[name].unit for values in values_by_column if name in values}
 
 
 def _few(names: Sequence[str]) -> str:
@@ -367,9 +373,9 @@ def _reading_columns(text: str, every: bool) -> list[StudyColumn]:
     content = _content(file)
     methods = _methods(content)
     if method and method not in methods:
-        known = ", ".join(methods)
+        available = ", ".join(methods)
         remedy = (
-            f"use one of {known}"
+            f"use one of {available}"
             if methods
             else "leave the method out: the study has its main one only"
         )
@@ -386,14 +392,14 @@ def _reading_columns(text: str, every: bool) -> list[StudyColumn]:
 
 def _study_file(path: Path, text: str) -> Path:
     """The JSON of a study by its folder or its own path."""
-    found = (
+    result = (
         [path / name for name in STUDIES if (path / name).is_file()]
         if path.is_dir()
         else [path]
         if path.name in STUDIES
         else []
     )
-    if not found:
+    if not result:
         what = (
             "there is no study in this folder"
             if path.is_dir()
@@ -402,7 +408,7 @@ def _study_file(path: Path, text: str) -> Path:
             else "there is no such folder"
         )
         raise DeclarationError(what, where=text, remedy=WRITERS)
-    return found[0]
+    return result[0]
 
 
 def _content(file: Path) -> dict[str, Any]:

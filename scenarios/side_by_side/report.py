@@ -129,15 +129,15 @@ def _table(compared: SideBySide, names: tuple[str, ...]) -> dict[str, Any]:
 
 
 def _rows(compared: SideBySide, name: str) -> dict[str, Any]:
-    found = ((column.label, compared.value(name, column)) for column in compared.columns)
-    return {label: _row(value) for label, value in found if value is not None}
+    result = ((column.label, compared.value(name, column)) for column in compared.columns)
+    return {label: _row(value) for label, value in result if value is not None}
 
 
 def _row(value: Value) -> dict[str, Any]:
     row: dict[str, Any] = {"estimate": value.estimate}
-    known = {"std": value.std or None, "true": value.true, "condensed": value.condensed}
-    known |= {"error_percent": value.percent, "error_sigmas": value.sigmas}
-    row |= {key: number for key, number in known.items() if number is not None}
+    row_ = {"std": value.std or None, "true": value.true, "condensed": value.condensed}
+    row_ |= {"error_percent": value.percent, "error_sigmas": value.sigmas}
+    row |= {key: number for key, number in row_.items() if number is not None}
     printed = value.published_value
     if printed is not None:
         told = {
@@ -206,17 +206,17 @@ def _drawn(value: Value | None) -> ParameterColumn | None:
     )
 
 
-def _response(label: str, found: StudyResponses) -> StudyResponse:
+def _response(label: str, responses: StudyResponses) -> StudyResponse:
     from scenarios.plots.side_by_side import StudyResponse
 
     return StudyResponse(
         label,
-        found.time,
-        found.inputs,
-        found.measured,
-        found.predicted,
-        found.units,
-        found.simulated,
+        responses.time,
+        responses.inputs,
+        responses.measured,
+        responses.predicted,
+        responses.units,
+        responses.simulated,
     )
 
 
@@ -229,18 +229,18 @@ PUBLISHED_ERRORS = "error of the published value in % (in its own standard devia
 LIMIT = 3.0  # combined sigmas from which two studies are said to disagree
 
 
-def compared_page(compared: SideBySide, drawn: Sequence[Drawn] = ()) -> Page:
-    """The page of a comparison with the figures ``drawn``."""
+def compared_page(compared: SideBySide, figure_files: Sequence[Drawn] = ()) -> Page:
+    """The page of a comparison with the figures ``figure_files``."""
     labels = [column.label for column in compared.columns]
-    apart, told = _farthest(compared)
+    sigmas, told = _farthest(compared)
     shared = (
         f"{len(compared.names)} parameters are estimated by at least two of {len(labels)} studies"
     )
     return Page(
         title="Studies side by side",
         kind=", ".join(labels),
-        verdict="" if apart is None else "apart" if apart > LIMIT else "alike",
-        tone="plain" if apart is None else "fair" if apart > LIMIT else "good",
+        verdict="" if sigmas is None else "apart" if sigmas > LIMIT else "alike",
+        tone="plain" if sigmas is None else "fair" if sigmas > LIMIT else "good",
         sentence=as_sentence(told) if told else "",
         summary=(as_sentence(shared),),
         warnings=tuple(
@@ -249,7 +249,7 @@ def compared_page(compared: SideBySide, drawn: Sequence[Drawn] = ()) -> Page:
             else []
         ),
         sections=(
-            *section("Figures", *figures(drawn)),
+            *section("Figures", *figures(figure_files)),
             *section("The studies", _studies(compared.columns)),
             *section("Estimates", *compared_tables(compared)),
             *section(
@@ -288,15 +288,15 @@ def compared_tables(compared: SideBySide) -> list[Table]:
     differs, errors, and published values where there are any.
     """
     names = (*compared.names, *compared.derived)
-    found = [
+    result = [
         value for name in names for c in compared.columns if (value := compared.value(name, c))
     ]
     tables = [_table_of(compared, ESTIMATES, _estimate, true=True)]
     if any(_differs(compared, name) for name in names):
         tables.append(_table_of(compared, REFERENCE, lambda v: known(v.reference)))
-    if any(value.reference is not None for value in found):
+    if any(value.reference is not None for value in result):
         tables.append(_table_of(compared, ERRORS, _error, PURE))
-    if any(value.published is not None for value in found):
+    if any(value.published is not None for value in result):
         tables.append(_table_of(compared, "published +- sigma", _published))
         tables.append(_table_of(compared, PUBLISHED_ERRORS, _published_error, PURE))
     return [each for each in tables if each.rows]
@@ -343,24 +343,24 @@ def _shown(compared: SideBySide, name: str, study: StudyColumn) -> Value | None:
 
 def _common(compared: SideBySide, name: str) -> float | None:
     """The true value where all studies that state one state the same."""
-    told = {
+    true_values = {
         value.true
         for column in compared.columns
         if (value := _shown(compared, name, column)) is not None and value.true is not None
     }
-    return told.pop() if len(told) == 1 else None
+    return true_values.pop() if len(true_values) == 1 else None
 
 
 def _differs(compared: SideBySide, name: str) -> bool:
     """Whether what is to be found is another number in another study, or not the true one."""
-    found = [
+    result = [
         value
         for study in compared.columns
         if (value := compared.value(name, study)) is not None and value.reference is not None
     ]
     return (
-        any(value.condensed is not None for value in found)
-        or len({value.reference for value in found}) > 1
+        any(value.condensed is not None for value in result)
+        or len({value.reference for value in result}) > 1
     )
 
 
@@ -370,10 +370,10 @@ def _estimate(value: Value) -> Cell:
 
 def _error(value: Value) -> Cell:
     percent, sigmas = value.percent, value.sigmas
-    told = [f"{percent:+.2f} %"] if percent is not None else []
-    told += [f"({sigmas:+.1f})"] if sigmas is not None else []
+    parts = [f"{percent:+.2f} %"] if percent is not None else []
+    parts += [f"({sigmas:+.1f})"] if sigmas is not None else []
     number = percent if percent is not None else sigmas
-    return MISSING if number is None else Number(number, shown=" ".join(told))
+    return MISSING if number is None else Number(number, shown=" ".join(parts))
 
 
 def _published(value: Value) -> Cell:
@@ -433,14 +433,15 @@ def print_compared(compared: SideBySide, out: Console | None = None) -> None:
         > out.width - FIXED
     )
     for place, column in enumerate(compared.columns, start=1):
-        told = [
+        headings = [
             column.title or column.estimator,
             *([column.estimator] if column.title and column.estimator else []),
         ]
-        told += [f"seed {column.seed}"] if column.seed is not None else []
+        headings += [f"seed {column.seed}"] if column.seed is not None else []
         print_paragraph(
             out,
-            f"{f'{place} ' if numbered else ''}{column.label}: {', '.join(told)}; {column.outcome}",
+            f"{f'{place} ' if numbered else ''}{column.label}: {', '.join(headings)}; "
+            f"{column.outcome}",
             indent=0,
         )
     if numbered:
@@ -479,7 +480,7 @@ def write_compared(compared: SideBySide, folder: str | Path, *, figures: Formats
     """
     with study_folder(folder, MAIN) as scratch:
         write_text(scratch / "compared.csv", compared_csv(compared))
-        drawn = drawn_in(scratch, compared_figures(compared), figures)
-        write_page(scratch, compared_page(compared, drawn))
+        figure_files = drawn_in(scratch, compared_figures(compared), figures)
+        write_page(scratch, compared_page(compared, figure_files))
         write_json(scratch / MAIN, compared_content(compared))
     return Path(folder)

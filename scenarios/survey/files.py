@@ -177,13 +177,11 @@ HOW = (
 
 
 def survey_page(
-    survey: SurveyResult, drawn: Sequence[Drawn] = (), linked: Collection[str] = ()
+    survey: SurveyResult, figure_files: Sequence[Drawn] = (), linked: Collection[str] = ()
 ) -> Page:
-    """The page of a survey with the figures ``drawn``; flights in ``linked`` have a page of their
-    own beside it.
-    """
+    """The page of a survey with its figures; flights in ``linked`` have a page of their own."""
     word, rest = verdict_of(survey)
-    told = [
+    texts = [
         f"{each.name}: {part}"
         for each in survey.recurs
         for part in (belongs_phrase(each, survey), rivals_phrase(each))
@@ -206,7 +204,7 @@ def survey_page(
         ),
         warnings=tuple(map(as_sentence, survey.warnings)),
         sections=(
-            *section("Figures", *figures(drawn)),
+            *section("Figures", *figures(figure_files)),
             *section(
                 "New since the last survey",
                 Bullets(tuple(map(as_sentence, map(capital, fresh(survey))))),
@@ -214,7 +212,7 @@ def survey_page(
             *section(
                 "Recurring effects",
                 effects_table(survey),
-                Bullets(tuple(map(as_sentence, told))),
+                Bullets(tuple(map(as_sentence, texts))),
                 Prose(as_sentence(HOW), "note"),
             ),
             *section(
@@ -281,12 +279,12 @@ def write_survey(
     """
     with study_folder(folder, MAIN) as scratch:
         write_text(scratch / "derivatives.csv", derivatives_text(survey))
-        drawn = drawn_in(scratch, survey_figures(survey), figures)
+        figure_files = drawn_in(scratch, survey_figures(survey), figures)
         linked = [
             name
             for name in survey.grown.kept
             if (Path(folder) / FOLDER / name / "report.html").is_file()
         ]
-        write_page(scratch, survey_page(survey, drawn, linked))
+        write_page(scratch, survey_page(survey, figure_files, linked))
         write_json(scratch / MAIN, survey_content(survey, now()))
     return Path(folder)

@@ -73,8 +73,13 @@ class PooledFits:
         """Of everything that a flight's fits depend on; not of the starts, from which every fit
         goes to its end.
         """
-        told = [SCHEMA, self.flights[number].digest, sorted(self.effects), sorted(self.own[number])]
-        return hashlib.sha256(json.dumps(told).encode()).hexdigest()
+        content = [
+            SCHEMA,
+            self.flights[number].digest,
+            sorted(self.effects),
+            sorted(self.own[number]),
+        ]
+        return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
     def path(self, number: int) -> Path:
         return self.folder / FOLDER / self.flights[number].name / KEPT
@@ -153,10 +158,10 @@ def fitted_sets(
     )
     beside = [name for name in own if name in known]
     remain = [name for name in beside if is_of_flight(name)]
-    found = {True: search.sets(able, beside)} | (
+    result = {True: search.sets(able, beside)} | (
         {False: search.sets(able, remain)} if remain != beside else {}
     )
-    most = next((each for each in reversed(found[True].values()) if each is not None), None)
+    most = next((each for each in reversed(result[True].values()) if each is not None), None)
     share = (
         effective_share(most.fit.residuals, [problem.valid for problem in most.fit.layout.problems])
         if most is not None
@@ -187,11 +192,11 @@ def fitted_sets(
                 "+".join(sorted(taken)): _told(
                     each, declared, [known[n] for n in sorted(taken)], share
                 )
-                for taken, each in found[own_in].items()
+                for taken, each in result[own_in].items()
                 if each
             }
             for key, own_in in (("sets", True), ("sets_without", False))
-            if own_in in found
+            if own_in in result
         },
     }
 
@@ -210,17 +215,17 @@ class _Search:
         self, names: Sequence[str], beside: Sequence[str]
     ) -> dict[frozenset[str], FittedModel | None]:
         """Every set of ``names``, with the effects ``beside`` in each; the whole one last."""
-        found: dict[frozenset[str], FittedModel | None] = {}
+        result: dict[frozenset[str], FittedModel | None] = {}
         for size in range(len(names) + 1):
             for chosen in combinations(names, size):
                 sound = [
                     each
                     for name in chosen
-                    if (each := found[frozenset(chosen) - {name}]) is not None
+                    if (each := result[frozenset(chosen) - {name}]) is not None
                 ]
                 start = min(sound, key=lambda each: each.fit.cost, default=None)
-                found[frozenset(chosen)] = self.fitted([*beside, *chosen], start)
-        return found
+                result[frozenset(chosen)] = self.fitted([*beside, *chosen], start)
+        return result
 
     def fitted(self, names: Sequence[str], start: FittedModel | None) -> FittedModel | None:
         from ident.tracing.fitted_model import fit_set, start_from
@@ -406,7 +411,7 @@ class Grown:
 
 
 def grown(
-    asked: Flights,
+    survey_flights: Flights,
     folder: Path,
     jobs: int = 1,
     figures: Formats = (),
@@ -422,7 +427,7 @@ def grown(
     written.
     """
     before = last_survey(folder)
-    missing = tuple(flight for flight in asked.flights if kept_of(flight, folder) is None)
+    missing = tuple(flight for flight in survey_flights.flights if kept_of(flight, folder) is None)
     failed: dict[str, str] = {}
     if missing:
         work = Diagnoses(missing, folder, figures)
@@ -433,23 +438,30 @@ def grown(
             ended, table = 0, None
         if table is None or not table.whole:
             raise KeyboardInterrupt(
-                f"{len(asked.flights) - len(missing) + ended} of {len(asked.flights)} flights are "
-                f"kept in {folder}"
+                f"{len(survey_flights.flights) - len(missing) + ended} of "
+                f"{len(survey_flights.flights)} flights are kept in {folder}"
             )
         failed = {
             missing[int(n)].name: str(error)
             for n, error in zip(table.columns["number"], table.columns["error"], strict=True)
             if error
         }
-    found = {flight.name: kept_of(flight, folder) for flight in asked.flights}
-    kept = {name: content for name, content in found.items() if content is not None}
-    for name in found:
-        if name not in kept and name not in failed:
+    result = {flight.name: kept_of(flight, folder) for flight in survey_flights.flights}
+    diagnoses = {name: content for name, content in result.items() if content is not None}
+    for name in result:
+        if name not in diagnoses and name not in failed:
             failed[name] = "nothing was kept of it"
-    computed = tuple(flight.name for flight in missing if flight.name in kept)
+    computed = tuple(flight.name for flight in missing if flight.name in diagnoses)
     had = frozenset(str(name) for name in before.get("flights", {}))
-    removed = tuple(sorted(had - set(found)))
-    return Grown(kept, {f.name: replace(f) for f in asked.flights}, computed, failed, removed, had)
+    removed = tuple(sorted(had - set(result)))
+    return Grown(
+        diagnoses,
+        {f.name: replace(f) for f in survey_flights.flights},
+        computed,
+        failed,
+        removed,
+        had,
+    )
 
 
 def flown(
@@ -463,13 +475,13 @@ def flown(
     """The rows of a survey's work of ``count`` flights, whose files are in ``folder`` then. Raises
     as ``run_study``.
     """
-    asked = TaskRequest(
+    task_request = TaskRequest(
         count, 0, max(1, min(jobs, count)), cluster=cluster, unit="flights", elsewhere=folder
     )
     if cluster is None:
-        return run_study(work, asked, tell)
+        return run_study(work, task_request, tell)
 
-    return run_study(sent(work), asked, tell)
+    return run_study(sent(work), task_request, tell)
 
 
 def last_survey(folder: Path) -> Mapping[str, Any]:

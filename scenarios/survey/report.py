@@ -45,8 +45,8 @@ HAS, HAS_NOT, UNTOLD = "has it", "does not have it", "undecided"
 
 def verdict_of(survey: SurveyResult) -> tuple[str, str]:
     """A word or two, and the sentence after it."""
-    kept = survey.grown.kept
-    if not kept:
+    diagnoses = survey.grown.kept
+    if not diagnoses:
         return "NO FLIGHT", "no flight could be used"
     if survey.recurs:
         return "RECURS", "; ".join(effect_phrase(each) for each in survey.recurs)
@@ -56,7 +56,7 @@ def verdict_of(survey: SurveyResult) -> tuple[str, str]:
     )
     return (
         "NOTHING RECURS",
-        f"no effect acts in two or more of {len(kept)} flights beyond chance{besides}",
+        f"no effect acts in two or more of {len(diagnoses)} flights beyond chance{besides}",
     )
 
 
@@ -69,14 +69,14 @@ def verdicts_phrase(survey: SurveyResult) -> str:
 def effect_phrase(each: Recurring) -> str:
     """``"vane-offset 3.00 +- 0.02 m in 40 of 40 flights"``."""
     values = values_of(each)
-    told = (
+    text = (
         f" {values[0].partition(' ')[2]}"
         if len(values) == 1
         else f" ({', '.join(values)})"
         if len(values) == 2
         else ""
     )
-    return f"{each.name}{told} in {len(each.has)} of {len(each.flights)} flights"
+    return f"{each.name}{text} in {len(each.has)} of {len(each.flights)} flights"
 
 
 def values_of(each: Recurring) -> list[str]:
@@ -96,11 +96,11 @@ def values_of(each: Recurring) -> list[str]:
 
 def belongs_phrase(each: Recurring, survey: SurveyResult) -> str:
     """Whose it is, and whether its value is one, or changes with a condition."""
-    told = f"{len(each.has)} have it, {len(each.has_not)} do not, {len(each.untold)} are undecided"
+    text = f"{len(each.has)} have it, {len(each.has_not)} do not, {len(each.untold)} are undecided"
     whose = (
-        f"it belongs to the aircraft: no flight excludes it ({told})"
+        f"it belongs to the aircraft: no flight excludes it ({text})"
         if each.found.belongs == "aircraft"
-        else f"it acts in some flights only: {told}"
+        else f"it acts in some flights only: {text}"
     )
     same = (
         "the values of all flights agree"
@@ -116,31 +116,31 @@ def belongs_phrase(each: Recurring, survey: SurveyResult) -> str:
 
 
 def _effect_change(survey: SurveyResult, each: Recurring, local: str) -> str:
-    found = survey.effect_trends.get((each.name, local))
-    if found is None:
+    result = survey.effect_trends.get((each.name, local))
+    if result is None:
         return ""
     factor, text = shown_in(each.parameters[local], local)
-    return _change(*found, survey.condition_units.get(found[0], "1"), text, factor)
+    return _change(*result, survey.condition_units.get(result[0], "1"), text, factor)
 
 
 def rivals_phrase(each: Recurring) -> str:
     """What it was told from, and what not."""
     equal = [name for name, margin in each.rivals.items() if margin < EQUAL]
-    told = {name: margin for name, margin in each.rivals.items() if margin >= EQUAL}
+    margins = {name: margin for name, margin in each.rivals.items() if margin >= EQUAL}
     out = []
     if equal:
         out.append(
             f"equally likely: {' or '.join(equal)}; chosen since the derivatives agree better "
             "between flights, or by the flights' diagnoses"
         )
-    if told:
+    if margins:
         least = (
-            f"(twice the log likelihood larger by {min(told.values()):.4g}"
-            f"{' at least' if len(told) > 1 else ''})"
+            f"(twice the log likelihood larger by {min(margins.values()):.4g}"
+            f"{' at least' if len(margins) > 1 else ''})"
         )
         out.append(
             "preferred to "
-            f"{' and '.join((', '.join(list(told)[:-1]), list(told)[-1])) if len(told) > 1 else next(iter(told))} "  # noqa: E501
+            f"{' and '.join((', '.join(list(margins)[:-1]), list(margins)[-1])) if len(margins) > 1 else next(iter(margins))} "  # noqa: E501
             f"{least}"
         )
     if each.name in AT_THE_INPUT:
@@ -231,7 +231,7 @@ def fresh(survey: SurveyResult) -> list[str]:
     """What is new: each flight by itself, and what it has of what recurs."""
     out = []
     for name in survey.grown.new:
-        kept = survey.grown.kept[name]
+        diagnosis = survey.grown.kept[name]
         has = [each.name for each in survey.recurs if name in each.has]
         besides = (
             f"; it has the recurring {' and '.join(has)}"
@@ -240,7 +240,7 @@ def fresh(survey: SurveyResult) -> list[str]:
             if survey.recurs
             else ""
         )
-        out.append(f"{kept['verdict']}, {name}: {kept['headline']}{besides}")
+        out.append(f"{diagnosis['verdict']}, {name}: {diagnosis['headline']}{besides}")
     return out
 
 
@@ -336,7 +336,7 @@ def flights_table(survey: SurveyResult, linked: Collection[str] = ()) -> Table:
     flight has anything are left out.
     """
     order, grown = newest_first(survey), survey.grown
-    kept = [grown.kept[name] for name in order]
+    diagnosis = [grown.kept[name] for name in order]
 
     def alone(name: str) -> str:
         return ", ".join(e for e, flights in survey.alone.items() if name in flights) or MISSING
@@ -349,10 +349,10 @@ def flights_table(survey: SurveyResult, linked: Collection[str] = ()) -> Table:
         (Column("since"), ["new" if name in grown.new else "" for name in order]),
         (Column("date"), [grown.flights[name].date or MISSING for name in order]),
         (Column("tail"), [grown.flights[name].tail or MISSING for name in order]),
-        (Column("verdict"), [each["verdict"] for each in kept]),
+        (Column("verdict"), [each["verdict"] for each in diagnosis]),
         *((Column(each.name), [state(each, name) for name in order]) for each in survey.recurs),
         (Column("alone"), [alone(name) for name in order]),
-        (Column("kinematics"), [kinematics(each) for each in kept]),
+        (Column("kinematics"), [kinematics(each) for each in diagnosis]),
     ]
     always = ("flight", "verdict", "kinematics")
     return table(
@@ -365,13 +365,13 @@ def flights_table(survey: SurveyResult, linked: Collection[str] = ()) -> Table:
     )
 
 
-def kinematics(kept: Mapping[str, Any]) -> str:
+def kinematics(diagnosis: Mapping[str, Any]) -> str:
     """What stands of a flight's sensors by kinematics alone: the first, and how many would do as
     well or stand beside it.
     """
-    if not kept["check"]["done"]:
+    if not diagnosis["check"]["done"]:
         return "not possible"
-    first, *others = kept["check"]["findings"] or ["no fault found"]
+    first, *others = diagnosis["check"]["findings"] or ["no fault found"]
     return f"{first}, {len(others)} more" if others else str(first)
 
 
@@ -415,20 +415,20 @@ def survey_content(survey: SurveyResult, created: str) -> dict[str, Any]:
 
 def effect_content(each: Recurring, survey: SurveyResult) -> dict[str, Any]:
     """One effect that recurs."""
-    found = each.found
-    sigmas = np.sqrt(np.diag(found.covariance))
-    common = zip(each.parameters.items(), found.value, sigmas, strict=True)
+    result = each.found
+    sigmas = np.sqrt(np.diag(result.covariance))
+    common = zip(each.parameters.items(), result.value, sigmas, strict=True)
     return {
         "name": each.name,
-        "belongs_to": found.belongs,
+        "belongs_to": result.belongs,
         "sentence": belongs_phrase(each, survey),
         "rivals_sentence": rivals_phrase(each),
         "parameters": {
             local: {"value": float(value), "std": float(sigma), "unit": unit}
             for (local, unit), value, sigma in common
         },
-        "one_value": found.agrees,
-        "scatter": found.scatter,
+        "one_value": result.agrees,
+        "scatter": result.scatter,
         "changes": {
             local: {
                 "with": condition,
@@ -440,9 +440,9 @@ def effect_content(each: Recurring, survey: SurveyResult) -> dict[str, Any]:
             for (name, local), (condition, line) in survey.effect_trends.items()
             if name == each.name
         },
-        "share": found.share,
-        "log_likelihood": found.log_likelihood,
-        "chance_of_as_much": found.p_value,
+        "share": result.share,
+        "log_likelihood": result.log_likelihood,
+        "chance_of_as_much": result.p_value,
         "rivals": dict(each.rivals),
         "named_alone": list(each.named),
         "flights": {
@@ -453,7 +453,7 @@ def effect_content(each: Recurring, survey: SurveyResult) -> dict[str, Any]:
                 "stds": list(s),
             }
             for name, p, v, s in zip(
-                each.flights, found.probability, each.values, each.sigmas, strict=True
+                each.flights, result.probability, each.values, each.sigmas, strict=True
             )
         },
     }
@@ -491,18 +491,18 @@ def derivative_content(each: Derivative, survey: SurveyResult) -> dict[str, Any]
 
 
 def _flight(survey: SurveyResult, name: str) -> dict[str, Any]:
-    flight, kept = survey.grown.flights[name], survey.grown.kept[name]
+    flight, diagnosis = survey.grown.flights[name], survey.grown.kept[name]
     return {
         "digest": flight.digest,
-        "verdict": kept["verdict"],
-        "headline": kept["headline"],
+        "verdict": diagnosis["verdict"],
+        "headline": diagnosis["headline"],
         "date": flight.date,
         "tail": flight.tail,
         "condition": {
             key: {"value": value, "unit": unit} for key, (value, unit) in flight.condition.items()
         },
-        "claimed": [each["name"] for each in kept["effects"] if each["claimed"]],
-        "check": kept["check"],
+        "claimed": [each["name"] for each in diagnosis["effects"] if each["claimed"]],
+        "check": diagnosis["check"],
         "report": f"flights/{name}/report.html",
     }
 
@@ -554,21 +554,21 @@ def survey_text(survey: SurveyResult, width: int = WIDTH, details: str = BELOW) 
     lines = [*summary_lines(summary_of(survey, details), width), ""]
     lines += table_as_lines(effects_table(survey), width)
     for each in survey.recurs:
-        told = "; ".join(
+        text = "; ".join(
             part for part in (belongs_phrase(each, survey), rivals_phrase(each)) if part
         )
-        lines += wrapped(f"{each.name}: {told}", width)
+        lines += wrapped(f"{each.name}: {text}", width)
     lines += ["", *table_as_lines(derivatives_table(survey), width)]
     far = table_as_lines(outlying_table(survey), width)
     lines += ["", *far] if far else []
     lines += ["", *table_as_lines(flights_table(survey), width)]
-    for told in (
+    for text in (
         *survey.warnings,
         *(f"note: {note}" for note in survey.notes),
         *hints(survey),
         *single_phrases(survey),
     ):
-        lines += wrapped(told, width)
+        lines += wrapped(text, width)
     return "\n".join(lines) + "\n"
 
 

@@ -69,13 +69,13 @@ class SurveyResult:
         """The vehicle files that were read without being named, in one sentence; empty without
         one.
         """
-        found = dict.fromkeys(
+        result = dict.fromkeys(
             str(flight.vehicle_beside)
             for flight in self.flights.flights
             if flight.vehicle_beside is not None
         )
         return (
-            (f"also read, because found beside the records: {', '.join(found)}",) if found else ()
+            (f"also read, because found beside the records: {', '.join(result)}",) if result else ()
         )
 
     def __repr__(self) -> str:
@@ -108,10 +108,10 @@ def survey_flights(
     FlightidError : anything in the file that keeps it from being used. KeyboardInterrupt : Ctrl-C,
     with what is kept.
     """
-    asked = read_flights(path)
+    survey = read_flights(path)
     tell("reading", 0.0)
     had = grown(
-        asked, folder, jobs, figures, lambda stage, share: tell(stage, FITTING * share), cluster
+        survey, folder, jobs, figures, lambda stage, share: tell(stage, FITTING * share), cluster
     )
     names = candidates(had.kept)
     begun = FITTING if had.computed else 0.0  # so that the time that is left follows from the share
@@ -124,13 +124,13 @@ def survey_flights(
         cluster,
     )
     fitted = tuple(fits)
-    found, sets, taken_of = recurring_with_other_effects(
+    result, sets, taken_of = recurring_with_other_effects(
         names, fitted, list(fits.values()), had.kept
     )
     conditions, condition_units = conditions_of(had)
-    told = estimates(fitted, taken_of, found, sets)
+    estimated = estimates(fitted, taken_of, result, sets)
     units = {name: unit for each in fits.values() for name, unit in each["units"].items()}
-    taken = {each.name for each in found} | {rival for each in found for rival in each.rivals}
+    taken = {each.name for each in result} | {rival for each in result for rival in each.rivals}
     left = {
         name
         for name, each in zip(fitted, taken_of, strict=True)
@@ -143,16 +143,16 @@ def survey_flights(
             if each["claimed"] and each["name"] not in taken:
                 gone = name in left and each["name"] in fits[name]["own"]
                 (needless if gone else alone).setdefault(each["name"], []).append(name)
-    derivatives = over_flights(fitted, told, conditions, units)
-    changes = effects_over(found, conditions)
+    derivatives = over_flights(fitted, estimated, conditions, units)
+    changes = effects_over(result, conditions)
     tell("pooled", 0.96)
     single, gone_of = (
         {name: tuple(here) for name, here in sorted(each.items())} for each in (alone, needless)
     )
     return SurveyResult(
-        asked,
+        survey,
         had,
-        tuple(found),
+        tuple(result),
         names,
         single,
         gone_of,
@@ -199,8 +199,8 @@ def _fits(
         failed = {
             flights[missing[int(number)]].name: str(error) for number, error in errors if error
         }
-    found = {flight.name: whole.kept(number) for number, flight in enumerate(flights)}
-    return {name: each for name, each in found.items() if each is not None}, len(missing), failed
+    result = {flight.name: whole.kept(number) for number, flight in enumerate(flights)}
+    return {name: each for name, each in result.items() if each is not None}, len(missing), failed
 
 
 def conditions_of(had: Grown) -> tuple[dict[str, dict[str, float]], dict[str, str]]:

@@ -179,8 +179,8 @@ def sweep_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Swe
         return positive(si(value, unit, f"{where}, key {key}", hertz), f"{where}, key {key}")
 
     def spread(value: Quantity, unit: str, key: str) -> float:
-        found = si(value, unit, f"{where}, key {key}")
-        return found if found == 0.0 else positive(found, f"{where}, key {key}")
+        result = si(value, unit, f"{where}, key {key}")
+        return result if result == 0.0 else positive(result, f"{where}, key {key}")
 
     loop = None
     if content.loop is not None:
@@ -290,16 +290,16 @@ def _roll(
     share = math.exp(-step / AIR_TIME)
     white, gyro = rng.standard_normal(sweep.size), scenario.gyro * rng.standard_normal(sweep.size)
     command, returned, measured = (np.zeros(sweep.size) for _ in range(3))
-    late = np.zeros(sweep.size + whole + 2)  # commands, the first frames of which are rest
+    delayed = np.zeros(sweep.size + whole + 2)  # commands, the first frames of which are rest
     p = angle = air = 0.0
     for n in range(sweep.size):
         measured[n] = p + gyro[n]
         angle += step * measured[n]
         returned[n] = loop.proportional * measured[n] + loop.integral * angle
         command[n] = sweep[n] - returned[n]
-        late[n + whole + 1] = command[n]
+        delayed[n + whole + 1] = command[n]
         air = share * air + math.sqrt(1.0 - share**2) * scenario.rough_air * white[n]
-        p = decay * p + now * late[n + 1] + before * late[n] + step * air
+        p = decay * p + now * delayed[n + 1] + before * delayed[n] + step * air
         if not abs(p) < LARGEST:
             raise DeclarationError(
                 "the loop is unstable",
@@ -515,7 +515,7 @@ def write_sweep(study: SweepStudy, folder: str | Path, *, figures: Formats = USU
         write_text(
             scratch / "responses.csv", heads[0][0] + "\n" + "".join(rest for _, _, rest in heads)
         )
-        drawn: tuple[Drawn, ...] = ()
+        figure_files: tuple[Drawn, ...] = ()
         if figures:
             from scenarios.plots.drawing import drawn_for_page
             from scenarios.plots.flying_qualities import (
@@ -530,8 +530,8 @@ def write_sweep(study: SweepStudy, folder: str | Path, *, figures: Formats = USU
             if study.response is not None:
                 named.append(("mismatch", partial(figure_mismatch, study.response)))
             named.append(("loop", partial(figure_margins, study.loop)))
-            drawn = drawn_for_page(named, scratch, figures)
-        write_page(scratch, sweep_page(study, drawn))
+            figure_files = drawn_for_page(named, scratch, figures)
+        write_page(scratch, sweep_page(study, figure_files))
         write_json(scratch / "truth.json", truth_content(study))
         write_json(scratch / MAIN, sweep_comparison(study))
     return Path(folder)
@@ -563,7 +563,7 @@ def sweep_comparison(study: SweepStudy) -> dict[str, Any]:
     }
 
 
-def sweep_page(study: SweepStudy, drawn: tuple[Drawn, ...]) -> Page:
+def sweep_page(study: SweepStudy, figure_files: tuple[Drawn, ...]) -> Page:
     """The page of a study."""
     scenario, loop = study.scenario, study.loop.loop
     summary = sweep_summary(study, BELOW)
@@ -583,7 +583,7 @@ def sweep_page(study: SweepStudy, drawn: tuple[Drawn, ...]) -> Page:
         summary=(as_sentence(summary.result),),
         warnings=tuple(map(as_sentence, cautions(study))),
         sections=(
-            *section("Figures", *figure_blocks(drawn)),
+            *section("Figures", *figure_blocks(figure_files)),
             *section("Against the truth", estimates_table("Parameters and margins", study.rows)),
             *section("Transfer function", *model),
             *section("Stability margins", *margins),

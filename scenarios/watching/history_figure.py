@@ -39,8 +39,8 @@ def history_section(
         if each.get("reference") is not None and each.get("reference_std") is not None
     }
     make = partial(figure_watched, time, courses, reference, title)
-    drawn = drawn_for_page([(STEM, make)], folder, USUAL)
-    return section("While the stream arrived", *figures(drawn))
+    figure_files = drawn_for_page([(STEM, make)], folder, USUAL)
+    return section("While the stream arrived", *figures(figure_files))
 
 
 def courses_of(

@@ -219,16 +219,16 @@ def _target(session: MarginSession) -> Target | None:
     """
     from scipy.stats import t
 
-    found = session.found
-    if found is None:
+    responses = session.found
+    if responses is None:
         return None
-    wide = t.ppf(0.5 * (1.0 + LEVEL), found.degrees) / NORMAL
-    found = replace(found, std=found.std * wide[:, None, :])
-    good = found.usable[0, 0] & (found.random_error[0, 0] <= RANDOM_ERROR)
-    usable = longest_run(good, np.log(found.frequency))
+    wide = t.ppf(0.5 * (1.0 + LEVEL), responses.degrees) / NORMAL
+    responses = replace(responses, std=responses.std * wide[:, None, :])
+    good = responses.usable[0, 0] & (responses.random_error[0, 0] <= RANDOM_ERROR)
+    usable = longest_run(good, np.log(responses.frequency))
     if np.count_nonzero(usable) < 3:
         return None
-    target = target_of(replace(found, usable=usable[None, None]), (0, 0), session.names.name)
+    target = target_of(replace(responses, usable=usable[None, None]), (0, 0), session.names.name)
     return target if session.names.sign == MINUS else turned(target)
 
 
@@ -237,14 +237,14 @@ def _point(session: MarginSession, time: float) -> MarginPoint:
     if target is None:
         return MarginPoint(time, None, None)
     band = float(target.omega[0]), float(target.omega[-1])
-    found = _inside(stability_margins(target), *band)
-    if found.gain_increase is None and found.phase is None:
+    margins = _inside(stability_margins(target), *band)
+    if margins.gain_increase is None and margins.phase is None:
         # The band has not reached a crossing yet, and the least distance lies beyond it.
-        found = replace(found, distance=None)
-    return MarginPoint(time, found, band)
+        margins = replace(margins, distance=None)
+    return MarginPoint(time, margins, band)
 
 
-def _inside(found: StabilityMargins, low: float, high: float) -> StabilityMargins:
+def _inside(margins: StabilityMargins, low: float, high: float) -> StabilityMargins:
     """The margins whose crossings lie well inside the usable band.
 
     At an end of the band points lie on one side of the crossing alone, and the outermost are those
@@ -255,18 +255,18 @@ def _inside(found: StabilityMargins, low: float, high: float) -> StabilityMargin
     def kept(margin: Margin) -> bool:
         return low * inside <= margin.frequency.value <= high / inside
 
-    left = [each for each in (*found.gains, *found.phases) if not kept(each)]
+    left = [each for each in (*margins.gains, *margins.phases) if not kept(each)]
     notes = tuple(
         f"a {each.kind} margin near {each.frequency.value:.3g} rad/s lies at an end of the usable "
         "band and is left out"
         for each in left
     )
     return StabilityMargins(
-        tuple(each for each in found.gains if kept(each)),
-        tuple(each for each in found.phases if kept(each)),
-        found.delay if found.delay is not None and kept(found.delay) else None,
-        found.distance if found.distance is not None and kept(found.distance) else None,
-        (*found.notes, *notes),
+        tuple(each for each in margins.gains if kept(each)),
+        tuple(each for each in margins.phases if kept(each)),
+        margins.delay if margins.delay is not None and kept(margins.delay) else None,
+        margins.distance if margins.distance is not None and kept(margins.distance) else None,
+        (*margins.notes, *notes),
     )
 
 
@@ -317,13 +317,13 @@ def shown(point: MarginPoint) -> list[tuple[str, Margin]]:
 
 def line(session: MarginSession, point: MarginPoint, left_out: int) -> str:
     """A second of the stream in one line, with 95 % intervals."""
-    told = [
+    texts = [
         f"{WORDS[name]} {margin.size.value:.3g} ({interval_text(margin)}) {UNITS[margin.kind]}"
         for name, margin in shown(point)
         if margin.kind != "distance"
     ]
     lost = f", {left_out} line{'s' * (left_out != 1)} left out" if left_out else ""
-    said = "; ".join(told) or "no margin is determined"
+    said = "; ".join(texts) or "no margin is determined"
     return f"{session.name}, {point.time:.2f} s{lost}: {said}"
 
 

@@ -105,9 +105,9 @@ def write_loop(
             named.append(("loop", partial(figure_margins, DrawnLoop(loop))))
         if any(shown(point) for point in session.points):
             named.append(("history", partial(figure_margin_history, session.points, name)))
-        drawn = drawn_for_page(named, scratch, USUAL)
+        figure_files = drawn_for_page(named, scratch, USUAL)
         write_text(scratch / HISTORY, history_csv(session))
-        write_page(scratch, loop_page(content, loop, name, digest, page_figures(drawn)))
+        write_page(scratch, loop_page(content, loop, name, digest, page_figures(figure_files)))
         write_json(scratch / MAIN, content)
 
 
@@ -181,14 +181,14 @@ class FollowLoop:
         """Margins after a second; ``name`` : of the event, ``"final"`` at the end."""
         items = []
         for key, margin in shown(point):
-            told = f"{margin.size.value:.3g} ({interval_text(margin)})"
+            text = f"{margin.size.value:.3g} ({interval_text(margin)})"
             half = 0.5 * (margin.high - margin.low) / NORMAL
             items.append(
                 {
                     "name": key,
                     "word": WORDS[key],
                     "unit": UNITS[margin.kind] if margin.kind != "distance" else "",
-                    "told": told,
+                    "told": text,
                     "value": margin.size.value,
                     "std": half,
                     "low": margin.low,

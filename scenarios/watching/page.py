@@ -223,8 +223,8 @@ class PageServer(ThreadingHTTPServer):
     def drop_readers(self) -> None:
         """Cut all connections, as a network would; browsers come back."""
         with self.lock:
-            held = list(self._open)
-        for connection in held:
+            readers = list(self._open)
+        for connection in readers:
             try:
                 connection.shutdown(socket.SHUT_RDWR)
             except OSError:
@@ -261,13 +261,12 @@ class RequestHandler(BaseHTTPRequestHandler):
                 f"this page is served at {self.server.address} alone\n",
             )
             return
-        asked = urlsplit(self.path)
-        if asked.path == "/":
+        url = urlsplit(self.path)
+        if url.path == "/":
             self._send(HTTPStatus.OK, "text/html; charset=utf-8", page().encode())
-        elif asked.path == "/events":
+        elif url.path == "/events":
             self._events(
-                self.headers.get("Last-Event-ID")
-                or "".join(parse_qs(asked.query).get("last", [""]))
+                self.headers.get("Last-Event-ID") or "".join(parse_qs(url.query).get("last", [""]))
             )
         else:
             self._plain(HTTPStatus.NOT_FOUND, "there is nothing here\n")
@@ -403,7 +402,7 @@ def status(state: str, sentence: str, numbers: Mapping[str, float]) -> str:
 
 
 def _item(each: CrossValidation) -> dict[str, Any]:
-    told = (
+    text = (
         HANGING
         if each.hanging
         else f"{number_text(each.value, each.std)} ± {number_text(each.std, each.std)}"
@@ -412,7 +411,7 @@ def _item(each: CrossValidation) -> dict[str, Any]:
         "name": each.name,
         "word": WORDS.get(each.name, each.name),
         "unit": "" if each.unit == "1" else each.unit,
-        "told": told,
+        "told": text,
     }
     out |= {} if each.hanging else {"value": _number(each.value), "std": _number(each.std)}
     if each.reference is not None:
@@ -509,13 +508,13 @@ class Follow:
         for step, second, after in zip(steps, seconds, [*seconds[1:], None], strict=True):
             if second > self._second and second != after:
                 self._second = second
-                found = so_far(session, step)
+                result = so_far(session, step)
                 items = comparisons(
-                    found.estimate, found.derived, self._watch.reference, found.hanging
+                    result.estimate, result.derived, self._watch.reference, result.hanging
                 )
                 self._feed.put(
                     "estimates",
-                    estimates(step.state.time, items, found.weights, KINDS[found.refined]),
+                    estimates(step.state.time, items, result.weights, KINDS[result.refined]),
                 )
 
     def _stand(self, session: Session | None, now: float, ended: str = "") -> None:

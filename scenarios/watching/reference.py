@@ -91,12 +91,12 @@ def vehicle_to_watch(vehicle: Path | None, reference: Reference | None) -> Vehic
     says that; else its estimate.
     """
     if vehicle is not None:
-        found = read_vehicle(vehicle, "loes")
-        if found.constraints:
+        vehicle_file = read_vehicle(vehicle, "loes")
+        if vehicle_file.constraints:
             what = "a filter that runs along estimates every derivative"
             remedy = "leave [fixed], [bounds] and [tied] out, or use identify"
             raise DeclarationError(what, where=str(vehicle), remedy=remedy)
-        return found
+        return vehicle_file
     x29 = load_x29("F")
     constants = {
         "airspeed": x29.airframe.airspeed,
@@ -105,17 +105,17 @@ def vehicle_to_watch(vehicle: Path | None, reference: Reference | None) -> Vehic
     }
     if reference is None:
         return VehicleFile("x29", "loes", constants, dict(PAPER_START))
-    known = {
+    values = {
         **reference.fixed,
         **{name: value for name, (value, _) in reference.values.items()},
         **reference.plain,
     }
-    held = {name: reference.fixed.get(name, constants[name]) for name in LOES_CONSTANTS}
+    constants_ = {name: reference.fixed.get(name, constants[name]) for name in LOES_CONSTANTS}
     return VehicleFile(
         resolved(Path(reference.name)).name,
         "loes",
-        held,
-        {name: known[name] for name in PAPER_START},
+        constants_,
+        {name: values[name] for name in PAPER_START},
     )
 
 
@@ -161,10 +161,10 @@ def _pairs(content: Mapping[str, Any], key: str, file: Path) -> dict[str, tuple[
 def _numbers(table: Any, key: str) -> dict[str, float]:
     """Name -> number under ``key`` of each entry that has one; none of what is no table."""
     entries = table.items() if isinstance(table, dict) else ()
-    found: dict[str, Any] = {
+    result: dict[str, Any] = {
         name: entry.get(key) for name, entry in entries if isinstance(entry, dict)
     }
-    return {name: float(value) for name, value in found.items() if _is_number(value)}
+    return {name: float(value) for name, value in result.items() if _is_number(value)}
 
 
 def _is_number(value: Any) -> bool:
@@ -239,16 +239,20 @@ def comparisons(
     """Derived quantities, then parameters, each against the reference where there is one;
     ``hanging`` are those that depend on the start.
     """
-    known = {} if reference is None else reference.values
+    reference_values = {} if reference is None else reference.values
     out = [
-        CrossValidation(name, DERIVED_UNITS[name], value, std, known.get(name), name in hanging)
+        CrossValidation(
+            name, DERIVED_UNITS[name], value, std, reference_values.get(name), name in hanging
+        )
         for name, (value, std) in derived.items()
     ]
     for name, unit, value, std in zip(
         estimate.names, estimate.units, estimate.values.tolist(), estimate.std.tolist(), strict=True
     ):
         if name not in derived:
-            out.append(CrossValidation(name, unit, value, std, known.get(name), name in hanging))
+            out.append(
+                CrossValidation(name, unit, value, std, reference_values.get(name), name in hanging)
+            )
     return tuple(out)
 
 

@@ -295,9 +295,9 @@ def read_header(
         file = RecordFile(
             Path(name), _table(name, cells, {}, 0), Sidecar(units=units or {}), InputFile(name, "")
         )
-        found = source_columns(file, choices, inputs, outputs)
-        if found:
-            computed, sources = (file, choices), found
+        result = source_columns(file, choices, inputs, outputs)
+        if result:
+            computed, sources = (file, choices), result
             wider, choices = with_derived(file, choices, inputs, outputs)
             cells = list(wider.table.header)
     columns = tuple(
@@ -482,7 +482,7 @@ def in_order(
                 time=float(table[0, -1]), held=tuple(table[1 : 1 + len(order.inputs), -1].tolist())
             ),
         )
-    kept: list[np.ndarray] = []
+    rows: list[np.ndarray] = []
     faults: list[Fault] = []
     for row, number in zip(table.T, numbers, strict=True):
         if order.lost is not None:
@@ -512,7 +512,7 @@ def in_order(
                         for each in (ahead_row, number)
                     ]
                     continue
-                order = _accept(ahead, ahead_row, order, kept, faults)
+                order = _accept(ahead, ahead_row, order, rows, faults)
             else:
                 begun = f"{order.time:.9g} s, then " if order.time > -math.inf else "first "
                 faults.append(
@@ -522,24 +522,24 @@ def in_order(
         order = (
             order._replace(waiting=row, waiting_row=number)
             if ahead_of_all
-            else _accept(row, number, order, kept, faults)
+            else _accept(row, number, order, rows, faults)
         )
-    return np.array(kept, dtype=float).reshape(-1, table.shape[0]).T, faults, order
+    return np.array(rows, dtype=float).reshape(-1, table.shape[0]).T, faults, order
 
 
 def at_end(order: Order, height: int = 2 + len(OUTPUTS)) -> tuple[np.ndarray, list[Fault], Order]:
     """As ``in_order`` for a row that still waits when the stream ends: nothing speaks against it,
     but a jump that loses the motion.
     """
-    kept: list[np.ndarray] = []
+    rows: list[np.ndarray] = []
     faults: list[Fault] = []
     if order.waiting is not None:
         row, number, order = order.waiting, order.waiting_row, order._replace(waiting=None)
         if row[0] - order.time > LOST and order.time > -math.inf:
             faults.append(Fault(number, f"the time jumps from {order.time:g} s to {row[0]:g} s"))
         else:
-            order = _accept(row, number, order, kept, faults)
-    return np.array(kept, dtype=float).reshape(-1, height).T, faults, order
+            order = _accept(row, number, order, rows, faults)
+    return np.array(rows, dtype=float).reshape(-1, height).T, faults, order
 
 
 def _goes_on(table: np.ndarray, order: Order) -> bool:
@@ -556,7 +556,7 @@ def _goes_on(table: np.ndarray, order: Order) -> bool:
 
 
 def _accept(
-    row: np.ndarray, number: int, order: Order, kept: list[np.ndarray], faults: list[Fault]
+    row: np.ndarray, number: int, order: Order, rows: list[np.ndarray], faults: list[Fault]
 ) -> Order:
     for place, name in enumerate(order.inputs, start=1):
         if math.isnan(row[place]):
@@ -568,7 +568,7 @@ def _accept(
             faults.append(
                 Fault(number, f"the {name} is missing, the last one holds", left_out=False)
             )
-    kept.append(row)
+    rows.append(row)
     return order._replace(time=float(row[0]), held=tuple(row[1 : 1 + len(order.inputs)].tolist()))
 
 
@@ -580,10 +580,10 @@ def _plain(line: bytes, places: Sequence[int], width: int) -> list[float] | None
     if len(cells) != width or b'"' in line or b"_" in line or not line.isascii():
         return None
     try:
-        found = [float(cells[place]) for place in places]
+        result = [float(cells[place]) for place in places]
     except ValueError:
         return None
-    return found if max(found) <= LARGEST and min(found) >= -LARGEST else None
+    return result if max(result) <= LARGEST and min(result) >= -LARGEST else None
 
 
 def _careful(line: bytes, places: Sequence[int], width: int) -> list[float]:

@@ -238,10 +238,10 @@ def _refined(
     row of each second, however rows come.
     """
     seconds = np.floor(given.time)
-    asked = np.flatnonzero(np.diff(seconds, prepend=session.second) > 0).tolist()
+    new_seconds = np.flatnonzero(np.diff(seconds, prepend=session.second) > 0).tolist()
     session.second = float(seconds[-1])
     out: list[Relinearised | None] = []
-    for row in [*asked, len(states) - 1]:
+    for row in [*new_seconds, len(states) - 1]:
         if row < len(out):
             continue
         stretch = slice(len(out), row + 1)
@@ -251,17 +251,17 @@ def _refined(
             else along(session.refined, Rows(*(part[..., stretch] for part in given)))
         )
         session.refined = passed[-1]
-        if row in asked:
+        if row in new_seconds:
             if session.refined is not None:
                 session.refined = on_a_grid_that_fits(session.refined)
             if _wanted(session, states[row]):
                 session.tried, before = states[row].rows_seen, session.first
-                found = _linearised(session, states[row], ends.mean[row].T)
+                result = _linearised(session, states[row], ends.mean[row].T)
                 same = session.refined is None or session.first == before
                 session.refined = (
-                    found
-                    if same and found is not None
-                    else sharper_of(session.refined, found, STARTED)
+                    result
+                    if same and result is not None
+                    else sharper_of(session.refined, result, STARTED)
                 )
         out += [*passed[:-1], session.refined]
     return out

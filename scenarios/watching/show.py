@@ -75,21 +75,23 @@ SHOWN = 4  # parameters in a line, the best known ones
 def line(session: SpectralSession, point: Point, left_out: int) -> str:
     """A second of the stream in one line."""
     rows = estimate_of(point, session)[:SHOWN]
-    told = [
+    texts = [
         f"{each['name']} {number_text(each['value'], each['std'])} +- "
         f"{number_text(each['std'], each['std'])}"
         for each in rows
     ]
     lost = f", {left_out} line{'s' * (left_out != 1)} left out" if left_out else ""
-    return f"{session.name}, {point.time:.2f} s{lost}: {', '.join(told) or UNKNOWN}"
+    return f"{session.name}, {point.time:.2f} s{lost}: {', '.join(texts) or UNKNOWN}"
 
 
 def items_of(
-    session: SpectralSession, found: Estimate | None, reference: Reference | None
+    session: SpectralSession, estimate: Estimate | None, reference: Reference | None
 ) -> tuple[CrossValidation, ...]:
     """The last estimate against the reference where there is one."""
     return (
-        () if found is None else comparisons(found, derived_quantities(session, found), reference)
+        ()
+        if estimate is None
+        else comparisons(estimate, derived_quantities(session, estimate), reference)
     )
 
 
@@ -134,12 +136,12 @@ def print_spectral_end(watch: Watch, session: SpectralSession) -> None:
 
 def beside_lines(session: SpectralSession | None, bank: Estimate) -> list[str]:
     """The estimate in the frequency domain against that of the bank, whose data it shares."""
-    found = None if session is None else last_estimate(session)
-    if found is None:
+    estimate = None if session is None else last_estimate(session)
+    if estimate is None:
         return []
     parts = []
     for name, value, std in zip(
-        found.names, found.values.tolist(), found.std.tolist(), strict=True
+        estimate.names, estimate.values.tolist(), estimate.std.tolist(), strict=True
     ):
         if name in bank.names:
             # Of two estimates from the same data the larger deviation is the measure.
@@ -154,8 +156,8 @@ def beside_lines(session: SpectralSession | None, bank: Estimate) -> list[str]:
 
 def write_spectral(out: Path, watch: Watch, session: SpectralSession, name: str) -> None:
     """Write the study of a stream in the frequency domain, whole or not at all."""
-    found = last_estimate(session)
-    items = items_of(session, found, watch.reference)
+    estimate = last_estimate(session)
+    items = items_of(session, estimate, watch.reference)
     with study_folder(out, "comparison.json") as scratch:
         record_file, _ = write_record(scratch, record_of(session))
         history = history_csv(session)
@@ -199,7 +201,7 @@ def spectral_page(
     with which it begins, ``vehicle`` the vehicle file that was read.
     """
     stream = content["stream"]
-    told = (
+    counts = (
         f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['mended']} mended"
     )
     outside: Sequence[str] = content.get("reference", {}).get("outside", ())
@@ -217,8 +219,8 @@ def spectral_page(
         kind=f"Watch of {name}, {content['model']}, equation error in the frequency domain",
         verdict=verdict,
         tone="fair" if outside else "good" if content["parameters"] else "open",
-        sentence=as_sentence(words or told),
-        summary=(as_sentence(told),) if "reference" in content else (),
+        sentence=as_sentence(words or counts),
+        summary=(as_sentence(counts),) if "reference" in content else (),
         warnings=tuple(map(as_sentence, content.get("warnings", ()))),
         sections=(
             *first,
@@ -264,8 +266,8 @@ def view_of(watch: Watch, session: Session, step: Step | None = None) -> View:
     silent = time.monotonic() - watch.heard if step is None else 0.0
     bank, step = session.bank, session.last if step is None else step
     assert bank is not None and step is not None
-    found, state = so_far(session, step), step.state
-    items = comparisons(found.estimate, found.derived, watch.reference, found.hanging)
+    result, state = so_far(session, step), step.state
+    items = comparisons(result.estimate, result.derived, watch.reference, result.hanging)
     sound = bool(state.sound.any())
     return View(
         watch.name,
@@ -275,10 +277,10 @@ def view_of(watch: Watch, session: Session, step: Step | None = None) -> View:
         step.spikes,
         items,
         bank.delays,
-        found.weights,
+        result.weights,
         silent,
         sound,
-        found.refined,
+        result.refined,
     )
 
 
@@ -306,9 +308,9 @@ class Show:
                 self.live.update(live_table(view_of(self._watch, session)), refresh=True)
             return
         # Of those that were collected before the filter started only the last counts.
-        told = list(steps)[-1:] if self._said == -np.inf else steps
-        seconds = [int(np.floor(step.row[0])) for step in told]
-        for step, second, after in zip(told, seconds, [*seconds[1:], None], strict=False):
+        shown_steps = list(steps)[-1:] if self._said == -np.inf else steps
+        seconds = [int(np.floor(step.row[0])) for step in shown_steps]
+        for step, second, after in zip(shown_steps, seconds, [*seconds[1:], None], strict=False):
             if second > self._said and second != after:
                 self._said = second
                 print(view_line(view_of(self._watch, session, step)), flush=True)

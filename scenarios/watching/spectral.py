@@ -76,9 +76,9 @@ class SpectralSession:
     @property
     def regressed(self) -> OnlineEquations:
         """The equations; of the low-order equivalent those with its lag and delay held."""
-        found = self.equations if self.lag is None else self.lag.equations
-        assert found is not None
-        return found
+        result = self.equations if self.lag is None else self.lag.equations
+        assert result is not None
+        return result
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -161,15 +161,15 @@ def regress(session: SpectralSession) -> list[Point]:
     values = None if session.last is None else session.last.values
     if session.lag is not None:
         session.lag = taken(session.lag, time, inputs[0], outputs, values)
-        found, session.lag = estimated(session.lag)
+        equations, session.lag = estimated(session.lag)
     else:
         assert session.equations is not None and session.sums is not None
         session.sums = advance(session.equations, session.sums, time, inputs, outputs, values)
-        found = estimate(session.equations, session.sums)
-    if found is None or not np.all(np.isfinite(found.values)):
+        equations = estimate(session.equations, session.sums)
+    if equations is None or not np.all(np.isfinite(equations.values)):
         return []
-    session.last = found
-    session.points.append(Point(float(block[0, -1]), found.values, found.std))
+    session.last = equations
+    session.points.append(Point(float(block[0, -1]), equations.values, equations.std))
     return session.points[-1:]
 
 
@@ -200,22 +200,22 @@ def record_of(session: SpectralSession) -> Record:
 
 def last_estimate(session: SpectralSession) -> Estimate | None:
     """The last estimate of what is determined; None where nothing is."""
-    found, names = session.last, session.names
-    if found is None:
+    result, names = session.last, session.names
+    if result is None:
         return None
-    known = [k for k in range(len(names)) if np.isfinite(found.std[k]) and found.std[k] > 0.0]
-    if not known:
+    finite = [k for k in range(len(names)) if np.isfinite(result.std[k]) and result.std[k] > 0.0]
+    if not finite:
         return None
-    units = tuple(session.system.parameters[names[k]].unit for k in known)
-    noise = np.sqrt(np.mean(found.levels, axis=1))
+    units = tuple(session.system.parameters[names[k]].unit for k in finite)
+    noise = np.sqrt(np.mean(result.levels, axis=1))
     return Estimate(
         METHOD,
-        tuple(names[k] for k in known),
+        tuple(names[k] for k in finite),
         units,
-        found.values[known],
-        found.covariance[np.ix_(known, known)],
+        result.values[finite],
+        result.covariance[np.ix_(finite, finite)],
         Outcome.CONVERGED,
-        -found.cost,
+        -result.cost,
         session.regressed.labels,
         noise,
         (),
@@ -224,18 +224,20 @@ def last_estimate(session: SpectralSession) -> Estimate | None:
 
 def undetermined(session: SpectralSession) -> list[str]:
     """Parameters of which the stream says nothing."""
-    found = last_estimate(session)
-    return [name for name in session.names if found is None or name not in found.names]
+    latest = last_estimate(session)
+    return [name for name in session.names if latest is None or name not in latest.names]
 
 
-def derived_quantities(session: SpectralSession, found: Estimate) -> dict[str, tuple[float, float]]:
+def derived_quantities(
+    session: SpectralSession, latest: Estimate
+) -> dict[str, tuple[float, float]]:
     """Natural frequency, damping and so on with standard deviations, where the model has them."""
     if undetermined(session):
         return {}
     if session.lag is not None:
-        both = found.value("delay"), found.sigma("delay")
-        return {**derived_of(found, session.vehicle, both), "delay": both}
-    return modal_estimate(session.system, found) if moves_about_rest(session.declared) else {}
+        both = latest.value("delay"), latest.sigma("delay")
+        return {**derived_of(latest, session.vehicle, both), "delay": both}
+    return modal_estimate(session.system, latest) if moves_about_rest(session.declared) else {}
 
 
 def history_csv(session: SpectralSession) -> str:
@@ -268,8 +270,8 @@ def estimate_of(point: Point, session: SpectralSession) -> list[dict[str, Any]]:
 
 def spectral_content(session: SpectralSession) -> dict[str, Any]:
     """The last estimate for ``comparison.json``."""
-    found = last_estimate(session)
-    if found is None:
+    latest = last_estimate(session)
+    if latest is None:
         nothing, unknown = Outcome.NOT_IDENTIFIABLE, undetermined(session)
         return {
             "method": METHOD,
@@ -281,15 +283,15 @@ def spectral_content(session: SpectralSession) -> dict[str, Any]:
             "undetermined": unknown,
             "warnings": [f"{UNKNOWN} by this stream: {', '.join(unknown)}"],
         }
-    each = zip(found.names, found.units, found.values.tolist(), found.std.tolist(), strict=True)
+    each = zip(latest.names, latest.units, latest.values.tolist(), latest.std.tolist(), strict=True)
     rows = tuple(Row(*one) for one in each)
     held = [
         item
         for item in session.system.parameters
         if not item.free and not item.name.startswith("bias_")
     ]
-    fixed = {item.name: (item.value, item.unit) for item in held if item.name not in found.names}
-    content = estimate_content(found, rows, derived_quantities(session, found), fixed, ())
+    fixed = {item.name: (item.value, item.unit) for item in held if item.name not in latest.names}
+    content = estimate_content(latest, rows, derived_quantities(session, latest), fixed, ())
     unknown = undetermined(session)
     warnings = [f"{UNKNOWN} by this stream: {', '.join(unknown)}"] if unknown else []
     ends = session.regressed.omega[[0, -1]] / (2.0 * np.pi)

@@ -109,9 +109,9 @@ def plain_so_far(session: Session, step: Step | None = None) -> SoFar:
     assert bank is not None and step is not None
     estimate, weights, (delay, std) = likely_estimate(bank, step.state)
     n_x = len(bank.system.states)
-    spread, apart = step.spread[n_x:], step.differences[:, n_x:]
+    spread, differences = step.spread[n_x:], step.differences[:, n_x:]
     derived = derived_of(estimate, session.vehicle, (delay, std))
-    ended = _derived_spread(session, estimate, derived, apart)
+    ended = _derived_spread(session, estimate, derived, differences)
     began = _derived_spread(session, *_at_start(session, estimate))
     prior = np.sqrt(np.diagonal(bank.covariance))[n_x:]
     hanging = {
@@ -127,8 +127,10 @@ def plain_so_far(session: Session, step: Step | None = None) -> SoFar:
         name: (value, float(np.hypot(sigma, spans.get(name, 0.0))))
         for name, (value, sigma) in derived.items()
     }
-    held = np.isfinite(spread)
-    covariance = estimate.covariance + spread_covariance(np.where(held, spread, prior), apart)
+    finite = np.isfinite(spread)
+    covariance = estimate.covariance + spread_covariance(
+        np.where(finite, spread, prior), differences
+    )
     return SoFar(replace(estimate, covariance=covariance), wide, weights, False, frozenset(hanging))
 
 
@@ -176,19 +178,22 @@ def _at_start(
 
 
 def _derived_spread(
-    session: Session, about: Estimate, derived: Mapping[str, tuple[float, float]], apart: np.ndarray
+    session: Session,
+    about: Estimate,
+    derived: Mapping[str, tuple[float, float]],
+    differences: np.ndarray,
 ) -> dict[str, float]:
     """Typical differences of natural frequency and damping between estimates that differ by ``apart
     (K, n)``; infinite where half have none.
     """
     each = [
         derived_of(replace(about, values=about.values + away), session.vehicle, (0.0, 0.0))
-        for away in apart
+        for away in differences
     ]
     out = {}
     for name, (value, _) in derived.items():
         if name != "delay":
-            far = [found[name][0] - value if name in found else np.inf for found in each]
+            far = [result[name][0] - value if name in result else np.inf for result in each]
             out[name] = float(np.sqrt(np.median(np.square(far)) / MEDIAN_SQUARE))
     return out
 
@@ -317,8 +322,8 @@ def lines(bank: OnlineBank, steps: Sequence[Step], refine: bool = False) -> str:
     table[:, 6 + B : last : 3] = np.where(np.isfinite(spread), spread, np.nan)
     for row, step in enumerate(steps):
         if refine and step.refined is not None:
-            found = joint_estimate(step.refined)
-            table[row, last::2], table[row, last + 1 :: 2] = found.values, found.std
+            result = joint_estimate(step.refined)
+            table[row, last::2], table[row, last + 1 :: 2] = result.values, result.std
     innovations = np.array([state.innovation for state in states])
     spikes = [int(np.count_nonzero(state.skipped)) for state in states]
     form = ",".join(["%.10g"] * table.shape[1] + ["%.4g"] * innovations.shape[1]) + ",%d\n"
@@ -347,7 +352,7 @@ def watch_page(
     stream, reference = content["stream"], content.get("reference")
     methods = content.get("methods", {})
     outside = list(reference["outside"]) if reference else []
-    told = (
+    counts = (
         f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['mended']} "
         f"mended, {stream['spikes']} spikes"
     )
@@ -371,8 +376,8 @@ def watch_page(
         if outside
         else content["outcome_sentence"].partition(":")[0].partition(",")[0],
         tone="fair" if outside else "good" if content["outcome"] == "converged" else "open",
-        sentence=as_sentence(words) if reference else as_sentence(told),
-        summary=(as_sentence(told),) if reference else (),
+        sentence=as_sentence(words) if reference else as_sentence(counts),
+        summary=(as_sentence(counts),) if reference else (),
         warnings=tuple(content.get("warnings", ())),
         sections=(
             *first,
@@ -513,14 +518,14 @@ def write_watch(
     """Write the study; the history that grew until now becomes one of its files."""
     with study_folder(out, "comparison.json") as scratch:
         record_file, _ = write_record(scratch, end.record)
-        told = history.finish()
-        write_text(scratch / NAME, told)
+        history_note = history.finish()
+        write_text(scratch / NAME, history_note)
         if session.spectral is not None and session.spectral.points:
             write_text(scratch / FREQUENCY, history_csv(session.spectral))
         digest = hashlib.sha256(record_file.read_bytes()).hexdigest()
         content = watch_content(session, reference, end)
         title = f"{content['vehicle']}: {name}"
-        first = history_section(scratch, told, content, title)
+        first = history_section(scratch, history_note, content, title)
         write_page(scratch, watch_page(content, name, digest, first, session.vehicle.identity))
         write_json(
             scratch / "comparison.json",
@@ -537,9 +542,11 @@ def watch_content(session: Session, reference: Reference | None, end: Outcome) -
     alone = plain_so_far(session)
     plain: dict[str, Any] = {**_content(session, alone), "method": "online"}
     if end.found is not None:
-        found = end.found
+        result = end.found
         main: dict[str, Any] = {
-            **estimate_content(found.estimate, found.rows, found.derived, found.fixed, found.tests),
+            **estimate_content(
+                result.estimate, result.rows, result.derived, result.fixed, result.tests
+            ),
             "method": "ekf",
         }
     else:

@@ -64,7 +64,9 @@ def paper_content(study: LoopStudy) -> dict[str, Any]:
                 for name, cell in printed.items()
             },
             "turned": list(TURNED),
-            "checks": {name: vars(told) for name, told in printed_checks(column).items()},
+            "checks": {
+                name: vars(printed_value) for name, printed_value in printed_checks(column).items()
+            },
         }
     if study.scenario.methods and has_table(column):
         names, C = printed_correlation(column)
@@ -83,10 +85,10 @@ def paper_content(study: LoopStudy) -> dict[str, Any]:
     if study.restarts:
         out["plain_restarts"] = {
             label: {
-                "delays": list(found.delays),
-                "parameters": {name: value.tolist() for name, value in found.values.items()},
+                "delays": list(result.delays),
+                "parameters": {name: value.tolist() for name, value in result.values.items()},
             }
-            for label, found in study.restarts.items()
+            for label, result in study.restarts.items()
         }
     return out
 
@@ -135,7 +137,7 @@ def noted_pairs(study: LoopStudy, column: str) -> list[tuple[str, str, float, fl
     names, C = printed_correlation(column)
     bank, history = study.plain.bank, study.result.estimate.history
     assert history is not None
-    plain = bank.covariance[int(np.argmax(bank.log_likelihood))]
+    covariance = bank.covariance[int(np.argmax(bank.log_likelihood))]
     out = []
     for i, a in enumerate(names):
         for j, b in enumerate(names[:i]):
@@ -145,7 +147,7 @@ def noted_pairs(study: LoopStudy, column: str) -> list[tuple[str, str, float, fl
                         b,
                         a,
                         float(C[i, j]),
-                        _correlation(plain, bank.names, a, b),
+                        _correlation(covariance, bank.names, a, b),
                         _correlation(history.covariance[-1], history.names, a, b),
                     )
                 )
@@ -159,31 +161,31 @@ def _correlation(P: np.ndarray, names: tuple[str, ...], a: str, b: str) -> float
 
 def _known(row: dict[str, dict[str, float | None]]) -> dict[str, dict[str, float]]:
     """A row without what there is not."""
-    kept = {
+    finite_pairs = {
         key: {side: value for side, value in pair.items() if value is not None}
         for key, pair in row.items()
     }
-    return {key: pair for key, pair in kept.items() if pair}
+    return {key: pair for key, pair in finite_pairs.items() if pair}
 
 
 def _squared(std: float | None) -> float | None:
     return None if std is None else std**2
 
 
-def _method(found: LoopMethodResult, units: Mapping[str, str]) -> dict[str, Any]:
+def _method(method: LoopMethodResult, units: Mapping[str, str]) -> dict[str, Any]:
     return {
-        "name": found.name,
-        "label": found.label,
-        "delay": found.delay,
-        "log_likelihood": found.log_likelihood,
+        "name": method.name,
+        "label": method.label,
+        "delay": method.delay,
+        "log_likelihood": method.log_likelihood,
         "parameters": {
-            name: {"estimate": value, "std": found.std[name], "unit": units.get(name, "s")}
-            for name, value in found.values.items()
+            name: {"estimate": value, "std": method.std[name], "unit": units.get(name, "s")}
+            for name, value in method.values.items()
         },
         **(
             {}
-            if np.isnan(found.frequency)
-            else {"natural_frequency": found.frequency, "damping_ratio": found.damping}
+            if np.isnan(method.frequency)
+            else {"natural_frequency": method.frequency, "damping_ratio": method.damping}
         ),
     }
 
@@ -340,8 +342,8 @@ def _further(study: LoopStudy) -> dict[str, Any]:
     out: dict[str, Any] = {}
     if study.together:
         out["together"] = {
-            name: {**_values(found.estimate), "delay": found.delay}
-            for name, found in study.together.items()
+            name: {**_values(result.estimate), "delay": result.delay}
+            for name, result in study.together.items()
         }
     if len(study.passes) > 1:
         out["passes"] = [_values(each) for each in study.passes]
@@ -361,7 +363,7 @@ def _further(study: LoopStudy) -> dict[str, Any]:
     return out
 
 
-def _over_seeds(found: OverSeeds) -> dict[str, Any]:
+def _over_seeds(statistics: OverSeeds) -> dict[str, Any]:
     """How often each delay is chosen, and means and standard deviations of the parameters over the
     seeds.
     """
@@ -370,33 +372,33 @@ def _over_seeds(found: OverSeeds) -> dict[str, Any]:
         spread = rows.std(axis=0, ddof=1) if len(rows) > 1 else np.zeros(rows.shape[1])
         return {
             name: {"mean": float(m), "std": float(s)}
-            for name, m, s in zip(found.names, rows.mean(axis=0), spread, strict=True)
+            for name, m, s in zip(statistics.names, rows.mean(axis=0), spread, strict=True)
         }
 
     return {
-        "seeds": list(found.seeds),
-        "delays": found.delays.tolist(),
-        "count": len(found.seeds),
-        "parameters": means(found.values),
+        "seeds": list(statistics.seeds),
+        "delays": statistics.delays.tolist(),
+        "count": len(statistics.seeds),
+        "parameters": means(statistics.values),
         "by_delay": [
             {"milliseconds": f"{1000.0 * delay:g}", "count": len(rows), "parameters": means(rows)}
-            for delay, rows in found.by_delay()
+            for delay, rows in statistics.by_delay()
         ],
     }
 
 
 def _engine(study: LoopStudy) -> dict[str, Any]:
     """Who ran the bank, and how far it is from the other engine."""
-    content, found = bank_content(study.scenario.estimation.engine, study.second), study.engines
-    if found is None:
+    content, result = bank_content(study.scenario.estimation.engine, study.second), study.engines
+    if result is None:
         return {"engine": content}
-    apart = {
-        "mean_sigmas": found.mean,
-        "std_share": found.std,
-        "log_likelihood_share": found.log_likelihood,
-        "same_sound": found.sound,
+    differences = {
+        "mean_sigmas": result.mean,
+        "std_share": result.std,
+        "log_likelihood_share": result.log_likelihood,
+        "same_sound": result.sound,
     }
-    return {"engine": {**content, "against_batched": apart}}
+    return {"engine": {**content, "against_batched": differences}}
 
 
 def _parameters(study: LoopStudy) -> dict[str, Any]:
@@ -492,18 +494,18 @@ def _level(level: Level) -> dict[str, Any]:
     }
 
 
-def _misfit(found: Misfit) -> Mapping[str, Any]:
+def _misfit(misfit: Misfit) -> Mapping[str, Any]:
     return {
-        "rms_over_noise": found.rms,
-        "stretch": found.stretch,
-        "elsewhere": found.elsewhere,
-        "peak_measured": found.peak_measured,
-        "peak_simulated": found.peak_simulated,
-        "peak_percent": found.peak_percent,
+        "rms_over_noise": misfit.rms,
+        "stretch": misfit.stretch,
+        "elsewhere": misfit.elsewhere,
+        "peak_measured": misfit.peak_measured,
+        "peak_simulated": misfit.peak_simulated,
+        "peak_percent": misfit.peak_percent,
         "q_innovations": {
-            "lag_one": found.lag_one,
-            "ljung_box": found.q_box,
-            "share_below_fifth_of_nyquist": found.low_share,
+            "lag_one": misfit.lag_one,
+            "ljung_box": misfit.q_box,
+            "share_below_fifth_of_nyquist": misfit.low_share,
         },
-        "innovation_ratio": found.ratio,
+        "innovation_ratio": misfit.ratio,
     }

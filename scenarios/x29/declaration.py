@@ -312,8 +312,8 @@ def _table(kind: str, name: str) -> Mapping[str, Any]:
             where=f"published {FILE}",
             remedy=f"use one of {', '.join(tables)}",
         )
-    found: Mapping[str, Any] = tables[name]
-    return found
+    result: Mapping[str, Any] = tables[name]
+    return result
 
 
 def _column(kind: str, name: str) -> dict[str, Printed]:
@@ -413,10 +413,10 @@ def low_order_model(x29: X29, values: dict[str, float]) -> Model:
     return model_from_constants("loes", constants, values)
 
 
-def equivalent_values(found: EquivalentSystem) -> dict[str, float]:
+def equivalent_values(equivalent: EquivalentSystem) -> dict[str, float]:
     """The eight numbers of an equivalent system by the names of a vehicle file."""
     names = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "delay")
-    return {name: float(getattr(found, name)) for name in names}
+    return {name: float(getattr(equivalent, name)) for name in names}
 
 
 def _low_order_record(
@@ -429,10 +429,10 @@ def _low_order_record(
     model = model.with_noise(Noise(std, {"q": flight.gust} if flight.gust else {})).with_values(
         {"nz_0": 1.0}
     )
-    flown, _ = fly(
+    simulated, _ = fly(
         model, {"stick": _as_recorded(record)}, record.time, rng, step=0.005, name=record.name
     )
-    return replace(flown, inputs=record.inputs)
+    return replace(simulated, inputs=record.inputs)
 
 
 def _as_recorded(record: Record) -> MultiStep:

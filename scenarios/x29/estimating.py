@@ -74,7 +74,7 @@ class Plain:
 
 def set_up(
     estimation: LoopEstimation,
-    flown: FlownLoop,
+    simulated: FlownLoop,
     start: Mapping[str, float],
     initial: Mapping[str, float] | None = None,
     prior: str = "",
@@ -82,15 +82,15 @@ def set_up(
     """The fourteen-state filter for a flight's record. ``start`` : by the names of a vehicle file;
     ``initial`` : further starts of constants; ``prior`` : another rule for P0 than the
     estimation's."""
-    record = flown.record
+    record = simulated.record
     if estimation.window_start is not None or estimation.window_stop is not None:
         record = record.window(estimation.window_start, estimation.window_stop)
-    t = flown.x29.telemetry
+    t = simulated.x29.telemetry
     sensors = {"alpha": t.alpha_noise, "q": t.q_noise, "nz": t.nz_noise}
-    found = noise_envelope(record) if estimation.noise_from == "envelope" else sensors
-    noise = {name: estimation.noise_share * found[name] for name in sensors}
+    noise_std = noise_envelope(record) if estimation.noise_from == "envelope" else sensors
+    noise = {name: estimation.noise_share * noise_std[name] for name in sensors}
     # The delay here is only a place holder: the bank holds it at each of its values.
-    model = low_order_model(flown.x29, {**start, "delay": 0.0})
+    model = low_order_model(simulated.x29, {**start, "delay": 0.0})
     system = loes_filter_system(model, record, noise, estimation.process_noise, ENGINEERING_STD)
     if (prior or estimation.prior) == "printed":
         system = _printed_prior(system)
@@ -145,14 +145,14 @@ def plain(setting: SetUp) -> Plain:
     return Plain(bank, delays, weights, DELAYS[best], float(weights @ delays), estimate)
 
 
-def started_again(estimation: LoopEstimation, flown: FlownLoop, found: Estimate) -> SetUp:
+def started_again(estimation: LoopEstimation, simulated: FlownLoop, estimate: Estimate) -> SetUp:
     """The filter for the same flight started at a result, with the same rule for P0."""
-    values = found.as_dict()
+    values = estimate.as_dict()
     constants = {name: values[name] for name in ("L_0", "M_0", "delta_0")}
     start = {
         name: value for name, value in values.items() if name not in (*constants, "nz_0", "delay")
     }
-    return set_up(estimation, flown, start, constants)
+    return set_up(estimation, simulated, start, constants)
 
 
 def rough(setting: SetUp) -> tuple[Estimate, float]:
@@ -234,9 +234,9 @@ class Misfit:
         )
 
 
-def sensor_noise(flown: FlownLoop) -> np.ndarray:
+def sensor_noise(simulated: FlownLoop) -> np.ndarray:
     """The telemetry's sigma of alpha, q and nz."""
-    t = flown.x29.telemetry
+    t = simulated.x29.telemetry
     return np.array([t.alpha_noise, t.q_noise, t.nz_noise])
 
 
@@ -351,13 +351,13 @@ def run_methods(names: Sequence[str], ways: Ways) -> tuple[LoopMethodResult, ...
     return tuple(_RUN[name](name, ways) for name in names)
 
 
-def other_side(found: Plain, refined_delay: float) -> int:
+def other_side(first_estimate: Plain, refined_delay: float) -> int:
     """Which filter of the plain bank has the grid's delay on the other side of the refined one than
     its most likely filter.
     """
-    best = int(np.argmax(found.bank.log_likelihood))
-    step = 1 if found.delays[best] < refined_delay else -1
-    return min(max(best + step, 0), len(found.delays) - 1)
+    best = int(np.argmax(first_estimate.bank.log_likelihood))
+    step = 1 if first_estimate.delays[best] < refined_delay else -1
+    return min(max(best + step, 0), len(first_estimate.delays) - 1)
 
 
 def all_restarts(ways: Ways, delays: Sequence[float]) -> dict[str, Restarts]:
@@ -378,7 +378,9 @@ def plain_restarts(setting: SetUp, delays: Sequence[float], passes: int = PASSES
     system, start = setting.system, None
     n_x, rows, names = len(system.states), [], system.parameters.free_names
     for _ in range(passes):
-        bank = run_bank(setting.record, system, held={"delay": np.array(delays)}, start=start)
+        bank = run_bank(
+            setting.record, system, fixed_values={"delay": np.array(delays)}, start=start
+        )
         rows.append(bank.mean[n_x:])
         first = np.array([system.initial[name].value for name in system.state_names])
         start = np.concatenate([np.repeat(first[:, None], len(delays), axis=1), bank.mean[n_x:]])
@@ -386,38 +388,43 @@ def plain_restarts(setting: SetUp, delays: Sequence[float], passes: int = PASSES
     return Restarts(tuple(delays), {name: stacked[:, i] for i, name in enumerate(names)})
 
 
-def between_grid_points(found: Plain) -> float:
+def between_grid_points(first_estimate: Plain) -> float:
     """Vertex of the parabola through the plain bank's largest log-likelihood and its neighbours,
     s.
     """
-    L, best = found.bank.log_likelihood, int(np.argmax(found.bank.log_likelihood))
+    L, best = first_estimate.bank.log_likelihood, int(np.argmax(first_estimate.bank.log_likelihood))
     near = slice(min(max(best - 1, 0), len(L) - 3), min(max(best + 2, 3), len(L)))
-    return vertex(found.delays[near], L[near])[0]
+    return vertex(first_estimate.delays[near], L[near])[0]
 
 
-def _of_bank(name: str, found: Plain, at: int) -> LoopMethodResult:
-    bank = found.bank
-    rows = range(len(bank.names) - len(found.estimate.names), len(bank.names))
+def _of_bank(name: str, first_estimate: Plain, at: int) -> LoopMethodResult:
+    bank = first_estimate.bank
+    rows = range(len(bank.names) - len(first_estimate.estimate.names), len(bank.names))
     values = {bank.names[i]: float(bank.mean[i, at]) for i in rows}
     std = {bank.names[i]: float(np.sqrt(bank.covariance[at, i, i])) for i in rows}
     return LoopMethodResult(
-        name, METHODS[name], float(found.delays[at]), values, std, float(bank.log_likelihood[at])
+        name,
+        METHODS[name],
+        float(first_estimate.delays[at]),
+        values,
+        std,
+        float(bank.log_likelihood[at]),
     )
 
 
-def _best(name: str, found: Plain) -> LoopMethodResult:
-    return _of_bank(name, found, int(np.argmax(found.bank.log_likelihood)))
+def _best(name: str, first_estimate: Plain) -> LoopMethodResult:
+    return _of_bank(name, first_estimate, int(np.argmax(first_estimate.bank.log_likelihood)))
 
 
 def _held(name: str, ways: Ways) -> LoopMethodResult:
     delay = ways.refined.refined
-    bank = run_bank(ways.paper.record, ways.paper.system, held={"delay": np.array([delay])})
+    bank = run_bank(ways.paper.record, ways.paper.system, fixed_values={"delay": np.array([delay])})
     return _of_bank(name, replace(ways.plain, bank=bank, delays=np.array([delay])), 0)
 
 
 def _relinearised(name: str, ways: Ways) -> LoopMethodResult:
     bank, _ = run_iterated_bank(
-        ways.paper.record, ways.paper.system, held={"delay": np.array([ways.plain.delay])}
+        ways.paper.record, ways.paper.system, fixed_values={"delay": np.array([ways.plain.delay])}
     )
     return _of_bank(name, replace(ways.plain, bank=bank, delays=np.array([ways.plain.delay])), 0)
 
@@ -475,12 +482,17 @@ def run_variant(
     """Fly a variant with a seed and estimate it; ``start`` is the scenario's, where the variant
     declares none.
     """
-    flown = fly_loop(variant.flight, seed)
-    setting = set_up(variant.estimation, flown, variant.estimation.start or start)
+    simulated_flight = fly_loop(variant.flight, seed)
+    setting = set_up(variant.estimation, simulated_flight, variant.estimation.start or start)
     estimate, delay = rough(setting)
     simulated = free_simulation(setting, estimate, delay)
     measured = misfit(
-        setting.record, simulated, estimate, sensor_noise(flown), scenario.stretch, scenario.peak
+        setting.record,
+        simulated,
+        estimate,
+        sensor_noise(simulated_flight),
+        scenario.stretch,
+        scenario.peak,
     )
     return VariantResult(variant.name, variant.label, estimate, delay, measured)
 
@@ -519,11 +531,14 @@ def run_over_seeds(
     if not scenario.seeds:
         return None
     seeds = tuple(range(1, scenario.seeds + 1))
-    found = [
+    estimate = [
         plain(set_up(scenario.estimation, fly_loop(scenario.flight, seed), start, prior=prior))
         for seed in seeds
     ]
-    delays = np.array([round(each.delay, 6) for each in found])
+    delays = np.array([round(each.delay, 6) for each in estimate])
     return OverSeeds(
-        seeds, delays, found[0].estimate.names, np.array([each.estimate.values for each in found])
+        seeds,
+        delays,
+        estimate[0].estimate.names,
+        np.array([each.estimate.values for each in estimate]),
     )

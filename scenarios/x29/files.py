@@ -52,8 +52,8 @@ if TYPE_CHECKING:
 # ---- The page of a closed-loop scenario
 
 
-def loop_page(study: LoopStudy, drawn: Sequence[Drawn] = ()) -> Page:
-    """The page of a study with the figures ``drawn``."""
+def loop_page(study: LoopStudy, figure_files: Sequence[Drawn] = ()) -> Page:
+    """The page of a study with the figures ``figure_files``."""
     scenario, estimate, record = study.scenario, study.result.estimate, study.result.setting.record
     tables = {title: section(title, *blocks(study)) for title, blocks in BLOCKS.items()}
     qualities = "; ".join(
@@ -65,7 +65,7 @@ def loop_page(study: LoopStudy, drawn: Sequence[Drawn] = ()) -> Page:
     white = all(test.passed for test in study.tests)
     window = f"{record.time[0]:g} to {record.time[-1]:g} s"
     choices = choice_lines(scenario.choices)
-    first, others = first_figure(drawn)
+    first, others = first_figure(figure_files)
     return Page(
         title=capital(scenario.title),
         kind=f"Closed-loop study {scenario.name}, delay refined over a bank of filters",
@@ -100,7 +100,7 @@ def loop_page(study: LoopStudy, drawn: Sequence[Drawn] = ()) -> Page:
 
 def _made(study: LoopStudy, window: str, choices: Sequence[str]) -> tuple[Section, ...]:
     scenario = study.scenario
-    told = Prose(
+    origin = Prose(
         f"Truth and model: {scenario.distance}. {len(study.result.setting.record)} samples, "
         f"{window}."
     )
@@ -109,7 +109,7 @@ def _made(study: LoopStudy, window: str, choices: Sequence[str]) -> tuple[Sectio
     return section(
         "How it was made",
         Prose(as_sentence(scenario.about)) if scenario.about else None,
-        told,
+        origin,
         engine,
         heading,
         Bullets(tuple(choices)),
@@ -257,8 +257,8 @@ def _further_figures(study: LoopStudy) -> Iterator[Named]:
             if stretch
             else "lag-1 correlation of pitch-rate innovations (–)"
         )
-        found = [("as declared", study.misfit), *((v.label, v.misfit) for v in study.variants)]
-        rows = [(label, m.stretch if stretch else m.lag_one) for label, m in found]
+        result = [("as declared", study.misfit), *((v.label, v.misfit) for v in study.variants)]
+        rows = [(label, m.stretch if stretch else m.lag_one) for label, m in result]
         yield "variants", partial(figure_peaks, rows, words, title)
 
 
@@ -354,8 +354,8 @@ def write_loop(study: LoopStudy, folder: str | Path, *, figures: Formats = USUAL
         write_text(scratch / "study.txt", as_text(lambda out: print_loop(study, out, HERE)))
         _write_history(scratch / "history.csv", study)
         _write_simulation(scratch / "simulation.csv", study.result.setting.record, study.simulated)
-        drawn = drawn_in(scratch, loop_figures(study), figures)
-        write_page(scratch, loop_page(study, drawn))
+        figure_files = drawn_in(scratch, loop_figures(study), figures)
+        write_page(scratch, loop_page(study, figure_files))
         write_json(scratch / MAIN, loop_comparison(study))
     return Path(folder)
 
@@ -364,8 +364,8 @@ def truth_content(study: LoopStudy) -> dict[str, Any]:
     """What was flown: airframe, stick, noise. No parameter of the low-order model is true for a
     loop of higher order.
     """
-    flown, flight = study.result.flown, study.scenario.flight
-    x29: X29 = flown.x29
+    simulated, flight = study.result.flown, study.scenario.flight
+    x29: X29 = simulated.x29
     a, stick, t = x29.airframe, x29.stick, x29.telemetry
     content: dict[str, Any] = {
         "schema": "flightid/truth/1",
@@ -393,11 +393,11 @@ def truth_content(study: LoopStudy) -> dict[str, Any]:
     if flight.spike is not None:
         content["effects"] = ["sensor-spikes:stick"]
         content["spike"] = {"time": flight.spike.time, "size": flight.spike.size}
-    if flown.truth is not None:
+    if simulated.truth is not None:
         content["limits_met"] = {
-            "command": float(np.mean(flown.truth.command_limited)),
-            "rate": float(np.mean(flown.truth.rate_limited)),
-            "stops": float(np.mean(flown.truth.stopped)),
+            "command": float(np.mean(simulated.truth.command_limited)),
+            "rate": float(np.mean(simulated.truth.rate_limited)),
+            "stops": float(np.mean(simulated.truth.stopped)),
         }
     return content
 

@@ -73,19 +73,22 @@ def linear_check(x29: X29, truth: ClosedLoopTruth) -> LinearCheck:
 
     def of_q(change: Change, size: float = 1.0) -> float:
         duration = float(truth.time[-1])
-        _, flown = fly_closed_loop(change(x29), size * stick, duration)
+        _, simulated = fly_closed_loop(change(x29), size * stick, duration)
         return (
-            _share(_motion(flown)[1], size * linear[1])
-            if flown.outcome is FlightOutcome.COMPLETED
+            _share(_motion(simulated)[1], size * linear[1])
+            if simulated.outcome is FlightOutcome.COMPLETED
             else float("nan")
         )
 
-    flown = _motion(truth)
+    simulated = _motion(truth)
     return LinearCheck(
         truth.time,
-        flown,
+        simulated,
         linear,
-        {name: _share(one, other) for name, one, other in zip(OUTPUTS, flown, linear, strict=True)},
+        {
+            name: _share(one, other)
+            for name, one, other in zip(OUTPUTS, simulated, linear, strict=True)
+        },
         {
             "the break-out": of_q(lambda x: _straight(_unlimited(x))),
             "the gearing": of_q(lambda x: _without_break_out(_unlimited(x))),
@@ -126,13 +129,13 @@ def linear_content(check: LinearCheck) -> dict[str, object]:
 
 def linear_sentence(check: LinearCheck) -> str:
     """What the flown loop differs by, what from, and what is left at a small stick."""
-    told = ", ".join(f"{name} {_percent(value)}" for name, value in check.misfit.items())
+    text = ", ".join(f"{name} {_percent(value)}" for name, value in check.misfit.items())
     apart = ", ".join(f"{label} {_percent(value)}" for label, value in check.apart.items())
     small, free = check.curves["as flown"][0], check.curves["no break-out"][0]
     verdict = "two writings of one loop" if check.same else "NOT the same loop"
     return (
         "flown against the linear loop's forced response (python-control) to the same stick, root "
-        f"mean square over the response's: {told}; "
+        f"mean square over the response's: {text}; "
         f"with one departure from linearity at a time q differs by: {apart} ({verdict}); a limit "
         f"is met in {100.0 * check.limited:.2g} % of "
         f"the frames; at a stick of {check.sticks[0]:g} in at most q differs by {_percent(small)}, "
@@ -144,8 +147,8 @@ def _motion(truth: ClosedLoopTruth) -> np.ndarray:
     return np.stack([truth.alpha, truth.q, truth.nz - 1.0])
 
 
-def _share(flown: np.ndarray, linear: np.ndarray) -> float:
-    return float(np.linalg.norm(flown - linear) / np.linalg.norm(linear))
+def _share(simulated: np.ndarray, linear: np.ndarray) -> float:
+    return float(np.linalg.norm(simulated - linear) / np.linalg.norm(linear))
 
 
 def _percent(share: float) -> str:
@@ -245,9 +248,9 @@ def targets(column: str) -> dict[str, Target]:
 
 def beginning(x29: X29, wanted: Mapping[str, Target]) -> Beginning:
     """The search's start for an aircraft as declared: slopes by small steps."""
-    found = np.array([x29.airframe.L_alpha, x29.airframe.M_alpha, 1.0, 1.0 / x29.stick.lag])
+    result = np.array([x29.airframe.L_alpha, x29.airframe.M_alpha, 1.0, 1.0 / x29.stick.lag])
     near = equivalent_of(x29, x29.frame)
-    return Beginning(found, _slopes(x29, x29.frame, wanted, found, near), near)
+    return Beginning(result, _slopes(x29, x29.frame, wanted, result, near), near)
 
 
 def beginning_at(matched: Matched, wanted: Mapping[str, Target], x29: X29) -> Beginning:
@@ -259,20 +262,20 @@ def beginning_at(matched: Matched, wanted: Mapping[str, Target], x29: X29) -> Be
     )
 
 
-def match(x29: X29, late: float, wanted: Mapping[str, Target], begin: Beginning) -> Matched:
+def match(x29: X29, delay: float, wanted: Mapping[str, Target], begin: Beginning) -> Matched:
     """Fit an aircraft's loop to an equivalent by Gauss-Newton steps; Broyden's updates keep the
     slopes, which are formed anew where they fail.
     """
     from scipy.optimize import lsq_linear
 
     p, J = begin.found, begin.slopes
-    near = equivalent_of(changed(x29, p), late, begin.equivalent)
+    near = equivalent_of(changed(x29, p), delay, begin.equivalent)
     r, anew = _deviations(near, wanted), False
     for _ in range(_STEPS):
         step = _SIZE * lsq_linear(J * _SIZE, -r, ((_LOW - p) / _SIZE, (_HIGH - p) / _SIZE)).x
         for share in (1.0, 0.3):
             s = share * step
-            there = equivalent_of(changed(x29, p + s), late, near)
+            there = equivalent_of(changed(x29, p + s), delay, near)
             moved = _deviations(there, wanted)
             J = J + np.outer(moved - r - J @ s, s / _SIZE**2) / max(
                 float(np.sum((s / _SIZE) ** 2)), 1e-12
@@ -285,20 +288,20 @@ def match(x29: X29, late: float, wanted: Mapping[str, Target], begin: Beginning)
         if gained < _CLOSE:
             if anew:
                 break
-            J, anew = _slopes(x29, late, wanted, p, near), True
-    found = changed(x29, p)
-    loop = late_loop(found, late).open_loop
+            J, anew = _slopes(x29, delay, wanted, p, near), True
+    result = changed(x29, p)
+    loop = late_loop(result, delay).open_loop
     stable = bool(np.abs(np.linalg.eigvals(loop.A - loop.B @ loop.C)).max() < 1.0)
-    return Matched(found, late, p, near, float(r @ r), loop_margins(loop, SWEEP), stable)
+    return Matched(result, delay, p, near, float(r @ r), loop_margins(loop, SWEEP), stable)
 
 
 def _slopes(
-    x29: X29, late: float, wanted: Mapping[str, Target], p: np.ndarray, near: EquivalentSystem
+    x29: X29, delay: float, wanted: Mapping[str, Target], p: np.ndarray, near: EquivalentSystem
 ) -> np.ndarray:
     """How the deviations change with what is looked for, ``(5, 4)``, by small steps."""
     first, steps = _deviations(near, wanted), 0.05 * np.diag(_SIZE)
     each = [
-        (_deviations(equivalent_of(changed(x29, p + step), late, near), wanted) - first)
+        (_deviations(equivalent_of(changed(x29, p + step), delay, near), wanted) - first)
         / step.sum()
         for step in steps
     ]
@@ -307,8 +310,8 @@ def _slopes(
 
 def has_equivalent(x29: X29, wanted: Mapping[str, Target]) -> bool:
     """Whether an aircraft as declared has an equivalent, within what counts as plausible."""
-    found = _deviations(equivalent_of(x29, x29.law.delay_frames * x29.frame), wanted)
-    return float(found @ found) <= PLAUSIBLE
+    result = _deviations(equivalent_of(x29, x29.law.delay_frames * x29.frame), wanted)
+    return float(result @ result) <= PLAUSIBLE
 
 
 def changed(x29: X29, p: np.ndarray) -> X29:
@@ -321,15 +324,15 @@ def changed(x29: X29, p: np.ndarray) -> X29:
     return replace(x29, airframe=airframe, stick=replace(x29.stick, lag=1.0 / time))
 
 
-def equivalent_of(x29: X29, late: float, near: EquivalentSystem | None = None) -> EquivalentSystem:
-    """The low-order equivalent of a loop with a computing delay of ``late`` s, begun at that of a
+def equivalent_of(x29: X29, delay: float, near: EquivalentSystem | None = None) -> EquivalentSystem:
+    """The low-order equivalent of a loop with a computing delay of ``delay`` s, begun at that of a
     loop nearby.
     """
-    response = late_loop(x29, late).response(OMEGA)
+    response = late_loop(x29, delay).response(OMEGA)
     return fit_equivalent(OMEGA, response, x29.airframe.airspeed, x29.airframe.gravity, near=near)
 
 
-def _deviations(found: EquivalentSystem, wanted: Mapping[str, Target]) -> np.ndarray:
+def _deviations(equivalent: EquivalentSystem, wanted: Mapping[str, Target]) -> np.ndarray:
     return np.array(
-        [(getattr(found, name) - target.value) / target.std for name, target in wanted.items()]
+        [(getattr(equivalent, name) - target.value) / target.std for name, target in wanted.items()]
     )

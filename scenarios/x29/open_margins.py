@@ -232,14 +232,14 @@ def open_margins(
     ]
     designs = []
     for name, rows in ((AIRFRAMES, alone * places), (EVERYTHING, places)):
-        flown = [
+        matched = [
             _matched(lambda place: flown_loop(flight, values_at(place)), place, goal, start)
             for place in rows
         ]
         both = np.array(
-            [a.plausible and b.plausible for a, b in zip(simulated, flown, strict=True)]
+            [a.plausible and b.plausible for a, b in zip(simulated, matched, strict=True)]
         )
-        designs.append(MarginDesign(name, rows, _phases(simulated), _phases(flown), both))
+        designs.append(MarginDesign(name, rows, _phases(simulated), _phases(matched), both))
     middle, effects, explained = _line(designs)
     return OpenMargins(seed, tuple(designs), declared, middle, effects, explained)
 
@@ -283,7 +283,7 @@ def margins_sentence(found: OpenMargins) -> str:
         AIRFRAMES: "the airframes alone differ",
         EVERYTHING: "surfaces and computing differ, too",
     }
-    told = [
+    texts = [
         f"in {each.larger} of {int(each.plausible.sum())} where {words[each.name]} "
         f"({each.difference.min():+.1f} to {each.difference.max():+.1f} deg)"
         for each in found.designs
@@ -295,8 +295,8 @@ def margins_sentence(found: OpenMargins) -> str:
         "leaves open, both airframes fitted to its two columns at each: "
     )
     out += (
-        f"the flight's phase margin is the larger {', '.join(told)}"
-        if told
+        f"the flight's phase margin is the larger {', '.join(texts)}"
+        if texts
         else "no point has the published equivalents"
     )
     if found.effects:
@@ -332,19 +332,19 @@ def _matched(
     """The aircraft fitted at a place; by way of the place half-way to it where the direct search
     ends badly.
     """
-    x29, late = loop_of(place)
-    found = match(x29, late, wanted, begin)
-    if found.plausible:
-        return found
+    x29, delay = loop_of(place)
+    result = match(x29, delay, wanted, begin)
+    if result.plausible:
+        return result
     nearer, earlier = loop_of(0.5 * place)
     again = match(
-        x29, late, wanted, beginning_at(match(nearer, earlier, wanted, begin), wanted, nearer)
+        x29, delay, wanted, beginning_at(match(nearer, earlier, wanted, begin), wanted, nearer)
     )
-    return again if (again.stable, -again.misfit) > (found.stable, -found.misfit) else found
+    return again if (again.stable, -again.misfit) > (result.stable, -result.misfit) else result
 
 
-def _phases(found: list[Matched]) -> np.ndarray:
-    return np.array([each.margins.phase for each in found])
+def _phases(matched: list[Matched]) -> np.ndarray:
+    return np.array([each.margins.phase for each in matched])
 
 
 def _line(designs: list[MarginDesign]) -> tuple[float, dict[str, float], float]:

@@ -234,9 +234,9 @@ def _estimation(estimate: _LoopEstimate, where: str) -> LoopEstimation:
         )
     for name in estimate.start:
         if name not in LOES_DERIVATIVES or name == "delay":
-            known = ", ".join(each for each in LOES_DERIVATIVES if each != "delay")
+            available = ", ".join(each for each in LOES_DERIVATIVES if each != "delay")
             raise DeclarationError(
-                f"there is no parameter {name!r}", where=f"{where}.start", remedy=f"use {known}"
+                f"there is no parameter {name!r}", where=f"{where}.start", remedy=f"use {available}"
             )
     for table, content in (
         ("process_noise", estimate.process_noise),
@@ -292,11 +292,11 @@ def _margins(content: _Scenario, where: str) -> MarginPlan | None:
     return None if plan is None else MarginPlan(plan.samples, plan.seed, plan.beside or "")
 
 
-def _known(names: list[str], known: Collection[str], what: str, where: str) -> tuple[str, ...]:
+def _known(names: list[str], allowed: Collection[str], what: str, where: str) -> tuple[str, ...]:
     for name in names:
-        if name not in known:
+        if name not in allowed:
             raise DeclarationError(
-                f"there is no {what} {name!r}", where=where, remedy=f"use {', '.join(known)}"
+                f"there is no {what} {name!r}", where=where, remedy=f"use {', '.join(allowed)}"
             )
     return tuple(names)
 

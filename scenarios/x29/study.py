@@ -159,24 +159,24 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
     FlightidError : the scenario declares something that cannot be flown or estimated.
     """
     chosen = scenario.seed if seed is None else seed
-    flown = fly_loop(scenario.flight, chosen)
+    simulated_flight = fly_loop(scenario.flight, chosen)
     start = starting_values(scenario)
-    setting = set_up(scenario.estimation, flown, start)
-    paper = set_up(scenario.estimation, flown, start, prior=_papers_rule(scenario))
-    found = plain(paper)
-    first = _result(scenario, flown, setting)
-    result, passes = _restarted(scenario, flown, first)
+    setting = set_up(scenario.estimation, simulated_flight, start)
+    paper = set_up(scenario.estimation, simulated_flight, start, prior=_papers_rule(scenario))
+    first_estimate = plain(paper)
+    first = _result(scenario, simulated_flight, setting)
+    result, passes = _restarted(scenario, simulated_flight, first)
     held = [
-        found.delay,
+        first_estimate.delay,
         first.bank.refined,
-        float(found.delays[other_side(found, first.bank.refined)]),
+        float(first_estimate.delays[other_side(first_estimate, first.bank.refined)]),
     ]
     ways = Ways(
         paper,
-        found,
+        first_estimate,
         scenario.estimation,
         first.bank,
-        lambda estimation: set_up(estimation, flown, start),
+        lambda estimation: set_up(estimation, simulated_flight, start),
     )
     setting = result.setting
     simulated = free_simulation(setting, result.estimate, result.bank.refined)
@@ -192,7 +192,7 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
         chosen,
         result,
         paper,
-        found,
+        first_estimate,
         run_methods(scenario.methods, ways),
         all_restarts(ways, sorted(held)) if scenario.estimation.restarts else {},
         first.bank,
@@ -202,7 +202,7 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
             setting.record,
             simulated,
             estimate,
-            sensor_noise(flown),
+            sensor_noise(simulated_flight),
             scenario.stretch,
             scenario.peak,
         ),
@@ -218,12 +218,12 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
         found_margins,
         None
         if setting.engine is BATCHED
-        else agreement(plain(replace(paper, engine=BATCHED)).bank, found.bank),
+        else agreement(plain(replace(paper, engine=BATCHED)).bank, first_estimate.bank),
         None
-        if flown.truth is None or not flown.truth.stick.any()
-        else linear_check(flown.x29, flown.truth),
+        if simulated_flight.truth is None or not simulated_flight.truth.stick.any()
+        else linear_check(simulated_flight.x29, simulated_flight.truth),
         planned_margins(scenario.margins, found_margins),
-        against_filterpy(paper.record, paper.system, found.bank, found.delays)
+        against_filterpy(paper.record, paper.system, first_estimate.bank, first_estimate.delays)
         if paper.engine is BATCHED
         else None,
         run_over_seeds(scenario, start, _papers_rule(scenario)),
@@ -231,12 +231,14 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
 
 
 def _restarted(
-    scenario: LoopScenario, flown: FlownLoop, result: LoopResult
+    scenario: LoopScenario, simulated: FlownLoop, result: LoopResult
 ) -> tuple[LoopResult, tuple[Estimate, ...]]:
     """The filter started again from its own result until that settles; estimates of all passes."""
     passes = [result.estimate]
     for _ in range(scenario.estimation.restarts):
-        again = _result(scenario, flown, started_again(scenario.estimation, flown, result.estimate))
+        again = _result(
+            scenario, simulated, started_again(scenario.estimation, simulated, result.estimate)
+        )
         moved = (
             again.estimate.values[: len(result.estimate.names)]
             - result.estimate.values[: len(again.estimate.names)]
@@ -254,12 +256,12 @@ def response_check(result: LoopResult) -> ResponseCheck:
     x29 = result.flown.x29
     loop = equivalent_system(x29)
     # a low-order truth is `loop`
-    flown = loop if result.flown.truth is None else equivalent_system(x29, x29.airframe.L_q)
+    equivalent = loop if result.flown.truth is None else equivalent_system(x29, x29.airframe.L_q)
     std = dict(zip(("alpha", "q", "nz"), sensor_noise(result.flown).tolist(), strict=True))
     try:
         response = estimate_response(result.setting.record)
     except RecordError:
-        return ResponseCheck(loop, flown, None, 0.0)
+        return ResponseCheck(loop, equivalent, None, 0.0)
     start = {
         name: result.estimate.value(name)
         for name in ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau")
@@ -271,13 +273,13 @@ def response_check(result: LoopResult) -> ResponseCheck:
     v = {**fit.values, "L_q": start["L_q"]}
     stiffness = v["L_alpha"] * v["M_q"] - v["L_q"] * v["M_alpha"]
     if not (fit.converged and stiffness > 0):
-        return ResponseCheck(loop, flown, None, float(response.coherence.mean()))
+        return ResponseCheck(loop, equivalent, None, float(response.coherence.mean()))
     frequency = float(np.sqrt(stiffness))
     v |= {
         "natural_frequency": frequency,
         "damping_ratio": -(v["L_alpha"] + v["M_q"]) / (2.0 * frequency),
     }
-    return ResponseCheck(loop, flown, v, float(response.coherence.mean()))
+    return ResponseCheck(loop, equivalent, v, float(response.coherence.mean()))
 
 
 def starting_values(scenario: LoopScenario, depth: int = 0) -> Mapping[str, float]:
@@ -293,10 +295,10 @@ def starting_values(scenario: LoopScenario, depth: int = 0) -> Mapping[str, floa
             where=f"scenario {scenario.name}",
             remedy="declare start in one of them",
         )
-    found = _plain_of(loop_scenario(estimation.start_from), depth + 1).estimate.as_dict()
+    result = _plain_of(loop_scenario(estimation.start_from), depth + 1).estimate.as_dict()
     return {
         name: value
-        for name, value in found.items()
+        for name, value in result.items()
         if name not in ("L_0", "M_0", "delta_0", "nz_0")
     }
 
@@ -309,22 +311,22 @@ def _papers_rule(scenario: LoopScenario) -> str:
 
 
 def _plain_of(scenario: LoopScenario, depth: int = 0) -> Plain:
-    flown = fly_loop(scenario.flight, scenario.seed)
+    simulated = fly_loop(scenario.flight, scenario.seed)
     return plain(
         set_up(
             scenario.estimation,
-            flown,
+            simulated,
             starting_values(scenario, depth),
             prior=_papers_rule(scenario),
         )
     )
 
 
-def _result(scenario: LoopScenario, flown: FlownLoop, setting: SetUp) -> LoopResult:
+def _result(scenario: LoopScenario, simulated: FlownLoop, setting: SetUp) -> LoopResult:
     bank = refined(setting)
-    airframe = flown.x29.airframe
-    found = qualities(bank.estimate, airframe.airspeed, airframe.gravity, {"delay": bank.refined})
-    return LoopResult(scenario, flown, setting, bank, found)
+    airframe = simulated.x29.airframe
+    result = qualities(bank.estimate, airframe.airspeed, airframe.gravity, {"delay": bank.refined})
+    return LoopResult(scenario, simulated, setting, bank, result)
 
 
 def _against(
@@ -342,11 +344,11 @@ def _against(
     ):
         other = first  # the first pass of a restarted study is that scenario's result
     else:
-        flown = fly_loop(other_scenario.flight, seed)
+        simulated = fly_loop(other_scenario.flight, seed)
         other = _result(
             replace(other_scenario, seed=seed),
-            flown,
-            set_up(other_scenario.estimation, flown, starting_values(other_scenario)),
+            simulated,
+            set_up(other_scenario.estimation, simulated, starting_values(other_scenario)),
         )
     derived = []
     for item in result.qualities:

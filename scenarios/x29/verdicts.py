@@ -74,11 +74,11 @@ def _against(study: LoopStudy) -> Iterator[str]:
     if any(name not in moved for name in names):
         yield f"against {against.label}: one of the two does not oscillate"
         return
-    told, beyond = [], []
+    texts, beyond = [], []
     for name, word in names.items():
         now, before = study.result.quality(name), study.other.quality(name)
         assert now is not None and before is not None
-        told.append(f"{word} {before.value:.4g} to {now.value:.4g} ({moved[name]:+.2f} sigmas)")
+        texts.append(f"{word} {before.value:.4g} to {now.value:.4g} ({moved[name]:+.2f} sigmas)")
         if abs(moved[name]) >= MOVED:
             beyond.append(word)
     most = max(abs(moved[name]) for name in names)
@@ -94,7 +94,7 @@ def _against(study: LoopStudy) -> Iterator[str]:
                 "without a filter"
             )
         )
-    yield f"against {against.label}: {', '.join(told)}: {verdict}{spectra}"
+    yield f"against {against.label}: {', '.join(texts)}: {verdict}{spectra}"
 
 
 def _restarts(study: LoopStudy) -> Iterator[str]:
@@ -175,8 +175,8 @@ def _whiteness(study: LoopStudy) -> Iterator[str]:
     yield f"with one thing changed: {_split('structured', 'white', off, shown)}"
 
 
-def _stands_out(found: Misfit) -> bool:
-    return found.stretch > STANDS_OUT * found.elsewhere
+def _stands_out(misfit: Misfit) -> bool:
+    return misfit.stretch > STANDS_OUT * misfit.elsewhere
 
 
 def _split(yes: str, no: str, off: dict[str, bool], shown: dict[str, str]) -> str:
@@ -185,7 +185,7 @@ def _split(yes: str, no: str, off: dict[str, bool], shown: dict[str, str]) -> st
         (yes, [shown[label] for label, is_so in off.items() if is_so]),
         (no, [shown[label] for label, is_so in off.items() if not is_so]),
     )
-    return "; ".join(f"{word} with {_list(found)}" for word, found in groups if found)
+    return "; ".join(f"{word} with {_list(result)}" for word, result in groups if result)
 
 
 def _signed(value: float) -> str:

@@ -404,22 +404,22 @@ class LateLoop:
         return np.asarray(moved[:, :3, 0].T * law[:, 0, 0] * shaped[:, 0, 0] / (1.0 + returned))
 
 
-def late_loop(x29: X29, late: float) -> LateLoop:
-    """The loop of ``x29`` with commands ``late`` s after the frame whose sensors they were computed
+def late_loop(x29: X29, lag: float) -> LateLoop:
+    """The loop of ``x29`` with commands ``lag`` s after the frame whose sensors they were computed
     from. Raises ModelError for a negative one.
     """
     import control
 
-    if not late >= 0.0:
+    if not lag >= 0.0:
         raise ModelError(
-            f"a computing delay of {late:g} s", where="late_loop", remedy="give 0 or more"
+            f"a computing delay of {lag:g} s", where="late_loop", remedy="give 0 or more"
         )
     law = law_matrices(replace(x29.law, delay_frames=1))
     shaping, gain = shaping_matrices(x29.stick, x29.frame), x29.stick.gain
     # Of a law with one frame of delay the third state is the command on its way: its row is the law
     # without delay.
     return LateLoop(
-        _late_plant(x29, late),
+        _late_plant(x29, lag),
         control.ss(law.A[:2, :2], law.B[:2], law.A[2:3, :2], law.B[2:3], x29.frame),
         control.ss(shaping.A, gain * shaping.B, shaping.C, gain * shaping.D, x29.frame),
         x29.frame,
@@ -437,15 +437,15 @@ def _at(block: StateSpace, z: np.ndarray) -> np.ndarray:
     )
 
 
-def _late_plant(x29: X29, late: float) -> StateSpace:
+def _late_plant(x29: X29, delay: float) -> StateSpace:
     """From u_p to ``OUTPUT_NAMES``; states: the plant's, then the commands of the frames before,
     the latest first.
     """
     import control
 
     system, T = plant(x29), x29.frame
-    whole = int(np.floor(late / T + 1e-9))
-    rest = max(late - whole * T, 0.0)
+    whole = int(np.floor(delay / T + 1e-9))
+    rest = max(delay - whole * T, 0.0)
     continuous = control.ss(
         system.A, system.B @ mixing(x29)[:, None], system.C, np.zeros((len(OUTPUT_NAMES), 1))
     )

@@ -270,8 +270,8 @@ def loop_test(
     for k in range(1, len(sweep)):
         air[k] = share * air[k - 1] + noise.rough_air * np.sqrt(1.0 - share**2) * white[0, k]
     given = np.array([sweep, air, noise.gyro * white[1], noise.accelerometer * white[2]])
-    flown = control.forced_response(loop, timepts=frame * np.arange(len(sweep)), inputs=given)
-    return np.concatenate([given[:1], np.asarray(flown.outputs)])
+    simulated = control.forced_response(loop, timepts=frame * np.arange(len(sweep)), inputs=given)
+    return np.concatenate([given[:1], np.asarray(simulated.outputs)])
 
 
 def _empty(outputs: int, inputs: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -406,11 +406,11 @@ def fit_equivalent(
         and (settled := _from_near(near, omega, response, airspeed, gravity, L_q)) is not None
     ):
         return settled
-    found = least_squares(
+    solution = least_squares(
         errors, _START, x_scale=_SCALE, xtol=1e-12, ftol=1e-14, gtol=1e-12, max_nfev=2000
     )
-    outcome = FitOutcome.CONVERGED if found.status > 0 else FitOutcome.NOT_CONVERGED
-    return _system(found.x, L_q, float(2.0 * found.cost / response.size), outcome)
+    outcome = FitOutcome.CONVERGED if solution.status > 0 else FitOutcome.NOT_CONVERGED
+    return _system(solution.x, L_q, float(2.0 * solution.cost / response.size), outcome)
 
 
 def _from_near(
@@ -439,16 +439,16 @@ def _from_near(
 
     with np.errstate(all="ignore"):
         for _ in range(_STEPS):
-            found = errors(p[:, None] + np.column_stack([np.zeros(len(p)), np.diag(nudge)]))
-            if not np.all(np.isfinite(found)):
+            result = errors(p[:, None] + np.column_stack([np.zeros(len(p)), np.diag(nudge)]))
+            if not np.all(np.isfinite(result)):
                 return None
-            step = np.linalg.lstsq((found[:, 1:] - found[:, :1]) / 1e-7, -found[:, 0], rcond=None)[
-                0
-            ]
+            step = np.linalg.lstsq(
+                (result[:, 1:] - result[:, :1]) / 1e-7, -result[:, 0], rcond=None
+            )[0]
             p = p + _SCALE * step
             if np.abs(step).max() < _SETTLED:
                 return _system(
-                    p, L_q, float(found[:, 0] @ found[:, 0] / response.size), FitOutcome.CONVERGED
+                    p, L_q, float(result[:, 0] @ result[:, 0] / response.size), FitOutcome.CONVERGED
                 )
     return None
 

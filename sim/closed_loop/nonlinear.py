@@ -353,29 +353,29 @@ def fly_closed_loop(
     if pieces < 1:
         raise ModelError(f"{pieces} pieces", where="fly_closed_loop", remedy="give 1 or more")
     read = _stick_at_frames(stick, time)
-    flown = _fly(x29, _reference(x29, read), pieces)
+    simulated = _fly(x29, _reference(x29, read), pieces)
 
-    count = flown.states.shape[0]
+    count = simulated.states.shape[0]
     system = plant(x29)
-    at_frames = system.C @ flown.states.T
+    at_frames = system.C @ simulated.states.T
     rows = np.arange(0, count, every)
-    recorded = (system.C[:3] @ _states_at_rows(x29, flown, rows).T).copy()
+    recorded = (system.C[:3] @ _states_at_rows(x29, simulated, rows).T).copy()
     recorded[0] -= x29.telemetry.vane_arm / x29.airframe.airspeed * recorded[1]
     recorded[2] += 1.0
     truth = ClosedLoopTruth(
         time=time[:count],
         stick=read[:count],
-        reference=flown.reference[:count],
-        command=flown.command,
+        reference=simulated.reference[:count],
+        command=simulated.command,
         alpha=at_frames[0],
         q=at_frames[1],
         nz=at_frames[2] + 1.0,
         surfaces=at_frames[3:6],
-        command_limited=flown.command_limited.T,
-        rate_limited=flown.rate_limited.T,
-        stopped=flown.stopped.T,
+        command_limited=simulated.command_limited.T,
+        rate_limited=simulated.rate_limited.T,
+        stopped=simulated.stopped.T,
         recorded=recorded,
-        outcome=flown.outcome,
+        outcome=simulated.outcome,
     )
     noise = np.array(
         [[x29.telemetry.alpha_noise], [x29.telemetry.q_noise], [x29.telemetry.nz_noise]]

@@ -96,8 +96,8 @@ def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> Parts
     chosen = _chosen_outputs(model, outputs)
     wanted = {signal.name for signal in chosen}
     inputs: list[InputEffect] = in_order(_following(model, InputEffect))
-    found: list[SensorEffect] = in_order(_following(model, SensorEffect))
-    sensors = [effect for effect in found if effect.channel in wanted]
+    sensor_effects: list[SensorEffect] = in_order(_following(model, SensorEffect))
+    sensors = [effect for effect in sensor_effects if effect.channel in wanted]
     dynamics = _following(model, DynamicsEffect)
     moved_in, moved_out = (
         (_state_forms(model, inputs), _state_forms(model, sensors)) if online else ([], [])
@@ -134,15 +134,15 @@ def _following(model: Model, protocol: Any) -> list[Any]:
     """The effects of a model that follow a protocol: asked once for each class and names of its
     attributes, since the answer looks at all of them.
     """
-    found = []
+    result = []
     for effect in model.effects:
         known = _FOLLOWED.setdefault(type(effect), {})
-        asked = (protocol, *getattr(effect, "__dict__", ()))
-        if asked not in known:
-            known[asked] = isinstance(effect, protocol)
-        if known[asked]:
-            found.append(effect)
-    return found
+        question = (protocol, *getattr(effect, "__dict__", ()))
+        if question not in known:
+            known[question] = isinstance(effect, protocol)
+        if known[question]:
+            result.append(effect)
+    return result
 
 
 def _chosen_outputs(model: Model, outputs: Sequence[str] | None) -> tuple[Signal, ...]:
@@ -419,8 +419,8 @@ def sensor_path_of(
 def sensor_memory_of(parts: Parts) -> Callable[[Rows], list[SensorMemory]]:
     """``sensor_memory``: how sensors with memory show small fast motion."""
     names = [signal.name for signal in parts.outputs]
-    found = [each for each in parts.sensors if isinstance(each, RememberingEffect)]
-    rows = [(names.index(each.channel), each, parts.own[each.name]) for each in found]
+    sensor_effects = [each for each in parts.sensors if isinstance(each, RememberingEffect)]
+    rows = [(names.index(each.channel), each, parts.own[each.name]) for each in sensor_effects]
     return lambda p: [SensorMemory(row, *each.memory(own(p))) for row, each, own in rows]
 
 

@@ -319,9 +319,11 @@ class Model:
         """The same model without one effect and its parameters."""
         gone = [effect for effect in self.effects if effect.name == name]
         if not gone:
-            known = ", ".join(effect.name for effect in self.effects) or "none"
+            available = ", ".join(effect.name for effect in self.effects) or "none"
             raise ModelError(
-                f"there is no effect {name!r}", where=f"model {self.name}", remedy=f"it has {known}"
+                f"there is no effect {name!r}",
+                where=f"model {self.name}",
+                remedy=f"it has {available}",
             )
         others = tuple(effect for effect in self.effects if effect.name != name)
         shared = {full_name(effect, item.name) for effect in others for item in effect.parameters}
@@ -342,13 +344,13 @@ class Model:
                     where=f"model {self.name}",
                     remedy=f"its outputs are {', '.join(units)}",
                 )
-        known = self.equations.bias_priors if isinstance(self.equations, KnowingBiases) else {}
+        priors = self.equations.bias_priors if isinstance(self.equations, KnowingBiases) else {}
         added = [
             Parameter(
                 f"bias_{name}",
                 0.0,
                 units[name],
-                prior_std=min(prior_std, known.get(name, math.inf)),
+                prior_std=min(prior_std, priors.get(name, math.inf)),
             )
             for name in new
         ]

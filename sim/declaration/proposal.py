@@ -250,5 +250,9 @@ def shares_of_peak(
     context: SearchContext, signal: str, shares: Sequence[float]
 ) -> tuple[float, ...]:
     """Shares of a signal's largest magnitude, spikes left out; none where it stays at zero."""
-    flown = context.flown_range(signal)
-    return tuple(share * max(abs(value) for value in flown) for share in shares) if flown else ()
+    recorded_range = context.flown_range(signal)
+    return (
+        tuple(share * max(abs(value) for value in recorded_range) for share in shares)
+        if recorded_range
+        else ()
+    )

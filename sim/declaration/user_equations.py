@@ -108,8 +108,8 @@ class WatchedTime(NDArrayOperatorsMixin):
         return self._value().astype(dtype or float)
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
-        plain = [each._value() if isinstance(each, WatchedTime) else each for each in inputs]
-        return getattr(ufunc, method)(*plain, **options)
+        values = [each._value() if isinstance(each, WatchedTime) else each for each in inputs]
+        return getattr(ufunc, method)(*values, **options)
 
     def __float__(self) -> float:
         return float(self._value())
@@ -128,9 +128,9 @@ class WatchedTime(NDArrayOperatorsMixin):
 
 def signals_from(values: Mapping[str, Any]) -> Signals:
     """Signals with read-only views in place of arrays."""
-    found = Signals(**values)
-    lock_arrays(found.__dict__)
-    return found
+    result = Signals(**values)
+    lock_arrays(result.__dict__)
+    return result
 
 
 # ---- Equations of motion made of a user's functions, which answer by name
@@ -191,11 +191,11 @@ class OwnEquations:
         if self.formed is None:
             return {}
         try:
-            found = self.formed(s, p)
+            result = self.formed(s, p)
             answers = (
-                {name: found[name] for name in self.formed_names}
+                {name: result[name] for name in self.formed_names}
                 if self.formed_names
-                else dict(found)
+                else dict(result)
             )
         except ArithmeticError:
             return dict.fromkeys(self.formed_names, math.nan)
@@ -205,11 +205,11 @@ class OwnEquations:
         return answers
 
     def derivatives(self, s: Any, p: Any) -> Sequence[Any]:
-        found = self._answer("rates", self.rates, self.states, s, p)
+        result = self._answer("rates", self.rates, self.states, s, p)
         if not self.rate_ports:
-            return found
+            return result
         return [
-            plus(rate, getattr(s, port)) for rate, port in zip(found, self.rate_ports, strict=True)
+            plus(rate, getattr(s, port)) for rate, port in zip(result, self.rate_ports, strict=True)
         ]
 
     def measurements(self, s: Any, p: Any) -> Sequence[Any]:
@@ -219,8 +219,8 @@ class OwnEquations:
         self, what: str, function: Answer, signals: tuple[Signal, ...], s: Any, p: Any
     ) -> list[Any]:
         try:
-            found = function(s, p)
-            answers = [found[signal.name] for signal in signals]
+            result = function(s, p)
+            answers = [result[signal.name] for signal in signals]
         except ArithmeticError:
             return [math.nan for _ in signals]
         except BaseException as error:
@@ -254,28 +254,30 @@ class OwnEquations:
         may be another than when it was tried.
         """
         shape, kind = np.shape(value), getattr(getattr(value, "dtype", None), "kind", None)
-        plain = (
+        numeric = (
             kind in ("f", "c", "i", "u")
             if kind is not None
             else isinstance(value, int | complex) and not isinstance(value, bool)
         )
-        if plain and (shape == () or shape == np.shape(getattr(s, self.states[0].name))):
+        if numeric and (shape == () or shape == np.shape(getattr(s, self.states[0].name))):
             return
-        if plain:
-            known = {
+        if numeric:
+            known_shapes = {
                 np.shape(each)
                 for each in (*vars(s).values(), *(p if isinstance(p, tuple) else vars(p).values()))
             }
-            if any(shape == each for each in known) or shape == np.broadcast_shapes(*known):
+            if any(shape == each for each in known_shapes) or shape == np.broadcast_shapes(
+                *known_shapes
+            ):
                 return
-        told = (
+        problem = (
             f"of shape {shape} where no signal has it"
-            if plain
+            if numeric
             else f"of type {type(value).__name__}"
         )
         where = written_in(self.name, what, function)
         raise ModelError(
-            f"the answer for {name} is {told}",
+            f"the answer for {name} is {problem}",
             where=where,
             remedy="return numbers that go with the signals, in every call",
         )
@@ -402,15 +404,17 @@ def try_model(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
     for (what, name), value in values.items():
         where = written_in(equations.name, what, _function(equations, what))
         if np.shape(value) != ():
-            told = (
+            problem = (
                 f"{_told(what, name)} of shape {np.shape(value)} where all signals are single "
                 "numbers"
             )
-            raise ModelError(told, where=where, remedy="return one number for each name")
+            raise ModelError(problem, where=where, remedy="return one number for each name")
         if not np.isfinite(value):
-            told = f"{_told(what, name)} is {value:g} at the starts"
+            problem = f"{_told(what, name)} is {value:g} at the starts"
             raise ModelError(
-                told, where=where, remedy="give starts and `initial` values at which it is a number"
+                problem,
+                where=where,
+                remedy="give starts and `initial` values at which it is a number",
             )
     for side in (1.0, -1.0):
         _compare_slopes(equations, neighbouring_point(starts, side))
@@ -424,9 +428,13 @@ def try_model(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
     for (what, name), value in first.items():
         _refuse_reused(equations, what, name, value, again[what, name], arrays)
         if np.shape(value) not in ((), (2,)):
-            told = f"{_told(what, name)} of shape {np.shape(value)} where signals have shape (2,)"
+            problem = (
+                f"{_told(what, name)} of shape {np.shape(value)} where signals have shape (2,)"
+            )
             where = written_in(equations.name, what, _function(equations, what))
-            raise ModelError(told, where=where, remedy="write it so that it broadcasts over arrays")
+            raise ModelError(
+                problem, where=where, remedy="write it so that it broadcasts over arrays"
+            )
     if equations.formed is None:
         return ()
     return tuple(
@@ -462,11 +470,11 @@ def _refuse_reused(
 
 def _function(equations: OwnEquations, what: str) -> Answer:
     """The user's function of that name."""
-    found = {"rates": equations.rates, "readings": equations.readings, "flow": equations.formed}[
+    result = {"rates": equations.rates, "readings": equations.readings, "flow": equations.formed}[
         what
     ]
-    assert found is not None
-    return found
+    assert result is not None
+    return result
 
 
 class _Noting(SimpleNamespace):
@@ -504,34 +512,34 @@ def evaluated(equations: OwnEquations, starts: Starts) -> dict[tuple[str, str], 
     s = signals_from(starts.signals)
     p = with_locked_arrays(_parameter_class(tuple(starts.parameters))(**starts.parameters))
     if equations.formed is not None:
-        found = _asked(equations, "flow", equations.formed, s, p)
-        for name, value in found.items():
+        result = _asked(equations, "flow", equations.formed, s, p)
+        for name, value in result.items():
             _refuse_name(equations, name, starts)
             _number(equations, "flow", str(name), value)
-        s = signals_from({**starts.signals, **found})
+        s = signals_from({**starts.signals, **result})
     out: dict[tuple[str, str], Any] = {}
     for what, function, signals in (
         ("rates", equations.rates, equations.states),
         ("readings", equations.readings, equations.outputs),
     ):
-        found, known = _asked(equations, what, function, s, p), [signal.name for signal in signals]
+        result, names = _asked(equations, what, function, s, p), [signal.name for signal in signals]
         where = written_in(equations.name, what, function)
         kind = "state" if what == "rates" else "output"
-        for name in found:
-            if name not in known:
+        for name in result:
+            if name not in names:
                 raise ModelError(
                     f"there is no {kind} {name!r}",
                     where=where,
-                    remedy=f"the {kind}s are {', '.join(known)}",
+                    remedy=f"the {kind}s are {', '.join(names)}",
                 )
-        missing = [name for name in known if name not in found]
+        missing = [name for name in names if name not in result]
         if missing:
             raise ModelError(
                 f"{', '.join(missing)} missing",
                 where=where,
                 remedy=f"return one value for each {kind}",
             )
-        out |= {(what, name): _number(equations, what, name, found[name]) for name in known}
+        out |= {(what, name): _number(equations, what, name, result[name]) for name in names}
     return out
 
 
@@ -539,17 +547,17 @@ def _asked(
     equations: OwnEquations, what: str, function: Answer, s: Any, p: Any
 ) -> Mapping[str, Any]:
     try:
-        found: object = function(s, p)
+        result: object = function(s, p)
     except BaseException as error:
         raise fault(equations.name, what, function, error, s, p) from error
-    if not isinstance(found, Mapping):
-        shown = f"it returns a {type(found).__name__}, not a mapping by name"
+    if not isinstance(result, Mapping):
+        shown = f"it returns a {type(result).__name__}, not a mapping by name"
         raise ModelError(
             shown,
             where=written_in(equations.name, what, function),
             remedy='return {"NAME": value, ...}',
         )
-    return found
+    return result
 
 
 def _refuse_name(equations: OwnEquations, name: object, starts: Starts) -> None:
@@ -571,9 +579,9 @@ def _number(equations: OwnEquations, what: str, name: str, value: Any) -> Any:
         value, bool
     )
     if not plain or np.asarray(value).dtype.kind not in "fciu":
-        told = f"{_told(what, name)} is of type {type(value).__name__}"
+        problem = f"{_told(what, name)} is of type {type(value).__name__}"
         raise ModelError(
-            told,
+            problem,
             where=written_in(equations.name, what, _function(equations, what)),
             remedy="give a number or an array of numbers",
         )
@@ -610,7 +618,7 @@ def _compare_slopes(equations: OwnEquations, at: Starts) -> None:
     base = _finite(equations, at)
     if base is None:
         return
-    exact, found, steps = [], [], []
+    exact, result, steps = [], [], []
     for of_signal, name in names:
         value = (at.signals if of_signal else at.parameters)[name]
         step = DIFFERENCE * (abs(value) or ASIDE)
@@ -620,25 +628,25 @@ def _compare_slopes(equations: OwnEquations, at: Starts) -> None:
             _finite(equations, changed(at, of_signal, name, value + sign * step))
             for sign in (1.0, -1.0)
         ]
-        found.append(
+        result.append(
             None if sides[0] is None or sides[1] is None else (sides[0] - sides[1]) / (2.0 * step)
         )
         steps.append(step)
     slopes = np.array(exact)
     terms = np.max(np.abs(slopes) * np.array(steps)[:, None] / DIFFERENCE, axis=0) + np.abs(base)
     for k, (_, name) in enumerate(names):
-        difference = found[k]
+        difference = result[k]
         if difference is None:
             continue
-        apart = (
+        differs = (
             np.abs(slopes[k] - difference)
             > SLOPE * np.maximum(np.abs(slopes[k]), np.abs(difference)) + TERMS * terms / steps[k]
         )
-        if np.any(apart):
-            what, answer = list(evaluated(equations, at))[int(np.argmax(apart))]
+        if np.any(differs):
+            what, answer = list(evaluated(equations, at))[int(np.argmax(differs))]
             told = (
                 f"{_told(what, answer)} loses a complex step of {name}: the slope is "
-                f"{difference[apart][0]:.4g}, not {slopes[k][apart][0]:.4g}"
+                f"{difference[differs][0]:.4g}, not {slopes[k][differs][0]:.4g}"
             )
             raise ModelError(
                 told,

@@ -51,12 +51,12 @@ def multiplying(equations: OwnEquations, starts: Starts, names: Sequence[str]) -
         Starts(neighbouring_point(starts, side).signals, starts.parameters)
         for side in (0.0, 1.0, -0.6)
     ]
-    found = []
+    result = []
     for name in names:
         slopes = [_slopes(equations, at, False, name) for at in places]
         if all(slopes) and any(_apart([each[answer] for each in slopes]) for answer in slopes[0]):
-            found.append(name)
-    return tuple(found)
+            result.append(name)
+    return tuple(result)
 
 
 def products(
@@ -71,7 +71,7 @@ def products(
     here = neighbouring_point(starts, 1.0)
     fed = _rates_fed(equations, here)
     base = {name: _slopes(equations, here, False, name) for name in names}
-    found = []
+    result = []
     for signal in (*equations.states, *equations.inputs):
         value = here.signals[signal.name]
         moved = changed(here, True, signal.name, value + ASIDE * (abs(value) or 1.0))
@@ -82,8 +82,10 @@ def products(
                 for a, slope in base[name].items()
                 if a in there and a[0] == "rates" and _apart([slope, there[a]])
             }
-            found += [(port, signal.name, name) for port, reached in fed.items() if rates & reached]
-    return tuple(found)
+            result += [
+                (port, signal.name, name) for port, reached in fed.items() if rates & reached
+            ]
+    return tuple(result)
 
 
 def _rates_fed(equations: OwnEquations, at: Starts) -> dict[str, set[TrialAnswer]]:
@@ -95,8 +97,8 @@ def _rates_fed(equations: OwnEquations, at: Starts) -> dict[str, set[TrialAnswer
         }
     slopes = {port.name: _slopes(equations, at, True, port.name) for port in equations.ports}
     return {
-        port: {answer for answer, slope in found.items() if answer[0] == "rates" and slope != 0.0}
-        for port, found in slopes.items()
+        port: {answer for answer, slope in result.items() if answer[0] == "rates" and slope != 0.0}
+        for port, result in slopes.items()
     }
 
 
@@ -108,10 +110,10 @@ def _slopes(
     """
     value = (at.signals if of_signal else at.parameters)[name]
     try:
-        found = evaluated(equations, changed(at, of_signal, name, complex(value, COMPLEX_STEP)))
+        result = evaluated(equations, changed(at, of_signal, name, complex(value, COMPLEX_STEP)))
     except FlightidError:
         return {}
-    return {answer: float(np.imag(each)) / COMPLEX_STEP for answer, each in found.items()}
+    return {answer: float(np.imag(each)) / COMPLEX_STEP for answer, each in result.items()}
 
 
 def _apart(slopes: Sequence[float]) -> bool:
@@ -132,12 +134,14 @@ def observable_biases(equations: OwnEquations, starts: Starts) -> tuple[str, ...
     rates' slopes A and the readings' C a state x0 for which A x0 = 0 and C x0 is that bias. Slopes
     are those beside the starts; a bias that is told on one side counts as told.
     """
-    told = [
+    observable = [
         _told(*_own_sensors_slopes(equations, neighbouring_point(starts, side)))
         for side in (1.0, -1.0)
     ]
     return tuple(
-        signal.name for i, signal in enumerate(equations.outputs) if any(i in some for some in told)
+        signal.name
+        for i, signal in enumerate(equations.outputs)
+        if any(i in some for some in observable)
     )
 
 
@@ -170,12 +174,12 @@ def refuse_misnamed(equations: OwnEquations, starts: Starts) -> None:
                 remedy=remedy,
             )
         if not any(1.0 / ALIKE < C[i, j] < ALIKE or not np.isfinite(C[i, j]) for C in slopes):
-            told = (
+            problem = (
                 "it has the name of a state and reads something else (it moves "
                 f"{slopes[0][i, j]:.3g} times as far)"
             )
             raise ModelError(
-                told, where=where, remedy="give it another name, or read the state as it is"
+                problem, where=where, remedy="give it another name, or read the state as it is"
             )
 
 
@@ -200,11 +204,11 @@ def _told(A: np.ndarray, C: np.ndarray) -> list[int]:
         return list(range(len(C)))
     sizes = np.max(np.abs(C), axis=1, keepdims=True)
     C = C / np.where(sizes > 0.0, sizes, 1.0)
-    kept: list[int] = []
+    chosen: list[int] = []
     for i in range(len(C)):
-        if _seen(A, C, [*kept, i]) > _seen(A, C, kept):
-            kept.append(i)
-    return kept
+        if _seen(A, C, [*chosen, i]) > _seen(A, C, chosen):
+            chosen.append(i)
+    return chosen
 
 
 def _seen(A: np.ndarray, C: np.ndarray, biases: Sequence[int]) -> int:
@@ -310,7 +314,7 @@ def own_model(
             **_mapping(name, "constants", constants or {}),
         },
     )
-    held = _numbers(name, "constants", constants or {}, limits, free=False)
+    fixed_numbers = _numbers(name, "constants", constants or {}, limits, free=False)
     free = _numbers(name, "parameters", parameters, limits, free=True)
     _refuse_collisions(
         name,
@@ -318,13 +322,13 @@ def own_model(
             "states": moving,
             "inputs": driving,
             "ports": entering,
-            "constants": held,
+            "constants": fixed_numbers,
             "parameters": free,
             "outputs": read,
         },
     )
     start = _initial(name, initial or {}, (*moving, *driving))
-    numbers = ParameterSet((*held, *free))
+    numbers = ParameterSet((*fixed_numbers, *free))
     equations = OwnEquations(
         name,
         moving,
@@ -382,8 +386,8 @@ def _rate_ports(states: Iterable[Signal]) -> tuple[Signal, ...]:
 
 def rate_unit(unit: str) -> str:
     """The unit of a rate: ``rad/s`` of ``rad``, ``m/s2`` of ``m/s``."""
-    found = re.fullmatch(r"(.+)/s(\d*)", unit)
-    return f"{found[1]}/s{int(found[2] or 1) + 1}" if found else f"{unit}/s"
+    match = re.fullmatch(r"(.+)/s(\d*)", unit)
+    return f"{match[1]}/s{int(match[2] or 1) + 1}" if match else f"{unit}/s"
 
 
 def _refuse_title(name: object) -> None:
@@ -436,17 +440,17 @@ def _refuse_other_arguments(model: str, what: str, function: Callable[..., objec
 
 def _signals(model: str, what: str, some: object) -> tuple[Signal, ...]:
     """The signals of a mapping name -> unit; there must be a state and an output."""
-    found = _mapping(model, what, some)
-    for name, unit in found.items():
+    result = _mapping(model, what, some)
+    for name, unit in result.items():
         _refuse_name(model, what, name)
         _refuse_unit(f"model {model}, {what}, {name}", unit)
-    if not found and what in ("states", "outputs"):
+    if not result and what in ("states", "outputs"):
         raise ModelError(
             f"there is no {what[:-1]}",
             where=f"model {model}",
             remedy=f'give {what}={{"NAME": "UNIT"}}',
         )
-    return tuple(Signal(name, unit) for name, unit in found.items())
+    return tuple(Signal(name, unit) for name, unit in result.items())
 
 
 def _refuse_name(model: str, what: str, name: object) -> None:
@@ -519,15 +523,15 @@ def _number(where: str, value: object, *, infinite: bool = False) -> float:
     return number
 
 
-def _bounds(model: str, bounds: object, known: Collection[str]) -> dict[str, tuple[float, float]]:
+def _bounds(model: str, bounds: object, allowed: Collection[str]) -> dict[str, tuple[float, float]]:
     out = {}
     for name, pair in _mapping(model, "bounds", bounds).items():
         where = f"model {model}, bounds, {name}"
-        if name not in known:
+        if name not in allowed:
             raise ModelError(
                 f"there is no parameter {name!r}",
                 where=f"model {model}, bounds",
-                remedy=f"use one of {', '.join(map(str, known))}",
+                remedy=f"use one of {', '.join(map(str, allowed))}",
             )
         if not isinstance(pair, tuple | list) or len(pair) != 2:
             raise ModelError(
@@ -545,16 +549,20 @@ def _bounds(model: str, bounds: object, known: Collection[str]) -> dict[str, tup
 
 
 def _initial(model: str, initial: object, signals: Iterable[Signal]) -> dict[str, float]:
-    known, found = [signal.name for signal in signals], _mapping(model, "initial", initial)
-    for name in found:
-        if name not in known:
+    signal_names, initial_values = (
+        [signal.name for signal in signals],
+        _mapping(model, "initial", initial),
+    )
+    for name in initial_values:
+        if name not in signal_names:
             raise ModelError(
                 f"there is no state {name!r}",
                 where=f"model {model}, initial",
-                remedy=f"use one of {', '.join(known)}",
+                remedy=f"use one of {', '.join(signal_names)}",
             )
     return {
-        name: _number(f"model {model}, initial, {name}", value) for name, value in found.items()
+        name: _number(f"model {model}, initial, {name}", value)
+        for name, value in initial_values.items()
     }
 
 

@@ -170,11 +170,12 @@ def load_ports(equations: Equations) -> tuple[Signal, ...]:
 
 def ports_without(listed: Iterable[Traceable], equations: OwnEquations) -> tuple[Signal, ...]:
     """Ports of a user's own model that take loads and on which none of some listed effects acts."""
-    known, ports = {*equations.parameter_names}, {port.name for port in equations.ports}
+    parameter_names, ports = {*equations.parameter_names}, {port.name for port in equations.ports}
     acting = (
         effect
         for effect in listed
-        if known.issuperset(constants_needed(effect)) and ports.issuperset(ports_needed(effect))
+        if parameter_names.issuperset(constants_needed(effect))
+        and ports.issuperset(ports_needed(effect))
     )
     covered = {port for effect in acting for port in ports_needed(effect)}
     return tuple(port for port in load_ports(equations) if port.name not in covered)

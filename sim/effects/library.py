@@ -34,7 +34,7 @@ def effect_modules() -> tuple[ModuleType, ...]:
     """The modules of all station folders and the folders in them, in the order of the signal chain,
     then by name.
     """
-    found: list[ModuleType] = []
+    result: list[ModuleType] = []
     for station in Station:
         folder = f"sim.effects.{station.name.lower()}"
         try:
@@ -48,11 +48,11 @@ def effect_modules() -> tuple[ModuleType, ...]:
             for module in pkgutil.walk_packages(package.__path__, f"{folder}.")
             if not module.ispkg
         ]
-        found += [
+        result += [
             importlib.import_module(name)
             for name in sorted(modules, key=lambda name: name.rpartition(".")[2])
         ]
-    return tuple(found)
+    return tuple(result)
 
 
 def library() -> tuple[Effect, ...]:
@@ -77,14 +77,14 @@ def effects_for(equations: Equations) -> tuple[Effect, ...]:
     A module's ``made_for(equations)``, where it has one, makes instances for inputs, outputs and
     ports that none of its ``VARIANTS`` is for.
     """
-    found: list[tuple[str, Effect]] = []
+    candidates: list[tuple[str, Effect]] = []
     for module in effect_modules():
         known = [effect for effect in getattr(module, "VARIANTS", ()) if applies(effect, equations)]
         names = {effect.name for effect in known}
         made = module.made_for(equations) if hasattr(module, "made_for") else ()
         further = [e for e in made if e.name not in names and applies(e, equations)]
-        found += _with_places(module, (*known, *further))
-    return _in_order(found)
+        candidates += _with_places(module, (*known, *further))
+    return _in_order(candidates)
 
 
 def _with_places(module: ModuleType, effects: Sequence[Effect]) -> list[tuple[str, Effect]]:
@@ -110,10 +110,10 @@ def other_names(equations: Equations) -> dict[str, str]:
     """Names under which some effects of a vehicle may be asked for as well, each with that effect's
     own: a module's ``other_names(equations)``.
     """
-    found: dict[str, str] = {}
+    names: dict[str, str] = {}
     for module in effect_modules():
-        found |= module.other_names(equations) if hasattr(module, "other_names") else {}
-    return found
+        names |= module.other_names(equations) if hasattr(module, "other_names") else {}
+    return names
 
 
 def catch_all_terms_for(equations: Equations) -> tuple[Traceable, ...]:
@@ -127,12 +127,12 @@ def catch_all_terms_for(equations: Equations) -> tuple[Traceable, ...]:
     not name it.
     """
     package = importlib.import_module("sim.effects.guards")
-    found: list[Traceable] = []
+    candidates: list[Traceable] = []
     for name in sorted(module.name for module in pkgutil.iter_modules(package.__path__)):
         module = importlib.import_module(f"{package.__name__}.{name}")
         made = module.made_for(equations) if hasattr(module, "made_for") else ()
-        found += [guard for guard in (*module.GUARDS, *made) if applies(guard, equations)]
-    return tuple(found)
+        candidates += [guard for guard in (*module.GUARDS, *made) if applies(guard, equations)]
+    return tuple(candidates)
 
 
 def applies(effect: Effect, equations: Equations) -> bool:

@@ -199,8 +199,8 @@ def _between(by_input: tuple[Maneuver, ...], begin: float, end: float) -> Inputs
     beyond it.
     """
     if all(maneuver.hold is Hold.PREVIOUS for maneuver in by_input):
-        held = [float(maneuver(0.5 * (begin + end))) for maneuver in by_input]
-        return lambda t: held
+        input_values = [float(maneuver(0.5 * (begin + end))) for maneuver in by_input]
+        return lambda t: input_values
     last = [float(maneuver.before(end)) for maneuver in by_input]
     return lambda t: [float(maneuver(t)) for maneuver in by_input] if t < end - 1e-9 else last
 
@@ -388,12 +388,12 @@ def _propagated(
     if method is None and not densities and not walking:
         # Sensors with memory act on what passes between samples.
         grid = make_grid(time, step if system.sensor_stages else np.inf)
-        found = by_tolerance(system, p, by_input, grid.edges)
-        if found is not None:
+        result = by_tolerance(system, p, by_input, grid.edges)
+        if result is not None:
             clean = outputs_at_samples(
-                system, p, found.states, drive_from_maneuvers(system, p, by_input, grid), grid
+                system, p, result.states, drive_from_maneuvers(system, p, by_input, grid), grid
             )
-            return _GridStates(found.states, {}, grid.sample, clean, {}, None, found.method)
+            return _GridStates(result.states, {}, grid.sample, clean, {}, None, result.method)
     grid, method = make_grid(time, step), method or rk4_step
     drive = drive_from_maneuvers(system, p, by_input, grid)
     if densities or walking:

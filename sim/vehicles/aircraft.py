@@ -418,10 +418,10 @@ class _Motion:
         self.away = {n for n in SENSORS if self.places[n] != _HERE or any(self.free[n])}
         self.turned = ATTITUDES[aircraft.attitude]
         self.headed = "psi" in aircraft.further
-        flown = [name for name in STATES if name not in ("phi", "theta")]
-        flown += [*self.turned.states, *(self.turned.headed if self.headed else ())]
-        flown += [name for name in aircraft.further if name != "psi"]
-        self.moving = tuple(name for name in flown if name not in aircraft.recorded)
+        path_states = [name for name in STATES if name not in ("phi", "theta")]
+        path_states += [*self.turned.states, *(self.turned.headed if self.headed else ())]
+        path_states += [name for name in aircraft.further if name != "psi"]
+        self.moving = tuple(name for name in path_states if name not in aircraft.recorded)
         self.read = tuple(
             name for name in (*STATES, *aircraft.further) if name not in aircraft.recorded
         )
@@ -451,7 +451,7 @@ class _Motion:
             values["mach"] = V / c["speed_of_sound"]
         for name, parts in self.aircraft.mixes.items():
             values[name] = sum(factor * getattr(s, each) for each, factor in parts.items())
-        found = {
+        result = {
             "u_air": u,
             "v_air": v,
             "w_air": w,
@@ -464,7 +464,7 @@ class _Motion:
         totals: dict[str, Any] = {axis: 0.0 for axis in (*self.aircraft.forces, *MOMENTS)}
         for (axis, name), term in zip(self.named, self.table.values(values), strict=True):
             totals[axis] = add_product(totals[axis], getattr(p, name), term)
-        return found | {f"{axis}_terms": total for axis, total in totals.items()}
+        return result | {f"{axis}_terms": total for axis, total in totals.items()}
 
     def rates(self, s: Any, p: Any) -> Mapping[str, Any]:
         """Rates of all states."""
@@ -477,7 +477,7 @@ class _Motion:
         w_dot = s.q * u - s.p * v + G0 * z + Z / c["mass"]
         V, plane = s.airspeed, u * u + w * w
         V_dot = (u * u_dot + v * v_dot + w * w_dot) / V
-        found = {
+        result = {
             "airspeed": V_dot,
             "alpha": (u * w_dot - w * u_dot) / plane,
             "beta": (V * v_dot - v * V_dot) / (V * sqrt(plane)),
@@ -485,14 +485,14 @@ class _Motion:
             **turning,
             "altitude": -(u * x + v * y + w * z),
         }
-        return {name: found[name] for name in self.moving}
+        return {name: result[name] for name in self.moving}
 
     def readings(self, s: Any, p: Any) -> Mapping[str, Any]:
         """What the sensors read where they are."""
         c = self._constants(s, p)
         (X, Y, Z), (L, M, N) = self._loads(s, c)
         angles = self.turned.angles(s, self.headed)
-        found = {n: angles[n] if n in angles else getattr(s, n) for n in self.read}
+        result = {n: angles[n] if n in angles else getattr(s, n) for n in self.read}
         for name in ("airspeed", "alpha", "beta"):
             if name not in self.moving:
                 continue
@@ -500,19 +500,19 @@ class _Motion:
             if name in self.away:
                 u, v, w = self._velocity_at(s, self._place(name, p))
             if name == "alpha":
-                found[name] = _angle(w, u)
+                result[name] = _angle(w, u)
             else:
                 V = sqrt(u * u + v * v + w * w)
-                found[name] = V if name == "airspeed" else _arcsine(v / V)
-        found |= {"ax": X / c["mass"], "ay": Y / c["mass"], "az": Z / c["mass"]}
+                result[name] = V if name == "airspeed" else _arcsine(v / V)
+        result |= {"ax": X / c["mass"], "ay": Y / c["mass"], "az": Z / c["mass"]}
         if "accelerometer" in self.away:
             x, y, z = self._place("accelerometer", p)
             turn = angular_accelerations(s, c, L, M, N)
             P, Q, R = s.p, s.q, s.r
-            found["ax"] += -x * (Q * Q + R * R) + y * (P * Q - turn["r"]) + z * (P * R + turn["q"])
-            found["ay"] += x * (P * Q + turn["r"]) - y * (P * P + R * R) + z * (Q * R - turn["p"])
-            found["az"] += x * (P * R - turn["q"]) + y * (Q * R + turn["p"]) - z * (P * P + Q * Q)
-        return found
+            result["ax"] += -x * (Q * Q + R * R) + y * (P * Q - turn["r"]) + z * (P * R + turn["q"])
+            result["ay"] += x * (P * Q + turn["r"]) - y * (P * P + R * R) + z * (Q * R - turn["p"])
+            result["az"] += x * (P * R - turn["q"]) + y * (Q * R + turn["p"]) - z * (P * P + Q * Q)
+        return result
 
     def _place(self, name: str, p: Any) -> tuple[Any, Any, Any]:
         """Of a sensor, from the centre of gravity, m; estimated coordinates are parameters."""

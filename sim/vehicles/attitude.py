@@ -118,10 +118,10 @@ class Quaternion:
     def angles(self, s: Any, headed: bool) -> Mapping[str, Any]:
         x, y, z = self._down(s)
         across = sqrt(y * y + z * z)
-        found = {"phi": _angle(y, z), "theta": -2.0 * arctan(x / (1.0 + across))}
+        result = {"phi": _angle(y, z), "theta": -2.0 * arctan(x / (1.0 + across))}
         if headed:
-            found["psi"] = _wrapped(_angle(*self._course(s)) + s.psi_start)
-        return found
+            result["psi"] = _wrapped(_angle(*self._course(s)) + s.psi_start)
+        return result
 
     def to_body(self, s: Any, north: Any, east: Any, down: Any) -> Vector:
         e0, e1, e2, e3 = _unit(s)

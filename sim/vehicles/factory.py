@@ -125,14 +125,14 @@ def flexible_model(
     model = rigid_model(data, noise).with_effects(
         *(StructuralMode(number, numbers) for number in numbers)
     )
-    found = {
+    result = {
         name: _checked(data, name, unit)
         for name, unit, needed in mode_units(wanted)
         if needed or name in data
     }
     couplings = {name: 0.0 for name, _, needed in mode_units(wanted) if not needed}
     model = model.with_values(
-        {**couplings, **{name: number.value for name, number in found.items()}}
+        {**couplings, **{name: number.value for name, number in result.items()}}
     )
     free = [*RIGID_DERIVATIVES]
     for i in numbers:
@@ -140,7 +140,7 @@ def flexible_model(
             mode_parameter(local, i)
             for local in (*MODE_DERIVATIVES, f"Ceta_eta{i}", f"Ceta_etadot{i}")
         ]
-    items = (_sourced(item, found) for item in model.parameters.only_free(free))
+    items = (_sourced(item, result) for item in model.parameters.only_free(free))
     return model.with_parameters(ParameterSet(tuple(items)))
 
 
@@ -256,13 +256,13 @@ def vehicle_from_values(
         raise DeclarationError(
             f"unknown equations {equations!r}", where=name, remedy=f"use {', '.join(FAMILIES)}"
         )
-    found, constants, derivatives = FAMILIES[equations]
+    result, constants, derivatives = FAMILIES[equations]
     units = {
         **constants,
         **derivatives,
         **{full: unit for full, unit, _ in mode_units(modes if equations == "rigid" else 0)},
     }
-    state_units = {signal.name: signal.unit for signal in found.states}
+    state_units = {signal.name: signal.unit for signal in result.states}
     numbers = tuple(_users(name, key, value, units) for key, value in values.items())
     start = tuple(_users(name, key, value, state_units) for key, value in (initial or {}).items())
     return VehicleData(name, title or name, "given by the user", equations, numbers, start, modes)
@@ -344,11 +344,11 @@ def _model(
     start = {number.name: number for number in data.initial}
     for name in start:
         if name not in {signal.name for signal in equations.states}:
-            known = ", ".join(signal.name for signal in equations.states)
+            available = ", ".join(signal.name for signal in equations.states)
             raise DeclarationError(
                 f"there is no state {name}",
                 where=f"vehicle {data.name}, initial",
-                remedy=f"use {known}",
+                remedy=f"use {available}",
             )
     initial = ParameterSet(
         tuple(
@@ -386,8 +386,8 @@ def _checked(data: VehicleData, name: str, unit: str) -> Number:
     return number
 
 
-def _sourced(item: Parameter, found: Mapping[str, Number]) -> Parameter:
-    source = found[item.name].source if item.name in found else item.source
+def _sourced(item: Parameter, numbers: Mapping[str, Number]) -> Parameter:
+    source = numbers[item.name].source if item.name in numbers else item.source
     return Parameter(
         item.name, item.value, item.unit, item.prior_std, item.bounds, item.free, source
     )
@@ -446,11 +446,11 @@ def linearise(
     x0 = [float(point.pop(signal.name, 0.0)) for signal in system.states]
     u0 = [float(point.pop(signal.name, 0.0)) for signal in system.inputs]
     for name in point:
-        known = ", ".join(signal.name for signal in (*system.states, *system.inputs))
+        available = ", ".join(signal.name for signal in (*system.states, *system.inputs))
         raise DeclarationError(
             f"there is no state or input {name}",
             where=f"linearising {model.equations.name}",
-            remedy=f"use {known}",
+            remedy=f"use {available}",
         )
     return StateSpace(
         complex_step_jacobian(lambda x: system.f(0.0, x, u0, p), x0),

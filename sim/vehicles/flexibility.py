@@ -354,9 +354,9 @@ def flexibility(
 
 
 def _pair(data: VehicleData, modes: int | None) -> tuple[Model, Model]:
-    kept = data.modes if modes is None else modes
-    return flexible_model(data, kept), rigid_model(data).with_values(
-        condense(data.values, kept).derivatives
+    chosen = data.modes if modes is None else modes
+    return flexible_model(data, chosen), rigid_model(data).with_values(
+        condense(data.values, chosen).derivatives
     )
 
 
@@ -393,9 +393,9 @@ def _best_rigid(
     for _ in range(_ITERATIONS):
         values = model.parameters.values(names)
         sizes = 1e-6 * np.maximum(1.0, np.abs(values))
-        plain = target - error
+        residual = target - error
         columns = [
-            (response(model.with_values({name: value + size})) - plain) / size
+            (response(model.with_values({name: value + size})) - residual) / size
             for name, value, size in zip(names, values, sizes, strict=True)
         ]
         move = np.linalg.lstsq(np.array(columns).T, error, rcond=None)[0]

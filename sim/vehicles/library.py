@@ -233,8 +233,8 @@ def _over(base: tuple[Number, ...], own: tuple[Number, ...]) -> tuple[Number, ..
     of ours.
     """
     mine = {number.name: number for number in own}
-    kept = tuple(mine.pop(number.name, number) for number in base)
-    return kept + tuple(mine.values())
+    merged = tuple(mine.pop(number.name, number) for number in base)
+    return merged + tuple(mine.values())
 
 
 def _numbers(document: Mapping[str, Any], table: str, where: str) -> tuple[Number, ...]:
@@ -278,11 +278,11 @@ def _number(name: str, entry: Any, where: str) -> Number:
     )
 
 
-def _only(table: Mapping[str, Any], known: set[str], where: str) -> None:
+def _only(table: Mapping[str, Any], allowed: set[str], where: str) -> None:
     for key in table:
-        if key not in known:
+        if key not in allowed:
             raise DeclarationError(
-                f"unknown key {key}", where=where, remedy=f"use {', '.join(sorted(known))}"
+                f"unknown key {key}", where=where, remedy=f"use {', '.join(sorted(allowed))}"
             )
 
 

@@ -194,8 +194,8 @@ def _spanned(columns: np.ndarray) -> np.ndarray:
     scale = np.linalg.norm(columns, axis=0)
     columns = columns[:, scale > 0] / scale[scale > 0]
     values, vectors = np.linalg.eigh(columns.T @ columns)
-    told = values > _ALIKE * max(float(values[-1]), 1e-300) if len(values) else values > 0
-    return np.asarray(columns @ (vectors[:, told] / np.sqrt(values[told])))
+    determined = values > _ALIKE * max(float(values[-1]), 1e-300) if len(values) else values > 0
+    return np.asarray(columns @ (vectors[:, determined] / np.sqrt(values[determined])))
 
 
 # ---- Fits of the kinematics of six degrees of freedom
@@ -219,8 +219,10 @@ def fit(
         np.array(begin.own[r]) if begin is not None else start_of(s, unknowns[r])
         for r, s in enumerate(signals)
     ]
-    known = dict(zip(begin.faults, begin.sizes.tolist(), strict=True)) if begin is not None else {}
-    sizes = np.array([known.get(fault, 0.0) for fault in faults])
+    sizes_by_fault = (
+        dict(zip(begin.faults, begin.sizes.tolist(), strict=True)) if begin is not None else {}
+    )
+    sizes = np.array([sizes_by_fault.get(fault, 0.0) for fault in faults])
     begun = first_noise(signals)
     noise = begin.noise if begin is not None else begun
     priors = [np.array([item.prior**-2 for item in u]) for u in unknowns]
@@ -332,29 +334,33 @@ class Linear:
         return added(self.smoother)
 
 
-def linear(found: KinematicFit, faults: Sequence[SensorFault], secants: np.ndarray) -> Linear:
+def linear(
+    kinematic_fit: KinematicFit, faults: Sequence[SensorFault], secants: np.ndarray
+) -> Linear:
     """All ``faults`` beside a fit; ``secants (k,)``: the size to which the secant of a time is
     drawn, s.
     """
     smoother, free, whole, kept = [], [], [], []
     biases: tuple[SensorFault, ...] = ()
-    for r, s in enumerate(found.signals):
+    for r, s in enumerate(kinematic_fit.signals):
         unknowns = unknowns_of(s)
-        slopes, at_rest = _slopes(found, r, faults, secants)
-        own, extra = found.own[r], slopes[:, :, len(found.own[r]) :]
-        at = [faults.index(fault) for fault in found.faults]
-        residual = np.where(s.valid, found.residuals[r] + extra[:, :, at] @ found.sizes, 0.0)
+        slopes, at_rest = _slopes(kinematic_fit, r, faults, secants)
+        own, extra = kinematic_fit.own[r], slopes[:, :, len(kinematic_fit.own[r]) :]
+        at = [faults.index(fault) for fault in kinematic_fit.faults]
+        residual = np.where(
+            s.valid, kinematic_fit.residuals[r] + extra[:, :, at] @ kinematic_fit.sizes, 0.0
+        )
         prior = np.array([item.prior**-2 for item in unknowns])
         columns = np.concatenate(
             [np.where(s.valid[:, :, None], slopes, 0.0), residual[:, :, None]], axis=2
         )
         more = np.where(s.valid[:, :, None], at_rest, 0.0)
         white, other = np.split(
-            weigher(s, found.noise)(np.concatenate([columns, more], axis=2)),
+            weigher(s, kinematic_fit.noise)(np.concatenate([columns, more], axis=2)),
             [columns.shape[2]],
             axis=2,
         )
-        left = whitener(s, found.noise)(found.residuals[r][:, :, None])[:, :, 0]
+        left = whitener(s, kinematic_fit.noise)(kinematic_fit.residuals[r][:, :, None])[:, :, 0]
         smoother.append(_linear_normal(white, prior, own, left))
         kept.append(columns)
         named = [i for i, item in enumerate(unknowns) if item.key[1] == BIAS]
@@ -373,7 +379,7 @@ def linear(found: KinematicFit, faults: Sequence[SensorFault], secants: np.ndarr
             )
         )
     return Linear(
-        found,
+        kinematic_fit,
         tuple(faults),
         tuple(smoother),
         biases,
@@ -384,15 +390,15 @@ def linear(found: KinematicFit, faults: Sequence[SensorFault], secants: np.ndarr
 
 
 def _slopes(
-    found: KinematicFit, r: int, faults: Sequence[SensorFault], secants: np.ndarray
+    kinematic_fit: KinematicFit, r: int, faults: Sequence[SensorFault], secants: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Slopes ``(m, N, n + k)`` with secants of times, and of the delays by themselves those at what
     stands: secants of a common delay differ.
     """
-    s, own = found.signals[r], found.own[r]
+    s, own = kinematic_fit.signals[r], kinematic_fit.own[r]
     unknowns = unknowns_of(s)
     sizes = np.zeros(len(faults))
-    for fault, size in zip(found.faults, found.sizes.tolist(), strict=True):
+    for fault, size in zip(kinematic_fit.faults, kinematic_fit.sizes.tolist(), strict=True):
         sizes[list(faults).index(fault)] = size
     _, slopes = linearised(s, unknowns, faults, own, sizes)
     n = len(own)
@@ -474,7 +480,7 @@ def by_output_error(lines: Linear, r: int) -> NormalEquations:
 
 
 def output_error_gram(
-    s: KinematicSignals, found: KinematicFit, r: int, columns: np.ndarray
+    s: KinematicSignals, kinematic_fit: KinematicFit, r: int, columns: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Information, gradient and its covariance with each output's residual weighed by its mean
     square, without priors.
@@ -484,15 +490,15 @@ def output_error_gram(
     """
     part = part_of_controls(s)
     count = np.maximum(s.valid.sum(axis=1), 1)
-    weight = 1.0 / np.maximum((found.residuals[r] ** 2).sum(axis=1) / count, 1e-30)
+    weight = 1.0 / np.maximum((kinematic_fit.residuals[r] ** 2).sum(axis=1) / count, 1e-30)
     slopes, residual = columns[:, :, :-1], columns[:, :, -1]
     weighed = part(slopes) * weight[:, None, None]
     flat, c = weighed.reshape(-1, weighed.shape[2]), weighed.shape[2]
     gram, gradient = flat.T @ slopes.reshape(-1, c), flat.T @ residual.ravel()
-    scatter = flat.T @ (weighed * found.noise.white[:, None, None]).reshape(-1, c)
+    scatter = flat.T @ (weighed * kinematic_fit.noise.white[:, None, None]).reshape(-1, c)
     ahead = np.cumsum(weighed[:, ::-1], axis=1)[:, ::-1][:, 1:] * s.steps[None, :, None]
     for gains, density in zip(
-        walk_gains(s, found.noise).T, found.noise.density.tolist(), strict=True
+        walk_gains(s, kinematic_fit.noise).T, kinematic_fit.noise.density.tolist(), strict=True
     ):
         walk = np.tensordot(gains, ahead, axes=1)
         scatter += density * walk.T @ walk

@@ -157,8 +157,8 @@ def ready(
         if float(np.median(raw[z])) / weight < _INCREMENTAL:
             raw[z] = raw[z] + weight
             notes.append(f"{z} of {record.name} is without the weight, which is added")
-    found = relations(channels, speed=airspeed is not None or "airspeed" in channels)
-    used = {name for joined in found.values() for name in joined}
+    relation_list = relations(channels, speed=airspeed is not None or "airspeed" in channels)
+    used = {name for joined in relation_list.values() for name in joined}
     edge = EDGE if record.time[-1] - record.time[0] > 50.0 * EDGE else 0.0
     inside = (record.time >= record.time[0] + edge) & (record.time <= record.time[-1] - edge)
     speed = (
@@ -166,13 +166,15 @@ def ready(
         if "airspeed" in raw
         else np.full(len(record), airspeed if airspeed is not None else np.inf)
     )
-    measured = np.array([valid[name] & inside for name in found]).reshape(len(found), len(record))
-    kept = {name: raw[name] for name in channels if name in used}
+    measured = np.array([valid[name] & inside for name in relation_list]).reshape(
+        len(relation_list), len(record)
+    )
+    used_channels = {name: raw[name] for name in channels if name in used}
     return KinematicSignals(
         record.name,
         record.time,
-        kept,
-        tuple(found),
+        used_channels,
+        tuple(relation_list),
         measured,
         speed,
         gravity,
@@ -613,8 +615,8 @@ def evaluate(
     sizes: np.ndarray,
 ) -> np.ndarray:
     """Outputs for rows of values: ``own (P, n)``, ``sizes (P, k)`` to ``(m, P, N)``."""
-    found = reconstructed(s, values_of(unknowns, faults, own, sizes))
-    return np.broadcast_to(found, (len(s.outputs), len(own), len(s.time)))
+    result = reconstructed(s, values_of(unknowns, faults, own, sizes))
+    return np.broadcast_to(result, (len(s.outputs), len(own), len(s.time)))
 
 
 def linearised(

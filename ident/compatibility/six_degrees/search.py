@@ -169,17 +169,17 @@ def _larger(sets: Sets, among: Sequence[int], size: int) -> np.ndarray:
 
 
 def _assessed(
-    found: Sequence[Sets], faults: Sequence[SensorFault], charge: float
+    fault_sets: Sequence[Sets], faults: Sequence[SensorFault], charge: float
 ) -> tuple[Sets, int]:
-    best = max(found, key=lambda sets: float(np.max(np.where(sets.sound, sets.gain, 0.0))))
+    best = max(fault_sets, key=lambda sets: float(np.max(np.where(sets.sound, sets.gain, 0.0))))
     widening = (
         float(np.mean(best.widening[int(np.argmax(np.where(best.sound, best.gain, 0.0)))]))
         if best.members.shape[1]
         else 1.0
     )
     rare = np.array([fault.rare for fault in faults])
-    chosen, least = (found[0], 0), 0.0
-    for sets in found[1:]:
+    chosen, least = (fault_sets[0], 0), 0.0
+    for sets in fault_sets[1:]:
         score = (
             charge * sets.members.shape[1]
             - sets.gain / widening
@@ -316,7 +316,7 @@ def _settled(
 
 def _in_turn(
     signals: Sequence[KinematicSignals],
-    found: KinematicFit,
+    kinematic_fit: KinematicFit,
     members: tuple[int, ...],
     faults: Sequence[SensorFault],
     among: Sequence[int],
@@ -326,9 +326,11 @@ def _in_turn(
 ) -> tuple[Linear, tuple[int, ...], tuple[str, float] | None]:
     """Sets chosen and fitted in turn, from a fit of the faults ``members`` on."""
     secants, ahead = np.full(len(faults), SECANT), None
-    secants[list(members)] = [_secant(size) for size in found.sizes.tolist()[: len(members)]]
+    secants[list(members)] = [
+        _secant(size) for size in kinematic_fit.sizes.tolist()[: len(members)]
+    ]
     for turn in range(_ROUNDS):
-        lines = linear(found, faults, secants)
+        lines = linear(kinematic_fit, faults, secants)
         normal = lines.joint
         if not turn and not members:
             # What a fault leaves of the record is not the colour of what is left with it.
@@ -345,12 +347,12 @@ def _in_turn(
         if set(chosen) == set(members) and (turn > 1 or not members):
             break
         if set(chosen) != set(members):
-            found = fit(signals, [faults[i] for i in chosen], found)
+            kinematic_fit = fit(signals, [faults[i] for i in chosen], kinematic_fit)
         members = chosen
         secants = _secants(lines, chosen)
-        secants[list(chosen)] = [_secant(size) for size in found.sizes.tolist()]
+        secants[list(chosen)] = [_secant(size) for size in kinematic_fit.sizes.tolist()]
     else:
-        lines = linear(found, faults, secants)
+        lines = linear(kinematic_fit, faults, secants)
     return lines, members, ahead
 
 
@@ -369,7 +371,7 @@ def _late_instead(
     for noise what it does not explain, and as if both acted: a late reading of what an arm adds is
     no small thing.
     """
-    found, faults = lines.found, lines.faults
+    kinematic_fit, faults = lines.found, lines.faults
     places = [(place, i, j) for place, i in enumerate(members) for j in among if j not in members]
     pairs = [
         (place, j)
@@ -377,7 +379,10 @@ def _late_instead(
         if same_lateness(faults[i], faults[j]) or same_trace(faults[i], faults[j])
     ]
     sets = [tuple(members), *((*members[:place], j, *members[place + 1 :]) for place, j in pairs)]
-    fits = [found, *(fit(signals, [faults[k] for k in chosen], found) for chosen in sets[1:])]
+    fits = [
+        kinematic_fit,
+        *(fit(signals, [faults[k] for k in chosen], kinematic_fit) for chosen in sets[1:]),
+    ]
     left = likelihoods(fits) if pairs else np.zeros(1)
     widening = (
         float(np.mean(fitted(lines.joint, faults, np.array([list(members)]), early=False).widening))
@@ -420,10 +425,10 @@ def _replicates(lines: Linear, members: Sequence[int], i: int) -> bool:
     if len(lines.smoother) < 2:
         return True
     values, weights = _alone(lines, members, i)
-    told = weights > lines.faults[i].plausible ** -2
-    if np.count_nonzero(told) < 2:
+    determined = weights > lines.faults[i].plausible ** -2
+    if np.count_nonzero(determined) < 2:
         return False
-    v, w = values[told], weights[told]
+    v, w = values[determined], weights[determined]
     mean = float(np.sum(w * v) / np.sum(w))
     joint = fitted(lines.joint, lines.faults, np.array([members]), early=False).sizes[
         0, list(members).index(i)

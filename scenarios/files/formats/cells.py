@@ -246,10 +246,10 @@ def heads(rows: Sequence[Sequence[str]]) -> tuple[int, int | None, int]:
     at = max(range(count), key=lambda n: units[n] / max(filled[n], 1))
     if 2 * units[at] <= filled[at] or (count == 2 and at == 1):
         return 0, None, 1
-    known = [
+    recognised = [
         sum(is_known(cell) for cell in cells) if n != at else -1 for n, cells in enumerate(above)
     ]
-    return max(range(count), key=lambda n: known[n]), at, count
+    return max(range(count), key=lambda n: recognised[n]), at, count
 
 
 def is_known(cell: str) -> bool:
@@ -347,10 +347,12 @@ def table_of_columns(
     unreadable : further names, and why they hold no sequence of numbers; whoever asks for one of
     them is refused.
     """
-    known = units or {}
+    column_units = units or {}
     vectors = tuple(_vector(values) for values in columns.values())
     count = rows if rows is not None else max((vector.size for vector in vectors), default=0)
-    under = tuple(known.get(name, "") for name in columns) if any(known.values()) else ()
+    under = (
+        tuple(column_units.get(name, "") for name in columns) if any(column_units.values()) else ()
+    )
     where = f"{path}, {place}" if place else str(path)
     others = dict(unreadable or {})
     header = tuple(header_cell(str(name), where) for name in (*columns, *others))

@@ -75,9 +75,9 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
     text, notes = _text(path, raw)
     with _long_cells(len(text)):
         layout = _layout(path, text)
-        table, found = _table(path, text[layout.first :], layout)
+        table, result = _table(path, text[layout.first :], layout)
     table, cut = _without_cut_row(table, text)
-    return (Topic("", table, (*notes, *layout.notes, *found, *cut)),)
+    return (Topic("", table, (*notes, *layout.notes, *result, *cut)),)
 
 
 def _without_cut_row(table: CellTable, text: str) -> tuple[CellTable, tuple[str, ...]]:
@@ -157,11 +157,11 @@ def _large(path: Path, raw: bytes) -> Topic | None:
     except (ValueError, RecordError):
         return None
     skipped = len(head[: layout.first].encode()) + (3 if begin.startswith(b"\xef\xbb\xbf") else 0)
-    found = _fast_table(path, raw, skipped, head[layout.first :], layout)
-    if found is None:
+    result = _fast_table(path, raw, skipped, head[layout.first :], layout)
+    if result is None:
         return None
-    commented = () if layout.named else _unnamed(layout, len(found.header), str(path))[1]
-    return Topic("", found, (*layout.notes, *commented))
+    commented = () if layout.named else _unnamed(layout, len(result.header), str(path))[1]
+    return Topic("", result, (*layout.notes, *commented))
 
 
 def _table(path: Path, text: str, layout: Layout) -> tuple[CellTable, tuple[str, ...]]:
@@ -249,10 +249,10 @@ def _unnamed(layout: Layout, width: int, file: str) -> tuple[tuple[str, ...], tu
     """The header of a table that begins with numbers: from the comment above it, else ``column 1``
     ...; and a sentence on the comment.
     """
-    found = _commented_header(layout, width)
-    if not found:
+    result = _commented_header(layout, width)
+    if not result:
         return _numbered(width), ()
-    return tuple(header_cell(cell, file) for cell in found), (
+    return tuple(header_cell(cell, file) for cell in result), (
         f"the header is the comment in row {len(layout.above)}",
     )
 
@@ -372,9 +372,9 @@ def _detected(text: str) -> tuple[str, int, bool] | None:
     first_numbers = next(
         (n for n, row in enumerate(rows) if len(row) == width and has_number(row)), None
     )
-    found = header_row(rows)
-    if found is not None and len(rows[found]) == width:
-        return mark, found, True
+    result = header_row(rows)
+    if result is not None and len(rows[result]) == width:
+        return mark, result, True
     if first_numbers is None or (
         first_numbers and mark != BLANKS and 1 < len(cells[first_numbers - 1]) != width
     ):

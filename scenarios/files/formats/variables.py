@@ -34,11 +34,11 @@ def topics_of_variables(path: Path, variables: Mapping[str, Any]) -> tuple[Topic
     ------
     RecordError : nothing in them is a table; the message names each array with its size.
     """
-    found: list[Topic] = []
+    topics: list[Topic] = []
     variables = {name: _plain_form(value) for name, value in variables.items()}
     merged, twice = _with_one_struct(variables)
-    _collect(path, "", merged, found, twice)
-    if not found:
+    _collect(path, "", merged, topics, twice)
+    if not topics:
         seen = [f"{name} ({_size(value)})" for name, value in variables.items()]
         raise no_table(
             path,
@@ -46,9 +46,9 @@ def topics_of_variables(path: Path, variables: Mapping[str, Any]) -> tuple[Topic
             "save named vectors of one length, one struct of vectors, or one matrix with a column "
             "a signal",
         )
-    if len(found) == 1:
-        return (Topic("", found[0].table, found[0].notes),)
-    return tuple(found)
+    if len(topics) == 1:
+        return (Topic("", topics[0].table, topics[0].notes),)
+    return tuple(topics)
 
 
 def _plain_form(value: Any) -> Any:
@@ -170,7 +170,7 @@ def _collect(
     path: Path,
     name: str,
     level: Mapping[str, Any],
-    found: list[Topic],
+    topics: list[Topic],
     unreadable: Mapping[str, str] | None = None,
     clock: np.ndarray | None = None,
 ) -> None:
@@ -225,7 +225,7 @@ def _collect(
         others = {
             key: fault for key, fault in faults.items() if key not in columns and key not in inner
         }
-        found.append(
+        topics.append(
             Topic(
                 name,
                 table_of_columns(path, columns, spread, place=name, rows=rows, unreadable=others),
@@ -237,7 +237,7 @@ def _collect(
         clock,
     )
     for key, value in inner.items():
-        _collect(path, f"{name}.{key}" if name else key, value, found, clock=own)
+        _collect(path, f"{name}.{key}" if name else key, value, topics, clock=own)
 
 
 def _named_after(name: str, level: Mapping[str, Any]) -> Mapping[str, Any]:

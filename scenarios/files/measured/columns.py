@@ -54,8 +54,8 @@ def split_at(header: Sequence[str], index: int) -> tuple[str, str | None]:
     """Name and unit of a cell of a header. ``xyz[1]`` beside ``xyz[0]`` or ``xyz[2]`` is an element
     of an array, in no unit.
     """
-    found = _SECOND.fullmatch(header[index])
-    if found is not None and (f"{found[1]}[0]" in header or f"{found[1]}[2]" in header):
+    match = _SECOND.fullmatch(header[index])
+    if match is not None and (f"{match[1]}[0]" in header or f"{match[1]}[2]" in header):
         return header[index], None
     return split_header(header[index])
 
@@ -76,7 +76,7 @@ def find_column(
     file: str,
     choices: Mapping[str, ColumnChoice] | None = None,
     units: Mapping[str, str] | None = None,
-    known: Mapping[str, str] = CHANNEL_UNITS,
+    channel_units: Mapping[str, str] = CHANNEL_UNITS,
     under: Sequence[str] = (),
     *,
     lenient: bool = False,
@@ -87,8 +87,8 @@ def find_column(
     ``alpha``, ``alpha [deg]`` and ``alpha_deg``
     count; a ``alpha_word`` whose word is no unit of an angle counts as another signal if there is
     an ``alpha`` besides. ``units`` (the sidecar's) hold for headers without a unit, before them
-    ``under``, the row of units under the header. ``known``: all channels that there are, and their
-    units inside; a header that is another channel's name is that channel's alone. ``lenient``: a
+    ``under``, the row of units under the header. ``channel_units``: the SI unit of every
+    known channel; a header that is another channel's name is that channel's alone. ``lenient``: a
     unit in ``under`` that cannot be one of the channel is left out, as the units are metadata that
     recorders fill in carelessly.
 
@@ -98,11 +98,14 @@ def find_column(
     of the wrong dimension, or two
         that contradict each other, in the header and under it.
     """
-    if channel not in known:
+    if channel not in channel_units:
         raise RecordError(
-            f"there is no channel {channel!r}", where=file, remedy=closest(channel, known)
+            f"there is no channel {channel!r}", where=file, remedy=closest(channel, channel_units)
         )
-    default, inside = (units or {}).get(channel, known[channel]), inside_unit(channel, known)
+    default, inside = (
+        (units or {}).get(channel, channel_units[channel]),
+        inside_unit(channel, channel_units),
+    )
     if choices is not None and channel in choices:
         if choices[channel].absent:
             return None
@@ -110,7 +113,7 @@ def find_column(
             channel, choices[channel], header, file, default, inside, under, lenient=lenient
         )
     named, suffixed = [], []
-    cells = _in_our_case(channel, header, known)
+    cells = _in_our_case(channel, header, channel_units)
     for index, cell in enumerate(cells):
         name, unit = split_at(cells, index)
         if name == channel:
@@ -123,25 +126,27 @@ def find_column(
                     inside,
                 )
             )
-        elif name not in known and (word := suffix_unit(cell, channel)) is not None:
+        elif name not in channel_units and (word := suffix_unit(cell, channel)) is not None:
             suffixed.append(SourceColumn(channel, header[index], index, word, inside))
     readable = [column for column in suffixed if _unit_fault(column, file) is None]
-    found = named + readable if inside else named or suffixed  # any word is a label
-    if len(found) > 1:
-        both = " and ".join(repr(column.header) for column in found)
+    result = named + readable if inside else named or suffixed  # any word is a label
+    if len(result) > 1:
+        both = " and ".join(repr(column.header) for column in result)
         raise RecordError(
             f"columns {both} are all {channel}",
             where=file,
             remedy="leave one of them, or choose with --channels",
         )
-    chosen = found or suffixed[:1]
+    chosen = result or suffixed[:1]
     if not chosen:
         return None
     said = chosen[0] in suffixed or split_header(chosen[0].header)[1] is not None
     return _sound(_with_unit_under(chosen[0], under, file, said=said, lenient=lenient), file)
 
 
-def _in_our_case(channel: str, header: Sequence[str], known: Mapping[str, str]) -> Sequence[str]:
+def _in_our_case(
+    channel: str, header: Sequence[str], channel_units: Mapping[str, str]
+) -> Sequence[str]:
     """The header with ``Elevator`` and ``ALPHA`` written as the channel is, where no cell is
     written so and no other channel is meant.
     """
@@ -150,10 +155,10 @@ def _in_our_case(channel: str, header: Sequence[str], known: Mapping[str, str]) 
     cells = list(header)
     for index, cell in enumerate(header):
         name = split_header(cell)[0]
-        if name.lower() == channel.lower() and name not in known:
+        if name.lower() == channel.lower() and name not in channel_units:
             cells[index] = channel + cell[len(name) :]
         elif (
-            name not in known
+            name not in channel_units
             and name[: len(channel) + 1].lower() == f"{channel.lower()}_"
             and not name.startswith(channel)
         ):
@@ -161,11 +166,11 @@ def _in_our_case(channel: str, header: Sequence[str], known: Mapping[str, str]) 
     return cells
 
 
-def inside_unit(channel: str, known: Mapping[str, str] = CHANNEL_UNITS) -> str:
+def inside_unit(channel: str, channel_units: Mapping[str, str] = CHANNEL_UNITS) -> str:
     """The unit that a channel is converted to; empty for a stick without one, whose unit is a
     label.
     """
-    return "" if channel == STICK and known[channel] == "1" else known[channel]
+    return "" if channel == STICK and channel_units[channel] == "1" else channel_units[channel]
 
 
 def named_otherwise(
@@ -213,13 +218,13 @@ def _with_unit_under(
     """The column in the unit of the row under its header, where that says one; ``said``: the header
     says one too, and both must be the same.
     """
-    told = under[column.index] if under else ""
-    if lenient and told and _unit_fault(replace(column, unit=told), file) is not None:
-        told = ""
-    if not told or not said:
-        return replace(column, unit=told) if told else column
-    if not _same_unit(column.unit, told, column.inside):
-        what = f"the header says {column.unit}, the row of units under it {told}"
+    text = under[column.index] if under else ""
+    if lenient and text and _unit_fault(replace(column, unit=text), file) is not None:
+        text = ""
+    if not text or not said:
+        return replace(column, unit=text) if text else column
+    if not _same_unit(column.unit, text, column.inside):
+        what = f"the header says {column.unit}, the row of units under it {text}"
         raise RecordError(what, where=column_place(file, column), remedy="correct one of them")
     return column
 
@@ -253,11 +258,11 @@ def _mapped(
     lenient: bool,
 ) -> SourceColumn:
     assert isinstance(choice.column, str)  # numbers are resolved before
-    found = [index for index, cell in enumerate(header) if cell == choice.column]
-    found = found or [
+    result = [index for index, cell in enumerate(header) if cell == choice.column]
+    result = result or [
         index for index, cell in enumerate(header) if split_header(cell)[0] == choice.column
     ]
-    if not found:
+    if not result:
         error = missing_column(channel, header, file)
         near = closest(choice.column, [cell for cell in header if cell])
         if choice.column == channel:  # named by itself, as signals of `response` are
@@ -270,17 +275,17 @@ def _mapped(
             where=error.where,
             remedy=f"correct the channel map: {near}",
         )
-    if len(found) > 1:
+    if len(result) > 1:
         raise RecordError(
-            f"{len(found)} columns are headed {choice.column!r}",
+            f"{len(result)} columns are headed {choice.column!r}",
             where=f"{file}, header",
             remedy="rename all but one of them",
         )
-    cell = header[found[0]]
+    cell = header[result[0]]
     if choice.unit is not None:
-        return _sound(SourceColumn(channel, cell, found[0], choice.unit or default, inside), file)
-    unit = split_at(header, found[0])[1]
-    column = SourceColumn(channel, cell, found[0], unit or default, inside)
+        return _sound(SourceColumn(channel, cell, result[0], choice.unit or default, inside), file)
+    unit = split_at(header, result[0])[1]
+    column = SourceColumn(channel, cell, result[0], unit or default, inside)
     return _sound(_with_unit_under(column, under, file, said=bool(unit), lenient=lenient), file)
 
 
@@ -326,8 +331,8 @@ class Sidecar:
 
 def sidecar_path(record: Path) -> Path:
     """``record.json`` beside ``record.csv`` or ``record.csv.gz``."""
-    plain = record.with_suffix("") if record.suffix.lower() == ".gz" else record
-    return plain.with_suffix(".json")
+    uncompressed = record.with_suffix("") if record.suffix.lower() == ".gz" else record
+    return uncompressed.with_suffix(".json")
 
 
 def read_sidecar(record: Path) -> Sidecar:
@@ -405,13 +410,13 @@ def _sidecar_of(content: Mapping[str, Any], path: Path) -> Sidecar:
 
 
 def refuse_unknown_units(
-    sidecar: Sidecar, header: Sequence[str], record: Path, known: Collection[str]
+    sidecar: Sidecar, header: Sequence[str], record: Path, allowed: Collection[str]
 ) -> None:
-    """Raise RecordError for a unit of what is neither a channel of ``known`` nor a column under
+    """Raise RecordError for a unit of what is neither a channel of ``allowed`` nor a column under
     ``header``.
     """
     for name in sidecar.units:
-        if name in known or any(
+        if name in allowed or any(
             split_header(cell)[0] == name or suffix_unit(cell, name) for cell in header
         ):
             continue
@@ -419,7 +424,7 @@ def refuse_unknown_units(
         raise RecordError(
             f"there is no channel {name!r}",
             where=where,
-            remedy=closest(name, [*known, *(cell for cell in header if cell)]),
+            remedy=closest(name, [*allowed, *(cell for cell in header if cell)]),
         )
 
 

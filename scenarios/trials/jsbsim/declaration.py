@@ -154,14 +154,14 @@ class Surface:
 
 def package_folder() -> Path:
     """Where JSBSim is installed; DeclarationError where it is not."""
-    found = importlib.util.find_spec("jsbsim")
-    if found is None or found.origin is None:
+    spec = importlib.util.find_spec("jsbsim")
+    if spec is None or spec.origin is None:
         raise DeclarationError(
             "JSBSim is not installed, and this flight is one of its",
             where="flightid simulate",
             remedy=REMEDY,
         )
-    return Path(found.origin).parent
+    return Path(spec.origin).parent
 
 
 def known_aircraft(name: str, where: str) -> None:
@@ -182,7 +182,7 @@ def surfaces_of(name: str) -> dict[str, Surface]:
     never read is left out.
     """
     counted = Counter(_read_by_loads(package_folder() / "aircraft" / name / f"{name}.xml"))
-    found = {}
+    surfaces = {}
     for surface in SURFACES:
         mine = [
             (count, prop)
@@ -191,8 +191,8 @@ def surfaces_of(name: str) -> dict[str, Surface]:
         ]
         if mine:
             prop = max(mine)[1]
-            found[surface] = Surface(prop, _scale(name, surface, prop))
-    return found
+            surfaces[surface] = Surface(prop, _scale(name, surface, prop))
+    return surfaces
 
 
 def _scale(name: str, surface: str, prop: str) -> float:
@@ -256,16 +256,16 @@ def ahead_of_play(surface: np.ndarray, half: float) -> np.ndarray:
 
 def named(flight: JsbsimFlight) -> dict[str, dict[str, float]]:
     """What was put in, under the names of the library of effects where it has one."""
-    found: dict[str, dict[str, float]] = {}
+    result: dict[str, dict[str, float]] = {}
     for name, delay in flight.late.items():
-        found[f"{'input' if name in SURFACES else 'sensor'}-delay:{name}"] = {"delay": delay}
+        result[f"{'input' if name in SURFACES else 'sensor'}-delay:{name}"] = {"delay": delay}
     for name, half in flight.backlash.items():
-        found[f"input-backlash:{name}"] = {"half_width": half}
+        result[f"input-backlash:{name}"] = {"half_width": half}
     if flight.vane_ahead:
-        found["vane-offset"] = {"arm": flight.vane_ahead}
+        result["vane-offset"] = {"arm": flight.vane_ahead}
     if flight.rough_air:
-        found["gust-turbulence"] = {"class_of_exceedance": float(flight.rough_air)}
-    return found
+        result["gust-turbulence"] = {"class_of_exceedance": float(flight.rough_air)}
+    return result
 
 
 # ---- Commands of a flight

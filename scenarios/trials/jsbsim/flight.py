@@ -95,7 +95,7 @@ def fly_jsbsim(flight: JsbsimFlight, seed: int) -> tuple[Record, JsbsimTruth]:
     time = calm.step * np.arange(int(flight.duration * flight.rate) * frames + 1)
     wanted = {control: flight.size * size for control, size in sizes.items()}
     leveller = SLOWLY if "aileron" in wanted else HELD
-    flown = fly(
+    simulated = fly(
         replace(calm, rough_air=flight.rough_air), commands(flight, wanted, units, time), leveller
     )
     small = _small_motion(calm, flight, sizes, units, time)
@@ -103,10 +103,10 @@ def fly_jsbsim(flight: JsbsimFlight, seed: int) -> tuple[Record, JsbsimTruth]:
     truth = JsbsimTruth(
         {model: constants_of(model, small) for model in models},
         {model: slopes_of(model, small) for model in models},
-        {model: slopes_of(model, small, flown) for model in models},
+        {model: slopes_of(model, small, simulated) for model in models},
         wanted,
     )
-    return _recorded(flight, flown, frames, np.random.default_rng(seed)), truth
+    return _recorded(flight, simulated, frames, np.random.default_rng(seed)), truth
 
 
 def _refuse_missing_surface(flight: JsbsimFlight) -> None:
@@ -137,18 +137,18 @@ def units_of(calm: Condition) -> dict[str, float]:
     }
 
 
-def _frequency(flown: JsbsimSignals, moment: str, by: tuple[str, ...], inertia: float) -> float:
+def _frequency(signals: JsbsimSignals, moment: str, by: tuple[str, ...], inertia: float) -> float:
     """Root of the stiffness over the inertia, rad/s: what a moment owes to the first of the
     signals.
     """
     matrix = np.stack(
         [
-            np.ones(len(flown["time"])),
-            *(flown[name] - flown[name][0] for name in by if name in flown.signals),
+            np.ones(len(signals["time"])),
+            *(signals[name] - signals[name][0] for name in by if name in signals.signals),
         ],
         axis=1,
     )
-    stiffness = float(np.linalg.lstsq(matrix, flown[moment], rcond=None)[0][1]) / inertia
+    stiffness = float(np.linalg.lstsq(matrix, signals[moment], rcond=None)[0][1]) / inertia
     return math.sqrt(max(abs(stiffness), 0.25))
 
 
@@ -156,11 +156,11 @@ def _sized(calm: Condition, control: str, unit: float) -> float:
     """The deflection (rad) at which the first of ``PEAKS`` is reached in a 3-2-1-1."""
     time, size = calm.step * np.arange(round(REHEARSAL / calm.step)), FIRST
     for _ in range(ROUNDS):
-        flown = fly(
+        simulated = fly(
             calm, rehearsal(control, size, unit, time), HELD if control == "elevator" else SLOWLY
         )
         reached = max(
-            float(np.max(np.abs(flown[name] - flown[name][0]))) / peak
+            float(np.max(np.abs(simulated[name] - simulated[name][0]))) / peak
             for name, peak in PEAKS[control].items()
         )
         if abs(reached - 1.0) < NEAR:
@@ -189,22 +189,22 @@ def _small_motion(
         )
         # a propeller's torque would be as large as the motion
         wanted.setdefault("throttle", np.zeros(len(time)))
-        flown = fly(calm, wanted, SLOWLY if "aileron" in wanted else HELD)
+        simulated = fly(calm, wanted, SLOWLY if "aileron" in wanted else HELD)
         done = [
-            np.ptp(flown[name]) / np.ptp(values)
+            np.ptp(simulated[name]) / np.ptp(values)
             for name, values in wanted.items()
-            if name in flown.signals
+            if name in simulated.signals
         ]
         if min(done) > MOVED or share >= 1.0:
-            return flown
+            return simulated
         share = min(1.0, 2.0 * share)
 
 
 def _recorded(
-    flight: JsbsimFlight, flown: JsbsimSignals, frames: int, rng: np.random.Generator
+    flight: JsbsimFlight, simulated: JsbsimSignals, frames: int, rng: np.random.Generator
 ) -> Record:
     """Every so many frames, white Gaussian noise on each output, none on surfaces and thrust."""
-    signals = dict(flown.signals)
+    signals = dict(simulated.signals)
     signals |= {f"a{axis}": signals[f"force_{axis}"] / signals["mass"] for axis in "xyz"}
     shown = spoiled(signals, flight)
     rows = slice(None, None, frames)
@@ -277,9 +277,9 @@ def truth_content(flight: JsbsimFlight, seed: int, truth: JsbsimTruth) -> dict[s
     }
     return {
         "schema": "flightid/truth/1",
-        "parameters": {model: dict(found.values) for model, found in truth.about_trim.items()},
-        "in_maneuver": {model: dict(found.values) for model, found in truth.in_maneuver.items()},
-        "variance_left": {model: found.left for model, found in truth.in_maneuver.items()},
+        "parameters": {model: dict(result.values) for model, result in truth.about_trim.items()},
+        "in_maneuver": {model: dict(result.values) for model, result in truth.in_maneuver.items()},
+        "variance_left": {model: result.left for model, result in truth.in_maneuver.items()},
         "hidden": named(flight),
         "flight": made,
         "controls": dict(truth.sizes),

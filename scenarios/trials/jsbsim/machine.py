@@ -288,7 +288,7 @@ def _silence() -> Iterator[None]:
     """Keep what JSBSim writes from the terminal: by Python's streams, by those of C in older
     versions.
     """
-    kept = [os.dup(number) for number in (1, 2)]
+    saved = [os.dup(number) for number in (1, 2)]
     with (
         open(os.devnull, "w", encoding="utf-8") as nowhere,
         contextlib.redirect_stdout(nowhere),
@@ -300,7 +300,7 @@ def _silence() -> Iterator[None]:
             yield
         finally:
             ctypes.CDLL(None).fflush(None)  # what still waits in the buffers of C
-            for number, old in zip((1, 2), kept, strict=True):
+            for number, old in zip((1, 2), saved, strict=True):
                 os.dup2(old, number)
                 os.close(old)
 
@@ -399,84 +399,86 @@ class Slopes:
         )
 
 
-def slopes_of(model: str, flown: JsbsimSignals, motion: JsbsimSignals | None = None) -> Slopes:
+def slopes_of(model: str, signals: JsbsimSignals, motion: JsbsimSignals | None = None) -> Slopes:
     """The derivatives of a model (rigid, longitudinal or lateral); of ``motion`` where it is
     another flight from the same trim.
     """
     return {"rigid": _rigid, "longitudinal": _longitudinal, "lateral": _lateral}[model](
-        flown, motion or flown
+        signals, motion or signals
     )
 
 
-def constants_of(model: str, flown: JsbsimSignals) -> dict[str, float]:
+def constants_of(model: str, signals: JsbsimSignals) -> dict[str, float]:
     """What the vehicle file of a model holds beside its derivatives, SI: body, air and trim as they
     are at the start of a flight.
     """
-    body = flown.body
-    found = {
+    body = signals.body
+    result = {
         "mass": body.mass,
         "wing_area": body.wing_area,
-        "air_density": float(flown["air_density"][0]),
+        "air_density": float(signals["air_density"][0]),
     }
-    speed = float(flown["airspeed"][0])
+    speed = float(signals["airspeed"][0])
     if model == "lateral":
-        found |= {
+        result |= {
             "span": body.span,
             "roll_inertia": body.roll_inertia,
             "yaw_inertia": body.yaw_inertia,
             "cross_inertia": body.cross_inertia,
         }
         return {
-            **found,
+            **result,
             "airspeed": speed,
-            "trim_alpha": float(flown["alpha"][0]),
-            "trim_theta": float(flown["theta"][0]),
+            "trim_alpha": float(signals["alpha"][0]),
+            "trim_theta": float(signals["theta"][0]),
         }
-    found |= {"chord": body.chord, "pitch_inertia": body.pitch_inertia}
+    result |= {"chord": body.chord, "pitch_inertia": body.pitch_inertia}
     if model == "rigid":
-        return {**found, "airspeed": speed}
-    return {**found, "reference_airspeed": speed, "thrust_arm": thrust_arm(flown)}
+        return {**result, "airspeed": speed}
+    return {**result, "reference_airspeed": speed, "thrust_arm": thrust_arm(signals)}
 
 
-def thrust_arm(flown: JsbsimSignals) -> float:
+def thrust_arm(signals: JsbsimSignals) -> float:
     """Moment of the engines over their thrust in trim, m, nose up positive; 0 where there is no
     thrust.
     """
-    thrust = float(flown["thrust"][0])
-    return float(flown["thrust_moment"][0]) / thrust if thrust else 0.0
+    thrust = float(signals["thrust"][0])
+    return float(signals["thrust_moment"][0]) / thrust if thrust else 0.0
 
 
-def _rigid(trim: JsbsimSignals, flown: JsbsimSignals) -> Slopes:
+def _rigid(trim: JsbsimSignals, signals: JsbsimSignals) -> Slopes:
     """Lift across the path, engines included; what depends on the speed is told apart and left
     out.
     """
-    speed, body = float(trim["airspeed"][0]), flown.body
+    speed, body = float(trim["airspeed"][0]), signals.body
     columns = {
-        "alpha": flown["alpha"],
-        "q": flown["q"] * body.chord / (2.0 * speed),
-        **_moved(flown, {"de": "elevator"}),
-        "V": flown["airspeed"] / speed,
+        "alpha": signals["alpha"],
+        "q": signals["q"] * body.chord / (2.0 * speed),
+        **_moved(signals, {"de": "elevator"}),
+        "V": signals["airspeed"] / speed,
     }
-    lift = -flown["force_z"] * np.cos(flown["alpha"]) + flown["force_x"] * np.sin(flown["alpha"])
+    lift = -signals["force_z"] * np.cos(signals["alpha"]) + signals["force_x"] * np.sin(
+        signals["alpha"]
+    )
     area = 0.5 * float(trim["air_density"][0]) * speed**2 * body.wing_area
     return _straight(
-        {"CL": (lift / area, columns), "Cm": (flown["moment_m"] / (area * body.chord), columns)}
+        {"CL": (lift / area, columns), "Cm": (signals["moment_m"] / (area * body.chord), columns)}
     ).without("0", "V")
 
 
-def _longitudinal(trim: JsbsimSignals, flown: JsbsimSignals) -> Slopes:
+def _longitudinal(trim: JsbsimSignals, signals: JsbsimSignals) -> Slopes:
     """Coefficients of the whole axis at the speed and density of the moment, thrust and its moment
     taken off.
     """
-    speed, body, alpha = float(trim["airspeed"][0]), flown.body, flown["alpha"]
-    slow = {"V": flown["airspeed"] / speed, "alpha": alpha}
+    speed, body, alpha = float(trim["airspeed"][0]), signals.body, signals["alpha"]
+    slow = {"V": signals["airspeed"] / speed, "alpha": alpha}
     columns = {
         **slow,
-        "q": flown["q"] * body.chord / (2.0 * speed),
-        **_moved(flown, {"de": "elevator"}),
+        "q": signals["q"] * body.chord / (2.0 * speed),
+        **_moved(signals, {"de": "elevator"}),
     }
-    x, z, area = flown["force_x"] - flown["thrust"], flown["force_z"], _pressure_area(flown)
-    moment = flown["moment_m"] - thrust_arm(trim) * flown["thrust"]
+    x, z, area = signals["force_x"] - signals["thrust"], signals["force_z"], _pressure_area(signals)
+    moment = signals["moment_m"] - thrust_arm(trim) * signals["thrust"]
     return _straight(
         {
             "CD": ((-x * np.cos(alpha) - z * np.sin(alpha)) / area, slow),
@@ -486,31 +488,35 @@ def _longitudinal(trim: JsbsimSignals, flown: JsbsimSignals) -> Slopes:
     )
 
 
-def _lateral(trim: JsbsimSignals, flown: JsbsimSignals) -> Slopes:
-    half, area = flown.body.span / (2.0 * flown["airspeed"]), _pressure_area(flown)
+def _lateral(trim: JsbsimSignals, signals: JsbsimSignals) -> Slopes:
+    half, area = signals.body.span / (2.0 * signals["airspeed"]), _pressure_area(signals)
     columns = {
-        "beta": flown["beta"],
-        "p": flown["p"] * half,
-        "r": flown["r"] * half,
-        **_moved(flown, {"da": "aileron", "dr": "rudder"}),
+        "beta": signals["beta"],
+        "p": signals["p"] * half,
+        "r": signals["r"] * half,
+        **_moved(signals, {"da": "aileron", "dr": "rudder"}),
     }
     loads = {
-        "CY": flown["force_y"],
-        "Cl": flown["moment_l"] / flown.body.span,
-        "Cn": flown["moment_n"] / flown.body.span,
+        "CY": signals["force_y"],
+        "Cl": signals["moment_l"] / signals.body.span,
+        "Cn": signals["moment_n"] / signals.body.span,
     }
     return _straight({letter: (load / area, columns) for letter, load in loads.items()}).without(
         "0"
     )
 
 
-def _pressure_area(flown: JsbsimSignals) -> np.ndarray:
-    return np.asarray(0.5 * flown["air_density"] * flown["airspeed"] ** 2 * flown.body.wing_area)
+def _pressure_area(signals: JsbsimSignals) -> np.ndarray:
+    return np.asarray(
+        0.5 * signals["air_density"] * signals["airspeed"] ** 2 * signals.body.wing_area
+    )
 
 
-def _moved(flown: JsbsimSignals, names: Mapping[str, str]) -> dict[str, np.ndarray]:
+def _moved(signals: JsbsimSignals, names: Mapping[str, str]) -> dict[str, np.ndarray]:
     """The surfaces that the loads of this aircraft read, under the names of derivatives."""
-    return {symbol: flown[surface] for symbol, surface in names.items() if surface in flown.signals}
+    return {
+        symbol: signals[surface] for symbol, surface in names.items() if surface in signals.signals
+    }
 
 
 def _straight(loads: Mapping[str, tuple[np.ndarray, Columns]]) -> Slopes:

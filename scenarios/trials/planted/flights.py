@@ -204,33 +204,33 @@ def equivalent_of(scenario: TraceScenario) -> EquivalentSystem:
     """
     from sim.closed_loop.linear import equivalent_system
 
-    plain = loop_of(scenario)
-    return equivalent_system(plain, L_q=plain.airframe.L_q)
+    loop = loop_of(scenario)
+    return equivalent_system(loop, L_q=loop.airframe.L_q)
 
 
 def _closed_loop(scenario: TraceScenario, generators: Sequence[np.random.Generator]) -> FlownTrace:
-    flight, plain = scenario.flight, loop_of(scenario)
+    flight, loop = scenario.flight, loop_of(scenario)
     plans = {"train": flight.train, "validate": flight.validate, "test": flight.test_plan}
-    flown = [
+    simulated = [
         fly_loop(scenario, plan, f"key flight.{name}", rng)
         for (name, plan), rng in zip(plans.items(), generators, strict=True)
     ]
     equivalent = equivalent_of(scenario)
     values = {name: float(getattr(equivalent, name)) for name in LOES_NAMES}
     constants = {
-        "airspeed": plain.airframe.airspeed,
-        "gravity": plain.airframe.gravity,
-        "vane_arm": plain.telemetry.vane_arm,
+        "airspeed": loop.airframe.airspeed,
+        "gravity": loop.airframe.gravity,
+        "vane_arm": loop.telemetry.vane_arm,
     }
     noise = {
-        "alpha": plain.telemetry.alpha_noise,
-        "q": plain.telemetry.q_noise,
-        "nz": plain.telemetry.nz_noise,
+        "alpha": loop.telemetry.alpha_noise,
+        "q": loop.telemetry.q_noise,
+        "nz": loop.telemetry.nz_noise,
     }
     hidden = {term.name: dict(term.values) for term in flight.hidden}
-    (train, noise_free), (validate, _), (test, _) = flown
+    (train, noise_free), (validate, _), (test, _) = simulated
     text = _vehicle_text(scenario, constants, values)
-    return FlownTrace(train, validate, values, hidden, noise, plain.frame, text, test, noise_free)
+    return FlownTrace(train, validate, values, hidden, noise, loop.frame, text, test, noise_free)
 
 
 def _stick(plans: tuple[ManeuverPlan, ...], where: str) -> Sum:
@@ -322,11 +322,11 @@ def _values(model: Model) -> dict[str, float]:
     return {item.name: item.value for item in model.parameters}
 
 
-def _refuse_unknown_starts(scenario: TraceScenario, known: Collection[str]) -> None:
-    unknown = set(scenario.start) - set(known)
+def _refuse_unknown_starts(scenario: TraceScenario, allowed: Collection[str]) -> None:
+    unknown = set(scenario.start) - set(allowed)
     if unknown:
         what = f"there is no {', '.join(sorted(unknown))}"
-        raise DeclarationError(what, where="key estimate.start", remedy=f"use {', '.join(known)}")
+        raise DeclarationError(what, where="key estimate.start", remedy=f"use {', '.join(allowed)}")
 
 
 def _mode_of(name: str) -> int:
@@ -339,14 +339,14 @@ def _mode_of(name: str) -> int:
     return int(digits) if "_eta" in name and digits else 0
 
 
-def write_flown(flown: FlownTrace, folder: Path) -> tuple[Path, Path, Path]:
+def write_flown(simulated_flight: FlownTrace, folder: Path) -> tuple[Path, Path, Path]:
     """Training record, validation record and vehicle file in a folder: all that the loop is
     given.
     """
     from scenarios.files.writing import write_record
 
-    train, _ = write_record(folder, flown.train, "train", simulated=True)
-    validate, _ = write_record(folder, flown.validate, "validate", simulated=True)
+    train, _ = write_record(folder, simulated_flight.train, "train", simulated=True)
+    validate, _ = write_record(folder, simulated_flight.validate, "validate", simulated=True)
     vehicle = folder / "vehicle.toml"
-    write_text(vehicle, flown.vehicle_file)
+    write_text(vehicle, simulated_flight.vehicle_file)
     return train, validate, vehicle

@@ -70,7 +70,7 @@ def trace_text(study: TraceStudy, width: int = WIDTH, details: str = BELOW) -> s
         table_as_lines(against_truth(study), width),
         table_as_lines(effects_table(study), width, titled=False),
         table_as_lines(modes_table(study), width, titled=False),
-        [line for told in comparable_sentences(study) for line in wrapped(told, width)],
+        [line for sentence in comparable_sentences(study) for line in wrapped(sentence, width)],
         wrapped(scored_sentence(study), width),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
@@ -78,10 +78,10 @@ def trace_text(study: TraceStudy, width: int = WIDTH, details: str = BELOW) -> s
 
 def trace_summary(study: TraceStudy, details: str = BELOW) -> Summary:
     """The diagnosis, and whether it is right."""
-    told = diagnosis_summary(study.tracing, details)
-    named = f"{study.scenario.name}: {study.scenario.title}; {told.study}"
+    text = diagnosis_summary(study.tracing, details)
+    named = f"{study.scenario.name}: {study.scenario.title}; {text.study}"
     return replace(
-        told, study=named, outcome=f"{told.outcome}; the diagnosis is {_verdict(study.grade)}"
+        text, study=named, outcome=f"{text.outcome}; the diagnosis is {_verdict(study.grade)}"
     )
 
 
@@ -166,16 +166,16 @@ def table_title(study: TraceStudy) -> str:
 
 def comparable_sentences(study: TraceStudy) -> list[str]:
     """Where the comparable values come from, and why they differ from the true ones."""
-    told = [
+    sentences = [
         f"comparable: the value that the fitted model should find, from {study.basis}",
         *study.reasons,
     ]
     if study.basis == TRUE:
-        told.append(
+        sentences.append(
             "third record: gusts are not known beforehand, so that turbulence does not lower the "
             "error of a free simulation"
         )
-    return told
+    return sentences
 
 
 def third_table(study: TraceStudy) -> Table:
@@ -256,7 +256,7 @@ def scored_page(study: TraceStudy, page: Page) -> Page:
         against_truth(study),
         effects_table(study),
         modes_table(study),
-        *(Prose(as_sentence(capital(told))) for told in comparable_sentences(study)),
+        *(Prose(as_sentence(capital(sentence))) for sentence in comparable_sentences(study)),
         third_table(study),
         Prose(f"Truth and model: {scenario.distance}.", "note"),
     )
@@ -329,7 +329,7 @@ def _write_records(study: TraceStudy, folder: Path) -> None:
 
 def truth_content(study: TraceStudy) -> dict[str, Any]:
     """Derivatives, hidden terms, noise and distance."""
-    flown = study.flown
+    simulated = study.flown
     return {
         "schema": "flightid/truth/1",
         "parameters": {
@@ -340,11 +340,11 @@ def truth_content(study: TraceStudy) -> dict[str, Any]:
             for row in study.modes
             if row.true is not None
         },
-        "effects": list(flown.hidden),
-        "hidden": {name: dict(values) for name, values in flown.hidden.items()},
-        "noise_std": dict(flown.noise_std),
+        "effects": list(simulated.hidden),
+        "hidden": {name: dict(values) for name, values in simulated.hidden.items()},
+        "noise_std": dict(simulated.noise_std),
         "distance": study.scenario.distance,
-        "step": flown.step,
+        "step": simulated.step,
     }
 
 
@@ -415,20 +415,20 @@ def _third(study: TraceStudy) -> dict[str, Any]:
     """Errors before and after on the record that took no part in fitting or in choosing effects, in
     the channels' units.
     """
-    found, units = study.test, channel_units(study.tracing.model)
+    result, units = study.test, channel_units(study.tracing.model)
     return {
         "record": "test.csv",
         "used_in_fit": False,
         "used_to_choose": False,
-        "unit": {name: units.get(name, "") for name in found.predictions[0].channels},
-        "before": {"rmse": dict(found.before.rmse)},
-        "after": {"rmse": {name: bounded(value) for name, value in found.after.rmse.items()}},
+        "unit": {name: units.get(name, "") for name in result.predictions[0].channels},
+        "before": {"rmse": dict(result.before.rmse)},
+        "after": {"rmse": {name: bounded(value) for name, value in result.after.rmse.items()}},
         "noise_std": {
             name: value
             for name, value in study.flown.noise_std.items()
-            if name in found.predictions[0].channels
+            if name in result.predictions[0].channels
         },
-        "finite": found.finite,
+        "finite": result.finite,
     }
 
 

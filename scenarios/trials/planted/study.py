@@ -118,18 +118,18 @@ class Truth:
     modes: int = 0
 
 
-def comparable_to(tracing: Tracing, flown: FlownTrace, truth: Truth) -> Comparable:
+def comparable_to(tracing: Tracing, simulated: FlownTrace, truth: Truth) -> Comparable:
     """What the model with the effects found should find."""
     d = tracing.diagnosis
     assert d.trained_after is not None
-    return _comparable(tracing.model, d.trained_after, quantities_of(d), flown, truth)
+    return _comparable(tracing.model, d.trained_after, quantities_of(d), simulated, truth)
 
 
-def comparable_before(tracing: Tracing, flown: FlownTrace, truth: Truth) -> Comparable:
+def comparable_before(tracing: Tracing, simulated: FlownTrace, truth: Truth) -> Comparable:
     """What the declared model alone should find."""
     d = tracing.diagnosis
     assert d.trained_before is not None
-    return _comparable(tracing.model, d.trained_before, d.before, flown, truth)
+    return _comparable(tracing.model, d.trained_before, d.before, simulated, truth)
 
 
 def quantities_of(d: Diagnosis) -> dict[str, Quantity]:
@@ -149,12 +149,12 @@ def _comparable(
     model: Model,
     trained: Trained,
     estimates: Mapping[str, Quantity],
-    flown: FlownTrace,
+    simulated: FlownTrace,
     truth: Truth,
 ) -> Comparable:
     if has_process_noise(compiled_with(model, trained.effects, trained.outputs)[1]):
         return Comparable(truth.values, basis=TRUE)
-    fit = noise_free_fit(model, trained, estimates, flown)
+    fit = noise_free_fit(model, trained, estimates, simulated)
     if fit is None:
         return Comparable(truth.values, basis=NO_FIT)
     estimate, layout = estimate_of(fit), fit.layout
@@ -186,15 +186,16 @@ def _same(value: float, true: float, estimate: Quantity | None) -> bool:
 
 
 def noise_free_fit(
-    model: Model, trained: Trained, estimates: Mapping[str, Quantity], flown: FlownTrace
+    model: Model, trained: Trained, estimates: Mapping[str, Quantity], simulated: FlownTrace
 ) -> Fit | None:
     """The fit of a model to both copies of the noise-free training record, from the estimates; None
     without a minimum.
     """
     rng = np.random.default_rng(NOISE_SEED)
-    clean = flown.noise_free
+    clean = simulated.noise_free
     noise = [
-        flown.noise_std[channel.name] * rng.standard_normal(len(clean)) for channel in clean.outputs
+        simulated.noise_std[channel.name] * rng.standard_normal(len(clean))
+        for channel in clean.outputs
     ]
     pair = [
         with_outputs(
@@ -224,8 +225,8 @@ def refit(
     _, system = compiled_with(model, trained.effects, trained.outputs)
     local = [name for effect in trained.effects for name in local_names(effect)]
     settings = replace(FINER, max_step=trained.settings.max_step)
-    plain = lay_out(records, system, settings, local=local)
-    begin, guesses = carried(plain, None, {**trained.shared, **trained.own[0]})
+    free_layout = lay_out(records, system, settings, local=local)
+    begin, guesses = carried(free_layout, None, {**trained.shared, **trained.own[0]})
     layout = lay_out(records, system, settings, local=local, start=begin)
     prior = known_beforehand(model, trained.effects, layout)
     if prior is not None:
@@ -254,38 +255,44 @@ def _tied(layout: FitLayout, prior: Prior | None, held: Mapping[str, Quantity]) 
 
 
 def reasons_for(
-    scenario: TraceScenario, tracing: Tracing, flown: FlownTrace, truth: Truth, found: Comparable
+    scenario: TraceScenario,
+    tracing: Tracing,
+    simulated: FlownTrace,
+    truth: Truth,
+    comparable: Comparable,
 ) -> tuple[str, ...]:
     """Why comparable values differ from the true ones, in sentences with numbers."""
     d = tracing.diagnosis
     out = []
-    open_derivatives = [name for name in found.open if name in truth.condensed and name in d.after]
+    open_derivatives = [
+        name for name in comparable.open if name in truth.condensed and name in d.after
+    ]
     if open_derivatives:
         out.append(
             f"{', '.join(open_derivatives)}: this flight leaves open which share of these loads "
             "the elastic mode takes; "
             "compared with the value by static condensation, the share of the mode at rest included"
         )
-    others = [name for name in found.open if name not in open_derivatives]
+    others = [name for name in comparable.open if name not in open_derivatives]
     if others:
         out.append(
             f"{', '.join(others)}: left open by this flight with or without noise; compared with "
             "the nearest value that fits it"
         )
-    out += _of_turbulence(tracing, flown)
-    if scenario.flight.vehicle.startswith(CLOSED_LOOP) and found.basis == NOISE_FREE:
-        out += _of_the_gearing(scenario, tracing, flown, truth, found)
+    out += _of_turbulence(tracing, simulated)
+    if scenario.flight.vehicle.startswith(CLOSED_LOOP) and comparable.basis == NOISE_FREE:
+        out += _of_the_gearing(scenario, tracing, simulated, truth, comparable)
     return tuple(out)
 
 
-def _of_turbulence(tracing: Tracing, flown: FlownTrace) -> list[str]:
+def _of_turbulence(tracing: Tracing, simulated: FlownTrace) -> list[str]:
     """How many scale lengths of hidden turbulence a record holds: so many independent gusts its
     level is estimated from.
     """
-    length = flown.hidden.get(TURBULENCE, {}).get("length", 0.0)
+    length = simulated.hidden.get(TURBULENCE, {}).get("length", 0.0)
     if not length or "airspeed" not in tracing.model.parameters:
         return []
-    time = flown.train.time
+    time = simulated.train.time
     count = tracing.model.parameters["airspeed"].value * float(time[-1] - time[0]) / length
     return [
         f"{TURBULENCE}: the true values are those of very long records; this one holds {count:.0f} "
@@ -295,7 +302,11 @@ def _of_turbulence(tracing: Tracing, flown: FlownTrace) -> list[str]:
 
 
 def _of_the_gearing(
-    scenario: TraceScenario, tracing: Tracing, flown: FlownTrace, truth: Truth, found: Comparable
+    scenario: TraceScenario,
+    tracing: Tracing,
+    simulated: FlownTrace,
+    truth: Truth,
+    comparable: Comparable,
 ) -> list[str]:
     """How much of each difference is the gearing of the stick, by a second noise-free fit to a
     flight with a straight one.
@@ -306,16 +317,20 @@ def _of_the_gearing(
     )
     assert d.trained_after is not None
     other = _comparable(
-        tracing.model, d.trained_after, quantities_of(d), replace(flown, noise_free=straight), truth
+        tracing.model,
+        d.trained_after,
+        quantities_of(d),
+        replace(simulated, noise_free=straight),
+        truth,
     )
     estimates, geared, rest = quantities_of(d), [], []
     for name, true in truth.values.items():
-        if name not in found.values or name not in estimates:
+        if name not in comparable.values or name not in estimates:
             continue
-        if abs(found.values[name] - other.values[name]) > MOVED * estimates[name].std:
+        if abs(comparable.values[name] - other.values[name]) > MOVED * estimates[name].std:
             geared.append(
                 f"{name} {other.values[name]:.4g} with a straight gearing, "
-                f"{found.values[name]:.4g} as flown"
+                f"{comparable.values[name]:.4g} as flown"
             )
         if abs(other.values[name] - true) > MOVED * estimates[name].std:
             rest.append(
@@ -329,12 +344,12 @@ def _of_the_gearing(
             f"fitted: {'; '.join(geared)}"
         )
     if rest:
-        told = (
+        reason = (
             "the model has a lower order than the loop, and the flight weighs frequencies unlike "
             "the fit to the frequency response"
         )
         out.append(
-            f"{told} (the recorded stick is held, which takes half a frame from the delay): "
+            f"{reason} (the recorded stick is held, which takes half a frame from the delay): "
             f"{'; '.join(rest)}"
         )
     return out
@@ -351,10 +366,10 @@ def estimated_modes(tracing: Tracing, modes: int) -> dict[str, Quantity]:
     fit = None if has_process_noise(system) else refit(tracing.model, trained, tracing.records)
     if fit is None:
         return {}
-    found = modes_of(fit.layout.system, estimate_of(fit), slow_states(trained), modes)
+    result = modes_of(fit.layout.system, estimate_of(fit), slow_states(trained), modes)
     return {
         name: Quantity(value, max(std, 1e-300), "rad/s" if name.endswith("frequency") else "1")
-        for name, (value, std) in found.items()
+        for name, (value, std) in result.items()
         if name.startswith("elastic_mode")
     }
 
@@ -370,7 +385,7 @@ def slow_states(trained: Trained) -> set[str]:
 
 
 def modes_of(
-    system: System, estimate: Estimate, held: Collection[str] = (), modes: int = 0
+    system: System, estimate: Estimate, fixed_states: Collection[str] = (), modes: int = 0
 ) -> dict[str, tuple[float, float]]:
     """Frequencies and damping ratios of an estimated model, with standard deviations, by name.
 
@@ -378,24 +393,28 @@ def modes_of(
     oscillations of the model with all couplings, ``elastic_mode_1_frequency`` (rad/s),
     ``elastic_mode_1_damping`` and so on.
     """
-    found = modal_estimate(system, estimate, held)
+    result = modal_estimate(system, estimate, fixed_states)
     if not modes:
-        return found
-    names, centre, gradient = propagated(lambda p: elastic_modes(system, p, held), system, estimate)
+        return result
+    names, centre, gradient = propagated(
+        lambda p: elastic_modes(system, p, fixed_states), system, estimate
+    )
     spread = np.sqrt(
         np.maximum(np.einsum("ki,ij,kj->k", gradient, estimate.covariance, gradient), 0.0)
     )
     rows = zip(names, centre, spread, strict=True)
-    return found | {name: (float(value), float(std)) for name, value, std in rows}
+    return result | {name: (float(value), float(std)) for name, value, std in rows}
 
 
-def elastic_modes(system: System, p: np.ndarray, held: Collection[str] = ()) -> dict[str, float]:
+def elastic_modes(
+    system: System, p: np.ndarray, fixed_states: Collection[str] = ()
+) -> dict[str, float]:
     """Undamped frequency (rad/s) and damping ratio of each oscillation at rest but the slowest, the
     short period.
     """
     n, u = len(system.states), [0.0] * len(system.inputs)
     F = complex_step_jacobian(lambda x: system.f(0.0, x, u, p.tolist()), [0.0] * n)
-    moving = [i for i, state in enumerate(system.states) if state.name not in held]
+    moving = [i for i, state in enumerate(system.states) if state.name not in fixed_states]
     roots = [root for root in np.linalg.eigvals(F[np.ix_(moving, moving)]) if root.imag > 1e-9]
     out = {}
     for number, root in enumerate(sorted(roots, key=abs)[1:], start=1):
@@ -498,9 +517,9 @@ def run_trace(
     """
     chosen = scenario.seed if seed is None else seed
     progress("flying", 0.0)
-    flown = fly_trace(scenario, chosen)
+    simulated = fly_trace(scenario, chosen)
     with tempfile.TemporaryDirectory(prefix="flightid-") as folder:
-        train, validate, written = write_flown(flown, Path(folder))
+        train, validate, written = write_flown(simulated, Path(folder))
         # What is printed names the file of the study, not this passing one.
         vehicle = replace(read_toml_source(written), path=Path(written.name))
         tracing = diagnose_files(
@@ -511,54 +530,59 @@ def run_trace(
         kept = tuple(note for note in tracing.notes if not note.startswith(ALSO_READ))
         tracing = replace(tracing, notes=kept)
     progress("comparing with the truth", 0.98)
-    return scored(scenario, chosen, flown, tracing)
+    return scored(scenario, chosen, simulated, tracing)
 
 
-def scored(scenario: TraceScenario, seed: int, flown: FlownTrace, tracing: Tracing) -> TraceStudy:
+def scored(
+    scenario: TraceScenario, seed: int, simulated: FlownTrace, tracing: Tracing
+) -> TraceStudy:
     """A diagnosis compared with the truth, and the third record predicted by it."""
-    truth = truth_of(scenario, flown)
-    found, before = comparable_to(tracing, flown, truth), comparable_before(tracing, flown, truth)
+    truth = truth_of(scenario, simulated)
+    result, before = (
+        comparable_to(tracing, simulated, truth),
+        comparable_before(tracing, simulated, truth),
+    )
     return TraceStudy(
         scenario,
         seed,
-        flown,
+        simulated,
         tracing,
         grade(scenario.expect, tracing),
-        _derivatives(flown, tracing, truth, found, before),
-        _effects(tracing, truth, found),
-        _modes(scenario, tracing, truth, found),
-        found.basis,
-        reasons_for(scenario, tracing, flown, truth, found),
-        predicted_test(flown, tracing),
+        _derivatives(simulated, tracing, truth, result, before),
+        _effects(tracing, truth, result),
+        _modes(scenario, tracing, truth, result),
+        result.basis,
+        reasons_for(scenario, tracing, simulated, truth, result),
+        predicted_test(simulated, tracing),
     )
 
 
-def truth_of(scenario: TraceScenario, flown: FlownTrace) -> Truth:
+def truth_of(scenario: TraceScenario, simulated: FlownTrace) -> Truth:
     """Values that are known by declaration."""
     hidden = {
         f"{name}.{local}": value
-        for name, values in flown.hidden.items()
+        for name, values in simulated.hidden.items()
         for local, value in values.items()
     }
     modes, condensed = scenario.flight.modes, {}
     if modes and scenario.model == "rigid":
         values = {item.name: item.value for item in true_vehicle(scenario.flight).parameters}
         condensed = dict(condense(values, modes).derivatives)
-    return Truth({**flown.derivatives, **hidden}, condensed, modes)
+    return Truth({**simulated.derivatives, **hidden}, condensed, modes)
 
 
-def predicted_test(flown: FlownTrace, tracing: Tracing) -> Predicted:
+def predicted_test(simulated: FlownTrace, tracing: Tracing) -> Predicted:
     """The third record predicted by the declared model and with the effects found, as `flightid
     predict` does.
     """
-    d, inputs = tracing.diagnosis, {channel.name for channel in flown.test.inputs}
+    d, inputs = tracing.diagnosis, {channel.name for channel in simulated.test.inputs}
     assert d.trained_before is not None and d.trained_after is not None
     spiked = [
         name
         for claim in d.effects
         if claim.claimed and (name := claim.name.removeprefix(SPIKES)) in inputs
     ]
-    record = replace(flown.test, hold=tracing.records[0].hold, name="test.csv")
+    record = replace(simulated.test, hold=tracing.records[0].hold, name="test.csv")
     return predict(d.trained_before, d.trained_after, tracing.model, [record], spiked)
 
 
@@ -595,39 +619,43 @@ def _stands_beside(claims: list[Claim], accepted: tuple[str, ...]) -> bool:
 
 
 def _derivatives(
-    flown: FlownTrace, tracing: Tracing, truth: Truth, found: Comparable, before: Comparable
+    simulated: FlownTrace,
+    tracing: Tracing,
+    truth: Truth,
+    comparable: Comparable,
+    before: Comparable,
 ) -> tuple[Scored, ...]:
     d = tracing.diagnosis
     return tuple(
         Scored(
             name,
             after.unit,
-            flown.derivatives[name],
-            found.values.get(name, flown.derivatives[name]),
+            simulated.derivatives[name],
+            comparable.values.get(name, simulated.derivatives[name]),
             d.before.get(name),
             after,
             truth.condensed.get(name),
-            name in found.open,
-            before.values.get(name, flown.derivatives[name]),
+            name in comparable.open,
+            before.values.get(name, simulated.derivatives[name]),
         )
         for name, after in d.after.items()
-        if name in flown.derivatives
+        if name in simulated.derivatives
     )
 
 
-def _effects(tracing: Tracing, truth: Truth, found: Comparable) -> tuple[Scored, ...]:
+def _effects(tracing: Tracing, truth: Truth, comparable: Comparable) -> tuple[Scored, ...]:
     """Parameters of the effects in the fitted model, against what it should find."""
     d = tracing.diagnosis
-    names = [name for name in quantities_of(d) if name not in d.after and name in found.values]
+    names = [name for name in quantities_of(d) if name not in d.after and name in comparable.values]
     return tuple(
         Scored(
             name,
             q.unit,
             truth.values.get(name),
-            found.values[name],
+            comparable.values[name],
             None,
             q,
-            open=name in found.open,
+            open=name in comparable.open,
         )
         for name, q in quantities_of(d).items()
         if name in names
@@ -635,7 +663,7 @@ def _effects(tracing: Tracing, truth: Truth, found: Comparable) -> tuple[Scored,
 
 
 def _modes(
-    scenario: TraceScenario, tracing: Tracing, truth: Truth, found: Comparable
+    scenario: TraceScenario, tracing: Tracing, truth: Truth, comparable: Comparable
 ) -> tuple[Scored, ...]:
     """Frequencies and damping ratios, those of elastic modes with all couplings of the aircraft."""
     d, flight = tracing.diagnosis, scenario.flight
@@ -646,12 +674,12 @@ def _modes(
             name,
             q.unit,
             true.get(name),
-            found.derived.get(name, true.get(name, 0.0)),
+            comparable.derived.get(name, true.get(name, 0.0)),
             d.derived_before.get(name),
             q,
         )
         for name, q in after.items()
-        if name in found.derived or (name in true and flight.own is None)
+        if name in comparable.derived or (name in true and flight.own is None)
     )
 
 

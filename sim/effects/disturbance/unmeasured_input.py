@@ -143,24 +143,24 @@ VARIANTS: tuple[Traceable, ...] = (
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
     """A pulse and a step on each port for loads that none of the above is for."""
-    ports, known = load_ports(equations), {*equations.parameter_names}
+    ports, parameter_names = load_ports(equations), {*equations.parameter_names}
     covered = {
         port
         for each in VARIANTS
-        if isinstance(each, UnmeasuredInput) and known.issuperset(each.needs_constants)
+        if isinstance(each, UnmeasuredInput) and parameter_names.issuperset(each.needs_constants)
         for port in each.ports
     }
-    found: list[Traceable] = []
+    candidates: list[Traceable] = []
     for port in ports:
         if port.name in covered and covered <= {each.name for each in ports}:
             continue
         label, size = port.name if len(ports) > 1 else "", _USUAL_LOAD.get(port.unit, 1.0)
         sized = port.unit in _USUAL_LOAD
-        found += [
+        candidates += [
             UnmeasuredInput(lasting, WIDTH, (port.unit,), (size,), (), (port.name,), label, sized)
             for lasting in (False, True)
         ]
-    return tuple(found)
+    return tuple(candidates)
 
 
 @dataclass(frozen=True)

@@ -151,12 +151,19 @@ class DragMach:
         """The same over the Mach numbers that the record's speeds reach: a fall is slowest where it
         is lowest.
         """
-        flown, heights = context.flown_range("velocity"), context.flown.get("altitude", (0.0, HIGH))
-        if flown is None:
+        recorded_range, heights = (
+            context.flown_range("velocity"),
+            context.flown.get("altitude", (0.0, HIGH)),
+        )
+        if recorded_range is None:
             return self
-        slowest = 0.0 if flown[0] < 0.0 < flown[1] else min(abs(flown[0]), abs(flown[1]))
+        slowest = (
+            0.0
+            if recorded_range[0] < 0.0 < recorded_range[1]
+            else min(abs(recorded_range[0]), abs(recorded_range[1]))
+        )
         low = slowest / _speed_of_sound(heights[0])
-        high = max(abs(flown[0]), abs(flown[1])) / _speed_of_sound(heights[1])
+        high = max(abs(recorded_range[0]), abs(recorded_range[1])) / _speed_of_sound(heights[1])
         return replace(self, low=low, high=max(high, low + 0.1))
 
     def finer(self) -> DragMach:

@@ -322,11 +322,12 @@ def made_for(equations: Equations) -> tuple[Traceable, ...]:
     """Groups of parameters of a user's own model, those that act through one port each, unless one
     of the above is for its derivatives.
     """
-    known, ports = {*equations.parameter_names}, {port.name for port in equations.ports}
+    parameter_names, ports = {*equations.parameter_names}, {port.name for port in equations.ports}
     listed = (
         each
         for each in DERIVATIVE_VARIANTS
-        if known.issuperset(constants_needed(each)) and ports.issuperset(ports_needed(each))
+        if parameter_names.issuperset(constants_needed(each))
+        and ports.issuperset(ports_needed(each))
     )
     return jumps_of(equations) if isinstance(equations, OwnEquations) and not any(listed) else ()
 

@@ -305,11 +305,11 @@ class FlowSeparation:
         """Whole changes over a grid about the largest angle flown; none where no wing would stall
         there.
         """
-        flown = context.flown_range("alpha")
+        recorded_range = context.flown_range("alpha")
         if (
-            flown is None
-            or flown[1] <= 0.0
-            or flown[1] + self._from_zero_lift(context.values) < NO_STALL_BELOW
+            recorded_range is None
+            or recorded_range[1] <= 0.0
+            or recorded_range[1] + self._from_zero_lift(context.values) < NO_STALL_BELOW
         ):
             return ()
         start = {item.name: item.value for item in self.parameters}
@@ -318,7 +318,7 @@ class FlowSeparation:
             Probe(
                 {
                     **start,
-                    "alpha_star": share * flown[1],
+                    "alpha_star": share * recorded_range[1],
                     "tau1": time,
                     "a1": steepness,
                     "moment": moment,

@@ -225,7 +225,7 @@ def curve_made_for(equations: Equations) -> tuple[Varies, ...]:
 
 def other_names(equations: Equations) -> Mapping[str, str]:
     """Names of instances that are what a named curve bends, with the name of that curve."""
-    ports, known = {port.name for port in equations.ports}, {*equations.parameter_names}
+    ports, parameter_names = {port.name for port in equations.ports}, {*equations.parameter_names}
     curves = [
         *(((derivative, signal), curve) for curve in CURVES for derivative, signal in _bent(curve)),
         *OF_A_FALL.items(),
@@ -233,7 +233,7 @@ def other_names(equations: Equations) -> Mapping[str, str]:
     fitting = [
         (key, c)
         for key, c in curves
-        if ports.issuperset(ports_needed(c)) and known.issuperset(constants_needed(c))
+        if ports.issuperset(ports_needed(c)) and parameter_names.issuperset(constants_needed(c))
     ]
     offered = {effect.name for effect in _every(equations)}
     return {
@@ -404,13 +404,13 @@ def term_made_for(equations: Equations) -> tuple[Traceable, ...]:
     for axis, text in equations.terms:
         present.setdefault(axis, set()).add(parse_term(text, (*FLOW, *surfaces)))
     along, across = sorted_surfaces(present, surfaces)
-    found = []
+    result = []
     for axis, terms in present.items():
         inside = axis in IN_SYMMETRY
         for term in allowed_terms(along, across, symmetric=inside):
             if term not in terms and (axis, term.text) != ("Cm", "alpha^3"):
-                found.append(MissingTerm(axis, term.text, surfaces))
-    return tuple(found)
+                result.append(MissingTerm(axis, term.text, surfaces))
+    return tuple(result)
 
 
 VARIANTS: tuple[Traceable, ...] = (

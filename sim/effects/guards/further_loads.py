@@ -106,8 +106,12 @@ class LaggedLoads(SizedOnPorts):
 
     def fitted_to(self, context: SearchContext) -> LaggedLoads:
         """The same; a total counts from the middle of the values that the record flew."""
-        flown = context.flown_range(self.flown)
-        return replace(self, middle=0.5 * (flown[0] + flown[1])) if self.total and flown else self
+        recorded_range = context.flown_range(self.flown)
+        return (
+            replace(self, middle=0.5 * (recorded_range[0] + recorded_range[1]))
+            if self.total and recorded_range
+            else self
+        )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Slopes by all loads at some lags."""
@@ -153,18 +157,20 @@ def lagged_made_for(equations: Equations) -> tuple[Traceable, ...]:
         )
         or LOOKS_LATE
     )
-    ports, found = ports_without(LAGGED_LOADS, equations), list[Traceable]()
+    ports, candidates = ports_without(LAGGED_LOADS, equations), list[Traceable]()
     multiplied = {(port, signal) for port, signal, _ in equations.products}
     for state in equations.states:
         loaded = [port for port in ports if (port.name, state.name) in multiplied]
         if loaded:
             units = tuple(per_unit(port.unit, state.unit) for port in loaded)
             names = tuple(port.name for port in loaded)
-            late = LaggedLoads(
+            lagged = LaggedLoads(
                 units, (1.0,) * len(loaded), (), names, state.name, looks, total=True
             )
-            found.append(replace(late, flown=state.name, counted_in=state.unit, of=state.name))
-    return tuple(found)
+            candidates.append(
+                replace(lagged, flown=state.name, counted_in=state.unit, of=state.name)
+            )
+    return tuple(candidates)
 
 
 SPACING = 1.12  # of the frequencies tried, besides the peaks of the residual's spectrum
@@ -414,7 +420,7 @@ def products_made_for(equations: Equations) -> tuple[Traceable, ...]:
     if not isinstance(equations, OwnEquations) or equations.terms:
         return ()
     ports = ports_without(PRODUCT_LOADS, equations)
-    signals, found = (*equations.states, *controls(equations)), list[Traceable]()
+    signals, candidates = (*equations.states, *controls(equations)), list[Traceable]()
     multiplied = {(port, signal) for port, signal, _ in equations.products}
     for place, first in enumerate(signals):
         for second in signals[place:]:
@@ -426,7 +432,7 @@ def products_made_for(equations: Equations) -> tuple[Traceable, ...]:
             if free:
                 units = tuple(per_unit(port.unit, first.unit, second.unit) for port in free)
                 names = tuple(port.name for port in free)
-                found.append(
+                candidates.append(
                     ProductLoads(
                         f"{first.name}-{second.name}",
                         first.name,
@@ -438,7 +444,7 @@ def products_made_for(equations: Equations) -> tuple[Traceable, ...]:
                         names,
                     )
                 )
-    return tuple(found)
+    return tuple(candidates)
 
 
 @dataclass(frozen=True)

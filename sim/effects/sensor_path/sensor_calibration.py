@@ -225,12 +225,12 @@ class SensorCurve:
 
     def fitted_to(self, context: SearchContext) -> SensorCurve:
         """The same over the range that the record flew, its bias taken off."""
-        flown = context.flown_range(self.channel)
-        if flown is None:
+        recorded_range = context.flown_range(self.channel)
+        if recorded_range is None:
             return self
         # The range of a state is that of the motion, without the bias of its reading.
         bias = 0.0 if self.is_state else context.values.get(f"bias_{self.channel}", 0.0)
-        low, high = flown[0] - bias, flown[1] - bias
+        low, high = recorded_range[0] - bias, recorded_range[1] - bias
         if max(low, -high) > high - low:
             # A total that never comes near zero: about there a square is next to a scale.
             middle = 0.5 * (low + high)
@@ -253,8 +253,8 @@ _PLAIN = (
 )
 
 
-def _square_or_cube(plain: Sequence[SensorCurve]) -> tuple[Traceable, ...]:
-    return tuple(replace(each, bends=(name,)) for each in plain for name in BOTH)
+def _square_or_cube(curves: Sequence[SensorCurve]) -> tuple[Traceable, ...]:
+    return tuple(replace(each, bends=(name,)) for each in curves for name in BOTH)
 
 
 SCALE_VARIANTS: tuple[Traceable, ...] = (

@@ -79,8 +79,12 @@ class SensorBacklash:
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Shares of half the range of the readings."""
-        flown = context.flown_range(self.channel)
-        half = 0.5 * (flown[1] - flown[0]) if flown is not None else 10.0 * self.typical
+        recorded_range = context.flown_range(self.channel)
+        half = (
+            0.5 * (recorded_range[1] - recorded_range[0])
+            if recorded_range is not None
+            else 10.0 * self.typical
+        )
         return [Probe({"half_width": share * half}) for share in SHARES_OF_HALF_RANGE]
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
@@ -150,8 +154,8 @@ class SensorDeadband:
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Shares of the largest reading."""
-        flown = context.flown_range(self.channel)
-        peak = max(map(abs, flown)) if flown is not None else 10.0 * self.typical
+        recorded_range = context.flown_range(self.channel)
+        peak = max(map(abs, recorded_range)) if recorded_range is not None else 10.0 * self.typical
         return [Probe({"half_width": share * peak}) for share in SHARES_OF_LARGEST]
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:

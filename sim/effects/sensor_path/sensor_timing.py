@@ -297,9 +297,9 @@ class SensorHold:
         """
         interval = context.interval
         periods = [every * interval for every in EVERY if 0 < every * interval <= LONGEST]
-        found = context.update_periods.get(self.channel)
-        if found is not None and 1.5 * interval < found <= LONGEST:
-            periods.append(found)
+        result = context.update_periods.get(self.channel)
+        if result is not None and 1.5 * interval < result <= LONGEST:
+            periods.append(result)
         tried = [
             (period, first * interval)
             for period in periods

@@ -263,7 +263,9 @@ def test_the_last_state_is_the_batch_bank_of_the_same_rows(flown: Record, seed: 
     assert not kept["alpha"].valid[70] and not kept["nz"].valid[90] and len(kept) == table.shape[1]
     # What the filter was given: about the trim.
     expected = run_bank(
-        less(record_of(session), session.offsets), session.system, held={"delay": np.array(DELAYS)}
+        less(record_of(session), session.offsets),
+        session.system,
+        fixed_values={"delay": np.array(DELAYS)},
     )
     assert session.bank is not None and session.state is not None
     found = bank_estimate(session.bank, session.state)
