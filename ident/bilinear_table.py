@@ -95,7 +95,7 @@ def system_tables(system: System, p: Sequence[Any]) -> tuple[Bilinear, Bilinear]
     n_x, n_u = len(system.states), len(system.inputs)
     n = n_x + len(free)
     # Several values of a held parameter do not go with the points' axes, unless they are not used.
-    held = [_apart(value) for value in p]
+    held = [_scalar_or_row(value) for value in p]
 
     def split(w: list[Any]) -> tuple[list[Any], list[Any], list[Any]]:
         whole = held.copy()
@@ -113,7 +113,7 @@ def system_tables(system: System, p: Sequence[Any]) -> tuple[Bilinear, Bilinear]
     return None if f is None or h is None or time.used else (f, h)
 
 
-def held_within_steps(drive: Drive) -> bool:
+def constant_within_steps(drive: Drive) -> bool:
     """Whether the inputs do not change within a step."""
     return all(
         a is b is c or (np.array_equal(a, b) and np.array_equal(a, c))
@@ -121,7 +121,7 @@ def held_within_steps(drive: Drive) -> bool:
     )
 
 
-def _apart(value: Any) -> Any:
+def _scalar_or_row(value: Any) -> Any:
     return (
         float(np.asarray(value).reshape(()))
         if np.size(value) == 1

@@ -301,7 +301,7 @@ def decision_of(
     return RivalDecision(mean, math.sqrt(variance + 4.0 * along), price)
 
 
-def chance_found(gain: float, own: int, price: float, accept: float) -> float:
+def detection_probability(gain: float, own: int, price: float, accept: float) -> float:
     """Probability that an effect raises twice the log likelihood by what its prior odds cost.
 
     ``gain`` : expected, of the log likelihood over the declared model. ``own``, ``price`` : its
@@ -342,14 +342,14 @@ class Acting:
 class Contest:
     """What a flight under ``true`` says against ``rival``.
 
-    ``found`` : gain of the log likelihood of the true effect over the declared model alone,
+    ``gain`` : gain of the log likelihood of the true effect over the declared model alone,
     ``shown`` the probability that this is enough for a search; ``rival`` has the values that fit
     best, and ``left`` is half of the weighted squares that it leaves of the flight without noise.
     """
 
     true: Acting
     rival: Acting
-    found: float
+    gain: float
     shown: float
     left: float
     decision: RivalDecision
@@ -362,7 +362,7 @@ class Contest:
         return max(0.0, self.shown + self.decision.right - 1.0)
 
 
-def found_by(planned: Planned, true: Acting) -> tuple[Planned, FittedModel]:
+def declared_fit(planned: Planned, true: Acting) -> tuple[Planned, FittedModel]:
     """The flight under an effect without noise, and the declared model alone fitted to it: half the
     squares that this leaves is what finds it.
     """
@@ -380,7 +380,7 @@ def contest(
     ``hint`` : values of the rival by local name from which a fit begins as well. A rival that
     explains nothing leaves what the declared model does.
     """
-    measured, base = found_by(planned, true)
+    measured, base = declared_fit(planned, true)
     best = best_fit(measured, base, rival, hint) or base
     counts = best.fit.counts
     own, other = _free(true.effect), _free(rival)
@@ -396,7 +396,7 @@ def contest(
         paid + 2.0 * (_prior_cost(best) - spent),
     )
     gain = max(0.0, base.fit.cost - spent)
-    shown = chance_found(gain, own, price(true.effect, counts), ODDS_COST)
+    shown = detection_probability(gain, own, price(true.effect, counts), ODDS_COST)
     return Contest(
         true,
         Acting(_form(best, rival), _values(best, rival)),

@@ -98,7 +98,7 @@ def run_pass(
                 )
             if history is not None:
                 _keep(history, slice(first, last), done, good, (last_x, last_P))
-            last_x, last_P, sound = *_kept(done, good, last_x, last_P), good[-1]
+            last_x, last_P, sound = *_last_sound(done, good, last_x, last_P), good[-1]
     # What rounding left unsymmetric in between is of its own order; the rows of the states are
     # mirrored in every step.
     return BankPass(
@@ -138,7 +138,7 @@ def sound_so_far(done: PassStretch, squared: np.ndarray, before: np.ndarray) -> 
     return np.logical_and.accumulate(good, axis=0) & before
 
 
-def _kept(
+def _last_sound(
     done: PassStretch, good: np.ndarray, x: np.ndarray, P: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean ``(n, B)`` and covariance ``(B, n, n)`` of each run after its last sound sample; ``x``

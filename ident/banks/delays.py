@@ -171,12 +171,12 @@ class SecondPass:
 
     Attributes
     ----------
-    held : value that the filter was held at, e.g. its delay in s.
+    delay : value that the filter was held at, e.g. its delay in s.
     mean, std : largest differences of states and parameters, and of their standard deviations,
     after the last sample; in sigmas. log_likelihood : relative difference.
     """
 
-    held: float
+    delay: float
     mean: float
     std: float
     log_likelihood: float
@@ -230,7 +230,7 @@ def against_filterpy(
 
 
 @dataclass(frozen=True)
-class Agreement:
+class BankDifferences:
     """Largest differences of two banks over the same delays, over the runs that are sound in both.
 
     Attributes
@@ -250,12 +250,12 @@ class Agreement:
         return max(self.mean, self.std, self.log_likelihood)
 
 
-def agreement(one: BankEstimate, other: BankEstimate) -> Agreement:
+def agreement(one: BankEstimate, other: BankEstimate) -> BankDifferences:
     """How far two banks of the same runs are apart; ``one`` gives the sigmas to divide by."""
     both = one.sound & other.sound
     sigma = np.maximum(one.std[:, both], np.finfo(float).tiny)
     likelihood = one.log_likelihood[both]
-    return Agreement(
+    return BankDifferences(
         float(np.max(np.abs(other.mean[:, both] - one.mean[:, both]) / sigma, initial=0.0)),
         float(np.max(np.abs(other.std[:, both] / sigma - 1.0), initial=0.0)),
         float(
@@ -385,7 +385,7 @@ def run_delay_bank(
             remedy="give three or more in order, in s",
         )
     settings = settings or FilterSettings()
-    bank = engine.run(record, system, settings, held={name: grid})
+    bank = engine.run(record, system, settings, fixed_values={name: grid})
     weights, best = likelihood_weights(bank.log_likelihood), int(np.argmax(bank.log_likelihood))
     between = (float(grid[max(best - 1, 0)]), float(grid[min(best + 1, grid.size - 1)]))
     bank_result = _closing_in(
@@ -490,7 +490,7 @@ def vertex(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
+class _RefinedDelay:
     """Refined delay, its sigma (zero when there is no maximum inside the grid), change of the mean
     ``(n,)`` per second of delay, the smoothed trajectory ``(n, N, 1)`` of the nearest filter and
     the parameters at its end."""
@@ -512,7 +512,7 @@ def _closing_in(
     best: float,
     between: tuple[float, float],
     about: np.ndarray | None,
-) -> _Found:
+) -> _RefinedDelay:
     """Iterated banks ever closer around the maximum; a bank whose maximum lies at its end is moved
     there first.
 
@@ -521,17 +521,17 @@ def _closing_in(
     the likelihoods of neighbours differ by far more.
     """
     low, high = between
-    nowhere = _Found(best, 0.0, np.zeros(0), about, {})
+    nowhere = _RefinedDelay(best, 0.0, np.zeros(0), about, {})
     for _ in range(_BANKS):
         fine = np.linspace(low, high, _POINTS)
         bank, trajectories = engine.iterated(
-            record, system, settings, held={name: fine}, about=about, tolerance=np.inf
+            record, system, settings, fixed_values={name: fine}, about=about, tolerance=np.inf
         )
         if not np.any(bank.sound):
             return nowhere
         top = int(np.argmax(bank.log_likelihood))
         about = trajectories[:, :, top : top + 1]
-        nowhere = _Found(float(fine[top]), 0.0, np.zeros(0), about, _at_end(system, about))
+        nowhere = _RefinedDelay(float(fine[top]), 0.0, np.zeros(0), about, _at_end(system, about))
         if top in (0, _POINTS - 1):
             shift = (
                 (fine[top] - 0.5 * (low + high)) if top else -min(0.5 * (high - low), low - grid[0])
@@ -549,7 +549,7 @@ def _closing_in(
                 record,
                 system,
                 settings,
-                held={name: fine[near]},
+                fixed_values={name: fine[near]},
                 about=trajectories[:, :, near],
                 tolerance=_SETTLED,
             )
@@ -557,7 +557,9 @@ def _closing_in(
             if curvature > 0 and np.all(bank.sound) and abs(delay - fine[top]) <= spacing:
                 slope = (bank.mean[:, 2] - bank.mean[:, 0]) / (2.0 * spacing)
                 nearest = trajectories[:, :, 1:2]
-                return _Found(delay, curvature**-0.5, slope, nearest, _at_end(system, nearest))
+                return _RefinedDelay(
+                    delay, curvature**-0.5, slope, nearest, _at_end(system, nearest)
+                )
             if curvature > 0 and np.all(bank.sound):
                 low, high = delay - 0.5 * (high - low), delay + 0.5 * (high - low)
                 continue
@@ -580,7 +582,9 @@ def _at_end(system: System, trajectory: np.ndarray) -> Mapping[str, float]:
     )
 
 
-def _with_delay(estimate: Estimate, name: str, unit: str, found: _Found, n_x: int) -> Estimate:
+def _with_delay(
+    estimate: Estimate, name: str, unit: str, found: _RefinedDelay, n_x: int
+) -> Estimate:
     """The estimate with the delay as its last parameter, its uncertainty carried over to the
     others.
     """

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from ident.bilinear_table import Bilinear, held_within_steps, system_tables
+from ident.bilinear_table import Bilinear, constant_within_steps, system_tables
 from ident.filters.ekf import FilterSettings
 from ident.filters.one_record import Taylor
 from ident.filters.problem import FilterProblem, with_free
@@ -411,7 +411,7 @@ def tables_for(problem: FilterProblem, settings: FilterSettings, runs: BankRuns)
     if (
         settings.step is not rk4_step
         or settings.transition != _SERIES
-        or not held_within_steps(runs.drive)
+        or not constant_within_steps(runs.drive)
     ):
         return None
     return tables_of(problem.system, runs.p, problem.density, problem.variance)

@@ -242,7 +242,7 @@ def begin(bank: OnlineBank, rows: Rows) -> BankState:
         rows.time[:0],
         rows.inputs[:, :0],
     )
-    way = _Way(rows.time, rows.inputs, [range(0)], [], np.zeros((0, B, n_u)), [0], [0])
+    way = _Nodes(rows.time, rows.inputs, [range(0)], [], np.zeros((0, B, n_u)), [0], [0])
     return _through(bank, before, way, rows.outputs)[0]
 
 
@@ -265,13 +265,13 @@ def advance(bank: OnlineBank, state: BankState, rows: Rows) -> list[BankState]:
     # The node at which the longest delay ends: older ones are forgotten.
     at = known + last - 1
     oldest = np.maximum(np.searchsorted(time, time[at] - bank.memory, side="right") - 1, 0)
-    way = _Way(
+    way = _Nodes(
         time, inputs, steps, np.diff(time)[known - 1 :].tolist(), u, oldest.tolist(), at.tolist()
     )
     return _through(bank, state, way, rows.outputs)
 
 
-class _Way(NamedTuple):
+class _Nodes(NamedTuple):
     """Nodes to go through: all times and inputs, the past's among them; the steps between nodes
     that lead to each row, their sizes (s) and inputs at the vehicle ``(M, B, n_u)``; and for each
     row the oldest node that is still needed, and its own."""
@@ -301,7 +301,9 @@ def _nodes(bank: OnlineBank, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     ), np.where(last, before + 1, before)
 
 
-def _through(bank: OnlineBank, state: BankState, way: _Way, outputs: np.ndarray) -> list[BankState]:
+def _through(
+    bank: OnlineBank, state: BankState, way: _Nodes, outputs: np.ndarray
+) -> list[BankState]:
     """The states after the rows of a way with their samples ``(m, K)``, NaN where missing."""
     z, count = outputs.copy(), outputs.shape[1]
     states: list[BankState] = []
@@ -336,7 +338,7 @@ class _Assessed(NamedTuple):
 def _filtered(
     bank: OnlineBank,
     before: BankState,
-    way: _Way,
+    way: _Nodes,
     rows: slice,
     z: np.ndarray,
     judged: _Assessed | None,
@@ -426,7 +428,7 @@ def bank_estimate(bank: OnlineBank, state: BankState) -> BankEstimate:
 MEDIAN_SQUARE = 0.454936
 
 
-class Ends(NamedTuple):
+class FinalStates(NamedTuple):
     """Where K starts have come to after each of N rows: ``mean (N, K, n)`` and ``delay (N, K)`` (s)
     of the most likely filter of each; ``sound (N, K)``."""
 
@@ -435,7 +437,7 @@ class Ends(NamedTuple):
     sound: np.ndarray
 
 
-class Spread(NamedTuple):
+class StartSpread(NamedTuple):
     """Of each of N rows: standard deviations ``std (N, n)`` that the start and the grid of delays
     add to those of the most likely filter, and ``delay (N,)`` (s) to the delay's; infinite where
     half of the starts broke down. ``differences (N, K, n)`` from the declared start."""
@@ -478,7 +480,7 @@ def bank_of_starts(bank: OnlineBank, starts: np.ndarray) -> OnlineBank:
     )
 
 
-def ends_of(bank: OnlineBank, states: Sequence[BankState], delays: int) -> Ends:
+def final_states_of(bank: OnlineBank, states: Sequence[BankState], delays: int) -> FinalStates:
     """The most likely filter of each start in states of a ``bank_of_starts`` with so many delays a
     start.
     """
@@ -489,10 +491,10 @@ def ends_of(bank: OnlineBank, states: Sequence[BankState], delays: int) -> Ends:
     best = likely.argmax(axis=2)
     means = np.array([state.mean for state in states]).reshape(-1, n, K, delays)
     mean = np.take_along_axis(means, best[:, None, :, None], axis=3)[:, :, :, 0].transpose(0, 2, 1)
-    return Ends(mean, bank.delays[best], np.isfinite(likely.max(axis=2)))
+    return FinalStates(mean, bank.delays[best], np.isfinite(likely.max(axis=2)))
 
 
-def spread_of(bank: OnlineBank, states: Sequence[BankState], ends: Ends) -> Spread:
+def spread_of(bank: OnlineBank, states: Sequence[BankState], ends: FinalStates) -> StartSpread:
     """How far the starts end from the declared one, whose bank has these ``states``, with what lies
     between the points of its grid of delays.
     """
@@ -507,7 +509,7 @@ def spread_of(bank: OnlineBank, states: Sequence[BankState], ends: Ends) -> Spre
     step = float(np.diff(bank.delays).mean())
     differences = ends.mean - means[each, :, best][:, None]
     typical = _typical(differences, ends.sound[:, :, None])
-    return Spread(
+    return StartSpread(
         np.sqrt(typical + np.square(slope) * step**2 / 12.0),
         np.sqrt(_typical(ends.delay - bank.delays[best][:, None], ends.sound)),
         np.where(ends.sound[:, :, None], differences, 0.0),

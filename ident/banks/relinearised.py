@@ -54,7 +54,7 @@ class Relinearised:
     rows: int
     mean: np.ndarray
     std: np.ndarray
-    apart: np.ndarray
+    start_dependence: np.ndarray
 
 
 def informative_enough(bank: OnlineBank, state: BankState, names: Sequence[str]) -> bool:
@@ -136,7 +136,7 @@ def linearise(
         state.rows_seen,
         mean,
         std,
-        _apart(
+        _start_dependence(
             record,
             bank_result.system,
             name,
@@ -204,9 +204,13 @@ def sharper_of(
         return linearised
     off = np.abs(mean - linearised.mean)[:-1]
     apart = np.where(
-        off > CONTRADICTED * linearised.std[:-1], np.maximum(off, current.apart), current.apart
+        off > CONTRADICTED * linearised.std[:-1],
+        np.maximum(off, current.start_dependence),
+        current.start_dependence,
     )
-    return replace(current, rows=current.state.rows_seen, mean=mean, std=std, apart=apart)
+    return replace(
+        current, rows=current.state.rows_seen, mean=mean, std=std, start_dependence=apart
+    )
 
 
 def joint(bank: OnlineBank, state: BankState) -> tuple[np.ndarray, np.ndarray]:
@@ -236,7 +240,7 @@ def joint_estimate(current: Relinearised, name: str = "delay", unit: str = "s") 
     bank, state = current.bank, current.state
     n_x = len(bank.system.states)
     mean, covariance = joint(bank, state)
-    covariance = covariance + np.diag(np.append(np.square(current.apart), 0.0))
+    covariance = covariance + np.diag(np.append(np.square(current.start_dependence), 0.0))
     outcome = Outcome.CONVERGED if state.sound.any() else Outcome.DIVERGED
     likely = float(state.log_likelihood[state.best])
     names, units = (*bank.names[n_x:], name), (*bank.units, unit)
@@ -283,7 +287,7 @@ def _laid_anew(current: Relinearised, mean: np.ndarray, covariance: np.ndarray) 
     return replace(current, bank=with_delays(bank, fine), state=new)
 
 
-def _apart(
+def _start_dependence(
     record: Record,
     system: System,
     name: str,

@@ -27,7 +27,7 @@ from ident.filters.problem import FilterProblem
 # ---- One step of many filters of bilinear equations, each number of the filter a row of runs
 
 
-class Seen(NamedTuple):
+class UpdateBuffers(NamedTuple):
     """What an update writes, a row of runs each: innovations ``y``, diagonal of their covariance
     ``S``, and, of channels freed of what those before them tell, variances ``alone`` and squares
     over them ``squared``; ``(m, B)``, of a missing channel zeros, and ones in ``S`` and
@@ -39,7 +39,7 @@ class Seen(NamedTuple):
     squared: np.ndarray
 
 
-class Term(NamedTuple):
+class RowTerm(NamedTuple):
     """A coefficient times one entry of (1, states, parameters, inputs), or times two, to be added
     to a row; ``second`` 0 for one.
     """
@@ -50,20 +50,20 @@ class Term(NamedTuple):
     second: int
 
 
-def slope_terms(table: Bilinear) -> list[Term]:
+def slope_terms(table: Bilinear) -> list[RowTerm]:
     """The Jacobian by states and parameters, entry (i, j) in row ``i n + j``: one term of each
     entry first, then the others.
     """
     n, width = table.n, len(table.table)
     slopes = table.table.reshape(width, -1, n + width)[:, :, :n].reshape(width, -1)
     result = [
-        [Term(row, float(slopes[a, row]), a, 0) for a in np.flatnonzero(slopes[:, row]).tolist()]
+        [RowTerm(row, float(slopes[a, row]), a, 0) for a in np.flatnonzero(slopes[:, row]).tolist()]
         for row in range(slopes.shape[1])
     ]
     return _in_layers(result)
 
 
-def value_terms(table: Bilinear) -> list[Term]:
+def value_terms(table: Bilinear) -> list[RowTerm]:
     """The values, in as many rows: one term of each first, then the others."""
     n, width = table.n, len(table.table)
     halves = table.table.reshape(width, -1, n + width)[:, :, n:]
@@ -73,17 +73,17 @@ def value_terms(table: Bilinear) -> list[Term]:
         # (0, b).
         whole = np.triu(halves[:, row] + halves[:, row].T - np.diag(np.diag(halves[:, row])))
         pairs = zip(*(index.tolist() for index in np.nonzero(whole)), strict=True)
-        result.append([Term(row, float(whole[a, b]), b, a) for a, b in pairs])
+        result.append([RowTerm(row, float(whole[a, b]), b, a) for a, b in pairs])
     return _in_layers(result)
 
 
-def _in_layers(layers: list[list[Term]]) -> list[Term]:
+def _in_layers(layers: list[list[RowTerm]]) -> list[RowTerm]:
     return [terms[0] for terms in layers if terms] + [
         term for terms in layers for term in terms[1:]
     ]
 
 
-def summed(terms: Sequence[Term], w: np.ndarray, out: np.ndarray) -> Callable[[float], None]:
+def summed(terms: Sequence[RowTerm], w: np.ndarray, out: np.ndarray) -> Callable[[float], None]:
     """A function that fills rows ``out (rows, B)`` with the sums of their terms at ``w``, times a
     factor; rows without a term are zeroed once.
     """
@@ -206,9 +206,9 @@ def _noise(tables: Tables, F: np.ndarray, second: np.ndarray) -> Callable[[float
 
 def updater(
     tables: Tables, w: np.ndarray, P: np.ndarray
-) -> Callable[[np.ndarray, np.ndarray | None, Seen], None]:
+) -> Callable[[np.ndarray, np.ndarray | None, UpdateBuffers], None]:
     """A function that takes measurements ``(m, B)`` or ``(m, 1)`` with the positions that are
-    missing, moves ``w`` and ``P``, and fills ``Seen``.
+    missing, moves ``w`` and ``P``, and fills ``UpdateBuffers``.
     """
     n, m, B = tables.n, len(tables.R), w.shape[1]
     H, expected = np.empty((m, n, B)), np.empty((m, B))
@@ -231,7 +231,7 @@ def updater(
     s, outer, point = scaled[:n], np.empty_like(P), w[1 : 1 + n]
     above, beside = s[:, None], s[None]
 
-    def update(z: np.ndarray, missing: np.ndarray | None, seen: Seen) -> None:
+    def update(z: np.ndarray, missing: np.ndarray | None, seen: UpdateBuffers) -> None:
         if varying:
             slopes(1.0)
         values(1.0)
@@ -269,7 +269,7 @@ def updater(
 
 # ---- A plain pass of many filters of bilinear equations
 
-Go = Callable[[int, int, "_Room"], None]
+Go = Callable[[int, int, "_StretchBuffers"], None]
 LOG_TWO_PI = float(np.log(2.0 * np.pi))
 _STRETCH = 32  # samples between two looks
 _AT_ONCE = 64_000  # numbers of all covariances of runs that are filtered together
@@ -289,14 +289,14 @@ def pass_side_by_side(
         return _joined([_filtered(problem, tables, runs, part, keep) for part in parts])
 
 
-class _Room(NamedTuple):
-    """What a stretch of K samples writes: means and variances ``(K, n, B)``, the updates' ``Seen``
-    of ``(K, m, B)``.
+class _StretchBuffers(NamedTuple):
+    """Buffers for K samples: means and variances ``(K, n, B)``, and those of the updates
+    ``(K, m, B)``.
     """
 
     mean: np.ndarray
     variance: np.ndarray
-    seen: Seen
+    seen: UpdateBuffers
 
 
 def _filtered(
@@ -315,10 +315,10 @@ def _filtered(
         if keep
         else None
     )
-    workspace = _Room(
+    workspace = _StretchBuffers(
         np.empty((_STRETCH, n, B)),
         np.empty((_STRETCH, n, B)),
-        Seen(*(np.empty((_STRETCH, m, B)) for _ in Seen._fields)),
+        UpdateBuffers(*(np.empty((_STRETCH, m, B)) for _ in UpdateBuffers._fields)),
     )
     channels = np.count_nonzero(problem.valid, axis=0)
     for first in range(0, N, _STRETCH):
@@ -351,7 +351,7 @@ def _filtered(
 
 def _prepared(
     problem: FilterProblem, tables: Tables, runs: BankRuns, part: slice
-) -> tuple[np.ndarray, np.ndarray, Callable[[int, int, _Room], None]]:
+) -> tuple[np.ndarray, np.ndarray, Callable[[int, int, _StretchBuffers], None]]:
     """Entries ``w (len w, B)`` and covariances ``P (n, n, B)`` at the start, and a function that
     filters the samples from one to before another.
     """
@@ -377,7 +377,7 @@ def _prepared(
     }
     diagonal, point = P.reshape(n * n, B)[:: n + 1], w[1 : 1 + n]
 
-    def go(first: int, last: int, workspace: _Room) -> None:
+    def go(first: int, last: int, workspace: _StretchBuffers) -> None:
         for k in range(first, last):
             for s in steps[k]:
                 for row, values in zip(inputs, u, strict=True):
@@ -387,7 +387,7 @@ def _prepared(
                 for row, values in zip(inputs, feed, strict=True):
                     row[:] = values[k]
             at = k - first
-            update(z[k], missing.get(k), Seen(*(each[at] for each in workspace.seen)))
+            update(z[k], missing.get(k), UpdateBuffers(*(each[at] for each in workspace.seen)))
             workspace.mean[at], workspace.variance[at] = point, diagonal
 
     return w, P, go
@@ -401,7 +401,7 @@ def _mine(rows: Sequence[np.ndarray], part: slice) -> list[np.ndarray]:
 
 
 def _sound_so_far(
-    workspace: _Room, squared: np.ndarray, P: np.ndarray, before: np.ndarray
+    workspace: _StretchBuffers, squared: np.ndarray, P: np.ndarray, before: np.ndarray
 ) -> np.ndarray:
     """Which runs hold numbers that serve up to each sample, finite and no negative variance: ``(K,
     B)``.
@@ -421,7 +421,7 @@ def _sound_so_far(
 def _written(
     history: BankHistory,
     at: slice,
-    workspace: _Room,
+    workspace: _StretchBuffers,
     good: np.ndarray,
     before: tuple[np.ndarray, np.ndarray],
 ) -> None:

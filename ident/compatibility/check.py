@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.compatibility.fault_sets import FaultSearch, clocks, reference_sentence, search
-from ident.compatibility.fitting import KinematicFit, cannot_tell, fit
+from ident.compatibility.fitting import KinematicFit, fit, unobservable_sentences
 from ident.compatibility.kinematics import DRIFT, SensorFault, faults_of
 from ident.compatibility.signals import (
     instruments_of,
@@ -28,9 +28,9 @@ from ident.compatibility.trials import (
     CheckResult,
     Compatibility,
     CompatibilitySettings,
+    FaultTrial,
     Reconstruction,
     SensorEstimate,
-    Trial,
     bias_estimates,
     estimate_of,
     tried,
@@ -148,15 +148,18 @@ def _compatibility(
             "fault: something acts that the kinematics "
             "do not know, a gust on vane and load most likely, so that no further fault is named"
         )
-    if counted := reference_sentence(search_result.found.faults, clocks(signals)):
+    if counted := reference_sentence(search_result.fit.faults, clocks(signals)):
         notes.append(counted)
-    told = (*_closed_by(channels, joined), *cannot_tell(whole, search_result.found.noise, used))
+    told = (
+        *_closed_by(channels, joined),
+        *unobservable_sentences(whole, search_result.fit.noise, used),
+    )
     return Compatibility(
         channels,
         joined,
         joint,
         tuple(single),
-        _reconstructions(whole, search_result.found),
+        _reconstructions(whole, search_result.fit),
         told,
         tuple(notes),
     )
@@ -178,7 +181,7 @@ def _nothing_observable(records: Sequence[Record], why: tuple[str, ...]) -> Comp
 
 
 def _result(search_result: FaultSearch, biases: tuple[SensorEstimate, ...]) -> CheckResult:
-    noise = search_result.found.noise
+    noise = search_result.fit.noise
     levels = dict(
         zip(
             (*noise.outputs, *noise.inputs),
@@ -186,7 +189,7 @@ def _result(search_result: FaultSearch, biases: tuple[SensorEstimate, ...]) -> C
             strict=True,
         )
     )
-    names = tuple(s.name for s in search_result.found.signals)
+    names = tuple(s.name for s in search_result.fit.signals)
     return CheckResult(
         names,
         tuple(estimate_of(trial) for trial in search_result.trials),
@@ -202,16 +205,16 @@ def _by_itself(
     """One record of several: each fault beside the same others as in all, and drifts, which belong
     to one record, beside all that stands.
     """
-    current = with_more_faults(base, joint.found.faults, joint.found.sizes)
-    by_fault: dict[SensorFault, Trial] = {}
+    current = with_more_faults(base, joint.fit.faults, joint.fit.sizes)
+    by_fault: dict[SensorFault, FaultTrial] = {}
     for before, sizes in {
-        trial.found.faults[:-1]: trial.found.sizes[:-1] for trial in joint.trials
+        trial.fit.faults[:-1]: trial.fit.sizes[:-1] for trial in joint.trials
     }.items():
-        start = current if before == joint.found.faults else with_more_faults(base, before, sizes)
+        start = current if before == joint.fit.faults else with_more_faults(base, before, sizes)
         by_fault |= {
             trial.fault: trial
             for trial in tried(
-                start, [t.fault for t in joint.trials if t.found.faults[:-1] == before]
+                start, [t.fault for t in joint.trials if t.fit.faults[:-1] == before]
             )
         }
     trials = [by_fault[trial.fault] for trial in joint.trials]

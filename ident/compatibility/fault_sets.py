@@ -17,8 +17,8 @@ from ident.compatibility.signals import KinematicSignals, instrumented, weigher
 from ident.compatibility.trials import (
     CompatibilitySettings,
     FaultQuantity,
+    FaultTrial,
     SensorFinding,
-    Trial,
     one_step,
     replicates,
     tried,
@@ -42,7 +42,7 @@ class FaultSet:
     likelihood lost by its sizes a priori.
     """
 
-    found: KinematicFit
+    fit: KinematicFit
     widening: float
     sound: bool
     determined: bool = True
@@ -52,7 +52,7 @@ class FaultSet:
 
     @property
     def faults(self) -> tuple[SensorFault, ...]:
-        return self.found.faults[self.given :]
+        return self.fit.faults[self.given :]
 
 
 def charge_of(false_alarm: float, count: int) -> float:
@@ -131,7 +131,7 @@ def grow(
     """
     given = len(base.faults)
     out = [fault_set(base, given)]
-    level = _kept(singles, given)
+    level = _best_sound(singles, given)
     before, blind = base, not instrumented(base.signals)
     for count in range(1, most + 1):
         if not level:
@@ -140,15 +140,15 @@ def grow(
             out += _early(before, faults, given)
         out += level
         best = level[0]
-        here, there = misfits([before, best.found]).tolist()
+        here, there = misfits([before, best.fit]).tolist()
         if count == most or here - there < charge * best.widening:
             break
-        before = best.found
+        before = best.fit
         fits: dict[frozenset[SensorFault], KinematicFit] = {}
         for each in level:
-            for kinematic_fit in _extended(each.found, faults, fits):
+            for kinematic_fit in _extended(each.fit, faults, fits):
                 fits[frozenset(kinematic_fit.faults)] = kinematic_fit
-        level = _kept(list(fits.values()), given)
+        level = _best_sound(list(fits.values()), given)
     return out
 
 
@@ -156,7 +156,7 @@ def chosen(sets: Sequence[FaultSet], charge: float) -> FaultSet:
     """The set of greatest likelihood less ``charge`` for each of its faults; a load ahead of its
     time has to do better than what can be.
     """
-    misfit = misfits([each.found for each in sets])
+    misfit = misfits([each.fit for each in sets])
     widening = sets[int(np.argmin(misfit))].widening
     # Alpha and q late by as much are an early load, to rounding.
     score = [
@@ -172,12 +172,12 @@ def needed(base: KinematicFit, chosen_set: FaultSet, charge: float) -> FaultSet:
         less = [
             fit(
                 base.signals,
-                [other for other in chosen_set.found.faults if other is not fault],
+                [other for other in chosen_set.fit.faults if other is not fault],
                 base,
             )
             for fault in chosen_set.faults
         ]
-        misfit = misfits([chosen_set.found, *less])
+        misfit = misfits([chosen_set.fit, *less])
         losses = (misfit[1:] - misfit[0]) / chosen_set.widening
         least = int(np.argmin(losses))
         if losses[least] >= charge:
@@ -186,7 +186,7 @@ def needed(base: KinematicFit, chosen_set: FaultSet, charge: float) -> FaultSet:
     return chosen_set
 
 
-def _kept(fits: Sequence[KinematicFit], given: int) -> list[FaultSet]:
+def _best_sound(fits: Sequence[KinematicFit], given: int) -> list[FaultSet]:
     """The best few sound ones, best first."""
     if not fits:
         return []
@@ -247,7 +247,7 @@ def _early(
         )
         for fault in ahead
     ]
-    return [each for each in sets if each.determined and each.found.sizes[-1] < 0]
+    return [each for each in sets if each.determined and each.fit.sizes[-1] < 0]
 
 
 def clocks(signals: Sequence[KinematicSignals]) -> tuple[str, ...]:
@@ -263,7 +263,7 @@ def clocks(signals: Sequence[KinematicSignals]) -> tuple[str, ...]:
     )
 
 
-def late_channels(faults: Iterable[SensorFault]) -> set[str]:
+def delayed_channels(faults: Iterable[SensorFault]) -> set[str]:
     """Channels that these faults make late."""
     return {
         fault.channel for fault in faults if fault.kind in (DELAY, LAG) and fault.channel in _TIMED
@@ -277,7 +277,7 @@ def leaves_a_reference(faults: Sequence[SensorFault], timed: Sequence[str]) -> b
     Nothing is recorded before it happens, so that what remains is the channel that is least late.
     """
     # An accelerometer ahead is a lag of q.
-    delayed = late_channels(faults) | {"q" for fault in faults if fault.rare}
+    delayed = delayed_channels(faults) | {"q" for fault in faults if fault.rare}
     return not timed or not set(timed) <= delayed
 
 
@@ -285,7 +285,7 @@ def reference_sentence(faults: Sequence[SensorFault], timed: Sequence[str]) -> s
     """Which of the clocks ``timed`` the times of these faults count from; nothing where no channel
     is late.
     """
-    delayed = late_channels(faults)
+    delayed = delayed_channels(faults)
     on_time = [name for name in timed if name not in delayed]
     if not delayed or not on_time:
         return ""
@@ -308,10 +308,10 @@ class Slot:
     """
 
     others: KinematicFit
-    trials: tuple[Trial, ...]
+    trials: tuple[FaultTrial, ...]
     losses: np.ndarray
 
-    def within(self, chance: float) -> list[Trial]:
+    def within(self, chance: float) -> list[FaultTrial]:
         """The best and those that are not told from it: sound faults that lose no more than
         ``chance``.
         """
@@ -321,7 +321,7 @@ class Slot:
             *(
                 t
                 for t, lost in pairs[1:]
-                if lost <= chance and t.told and (t.size > 0 or not t.fault.one_sided)
+                if lost <= chance and t.determined and (t.size > 0 or not t.fault.one_sided)
             ),
         ]
 
@@ -362,7 +362,7 @@ def slots_of(
     base: KinematicFit,
     chosen_set: FaultSet,
     faults: Sequence[SensorFault],
-    singles: Sequence[Trial],
+    singles: Sequence[FaultTrial],
 ) -> tuple[FaultSet, list[Slot]]:
     """The places of a set, each with all faults in it; where another does better in one, it takes
     the place, and all is looked at again.
@@ -384,10 +384,10 @@ def slots_of(
                 [t.fault for t in pair[1].trials].index(chosen_set.faults[pair[0]])
             ],
         )
-        chosen = list(chosen_set.found.faults)
+        chosen = list(chosen_set.fit.faults)
         chosen[chosen_set.given + i] = slot.trials[0].fault
-        changed = fault_set(fit(base.signals, chosen, slot.trials[0].found), chosen_set.given)
-        before, after = misfits([chosen_set.found, changed.found]).tolist()
+        changed = fault_set(fit(base.signals, chosen, slot.trials[0].fit), chosen_set.given)
+        before, after = misfits([chosen_set.fit, changed.fit]).tolist()
         before, after = (
             before + chosen_set.widening * chosen_set.surprise,
             after + chosen_set.widening * changed.surprise,
@@ -424,9 +424,9 @@ def _slot(
     chosen_set: FaultSet,
     fault: SensorFault,
     faults: Sequence[SensorFault],
-    singles: Sequence[Trial],
+    singles: Sequence[FaultTrial],
 ) -> Slot:
-    rest = [other for other in chosen_set.found.faults if other is not fault]
+    rest = [other for other in chosen_set.fit.faults if other is not fault]
     free = [
         each
         for each in faults
@@ -437,7 +437,7 @@ def _slot(
     else:
         others = fit(base.signals, rest, base)
         trials = tried(others, free)
-    misfit = misfits([others, chosen_set.found, *(t.found for t in trials)])
+    misfit = misfits([others, chosen_set.fit, *(t.fit for t in trials)])
     # The fault that stands has been fitted as long as any: its fit in the set serves.
     here = [
         misfit[1] if t.fault is fault else value
@@ -448,7 +448,7 @@ def _slot(
         value + chosen_set.widening * float(t.fault.surprise(t.size, t.variance))
         for t, value in zip(trials, here, strict=True)
     ]
-    sound = [t.told and (t.size > 0 or not t.fault.one_sided) for t in trials]
+    sound = [t.determined and (t.size > 0 or not t.fault.one_sided) for t in trials]
     order = sorted(range(len(trials)), key=lambda i: (not sound[i], usual[i]))
     gains = (misfit[0] - np.array(here)) / chosen_set.widening
     led = [replace(trials[i], gain=max(float(gains[i]), 0.0)) for i in order]
@@ -475,14 +475,14 @@ def _led_by(slot: Slot, fault: SensorFault) -> Slot:
 class FaultSearch:
     """Findings, the standing ones first; of every fault the trial that counts: of what stands and
     of its group that beside everything else that stands, of what shares a sensor's lateness with it
-    that in its place, of all others that beside everything that stands. ``found`` is the joint fit
+    that in its place, of all others that beside everything that stands. ``fit`` is the joint fit
     of the best of each group. ``early``: s by which a load would be ahead of its time, which no
     sensor can show, where that explains more than any fault: nothing further stands then.
     """
 
     findings: tuple[SensorFinding, ...]
-    trials: tuple[Trial, ...]
-    found: KinematicFit
+    trials: tuple[FaultTrial, ...]
+    fit: KinematicFit
     early: float | None = None
 
 
@@ -501,11 +501,11 @@ def search(
     charge = charge_of(settings.false_alarm, len(faults))
     chance = chance_of(settings.false_alarm, len(faults))
     singles = tried(base, faults)
-    refused: dict[SensorFault, Trial] = {}
+    refused: dict[SensorFault, FaultTrial] = {}
     while True:
         left = [fault for fault in faults if fault not in refused]
         best, early = _selected(
-            base, [t.found for t in singles if t.fault not in refused], left, charge, settings.most
+            base, [t.fit for t in singles if t.fault not in refused], left, charge, settings.most
         )
         best, slots = slots_of(base, best, left, singles)
         failing = [
@@ -515,7 +515,7 @@ def search(
             break
         refused |= {trial.fault: trial for trial in failing}
     groups = [_group(slot, bases, chance) for slot in slots]
-    return _searched(faults, groups, slots, singles, refused, best.found, early)
+    return _searched(faults, groups, slots, singles, refused, best.fit, early)
 
 
 def _selected(
@@ -529,23 +529,23 @@ def _selected(
     that belongs to what is best.
     """
     best = chosen(grow(base, singles, faults, charge, most), charge)
-    early = float(best.found.sizes[-1]) if best.early else None
+    early = float(best.fit.sizes[-1]) if best.early else None
     if best.early:
-        best = fault_set(fit(base.signals, best.found.faults[:-1], base), best.given)
+        best = fault_set(fit(base.signals, best.fit.faults[:-1], base), best.given)
     return needed(base, best, charge), early
 
 
-def _group(slot: Slot, bases: Sequence[KinematicFit], chance: float) -> list[Trial]:
+def _group(slot: Slot, bases: Sequence[KinematicFit], chance: float) -> list[FaultTrial]:
     best, *rivals = slot.within(chance)
     return [best, *(t for t in rivals if replicates(bases, slot.others, t))]
 
 
 def _searched(
     faults: Sequence[SensorFault],
-    groups: Sequence[Sequence[Trial]],
+    groups: Sequence[Sequence[FaultTrial]],
     slots: Sequence[Slot],
-    singles: Sequence[Trial],
-    refused: dict[SensorFault, Trial],
+    singles: Sequence[FaultTrial],
+    refused: dict[SensorFault, FaultTrial],
     current: KinematicFit,
     early: float | None,
 ) -> FaultSearch:
@@ -600,12 +600,14 @@ def _searched(
     return FaultSearch(tuple(findings), tuple(trials.values()), current, early)
 
 
-def _in_place(slots: Sequence[Slot]) -> tuple[dict[SensorFault, float], dict[SensorFault, Trial]]:
+def _in_place(
+    slots: Sequence[Slot],
+) -> tuple[dict[SensorFault, float], dict[SensorFault, FaultTrial]]:
     """Of each fault what it loses in the place of what stands, and its trial there, where it loses
     least.
     """
     lost: dict[SensorFault, float] = {}
-    instead: dict[SensorFault, Trial] = {}
+    instead: dict[SensorFault, FaultTrial] = {}
     for slot in slots:
         for trial, loss in zip(slot.trials, slot.losses.tolist(), strict=True):
             if loss < lost.get(trial.fault, math.inf):
@@ -613,12 +615,12 @@ def _in_place(slots: Sequence[Slot]) -> tuple[dict[SensorFault, float], dict[Sen
     return lost, instead
 
 
-def _alone(singles: Sequence[Trial], fault: SensorFault) -> Trial:
+def _alone(singles: Sequence[FaultTrial], fault: SensorFault) -> FaultTrial:
     return next(trial for trial in singles if trial.fault == fault)
 
 
 def _finding(
-    trial: Trial,
+    trial: FaultTrial,
     group: tuple[str, ...],
     lost: float | None,
     *,

@@ -440,7 +440,7 @@ _CLOSE = 0.95
 FAMILIES = ((DELAY,), (SCALE,), (BIAS, DRIFT))
 
 
-def cannot_tell(
+def unobservable_sentences(
     base: KinematicFit, noise: RelationNoise, channels: Sequence[str]
 ) -> tuple[str, ...]:
     """Sentences for records fitted without a fault. Sizes count in units of what is common in

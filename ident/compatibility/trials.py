@@ -58,9 +58,8 @@ class FaultQuantity:
 class SensorEstimate:
     """One fault alone, by both methods; the other sensors are taken as right.
 
-    ``difference``: output error less smoother, in standard deviations of that difference. ``told``:
-    whether the records say anything of it, its standard deviation below the size that is common in
-    practice. ``gain`` of the log likelihood, over the colour of what is left; ``p_value`` of that
+    ``difference``: output error less smoother, in standard deviations of that difference.
+    ``determined``: whether its standard deviation is below the size that is common in practice. ``gain`` of the log likelihood, over the colour of what is left; ``p_value`` of that
     gain, one-sided where only one sign can be.
     """
 
@@ -73,7 +72,7 @@ class SensorEstimate:
     difference: float
     gain: float
     p_value: float
-    told: bool
+    determined: bool
 
     @property
     def agrees(self) -> bool:
@@ -176,13 +175,13 @@ _DEMANDED = 3.0  # standard deviations
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class FaultTrial:
     """A fault fitted beside others: the fit, its variance (white noise and corrected), gain and
     p-value over the colour of what is left.
     """
 
     fault: SensorFault
-    found: KinematicFit
+    fit: KinematicFit
     size: float
     white: float
     variance: float
@@ -190,11 +189,11 @@ class Trial:
     p_value: float
 
     @property
-    def told(self) -> bool:
+    def determined(self) -> bool:
         return 0.0 < self.variance < self.fault.plausible**2
 
 
-def tried(base: KinematicFit, faults: Sequence[SensorFault]) -> list[Trial]:
+def tried(base: KinematicFit, faults: Sequence[SensorFault]) -> list[FaultTrial]:
     """Each fault beside those of ``base``: to first order, and fitted in full where it may come to
     matter.
     """
@@ -208,7 +207,7 @@ def tried(base: KinematicFit, faults: Sequence[SensorFault]) -> list[Trial]:
     return out
 
 
-def _trial(base: KinematicFit, fault: SensorFault, kinematic_fit: KinematicFit) -> Trial:
+def _trial(base: KinematicFit, fault: SensorFault, kinematic_fit: KinematicFit) -> FaultTrial:
     sigmas = smoother_sigmas(kinematic_fit)
     white = float(sigmas.covariance[-1, -1])
     widening = float(sigmas.widening[-1])
@@ -219,7 +218,7 @@ def _trial(base: KinematicFit, fault: SensorFault, kinematic_fit: KinematicFit) 
         whiteners = [weigher(s, kinematic_fit.noise) for s in kinematic_fit.signals]
         before, after = least_misfit(base, whiteners), least_misfit(kinematic_fit, whiteners)
     gain = max(before - after, 0.0) / widening
-    return Trial(
+    return FaultTrial(
         fault,
         kinematic_fit,
         float(kinematic_fit.sizes[-1]),
@@ -243,9 +242,9 @@ def p_value(gain: float, size: float, fault: SensorFault) -> float:
     return float(chdtrc(1.0, 2.0 * gain))
 
 
-def estimate_of(trial: Trial) -> SensorEstimate:
+def estimate_of(trial: FaultTrial) -> SensorEstimate:
     """A fault by both methods."""
-    values, covariance = output_error(trial.found)
+    values, covariance = output_error(trial.fit)
     widening = trial.variance / trial.white if trial.white > 0 else 1.0
     own = float(covariance[-1, -1]) * widening
     difference = difference_in_sigmas(float(values[-1]), own, trial.size, trial.variance)
@@ -257,10 +256,10 @@ def estimate_of(trial: Trial) -> SensorEstimate:
         fault.unit,
         FaultQuantity(float(values[-1]) + fault.offset, math.sqrt(max(own, 0.0))),
         FaultQuantity(trial.size + fault.offset, math.sqrt(max(trial.variance, 0.0))),
-        difference if trial.told else 0.0,
+        difference if trial.determined else 0.0,
         trial.gain,
         trial.p_value,
-        trial.told,
+        trial.determined,
     )
 
 
@@ -299,7 +298,7 @@ def with_more_faults(
     return fit(base.signals, faults, base, sizes) if faults else base
 
 
-def replicates(bases: Sequence[KinematicFit], current: KinematicFit, trial: Trial) -> bool:
+def replicates(bases: Sequence[KinematicFit], current: KinematicFit, trial: FaultTrial) -> bool:
     """Whether the records by themselves agree on a fault, beside those that stand, and demand it
     together with the sign that it has in all.
     """
@@ -311,8 +310,8 @@ def replicates(bases: Sequence[KinematicFit], current: KinematicFit, trial: Tria
         tried(with_more_faults(base, current.faults, current.sizes), [trial.fault])[0]
         for base in bases
     ]
-    v = np.array([t.size for t in alone if t.told])
-    w = np.array([1.0 / t.variance for t in alone if t.told])
+    v = np.array([t.size for t in alone if t.determined])
+    w = np.array([1.0 / t.variance for t in alone if t.determined])
     if len(v) < 2:
         return False
     mean = float(np.sum(w * v) / np.sum(w))

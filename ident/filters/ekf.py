@@ -24,7 +24,7 @@ import numpy as np
 
 from ident.estimate import Estimate, Outcome, quiet_numerics
 from ident.filters.one_record import (
-    Equations,
+    FilterEquations,
     Taylor,
     Transition,
     filter_one,
@@ -235,7 +235,7 @@ def _linearised(problem: FilterProblem, settings: FilterSettings) -> _Linearised
     )
 
 
-def _by_table(problem: FilterProblem, equations: Equations) -> _Linearised:
+def _by_table(problem: FilterProblem, equations: FilterEquations) -> _Linearised:
     n, n_x, m = len(problem.names), len(problem.system.states), len(problem.variance)
     point, slopes, none, one = equations.point, equations.G[:, :n], np.zeros((n, n)), np.eye(n)
 

@@ -23,8 +23,8 @@ from typing import Protocol
 
 import numpy as np
 
-from ident.bilinear_table import Bilinear, held_within_steps, system_tables
-from ident.filters.problem import FilterProblem, Kept
+from ident.bilinear_table import Bilinear, constant_within_steps, system_tables
+from ident.filters.problem import FilterBuffers, FilterProblem
 from sim.propagation import Step, euler_step, rk4_step
 
 # ---- Fundamental matrix and discrete process noise over one step
@@ -179,7 +179,7 @@ def log_gaussian(y: np.ndarray, S: np.ndarray) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class Equations:
+class FilterEquations:
     """The equations of one filter, evaluated at a point that they keep (n states and free
     parameters, n_x states, m outputs).
 
@@ -203,10 +203,10 @@ class Equations:
 
 def filter_one(
     problem: FilterProblem,
-    equations: Equations,
+    equations: FilterEquations,
     start: np.ndarray,
     about: np.ndarray | None,
-    buffers: Kept,
+    buffers: FilterBuffers,
 ) -> bool:
     """Filter a record from ``start (n,)``, linearised about the trajectory ``about (n, N)`` where
     given; fills ``buffers``.
@@ -288,7 +288,10 @@ def _left_out(gone: np.ndarray, G: np.ndarray, W: np.ndarray) -> np.ndarray:
 
 
 def _prediction(
-    problem: FilterProblem, equations: Equations, about: np.ndarray | None, transition: np.ndarray
+    problem: FilterProblem,
+    equations: FilterEquations,
+    about: np.ndarray | None,
+    transition: np.ndarray,
 ) -> Callable[[int, np.ndarray, np.ndarray, np.ndarray], None]:
     """Moves the mean in place and the covariance into its place over the sub-steps to sample k, and
     fills their fundamental matrix.
@@ -329,11 +332,13 @@ _ORDERS = {rk4_step: 4, euler_step: 1}
 _TERMS = {Taylor(2): 2, Taylor(3): 3}
 
 
-def table_equations(problem: FilterProblem, step: Step, transition: Transition) -> Equations | None:
+def table_equations(
+    problem: FilterProblem, step: Step, transition: Transition
+) -> FilterEquations | None:
     """None where the equations are not bilinear, an input changes within a step, or integrator or
     transition are none of those written here.
     """
-    if step not in _ORDERS or transition not in _TERMS or not held_within_steps(problem.drive):
+    if step not in _ORDERS or transition not in _TERMS or not constant_within_steps(problem.drive):
         return None
     result = system_tables(problem.system, problem.p)
     if result is None:
@@ -343,7 +348,7 @@ def table_equations(problem: FilterProblem, step: Step, transition: Transition) 
     w[0] = 1.0
     move = _motion(f, w, problem, _ORDERS[step], _TERMS[transition])
     look, G, varying = _outputs(h, w, problem)
-    return Equations(w[1 : 1 + f.n], move, look, G, varying)
+    return FilterEquations(w[1 : 1 + f.n], move, look, G, varying)
 
 
 def _motion(
@@ -471,7 +476,7 @@ def _noise(
 def _outputs(
     h: Bilinear, w: np.ndarray, problem: FilterProblem
 ) -> tuple[Callable[[int, np.ndarray], None], np.ndarray, bool]:
-    """``look``, ``G`` and ``varying`` of ``Equations``."""
+    """``look``, ``G`` and ``varying`` of ``FilterEquations``."""
     width, n, m = len(w), h.n, len(problem.variance)
     coefficients = h.table.reshape(width, m, n + width)
     beside = np.zeros((width, m, m + 1))

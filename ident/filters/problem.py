@@ -301,7 +301,7 @@ class HistoryKeeper:
         )
 
 
-class Kept(NamedTuple):
+class FilterBuffers(NamedTuple):
     """What a pass writes while it runs, the sample first: means ``(N, n)`` and covariances ``(N, n,
     n)`` before and after each update, the transition to it, innovations ``(N, m)`` with ``S (N, m,
     m)``, sensitivities ``(N, m, n)`` and expected outputs ``(N, m)``."""
@@ -317,7 +317,7 @@ class Kept(NamedTuple):
     outputs: np.ndarray
 
 
-def empty_history(problem: FilterProblem) -> Kept:
+def empty_history(problem: FilterProblem) -> FilterBuffers:
     """Room for a pass; transitions are the identity."""
     n, (m, N) = len(problem.names), problem.valid.shape
     whole, mean, output = (N, n, n), (N, n), (N, m)
@@ -331,10 +331,10 @@ def empty_history(problem: FilterProblem) -> Kept:
         np.empty(output),
         np.empty((N, m, m)),
     )
-    return Kept(*arrays, np.empty((N, m, n)), np.empty(output))
+    return FilterBuffers(*arrays, np.empty((N, m, n)), np.empty(output))
 
 
-def finished(problem: FilterProblem, buffers: Kept, method: str) -> Estimate | None:
+def finished(problem: FilterProblem, buffers: FilterBuffers, method: str) -> Estimate | None:
     """The estimate of a pass that went through; None where a number is not finite, or a variance
     negative, by the rules of ``breakdown``.
     """

@@ -188,7 +188,7 @@ def _predict(
         noise = settings.transition(F, problem.density, dt)[1]
     ukf.x, ukf.P = unscented_transform(after, ukf.Wm, ukf.Wc, noise)
     ukf.P = 0.5 * (ukf.P + ukf.P.T)
-    return slopes(len(P) * P, _half_differences(after))
+    return slopes(len(P) * P, _central_differences(after))
 
 
 def _update(ukf: Any, problem: FilterProblem, k: int, keeper: HistoryKeeper) -> Outcome | None:
@@ -219,12 +219,12 @@ def _update(ukf: Any, problem: FilterProblem, k: int, keeper: HistoryKeeper) -> 
     if trouble is None:
         keeper.outputs(k, expected)
         if rows.size:
-            H = slopes(len(before) * before, _half_differences(outputs[rows].T))
+            H = slopes(len(before) * before, _central_differences(outputs[rows].T))
             keeper.innovation(k, rows, ukf.y, ukf.S, H, log_likelihood, nis)
     return trouble
 
 
-def _half_differences(rows: np.ndarray) -> np.ndarray:
+def _central_differences(rows: np.ndarray) -> np.ndarray:
     """Of the values ``(2n + 1, ...)`` at the sigma points, which lie one root of ``n P`` out in
     pairs, ``(n, ...)``.
     """

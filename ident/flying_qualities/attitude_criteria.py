@@ -16,7 +16,7 @@ from ident.frequency_response.transfer_function import (
     DELAY,
     FORMS,
     FittedResponse,
-    Target,
+    ResponseTarget,
     shared_correlation,
 )
 
@@ -61,7 +61,7 @@ class Bandwidth:
         return min(both, key=lambda each: each.value) if len(both) == 2 else None
 
 
-class Curve(Protocol):
+class FrequencyPoints(Protocol):
     """Points over frequency whose errors neighbours share: rad/s ``(F,)``, and the effective length
     of the windows, s."""
 
@@ -85,7 +85,7 @@ class AttitudeCurve:
     length: float | np.ndarray
 
 
-def attitude_bandwidth(target: Target, *, rate: bool) -> Bandwidth:
+def attitude_bandwidth(target: ResponseTarget, *, rate: bool) -> Bandwidth:
     """Bandwidth and phase delay from an estimated response along its usable band.
 
     Each crossing is found on a parabola through the points about it, whose errors are
@@ -186,7 +186,7 @@ def _propagated(
     return BandwidthQuantity(value(p), math.sqrt(max(float(row @ function.covariance @ row), 0.0)))
 
 
-def attitude_curve(target: Target, *, rate: bool) -> AttitudeCurve:
+def attitude_curve(target: ResponseTarget, *, rate: bool) -> AttitudeCurve:
     """The attitude response of a target. ``rate`` : it is that of a rate, which is integrated. Half
     turns are added until the phase begins near -60 deg."""
     omega = target.omega
@@ -248,7 +248,7 @@ class Parabola:
     weights: np.ndarray
 
 
-def parabola_at(curve: Curve, values: np.ndarray, std: np.ndarray, at: float) -> Parabola:
+def parabola_at(curve: FrequencyPoints, values: np.ndarray, std: np.ndarray, at: float) -> Parabola:
     """The parabola through the points of a curve about ``at``, rad/s, in ln(omega).
 
     ``values``, ``std`` : ``(F,)``, of the curve and its errors, which neighbours share as the
@@ -263,7 +263,7 @@ def parabola_at(curve: Curve, values: np.ndarray, std: np.ndarray, at: float) ->
 
 
 def parabola_weights(
-    curve: Curve, std: np.ndarray, at: float
+    curve: FrequencyPoints, std: np.ndarray, at: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weights ``(3, N)`` of the N points about ``at``, rad/s, in the coefficients of a parabola in
     ln(omega), the covariance ``(3, 3)`` of the coefficients, and the points' places ``(N,)``."""
@@ -290,7 +290,7 @@ def _phase_delay(curve: AttitudeCurve, neutral: float) -> BandwidthQuantity:
     return BandwidthQuantity(-half * slope, half * math.sqrt(max(float(covariance[1, 1]), 0.0)))
 
 
-def shared_covariance(curve: Curve, std: np.ndarray, places: np.ndarray) -> np.ndarray:
+def shared_covariance(curve: FrequencyPoints, std: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Covariance of errors that neighbours share."""
     length = np.broadcast_to(curve.length, curve.omega.shape)
     alike = _correlation(curve.omega.tobytes(), np.asarray(length, dtype=float).tobytes())

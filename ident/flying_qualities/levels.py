@@ -63,7 +63,7 @@ class Quality:
 
 
 @dataclass(frozen=True)
-class Criterion:
+class LevelCriterion:
     """Ranges ``(low, high)`` of levels 1, 2 and 3 of a quantity for a flight-phase category, and
     where they stand.
 
@@ -80,7 +80,7 @@ class Criterion:
 
 
 @dataclass(frozen=True)
-class Level:
+class QualityLevel:
     """A quantity held against a criterion.
 
     Attributes
@@ -89,7 +89,7 @@ class Level:
     best, worst : the range of levels within two standard deviations.
     """
 
-    criterion: Criterion
+    criterion: LevelCriterion
     quality: Quality
     level: int
     best: int
@@ -149,7 +149,7 @@ def qualities(
     return tuple(out)
 
 
-def criteria(aircraft_class: str = "IV") -> tuple[Criterion, ...]:
+def criteria(aircraft_class: str = "IV") -> tuple[LevelCriterion, ...]:
     """The boundaries of the data file for a class of ``CLASSES``; a fighter's when none is
     named.
     """
@@ -157,12 +157,12 @@ def criteria(aircraft_class: str = "IV") -> tuple[Criterion, ...]:
 
 
 @cache
-def _every() -> tuple[Criterion, ...]:
+def _every() -> tuple[LevelCriterion, ...]:
     entries = tomllib.loads(
         (files("ident.flying_qualities") / "handling_qualities.toml").read_text(encoding="utf-8")
     )["criteria"]
     return tuple(
-        Criterion(
+        LevelCriterion(
             e["quantity"],
             e["category"],
             tuple((float(a), float(b)) for a, b in e["levels"]),
@@ -175,8 +175,8 @@ def _every() -> tuple[Criterion, ...]:
 
 
 def levels(
-    quality_values: Sequence[Quality], against: Sequence[Criterion] | None = None
-) -> tuple[Level, ...]:
+    quality_values: Sequence[Quality], against: Sequence[LevelCriterion] | None = None
+) -> tuple[QualityLevel, ...]:
     """Every quantity against every criterion for it, in the order of the criteria."""
     by_name = {quality.name: quality for quality in quality_values}
     out = []
@@ -193,14 +193,14 @@ def levels(
         inside = [0.5 * (a + b) for a, b in pairwise(spots)]
         reached = [level_of(value, criterion) for value in (low, *inside, high)]
         out.append(
-            Level(
+            QualityLevel(
                 criterion, quality, level_of(quality.value, criterion), min(reached), max(reached)
             )
         )
     return tuple(out)
 
 
-def level_of(value: float, criterion: Criterion) -> int:
+def level_of(value: float, criterion: LevelCriterion) -> int:
     """The best level whose range holds the value, 4 when none does."""
     for number, (low, high) in enumerate(criterion.levels, start=1):
         if low <= value <= high:
@@ -258,7 +258,7 @@ MODES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 
 @dataclass(frozen=True)
-class Flown:
+class FlightPhase:
     """An aircraft's class and the category of its flight phase; ``assumed`` are those of the two
     that nobody declared.
     """
@@ -299,14 +299,14 @@ class ModeLevel:
         return self.probability >= DETERMINED
 
 
-def flown_as(aircraft_class: str | None, category: str | None) -> Flown:
+def flight_phase_of(aircraft_class: str | None, category: str | None) -> FlightPhase:
     """A declared class (II stands for II-L, from land) and category; what is None is assumed.
     Raises DeclarationError for what does not exist.
     """
     assumed = tuple(
         name for name, given in (("class", aircraft_class), ("category", category)) if given is None
     )
-    default = Flown()
+    default = FlightPhase()
     chosen = default.aircraft_class if aircraft_class is None else aircraft_class.strip().upper()
     chosen, phase = (
         "II-L" if chosen == "II" else chosen,
@@ -324,10 +324,10 @@ def flown_as(aircraft_class: str | None, category: str | None) -> Flown:
             where="--category",
             remedy="use A rapid, B gradual or C terminal",
         )
-    return Flown(chosen, phase, assumed)
+    return FlightPhase(chosen, phase, assumed)
 
 
-def mode_levels(characteristics: Characteristics, flown: Flown) -> tuple[ModeLevel, ...]:
+def mode_levels(characteristics: Characteristics, flown: FlightPhase) -> tuple[ModeLevel, ...]:
     """The level of each mode that the model has, in the order of ``MODES``; the same
     characteristics give the same numbers.
     """
@@ -346,7 +346,7 @@ def mode_levels(characteristics: Characteristics, flown: Flown) -> tuple[ModeLev
 
 def _level(
     mode: str,
-    rules: Sequence[Criterion],
+    rules: Sequence[LevelCriterion],
     centre: Mapping[str, np.ndarray],
     sampled: Mapping[str, np.ndarray],
 ) -> ModeLevel:
@@ -371,7 +371,7 @@ def _level(
     )
 
 
-def _reached(rule: Criterion, quantities: Mapping[str, np.ndarray]) -> np.ndarray:
+def _reached(rule: LevelCriterion, quantities: Mapping[str, np.ndarray]) -> np.ndarray:
     """The best level that each draw meets."""
     value = quantities[rule.quantity]
     reached = np.full(value.shape, WORST)
@@ -382,7 +382,7 @@ def _reached(rule: Criterion, quantities: Mapping[str, np.ndarray]) -> np.ndarra
 
 
 def _range(
-    rule: Criterion, number: int, quantities: Mapping[str, np.ndarray]
+    rule: LevelCriterion, number: int, quantities: Mapping[str, np.ndarray]
 ) -> tuple[np.ndarray | float, float]:
     low, high = rule.levels[number - 1]
     if not rule.raised_by:
@@ -500,7 +500,7 @@ def form_qualities(
 
 def form_levels(
     quality_values: tuple[Quality, ...], aircraft_class: str, category: str
-) -> tuple[Level, ...]:
+) -> tuple[QualityLevel, ...]:
     """Quantities against the limits of a class of aircraft and a category of flight phase."""
     chosen = [each for each in criteria(aircraft_class) if each.category in (category, EVERY)]
     return levels(quality_values, chosen)

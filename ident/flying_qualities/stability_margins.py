@@ -22,7 +22,7 @@ from ident.flying_qualities.attitude_criteria import (
     parabola_at,
     parabola_weights,
 )
-from ident.frequency_response.transfer_function import Target
+from ident.frequency_response.transfer_function import ResponseTarget
 
 REQUIRED_GAIN, REQUIRED_PHASE = 6.0, 45.0  # dB and deg, below the first structural mode
 LEVEL, NORMAL = 0.95, 1.959964  # probability of an interval, and its standard deviations
@@ -123,7 +123,7 @@ class LoopCurve:
     length: float | np.ndarray
 
 
-def loop_curve(target: Target) -> LoopCurve:
+def loop_curve(target: ResponseTarget) -> LoopCurve:
     """The curve of a broken-loop response L; 1 + L = 0 closes the loop."""
     share = target.std / np.abs(target.response)
     away = np.abs(1.0 + target.response)
@@ -139,7 +139,7 @@ def loop_curve(target: Target) -> LoopCurve:
     )
 
 
-def stability_margins(target: Target) -> StabilityMargins:
+def stability_margins(target: ResponseTarget) -> StabilityMargins:
     """Margins of a broken-loop response along its usable band.
 
     At a crossing gain and phase are parabolas in ln(omega) through the points about it. The errors
@@ -236,7 +236,7 @@ def _across(curve: LoopCurve, kind: str, at: float, slope: float, std: float) ->
                 open_ = True
                 break
             near = _at(curve, kind, there)
-            spare = limit - near.apart**2
+            spare = limit - near.sigmas_from_crossing**2
             if spare < 0.0:
                 break
             half = near.std * math.sqrt(spare)
@@ -247,30 +247,30 @@ def _across(curve: LoopCurve, kind: str, at: float, slope: float, std: float) ->
 
 
 @dataclass(frozen=True)
-class _Near:
+class _CrossingMargin:
     """A margin if the curve crossed at a frequency: its value and deviation, its slope by
     ln(omega), and how many deviations the other curve is from crossing there."""
 
     value: float
     std: float
     own_slope: float
-    apart: float
+    sigmas_from_crossing: float
 
 
-def _at(curve: LoopCurve, kind: str, at: float) -> _Near:
+def _at(curve: LoopCurve, kind: str, at: float) -> _CrossingMargin:
     gain = parabola_at(curve, curve.gain, curve.gain_std, at)
     phase = parabola_at(curve, curve.phase, curve.phase_std, at)
     turned_by = math.remainder(phase.value, 360.0)
     if kind == "gain":
-        return _Near(-gain.value, gain.std, gain.slope, turned_by / phase.std)
+        return _CrossingMargin(-gain.value, gain.std, gain.slope, turned_by / phase.std)
     if kind == "phase":
-        return _Near(turned_by, phase.std, phase.slope, gain.value / gain.std)
+        return _CrossingMargin(turned_by, phase.std, phase.slope, gain.value / gain.std)
     angle = math.radians(turned_by) % (2.0 * math.pi)
     slope = (math.radians(phase.slope) - angle) / at
-    return _Near(angle / at, math.radians(phase.std) / at, slope, gain.value / gain.std)
+    return _CrossingMargin(angle / at, math.radians(phase.std) / at, slope, gain.value / gain.std)
 
 
-def _least_distance(target: Target) -> Margin | None:
+def _least_distance(target: ResponseTarget) -> Margin | None:
     """The least distance from -1, where the slope of the smoothed distance is zero.
 
     Its interval holds every distance d whose pair (d, slope 0) is, at some frequency, no further
@@ -288,14 +288,17 @@ def _least_distance(target: Target) -> Margin | None:
     start = float(target.omega[least])
     at = start
     for _ in range(_STEPS):
-        near = _apart(target, at)
+        near = _critical_distance(target, at)
         if not near.curvature > 0.0:
             break
         move = float(np.clip(-near.slope / near.curvature, -0.25 * REACH, 0.25 * REACH))
         at = float(np.clip(at * math.exp(move), first, last))
-    if abs(math.log(at / start)) > REACH or _apart(target, at).value > _apart(target, start).value:
+    if (
+        abs(math.log(at / start)) > REACH
+        or _critical_distance(target, at).value > _critical_distance(target, start).value
+    ):
         at = start  # the parabola turned elsewhere
-    middle = _apart(target, at)
+    middle = _critical_distance(target, at)
     limit, std = float(chi2.ppf(LEVEL, 1)), math.sqrt(middle.variance)
     low, high, open_ = middle.value - NORMAL * std, middle.value + NORMAL * std, False
     spread = math.sqrt(middle.slope_variance) / max(middle.curvature, 1e-12)
@@ -306,7 +309,7 @@ def _least_distance(target: Target) -> Margin | None:
             if not first <= there <= last:
                 open_ = True
                 break
-            near = _apart(target, there)
+            near = _critical_distance(target, there)
             spare = limit - near.slope**2 / max(near.slope_variance, 1e-300)
             if spare < 0.0:
                 break
@@ -321,7 +324,7 @@ def _least_distance(target: Target) -> Margin | None:
 
 
 @dataclass(frozen=True)
-class _Apart:
+class _CriticalDistance:
     """Distance of a smoothed response from -1 at a frequency, its slope and curvature by ln(omega),
     the variances of distance and slope, and their covariance."""
 
@@ -333,7 +336,7 @@ class _Apart:
     covariance: float
 
 
-def _apart(target: Target, at: float) -> _Apart:
+def _critical_distance(target: ResponseTarget, at: float) -> _CriticalDistance:
     """1 + L as a complex parabola in ln(omega) through the points about ``at``, rad/s.
 
     The distance itself is no parabola where the response passes -1 closely, the response is. Its
@@ -345,7 +348,7 @@ def _apart(target: Target, at: float) -> _Apart:
     along = np.conj(a / size) if size > 0.0 else np.ones(3)
     turn = float((along[0] * a[1]).imag) if size > 0.0 else 0.0
     share = turn / size if size > 0.0 else 0.0
-    return _Apart(
+    return _CriticalDistance(
         float(size),
         float((along[0] * a[1]).real),
         float((along[0] * 2.0 * a[2]).real) + turn * share,
@@ -398,6 +401,6 @@ def worst_margins(maneuvers: Sequence[StabilityMargins]) -> tuple[WorstMargin, .
     return tuple(out)
 
 
-def turned(target: Target) -> Target:
+def turned(target: ResponseTarget) -> ResponseTarget:
     """The target with its sign turned: of a loop that adds what returns."""
     return replace(target, response=-target.response)

@@ -132,7 +132,7 @@ class FrequencyFit:
         not recorded.
         """
         record = self.problem.records[r]
-        return np.where(record.known[:, None], 2.0 / self.levels[:, self.problem.bands[r]], 0.0)
+        return np.where(record.usable[:, None], 2.0 / self.levels[:, self.problem.bands[r]], 0.0)
 
     @cached_property
     def normal_equations(self) -> tuple[np.ndarray, np.ndarray]:
@@ -198,9 +198,9 @@ def evaluate(problem: FrequencyProblem, theta: np.ndarray) -> FrequencyFit | Non
             if not (np.all(np.abs(result.y) < LARGEST) and np.all(np.abs(slope) < LARGEST)):
                 return None
             modelled.append(result.y)
-            residuals.append(np.where(record.known[:, None], record.outputs - result.y, 0.0))
+            residuals.append(np.where(record.usable[:, None], record.outputs - result.y, 0.0))
             slopes.append(slope)
-    known = [record.known for record in problem.records]
+    known = [record.usable for record in problem.records]
     level, counts = levels(residuals, known, problem.bands, problem.floor)
     away = theta[:q] - problem.start
     cost = float(np.sum(counts * np.log(level))) + 0.5 * float(away @ (problem.prior * away))
@@ -380,7 +380,7 @@ def frequency_fit(
     if fit is not None:
         bands = equal_bands([record.omega for record in problem.records])
         if coloured(
-            fit.residuals, [record.known for record in problem.records], bands, problem.floor
+            fit.residuals, [record.usable for record in problem.records], bands, problem.floor
         ):
             again = fit_transforms(with_bands(problem, bands), fit)
             fit = fit if again is None or again.outcome is not Outcome.CONVERGED else again

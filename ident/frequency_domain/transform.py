@@ -58,7 +58,7 @@ class TransformedRecord:
     omega: np.ndarray
     ahead: np.ndarray
     outputs: np.ndarray
-    known: np.ndarray
+    usable: np.ndarray
     inputs: np.ndarray
     filled: int
 
@@ -285,7 +285,7 @@ class Delay:
 
 
 @dataclass(frozen=True, eq=False)
-class Response:
+class TransformedResponse:
     """``y (m, f)`` of motion from rest to rest; ``by_parameter (m, f, q)`` and ``by_ends (m, f,
     n)``, the last of any x[0] - x[N].
     """
@@ -297,7 +297,7 @@ class Response:
 
 def response(
     model: LinearModel, record: TransformedRecord, delays: Mapping[int, Delay], ends: np.ndarray
-) -> Response:
+) -> TransformedResponse:
     """Response to a record's inputs, those at the positions in ``delays`` late; ``ends (n,)`` is
     x[0] - x[N].
     """
@@ -317,7 +317,7 @@ def response(
         + np.einsum("mr,frq->mfq", model.D, dU)
     )
     by_parameter = direct + np.einsum("mn,fnq->mfq", model.C, dX)
-    return Response(y, by_parameter, np.einsum("mn,fnk->mfk", model.C, solved[:, :, 1:]))
+    return TransformedResponse(y, by_parameter, np.einsum("mn,fnk->mfk", model.C, solved[:, :, 1:]))
 
 
 def _stepped(

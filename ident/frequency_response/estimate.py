@@ -41,7 +41,7 @@ _SIMILAR = 5  # neighbours over which weights and coherence are smoothed
 
 
 @dataclass(frozen=True, eq=False)
-class Signals:
+class EvenSignals:
     """Evenly sampled signals of one record.
 
     Attributes
@@ -160,7 +160,7 @@ class FrequencyResponses:
 
 
 def estimate_responses(
-    records: Sequence[Signals], frequency: np.ndarray, spectra: Spectra
+    records: Sequence[EvenSignals], frequency: np.ndarray, spectra: Spectra
 ) -> FrequencyResponses:
     """Estimate the responses of all outputs to all inputs from the records together.
 
@@ -523,7 +523,7 @@ def window_lengths(
     return tuple(longest / 2**n for n in range(count))
 
 
-def input_band(records: Sequence[Signals], low: float) -> tuple[float, float]:
+def input_band(records: Sequence[EvenSignals], low: float) -> tuple[float, float]:
     """From ``low`` to the frequency, Hz, below which the inputs have 99 % of their power, at most a
     fifth of the rate; of several inputs the one that reaches highest counts."""
     step = records[0].step
@@ -548,7 +548,7 @@ def lowest_frequency(windows: Sequence[float]) -> float:
     return LOWEST / max(windows)
 
 
-def decimated(records: Sequence[Signals], high: float) -> tuple[list[Signals], int]:
+def decimated(records: Sequence[EvenSignals], high: float) -> tuple[list[EvenSignals], int]:
     """The records with every n-th sample behind a zero-phase filter, the same for all signals, so
     that five samples a period are left at ``high``, Hz; and n, 1 where nothing is to be left
     out."""
@@ -562,6 +562,6 @@ def decimated(records: Sequence[Signals], high: float) -> tuple[list[Signals], i
         return np.asarray(resample_poly(detrended(rows), 1, factor, axis=1)) if len(rows) else rows
 
     return [
-        Signals(factor * step, fewer(each.inputs), fewer(each.outputs), fewer(each.references))
+        EvenSignals(factor * step, fewer(each.inputs), fewer(each.outputs), fewer(each.references))
         for each in records
     ], factor

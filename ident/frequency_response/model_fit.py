@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.frequency_response.transfer_function import (
-    Target,
+    ResponseTarget,
     mismatch_cost,
     weighted_errors,
     weighted_noise,
@@ -68,7 +68,7 @@ class ModelFit:
 
 
 def fit_model(
-    targets: Sequence[Target],
+    targets: Sequence[ResponseTarget],
     responses: Responses,
     start: Mapping[str, float],
     fixed: Mapping[str, float],

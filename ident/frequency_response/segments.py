@@ -376,7 +376,7 @@ _LATEST = 1.0  # s, the longest lag by which an output is aligned with the input
 
 
 @dataclass(frozen=True, eq=False)
-class FrequencyResponse:
+class SingleInputResponse:
     """Response of outputs to one input.
 
     Attributes
@@ -403,7 +403,7 @@ def estimate_response(
     low: float = LOW,
     high: float = HIGH,
     tapers: int = 5,
-) -> FrequencyResponse:
+) -> SingleInputResponse:
     """Estimate the response by averaging cross spectra over sine tapers.
 
     Averaging over the tapers' bandwidth flattens a response that turns quickly with frequency, and
@@ -466,7 +466,7 @@ def estimate_response(
     coherence = np.abs(Syu) ** 2 / np.maximum(Suu * Syy, np.finfo(float).tiny)
     between = (1.0 - np.exp(-1j * omega * step)) / (1j * omega * step)
     held = between if record.hold is Hold.PREVIOUS else np.abs(between) ** 2
-    return FrequencyResponse(
+    return SingleInputResponse(
         omega, names, Syu / Suu / held, coherence, (tapers + 1) * math.pi / (count * step)
     )
 
@@ -517,7 +517,7 @@ def model_response(
 
 
 def fit_response(
-    response: FrequencyResponse,
+    response: SingleInputResponse,
     system: System,
     free: Sequence[str],
     outputs: Sequence[str] | None = None,

@@ -166,7 +166,7 @@ def form_of(text: str) -> Form:
 
 
 @dataclass(frozen=True, eq=False)
-class Target:
+class ResponseTarget:
     """A frequency response to fit.
 
     Attributes
@@ -237,7 +237,7 @@ def mismatch_cost(response: np.ndarray, model: np.ndarray, coherence: np.ndarray
 
 
 def fit_transfer_functions(
-    targets: Sequence[Target],
+    targets: Sequence[ResponseTarget],
     forms: Sequence[Form],
     fixed: Mapping[str, float] | None = None,
     *,
@@ -294,7 +294,7 @@ def fit_transfer_functions(
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    targets: tuple[Target, ...]
+    targets: tuple[ResponseTarget, ...]
     forms: tuple[Form, ...]
     fixed: Mapping[str, float]
     shared: tuple[str, ...]
@@ -423,7 +423,7 @@ def conditional_std(covariance: np.ndarray) -> np.ndarray:
     return np.asarray(std / np.sqrt(np.maximum(np.diag(inverse), 1.0)))
 
 
-def weighted_errors(targets: Sequence[Target], ratios: Sequence[np.ndarray]) -> np.ndarray:
+def weighted_errors(targets: Sequence[ResponseTarget], ratios: Sequence[np.ndarray]) -> np.ndarray:
     """Errors in dB and degrees whose squares sum to the sum of the costs, of logarithms ``ratios``
     of model over response; of each target the gains first."""
     out = []
@@ -435,7 +435,7 @@ def weighted_errors(targets: Sequence[Target], ratios: Sequence[np.ndarray]) -> 
     return np.where(np.isfinite(result), np.clip(result, -1e6, 1e6), 1e6)
 
 
-def weighted_noise(targets: Sequence[Target]) -> np.ndarray:
+def weighted_noise(targets: Sequence[ResponseTarget]) -> np.ndarray:
     """Covariance of ``weighted_errors``: of each response's neighbours by their windows."""
     sizes = [target.omega.size for target in targets]
     out = np.zeros((2 * sum(sizes), 2 * sum(sizes)))
@@ -469,7 +469,9 @@ def neighbour_correlation(bins: np.ndarray) -> np.ndarray:
     return np.asarray((transform / 0.375) ** 2)
 
 
-def _start(target: Target, form: Form, fixed: Mapping[str, float]) -> list[dict[str, float]]:
+def _start(
+    target: ResponseTarget, form: Form, fixed: Mapping[str, float]
+) -> list[dict[str, float]]:
     """Parameters by linear least squares (Sanathanan and Koerner, IEEE Trans. Automatic Control
     8(1), 1963), for several delays."""
     tried = (*_DELAYS, *(share * _group_delay(target) for share in _SHARES))
@@ -497,7 +499,7 @@ def _start(target: Target, form: Form, fixed: Mapping[str, float]) -> list[dict[
     return out
 
 
-def _group_delay(target: Target) -> float:
+def _group_delay(target: ResponseTarget) -> float:
     """Mean slope of the phase over the upper half of the band, s, not negative."""
     upper = target.omega >= 0.5 * target.omega[-1]
     if np.count_nonzero(upper) < 2:

@@ -24,11 +24,11 @@ from ident.maneuver_detection.signals import (
     AXES,
     SWITCH,
     Activity,
+    DetectedManeuver,
+    EvenSegment,
     FlightSignals,
     Lobe,
-    Maneuver,
     Shape,
-    Stretch,
     activity_of,
     lobes_of,
     oscillation_of,
@@ -87,7 +87,7 @@ CORRELATED = 0.95  # largest correlation of neighbours that is corrected for
 LARGEST = 1000.0  # of a t value: noise-free records have no other limit
 
 
-def excitation_of(stretch: Stretch, start: float, end: float, axis: str) -> dict[str, float]:
+def excitation_of(stretch: EvenSegment, start: float, end: float, axis: str) -> dict[str, float]:
     """Derivative -> absolute t value from the rows about a maneuver; empty where what is needed is
     not recorded.
 
@@ -161,7 +161,7 @@ TRIM_SPREAD = {
 }
 
 
-def turns(stretch: Stretch) -> list[Maneuver]:
+def turns(stretch: EvenSegment) -> list[DetectedManeuver]:
     """Parts in which the bank is held."""
     if "phi" not in stretch.outputs:
         return []
@@ -178,7 +178,7 @@ def turns(stretch: Stretch) -> list[Maneuver]:
             > HELD_SHARE * (last - first) * stretch.step
         ):
             out.append(
-                Maneuver(
+                DetectedManeuver(
                     float(stretch.time[first]),
                     float(stretch.time[last]),
                     "roll",
@@ -201,7 +201,7 @@ def _to_level(signal: np.ndarray, lobe: Lobe, level: float) -> tuple[int, int]:
     ) if after.size else signal.size - 1
 
 
-def pulls(stretch: Stretch) -> list[tuple[int, int]]:
+def pulls(stretch: EvenSegment) -> list[tuple[int, int]]:
     """Parts in which the load factor stays away from that of the bank: first sample, and the one
     after the last.
     """
@@ -223,8 +223,8 @@ def pulls(stretch: Stretch) -> list[tuple[int, int]]:
 
 
 def trim_points(
-    stretch: Stretch, quiet: np.ndarray, controls: Mapping[str, np.ndarray]
-) -> list[Maneuver]:
+    stretch: EvenSegment, quiet: np.ndarray, controls: Mapping[str, np.ndarray]
+) -> list[DetectedManeuver]:
     """Parts of at least ``TRIM_TIME`` in which the inputs are quiet (``(N,)``) and speed, height,
     attitude and controls are constant.
 
@@ -250,7 +250,7 @@ def trim_points(
         steady &= around <= allowed
     # Each steady sample is the middle of a steady window; between two of them it stays steady.
     edges = np.flatnonzero(np.diff(steady.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
-    out: list[Maneuver] = []
+    out: list[DetectedManeuver] = []
     for first, last in edges:
         low, high = max(0, first - size // 2), min(quiet.size, last + size // 2)
         while low < first and not quiet[low:first].all():
@@ -261,14 +261,14 @@ def trim_points(
             if out and stretch.time[low] <= out[-1].end:
                 low = int(np.searchsorted(stretch.time, out.pop().start))
             out.append(
-                Maneuver(
+                DetectedManeuver(
                     float(stretch.time[low]), float(stretch.time[high - 1]), "all", "trim", "", 0.0
                 )
             )
     return out
 
 
-def mean_conditions(stretch: Stretch, start: float, end: float) -> dict[str, float]:
+def mean_conditions(stretch: EvenSegment, start: float, end: float) -> dict[str, float]:
     """Mean airspeed and height between two times, of what is recorded."""
     rows = stretch.rows(start, end)
     names: Sequence[tuple[str, str]] = (
@@ -337,14 +337,14 @@ class ManeuverCandidate:
         return AXES[self.channel]
 
 
-def find_maneuvers(signals: FlightSignals) -> tuple[Maneuver, ...]:
+def find_maneuvers(signals: FlightSignals) -> tuple[DetectedManeuver, ...]:
     """All maneuvers and trim points of a record, in the order of their times.
 
     Each control is searched for level changes that make a pattern and for oscillations that rise
     above its local rest level; the motion for bank angles and load factors that are held. Of
     controls that move at the same time the strongest counts, others follow it.
     """
-    result = [each for stretch in stretches(signals) for each in _found_in(stretch)]
+    result = [each for stretch in stretches(signals) for each in _maneuvers_of(stretch)]
     return tuple(sorted(result, key=lambda each: (each.start, each.axis)))
 
 
@@ -363,7 +363,7 @@ def active_share(signals: FlightSignals) -> float:
     return moving / total if total else 0.0
 
 
-def without_feedback(stretch: Stretch, name: str) -> np.ndarray:
+def without_feedback(stretch: EvenSegment, name: str) -> np.ndarray:
     """A control without what a damper adds to it: its share of the angular rate, as the samples at
     rest show it.
 
@@ -383,7 +383,7 @@ def without_feedback(stretch: Stretch, name: str) -> np.ndarray:
     return values - common / power * turning
 
 
-def _found_in(stretch: Stretch) -> list[Maneuver]:
+def _maneuvers_of(stretch: EvenSegment) -> list[DetectedManeuver]:
     stretch = replace(
         stretch, inputs={name: without_feedback(stretch, name) for name in stretch.inputs}
     )
@@ -416,12 +416,14 @@ def _found_in(stretch: Stretch) -> list[Maneuver]:
     ]
 
 
-def _maneuver(stretch: Stretch, each: ManeuverCandidate) -> Maneuver:
+def _maneuver(stretch: EvenSegment, each: ManeuverCandidate) -> DetectedManeuver:
     start, end = (
         float(stretch.time[min(k, stretch.time.size - 1)])
         for k in (each.shape.first, each.shape.last)
     )
-    return Maneuver(start, end, each.axis, each.shape.kind, each.channel, each.shape.amplitude)
+    return DetectedManeuver(
+        start, end, each.axis, each.shape.kind, each.channel, each.shape.amplitude
+    )
 
 
 def _ratio(activity: Activity, rows: slice | None = None) -> np.ndarray:
@@ -432,7 +434,7 @@ def _ratio(activity: Activity, rows: slice | None = None) -> np.ndarray:
 
 
 def _quiet(
-    stretch: Stretch, activities: Mapping[str, Activity], moves: Sequence[Maneuver]
+    stretch: EvenSegment, activities: Mapping[str, Activity], moves: Sequence[DetectedManeuver]
 ) -> np.ndarray:
     """Samples at which no control moves beyond its rest level and no maneuver is flown."""
     quiet = np.ones(stretch.time.size, dtype=bool)
@@ -457,7 +459,7 @@ def accepted(each: ManeuverCandidate) -> bool:
     )
 
 
-def candidates_of(stretch: Stretch, name: str, activity: Activity) -> list[ManeuverCandidate]:
+def candidates_of(stretch: EvenSegment, name: str, activity: Activity) -> list[ManeuverCandidate]:
     """Patterns of levels and oscillations of a control that are strong enough, none overlapping
     another.
     """
@@ -527,7 +529,9 @@ def active_parts(ratio: np.ndarray, quiet: int) -> list[tuple[int, int]]:
     return [(first, last) for first, last in out if ratio[first:last].max() >= SEED]
 
 
-def _rolls_into(stretch: Stretch, each: ManeuverCandidate, turning: Sequence[Maneuver]) -> bool:
+def _rolls_into(
+    stretch: EvenSegment, each: ManeuverCandidate, turning: Sequence[DetectedManeuver]
+) -> bool:
     """Whether an input of roll or yaw belongs to the beginning or the end of a turn."""
     if each.axis not in ("roll", "yaw") or each.shape.kind in (*OSCILLATIONS, "3-2-1-1"):
         return False
@@ -541,7 +545,7 @@ def _rolls_into(stretch: Stretch, each: ManeuverCandidate, turning: Sequence[Man
 
 
 def with_pulls(
-    stretch: Stretch, activities: Mapping[str, Activity], candidates: list[ManeuverCandidate]
+    stretch: EvenSegment, activities: Mapping[str, Activity], candidates: list[ManeuverCandidate]
 ) -> list[ManeuverCandidate]:
     """The candidates with pull-ups in the place of smooth inputs of the pitch control that change
     the load factor and hold it.
@@ -576,7 +580,9 @@ def with_pulls(
     return candidates
 
 
-def _pulling(stretch: Stretch, activity: Activity, first: int, last: int) -> tuple[int, int] | None:
+def _pulling(
+    stretch: EvenSegment, activity: Activity, first: int, last: int
+) -> tuple[int, int] | None:
     """The lobe of a control that leads to an excursion of the load factor: the first strong one
     that begins at most 2 s before it.
     """

@@ -52,7 +52,7 @@ class FlightSignals:
 
 
 @dataclass(frozen=True)
-class Maneuver:
+class DetectedManeuver:
     """One maneuver, or a trim point.
 
     Attributes
@@ -92,7 +92,7 @@ KINDS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class EvenSegment:
     """A part of a record without a pause, on an even grid.
 
     ``time``, ``inputs``, ``outputs`` as in ``Signals``, without NaN: an output that is missing for
@@ -131,7 +131,7 @@ class Activity:
     rest: np.ndarray
 
 
-def stretches(signals: FlightSignals) -> Iterator[Stretch]:
+def stretches(signals: FlightSignals) -> Iterator[EvenSegment]:
     """The parts of a record between pauses, each on an even grid of at most ``FASTEST``; parts of
     fewer than eight rows are left out.
     """
@@ -145,7 +145,7 @@ def stretches(signals: FlightSignals) -> Iterator[Stretch]:
             yield _even(signals, slice(first, last), usual)
 
 
-def _even(signals: FlightSignals, rows: slice, usual: float) -> Stretch:
+def _even(signals: FlightSignals, rows: slice, usual: float) -> EvenSegment:
     time = np.asarray(signals.time[rows], dtype=float)
     block = max(1, round(1.0 / (FASTEST * usual)))
     count = max(2, round((time[-1] - time[0]) / usual) + 1)
@@ -175,10 +175,10 @@ def _even(signals: FlightSignals, rows: slice, usual: float) -> Stretch:
     }
     if block > 1:
         grid = grid[: count // block * block].reshape(-1, block).mean(axis=1)
-    return Stretch(grid, usual * block, inputs, outputs)
+    return EvenSegment(grid, usual * block, inputs, outputs)
 
 
-def activity_of(stretch: Stretch, values: np.ndarray) -> Activity:
+def activity_of(stretch: EvenSegment, values: np.ndarray) -> Activity:
     """Deviation of a control from its running median, short-time energy and local rest level."""
     deviation = values - trim_of(stretch, values)
     return Activity(
@@ -186,14 +186,14 @@ def activity_of(stretch: Stretch, values: np.ndarray) -> Activity:
     )
 
 
-def short_time_energy(stretch: Stretch, deviation: np.ndarray) -> np.ndarray:
+def short_time_energy(stretch: EvenSegment, deviation: np.ndarray) -> np.ndarray:
     """Root mean square over ``ENERGY_WINDOW`` about each sample."""
     # The running sum leaves rounding errors of either sign where a clean input rests.
     power = uniform_filter1d(deviation**2, stretch.samples(ENERGY_WINDOW), mode="nearest")
     return np.sqrt(np.maximum(power, 0.0))
 
 
-def rest_level(stretch: Stretch, deviation: np.ndarray) -> np.ndarray:
+def rest_level(stretch: EvenSegment, deviation: np.ndarray) -> np.ndarray:
     """The short-time energy at rest: a low quantile over ``REST_WINDOW``, which maneuvers that fill
     most of it do not raise.
     """
@@ -211,7 +211,7 @@ def rest_level(stretch: Stretch, deviation: np.ndarray) -> np.ndarray:
     return np.maximum(np.interp(np.arange(deviation.size), positions, rest), floor)
 
 
-def trim_of(stretch: Stretch, values: np.ndarray) -> np.ndarray:
+def trim_of(stretch: EvenSegment, values: np.ndarray) -> np.ndarray:
     """The running median of a signal over ``TRIM_WINDOW``, which an input held for less than half
     of it does not move.
     """
@@ -318,7 +318,7 @@ def lobes_of(deviation: np.ndarray, switch: float, *, join: bool = True) -> list
     return out
 
 
-def step_shapes(stretch: Stretch, values: np.ndarray, trim: np.ndarray) -> list[Shape]:
+def step_shapes(stretch: EvenSegment, values: np.ndarray, trim: np.ndarray) -> list[Shape]:
     """Steps, pulses, doublets and other sequences of levels in a control, none overlapping another;
     the largest come first.
 
@@ -428,7 +428,7 @@ class _Control:
     (``fast``), their rest level, half the rise.
     """
 
-    stretch: Stretch
+    stretch: EvenSegment
     values: np.ndarray
     trim: np.ndarray
     moved: np.ndarray
@@ -437,7 +437,9 @@ class _Control:
     half: int
 
 
-def _sequences(stretch: Stretch, at: np.ndarray, moved: np.ndarray) -> Iterator[tuple[int, ...]]:
+def _sequences(
+    stretch: EvenSegment, at: np.ndarray, moved: np.ndarray
+) -> Iterator[tuple[int, ...]]:
     """Two to five successive level changes of alternate sign whose sums alternate too and return
     about to where they began.
     """
@@ -478,7 +480,7 @@ def _pattern(control: _Control, at: np.ndarray) -> tuple[float, Shape] | None:
     )
 
 
-def _changes(stretch: Stretch, values: np.ndarray, rise: float) -> np.ndarray:
+def _changes(stretch: EvenSegment, values: np.ndarray, rise: float) -> np.ndarray:
     """The mean over half of ``rise`` after each sample less the mean before it: largest in the
     middle of a level change.
     """

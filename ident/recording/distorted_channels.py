@@ -18,7 +18,15 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import fdtri
 
-from ident.recording.series import Certainty, Kind, Number, RecordFinding, Series, runs_of, shown
+from ident.recording.series import (
+    Certainty,
+    FindingQuantity,
+    Kind,
+    RecordFinding,
+    Series,
+    runs_of,
+    shown,
+)
 from ident.statistics.noise_levels import robust_sigma_about_zero
 
 # ---- Flat extremes
@@ -102,7 +110,7 @@ def _finding(
 ) -> RecordFinding:
     runs = runs_of(at)
     times = tuple((float(series.time[b]), float(series.time[e - 1])) for b, e in runs if e - b > 1)
-    numbers = {"level": Number(level, series.unit)}
+    numbers = {"level": FindingQuantity(level, series.unit)}
     told = (
         f"flat at its {word} value, {shown(level, series.unit)}, for {int(np.count_nonzero(at))} "
         "samples"
@@ -274,7 +282,7 @@ def _zero_steps_finding(series: Series, row: int, size: float) -> RecordFinding:
         f"jumps by {shown(size, series.unit)} at {time:.4g} s and stays, while no input and no "
         f"other channel jumps: its zero stepped{load}"
     )
-    numbers = {"time": Number(time, "s"), "step": Number(size, series.unit)}
+    numbers = {"time": FindingQuantity(time, "s"), "step": FindingQuantity(size, series.unit)}
     remedy = "give the parts before and after as segments, --from and --to in pairs"
     return RecordFinding(
         series.name, Kind.ZERO_STEP, Certainty.LIKELY, told, remedy, ((time, time),), numbers
@@ -437,7 +445,10 @@ def hum(series: Series, inputs: Sequence[Series]) -> RecordFinding | None:
         "phase and size throughout"
     )
     told += f"; a hum above {0.5 / usual:.3g} Hz, half the sample rate, shows as a lower frequency"
-    numbers = {"frequency": Number(at, "Hz"), "amplitude": Number(amplitude, series.unit)}
+    numbers = {
+        "frequency": FindingQuantity(at, "Hz"),
+        "amplitude": FindingQuantity(amplitude, series.unit),
+    }
     remedy = (
         "filter all channels alike with --lowpass below it, or mend the wiring; mains is at 50 or "
         "60 Hz, aircraft supply at 400 Hz"
@@ -548,7 +559,7 @@ def band_limited(series: Series) -> RecordFinding | None:
             "export the channel as it was recorded; else residuals are not white, and sigmas for "
             "white noise too small"
         )
-        numbers = {"cutoff": Number(cutoff, "Hz")}
+        numbers = {"cutoff": FindingQuantity(cutoff, "Hz")}
         return RecordFinding(series.name, Kind.FILTERED, Certainty.NOTED, told, remedy, (), numbers)
     return None
 

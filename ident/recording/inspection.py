@@ -25,9 +25,9 @@ from ident.recording.kinematic_relations import (
     RENAME,
     SHIFTS,
     UNITS,
+    ColumnReading,
     ControlPower,
-    FlownColumns,
-    Reading,
+    KinematicColumns,
     all_readings,
     change,
     columns_of,
@@ -38,13 +38,19 @@ from ident.recording.kinematic_relations import (
     sure,
     unexplained_lift,
 )
-from ident.recording.missing_samples import dropouts, held, interpolated, missing_rows, stuck
+from ident.recording.missing_samples import (
+    dropouts,
+    held_samples,
+    interpolated,
+    missing_rows,
+    stuck,
+)
 from ident.recording.series import (
     FEWEST,
     Certainty,
     Expectations,
+    FindingQuantity,
     Kind,
-    Number,
     RecordFinding,
     Series,
     changing_noise,
@@ -67,7 +73,7 @@ CLOSE = 0.7
 
 
 def wrong_clock(
-    columns: FlownColumns, as_read: float, expected: Expectations
+    columns: KinematicColumns, as_read: float, expected: Expectations
 ) -> RecordFinding | None:
     """Certain where the control's power, or pitch attitude, tell it from a scale of a sensor, else
     likely; None where time is right.
@@ -84,9 +90,9 @@ def wrong_clock(
     if left[best] > SUITS or left[best] * CLEARLY > as_read or abs(math.log2(best)) < GROSS:
         return None
     numbers = {
-        "factor": Number(best, "1"),
-        "unexplained": Number(as_read, "1"),
-        "unexplained_otherwise": Number(left[best], "1"),
+        "factor": FindingQuantity(best, "1"),
+        "unexplained": FindingQuantity(as_read, "1"),
+        "unexplained_otherwise": FindingQuantity(left[best], "1"),
     }
     what = (
         f"disagrees with the kinematics: they hold if time runs {best:.2g} times as long as the "
@@ -116,7 +122,7 @@ def wrong_clock(
     )
 
 
-def _control_agrees(columns: FlownColumns, factor: float, expected: Expectations) -> bool:
+def _control_agrees(columns: KinematicColumns, factor: float, expected: Expectations) -> bool:
     """Whether the control's power is that of the vehicle's data only with the other clock:
     accelerations go with its square.
     """
@@ -184,7 +190,7 @@ def misread(record: Record, expected: Expectations) -> list[RecordFinding]:
     )
 
 
-def _of_columns(columns: FlownColumns, expected: Expectations) -> list[RecordFinding]:
+def _of_columns(columns: KinematicColumns, expected: Expectations) -> list[RecordFinding]:
     shares = disagreement(columns)
     as_read = max(shares.values(), default=0.0)
     result = _of_lift(columns, as_read) or _of_angles(columns, as_read)
@@ -227,7 +233,7 @@ def _far(channel: Channel) -> RecordFinding | None:
         Certainty.CERTAIN,
         text,
         remedy,
-        numbers={"reach": Number(reach, "rad")},
+        numbers={"reach": FindingQuantity(reach, "rad")},
     )
 
 
@@ -245,11 +251,11 @@ def _gravity(channel: Channel) -> RecordFinding | None:
         Certainty.CERTAIN,
         text,
         NZ_REMEDY,
-        numbers={"middle": Number(middle, "g")},
+        numbers={"middle": FindingQuantity(middle, "g")},
     )
 
 
-def _of_lift(columns: FlownColumns, as_read: float) -> RecordFinding | None:
+def _of_lift(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
     """nz against alpha, which lift ties to each other: of turned sign, or exchanged with the
     control, where the kinematics say so too.
     """
@@ -287,7 +293,7 @@ def _of_lift(columns: FlownColumns, as_read: float) -> RecordFinding | None:
             Certainty.CERTAIN,
             told,
             "turn the sign of the column of nz",
-            numbers={"correlation": Number(together, "1")},
+            numbers={"correlation": FindingQuantity(together, "1")},
         )
     if columns.control is None or together > APART or goes_with_alpha(columns.control) < TOGETHER:
         return None
@@ -310,11 +316,11 @@ def _of_lift(columns: FlownColumns, as_read: float) -> RecordFinding | None:
         Certainty.CERTAIN,
         told,
         RENAME,
-        numbers={"correlation": Number(together, "1")},
+        numbers={"correlation": FindingQuantity(together, "1")},
     )
 
 
-def _of_angles(columns: FlownColumns, as_read: float) -> RecordFinding | None:
+def _of_angles(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
     """All angles in degrees at once: they agree with each other, but not with nz, and move further
     than any aircraft's in radians.
     """
@@ -339,11 +345,13 @@ def _of_angles(columns: FlownColumns, as_read: float) -> RecordFinding | None:
         Certainty.CERTAIN,
         text,
         "say their units in a channel map",
-        numbers={"unexplained": Number(as_read, "1")},
+        numbers={"unexplained": FindingQuantity(as_read, "1")},
     )
 
 
-def _best(columns: FlownColumns, as_read: float, expected: Expectations) -> RecordFinding | None:
+def _best(
+    columns: KinematicColumns, as_read: float, expected: Expectations
+) -> RecordFinding | None:
     readings = sorted(
         (one for one in all_readings(columns) if one.left < _right(one, columns)),
         key=lambda one: one.left,
@@ -358,8 +366,8 @@ def _best(columns: FlownColumns, as_read: float, expected: Expectations) -> Reco
             return wrong_clock(columns, as_read, expected)
         best, rivals = _by_control(possible, expected) if len(possible) > 1 else (possible[0], [])
         numbers = {
-            "unexplained": Number(as_read, "1"),
-            "unexplained_otherwise": Number(best.left, "1"),
+            "unexplained": FindingQuantity(as_read, "1"),
+            "unexplained_otherwise": FindingQuantity(best.left, "1"),
         }
         what = (
             f"{best.sentence}: as read, the kinematics leave {_percent(as_read)} of the motion "
@@ -379,7 +387,7 @@ def _best(columns: FlownColumns, as_read: float, expected: Expectations) -> Reco
 
 
 def _implausible_as_read(
-    reading: Reading, columns: FlownColumns, expected: Expectations
+    reading: ColumnReading, columns: KinematicColumns, expected: Expectations
 ) -> bool | None:
     """Whether columns that a reading exchanges or turns are also implausible by what kinematics do
     not use; None where nothing else is known.
@@ -413,7 +421,7 @@ def _implausible_as_read(
 
 
 def _pitching(
-    columns: FlownColumns, expected: Expectations
+    columns: KinematicColumns, expected: Expectations
 ) -> tuple[bool | None, ControlPower | None]:
     """Whether the control has the power that the vehicle's data say, None where it cannot be relied
     on; and that power.
@@ -443,7 +451,7 @@ def _likelier(before: tuple[float, float] | None, after: tuple[float, float] | N
     )
 
 
-def _right(reading: Reading, columns: FlownColumns) -> float:
+def _right(reading: ColumnReading, columns: KinematicColumns) -> float:
     """What a reading may leave; less where the control takes part, which a feedback makes look like
     what it feeds back.
     """
@@ -454,7 +462,9 @@ def _right(reading: Reading, columns: FlownColumns) -> float:
     )
 
 
-def _by_control(rivals: Sequence[Reading], expected: Expectations) -> tuple[Reading, list[Reading]]:
+def _by_control(
+    rivals: Sequence[ColumnReading], expected: Expectations
+) -> tuple[ColumnReading, list[ColumnReading]]:
     """Of readings that the kinematics cannot tell apart, those that give the control the power that
     the vehicle's data say.
     """
@@ -468,7 +478,7 @@ def _by_control(rivals: Sequence[Reading], expected: Expectations) -> tuple[Read
     return kept[0], kept[1:]
 
 
-def _of_control(columns: FlownColumns, expected: Expectations) -> list[RecordFinding]:
+def _of_control(columns: KinematicColumns, expected: Expectations) -> list[RecordFinding]:
     """A control whose sign, or unit, is not that of the vehicle's data."""
     if expected.control_power is None or not expected.control_power:
         return []
@@ -481,8 +491,8 @@ def _of_control(columns: FlownColumns, expected: Expectations) -> list[RecordFin
         f"{expected.control_power:+.3g}"
     )
     numbers = {
-        "control_power": Number(power.value, "rad/s2"),
-        "expected": Number(expected.control_power, "rad/s2"),
+        "control_power": FindingQuantity(power.value, "rad/s2"),
+        "expected": FindingQuantity(expected.control_power, "rad/s2"),
     }
     if ratio < 0.0:
         remedy = (
@@ -513,7 +523,7 @@ def _of_control(columns: FlownColumns, expected: Expectations) -> list[RecordFin
     return []
 
 
-def _contradicted(columns: FlownColumns, power: float) -> bool:
+def _contradicted(columns: KinematicColumns, power: float) -> bool:
     """Whether a control power has the other sign with nz in the place of alpha: a vane that is very
     late bends it so far.
     """
@@ -606,7 +616,7 @@ def _samples(
     out = dropouts(series, count)
     for one in out:
         taken |= one.mask
-    hold = held(series, count) if not out else None
+    hold = held_samples(series, count) if not out else None
     filled = interpolated(series, count, inputs) if not out and hold is None else None
     lower_rate = hold or filled
     if lower_rate is not None:

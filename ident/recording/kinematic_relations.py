@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.recording.series import FEWEST as FEWEST_SAMPLES
-from ident.recording.series import Certainty, Expectations, Kind, Number, RecordFinding
+from ident.recording.series import Certainty, Expectations, FindingQuantity, Kind, RecordFinding
 from sim.maths import G0
 from sim.record import Channel, Record
 
@@ -40,7 +40,7 @@ LATE = 0.3  # s: delays, lags, and arms over the airspeed, which are effects of 
 
 
 @dataclass(frozen=True, eq=False)
-class FlownColumns:
+class KinematicColumns:
     """Channels as arrays on one time base, gaps bridged and lone wrong samples taken out, ``(N,)``
     each; ``control`` is held between samples.
     """
@@ -51,7 +51,7 @@ class FlownColumns:
     control_name: str
     gravity_over_speed: float | None
 
-    def times(self, factors: Mapping[str, float]) -> FlownColumns:
+    def times(self, factors: Mapping[str, float]) -> KinematicColumns:
         """The same with some channels multiplied; ``control`` and ``time`` are names, too."""
         outputs = {name: values * factors.get(name, 1.0) for name, values in self.outputs.items()}
         control = (
@@ -61,7 +61,7 @@ class FlownColumns:
             self, time=self.time * factors.get("time", 1.0), outputs=outputs, control=control
         )
 
-    def exchanged(self, first: str, second: str) -> FlownColumns:
+    def exchanged(self, first: str, second: str) -> KinematicColumns:
         """The same with two channels in each other's place."""
         held = dict(self.outputs)
         if self.control is not None and self.control_name in (first, second):
@@ -72,7 +72,7 @@ class FlownColumns:
         return replace(self, outputs=held)
 
 
-def columns_of(record: Record, expected: Expectations) -> FlownColumns | None:
+def columns_of(record: Record, expected: Expectations) -> KinematicColumns | None:
     """The channels that one motion joins; None where they are fewer than two or too short. ``az``
     stands for nz as -az/g0.
     """
@@ -99,13 +99,13 @@ def columns_of(record: Record, expected: Expectations) -> FlownColumns | None:
         else _from_record(record, expected.gravity)
     )
     values = control.values[rows] if control is not None else None
-    columns = FlownColumns(
+    columns = KinematicColumns(
         record.time[rows], outputs, values, control.name if control is not None else "", over
     )
     return columns if sparse * SPARSE <= lag_of(columns) else None
 
 
-def disagreement(columns: FlownColumns) -> dict[str, float]:
+def disagreement(columns: KinematicColumns) -> dict[str, float]:
     """For each relation the share of its power that it does not explain: 0 where it holds, 1 where
     its sides are unrelated, up to 2.
     """
@@ -117,7 +117,7 @@ def disagreement(columns: FlownColumns) -> dict[str, float]:
     }
 
 
-def relations(columns: FlownColumns, lag: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def relations(columns: KinematicColumns, lag: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Both sides of every relation that the columns allow, about their means, shape ``(N -
     lag,)``.
     """
@@ -154,7 +154,7 @@ def relations(columns: FlownColumns, lag: int) -> dict[str, tuple[np.ndarray, np
     }
 
 
-def unexplained_lift(columns: FlownColumns) -> tuple[float, float] | None:
+def unexplained_lift(columns: KinematicColumns) -> tuple[float, float] | None:
     """Share of the load's change that lift leaves, and the number of independent stretches it is
     seen in; None without alpha or nz.
 
@@ -199,7 +199,7 @@ def _share_of_lift(load: np.ndarray, flow: np.ndarray, surface: np.ndarray) -> f
     return max(1.0 - explained / power, FLOOR)
 
 
-def lag_of(columns: FlownColumns) -> int:
+def lag_of(columns: KinematicColumns) -> int:
     """Rows over which the motion changes most of what it changes at once: where its autocorrelation
     has halved.
     """
@@ -271,20 +271,20 @@ NZ_REMEDY = "name the column nz [m/s2], or say its unit in a channel map"
 
 
 @dataclass(frozen=True, eq=False)
-class Reading:
+class ColumnReading:
     """One way to read the columns: what it would mean, the columns so, and the share of the motion
     that the kinematics then leave unexplained.
     """
 
     kind: Kind
     channel: str
-    columns: FlownColumns
+    columns: KinematicColumns
     sentence: str
     remedy: str
     left: float
 
 
-def all_readings(columns: FlownColumns) -> list[Reading]:
+def all_readings(columns: KinematicColumns) -> list[ColumnReading]:
     """Every simple fault that the columns could have."""
     names, out = list(columns.outputs), []
     for name in names:
@@ -344,9 +344,9 @@ def all_readings(columns: FlownColumns) -> list[Reading]:
 
 
 def _reading(
-    kind: Kind, channel: str, columns: FlownColumns, sentence: str, remedy: str
-) -> Reading:
-    return Reading(
+    kind: Kind, channel: str, columns: KinematicColumns, sentence: str, remedy: str
+) -> ColumnReading:
+    return ColumnReading(
         kind, channel, columns, sentence, remedy, max(disagreement(columns).values(), default=2.0)
     )
 
@@ -382,7 +382,7 @@ class ControlPower:
     damped: bool = True
 
 
-def control_power(columns: FlownColumns) -> ControlPower | None:
+def control_power(columns: KinematicColumns) -> ControlPower | None:
     """M_delta of the columns; None where q, a control or a second output is not there, or too
     little of it.
     """
@@ -406,7 +406,7 @@ def control_power(columns: FlownColumns) -> ControlPower | None:
     result = [
         fitted
         for delay in CONTROL_LATE
-        if (fitted := _fitted(left, sums, change(_late(columns.time, moved, delay), lag), lag))
+        if (fitted := _fitted(left, sums, change(_delayed(columns.time, moved, delay), lag), lag))
         is not None
     ]
     if not result:
@@ -460,7 +460,7 @@ def _fitted(
     )
 
 
-def _late(time: np.ndarray, moved: np.ndarray, delay: float) -> np.ndarray:
+def _delayed(time: np.ndarray, moved: np.ndarray, delay: float) -> np.ndarray:
     return moved if delay == 0.0 else np.interp(time - delay, time, moved)
 
 
@@ -502,7 +502,10 @@ def height_unit(record: Record, expected: Expectations) -> list[RecordFinding]:
         f"{100.0 * best:.2g} % of the motion)"
     )
     told += f", not as heights in m ({100.0 * as_read:.2g} %)"
-    numbers = {"unexplained": Number(as_read, "1"), "unexplained_otherwise": Number(best, "1")}
+    numbers = {
+        "unexplained": FindingQuantity(as_read, "1"),
+        "unexplained_otherwise": FindingQuantity(best, "1"),
+    }
     remedy = f"name the column {HEIGHT} [{unit}], or say its unit in a channel map"
     return [RecordFinding(HEIGHT, Kind.UNIT, Certainty.CERTAIN, told, remedy, numbers=numbers)]
 

@@ -18,8 +18,8 @@ import numpy as np
 
 from ident.recording.series import (
     Certainty,
+    FindingQuantity,
     Kind,
-    Number,
     RecordFinding,
     Series,
     exact_step,
@@ -68,7 +68,10 @@ def _finding(
         f"has {samples} sample(s) that are {word}, at "
         f"{first}{' and so on' if len(times) > 3 else ''}, while it is elsewhere before and after"
     )
-    numbers = {"value": Number(value, series.unit), "samples": Number(float(samples), "1")}
+    numbers = {
+        "value": FindingQuantity(value, series.unit),
+        "samples": FindingQuantity(float(samples), "1"),
+    }
     if is_input:
         return RecordFinding(
             series.name,
@@ -206,7 +209,10 @@ def _rows_finding(
     remedy = (
         "give the parts before and after as segments, --from and --to in pairs" if likely else ""
     )
-    numbers = {"rows": Number(float(rows), "1"), "longest": Number(float(np.max(steps[gaps])), "s")}
+    numbers = {
+        "rows": FindingQuantity(float(rows), "1"),
+        "longest": FindingQuantity(float(np.max(steps[gaps])), "s"),
+    }
     return RecordFinding("time", Kind.ROWS_MISSING, certainty, told, remedy, times, numbers)
 
 
@@ -239,7 +245,7 @@ INPUT_STEPS = 0.05  # of an input's span, from which its step may be what the ch
 CATCHES_UP = 3.0  # times the usual step
 
 
-def held(series: Series, count: int) -> RecordFinding | None:
+def held_samples(series: Series, count: int) -> RecordFinding | None:
     """Sample and hold at a lower rate: period and phase, the repeats masked; the first sample of
     each run is the fresh one. ``count`` rows in all.
     """
@@ -261,7 +267,7 @@ def held(series: Series, count: int) -> RecordFinding | None:
         repeats[changes] = False
         if phase:
             repeats[0] = False  # the first value of the record: not known to be old
-        return _held(series, repeats, float(period), count)
+        return _held_finding(series, repeats, float(period), count)
     grid = SEVERAL_BITS * series.least_bit
     leaves = np.abs(np.append(np.diff(series.values), 0.0))
     abrupt = [int(end - begin) for begin, end in runs_of(same) if leaves[end] > grid]
@@ -276,10 +282,10 @@ def held(series: Series, count: int) -> RecordFinding | None:
     usual = lengths[lengths <= 3.0 * np.median(lengths)]
     mean = float(np.mean(usual))
     if mean > 1.15 and len(usual) > 0.9 * len(lengths) and _even(changes, mean):
-        return _held(series, repeats, mean, count)
+        return _held_finding(series, repeats, mean, count)
     short = [length for length in abrupt if length <= 2 * max(1.0, mean)]
     if len(short) >= UPDATES and sum(short) > max(IRREGULAR, OFTEN / bits) * len(same):
-        return _held(series, repeats, mean, count, regular=False)
+        return _held_finding(series, repeats, mean, count, regular=False)
     return None
 
 
@@ -318,14 +324,17 @@ def stuck(
     places = f"{len(times)} times, " if len(times) > 1 else ""
     what = "are exact zeros" if len(void) == len(chosen) else "repeat the one before exactly"
     text = f"is stuck {places}{_between(times)}: {int(np.count_nonzero(mask))} samples {what}"
-    numbers = {"longest": Number(longest, "s"), "runs": Number(float(len(times)), "1")}
+    numbers = {
+        "longest": FindingQuantity(longest, "s"),
+        "runs": FindingQuantity(float(len(times)), "1"),
+    }
     remedy = "see why the channel stood; cut the record there if much of a maneuver is lost"
     return RecordFinding(
         series.name, Kind.STUCK, Certainty.COSTS_INFORMATION, text, remedy, times, numbers, mask
     )
 
 
-def _held(
+def _held_finding(
     series: Series, repeats: np.ndarray, period: float, count: int, *, regular: bool = True
 ) -> RecordFinding:
     step = float(np.median(np.diff(series.time)))
@@ -342,9 +351,9 @@ def _held(
         "samples repeat an older one"
     )
     numbers = {
-        "period": Number(period * step, "s"),
-        "samples": Number(period, "1"),
-        "phase": Number(first - float(series.time[0]), "s"),
+        "period": FindingQuantity(period * step, "s"),
+        "samples": FindingQuantity(period, "1"),
+        "phase": FindingQuantity(first - float(series.time[0]), "s"),
     }
     remedy = "leave cells empty where there is no new sample, or record the channel at its own rate"
     return RecordFinding(
@@ -501,7 +510,10 @@ def interpolated(
         f"is interpolated: {rate}, with {result.curve} between: {filled} of {len(series.values)} "
         "samples follow from their neighbours"
     )
-    numbers = {"period": Number(result.period * step, "s"), "samples": Number(result.period, "1")}
+    numbers = {
+        "period": FindingQuantity(result.period * step, "s"),
+        "samples": FindingQuantity(result.period, "1"),
+    }
     if is_input:
         return RecordFinding(series.name, Kind.INTERPOLATED, Certainty.NOTED, told, "", (), numbers)
     mask = np.zeros(count, dtype=bool)

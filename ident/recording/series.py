@@ -52,7 +52,7 @@ class Certainty(Enum):
 
 
 @dataclass(frozen=True)
-class Number:
+class FindingQuantity:
     """A figure of a finding with its unit, SI and radians, nz in g."""
 
     value: float
@@ -78,7 +78,7 @@ class RecordFinding:
     sentence: str
     remedy: str = ""
     times: tuple[tuple[float, float], ...] = ()
-    numbers: Mapping[str, Number] = field(default_factory=dict)
+    numbers: Mapping[str, FindingQuantity] = field(default_factory=dict)
     mask: np.ndarray = field(default_factory=lambda: NO_ROWS)
 
     @property
@@ -375,8 +375,8 @@ def coarse(series: Series) -> RecordFinding | None:
         f"has a least bit of {shown(bit, series.unit)}, coarse against its noise: smaller things "
         "are not in the record, and rounding is not white"
     )
-    numbers = {"least_bit": Number(bit, series.unit)} | (
-        {"noise": Number(series.noise, series.unit)} if series.noise else {}
+    numbers = {"least_bit": FindingQuantity(bit, series.unit)} | (
+        {"noise": FindingQuantity(series.noise, series.unit)} if series.noise else {}
     )
     return RecordFinding(series.name, Kind.RESOLUTION, Certainty.NOTED, told, "", (), numbers)
 
@@ -531,7 +531,10 @@ def _between_parts(
         f"{shown(one.level, series.unit)} from {one.times[0]:.4g} to {one.times[1]:.4g} s"
         for one in (low, high)
     )
-    numbers = {"least": Number(low.level, series.unit), "greatest": Number(high.level, series.unit)}
+    numbers = {
+        "least": FindingQuantity(low.level, series.unit),
+        "greatest": FindingQuantity(high.level, series.unit),
+    }
     mask = np.zeros(count, dtype=bool)
     between = float(np.sqrt(low.level * high.level))
     above = [loud.level for _, loud in pairs if loud.level > between]

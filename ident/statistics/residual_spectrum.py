@@ -99,7 +99,7 @@ def score_covariance(records: Sequence[RecordScores], inverse: np.ndarray) -> Sc
     ----------
     inverse : ``(n, n)`` by which a gradient turns into a step of the unknowns.
     """
-    spectra = [_Record(each) for each in records if np.any(each.residual[each.valid])]
+    spectra = [_ScoreTransforms(each) for each in records if np.any(each.residual[each.valid])]
     n = len(inverse)
     middle = np.zeros((n, n))
     for turn in range(_PASSES):
@@ -131,12 +131,12 @@ def common_disturbance(residuals: Sequence[np.ndarray], valid: Sequence[np.ndarr
         scores = RecordScores(
             np.zeros(0, dtype=int), blank, blank, np.where(usable, residual, 0.0), usable
         )
-        if np.any(scores.residual) and _Record(scores).joint:
+        if np.any(scores.residual) and _ScoreTransforms(scores).joint:
             return True
     return False
 
 
-class _Record:
+class _ScoreTransforms:
     """Transforms of one record's scores, and the autoregression of its outputs as it stands.
 
     Outputs that were not recorded, or are met exactly, are left out; the others are in units of

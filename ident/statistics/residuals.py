@@ -270,7 +270,7 @@ BEYOND = 2.0  # sigmas, as the bounds that NASA TM-101722 draws
 
 
 @dataclass(frozen=True)
-class Difference:
+class EstimateDifference:
     """One parameter of two estimates.
 
     Attributes
@@ -296,13 +296,13 @@ class Comparison:
     d^T (P1 + P2)^-1 d with ``degrees`` of freedom and ``p_value`` that the two estimates differ by
     chance only. Estimates from independent records."""
 
-    differences: tuple[Difference, ...]
+    differences: tuple[EstimateDifference, ...]
     statistic: float
     degrees: int
     p_value: float
 
     @property
-    def beyond(self) -> tuple[Difference, ...]:
+    def beyond(self) -> tuple[EstimateDifference, ...]:
         """What differs beyond its uncertainty."""
         return tuple(item for item in self.differences if item.beyond)
 
@@ -345,7 +345,7 @@ def compare_estimates(first: Estimate, second: Estimate, limit: float = BEYOND) 
             float(second.values[b[k]]),
             float(second.std[b[k]]),
         )
-        rows.append(Difference(name, first.units[a[k]], *values, z, abs(z) > limit))
+        rows.append(EstimateDifference(name, first.units[a[k]], *values, z, abs(z) > limit))
     usable = scale > 0
     whole = P[np.ix_(usable, usable)] / np.outer(scale[usable], scale[usable])
     white = d[usable] / scale[usable]

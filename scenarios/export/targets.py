@@ -90,7 +90,8 @@ def python_module(model: ExportedModel) -> str:
     units = {item.name: item.unit for item in system.parameters}
     remarks = "".join(f"\n{each}" for each in model.remarks)
     lines = [
-        f'"""{_plain(model.name)}: model {_plain(model.model)}, written by flightid export.',
+        f'"""{_printable(model.name)}: model {_printable(model.model)}, '
+        "written by flightid export.",
         "",
         f"SI and radians; sign conventions of flightid (nz positive up).{remarks}",
         '"""',
@@ -116,7 +117,7 @@ def python_module(model: ExportedModel) -> str:
     return "\n".join(lines) + "\n" + _SIMULATE
 
 
-def _plain(text: str) -> str:
+def _printable(text: str) -> str:
     """A name that may stand in a docstring."""
     return "".join(c if c.isprintable() and c not in '"\\' else "?" for c in text)
 

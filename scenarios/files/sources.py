@@ -309,7 +309,7 @@ def read_json(
         ) from None
 
 
-def found_json(path: Path) -> Any:
+def json_or_none(path: Path) -> Any:
     """The value of a JSON file that may be another's or damaged: None where there is none or it is
     no strict JSON.
     """

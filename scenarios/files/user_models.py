@@ -181,7 +181,7 @@ def _fixed(
     """``fixed = ["A"]`` holds at the start, ``[fixed] A = 1.0`` gives the value."""
     if isinstance(table, list):
         for name in table:
-            _known(name, units, f"{path}, key fixed")
+            _refuse_unknown(name, units, f"{path}, key fixed")
             if name not in starts:
                 where = f"{path}, key fixed"
                 raise DeclarationError(
@@ -194,7 +194,7 @@ def _fixed(
         table, "fixed", path, 'write [fixed] with NAME = value, or fixed = ["NAME"] at the top'
     ).items():
         where = f"{path}, key fixed.{name}"
-        _known(name, units, where)
+        _refuse_unknown(name, units, where)
         _once(name, starts, where)
         starts[name] = _number(value, units[name], where)
     return tuple(table)
@@ -211,7 +211,7 @@ def _ties(
     entries = _table(table, "tied", path, _TIE)
     for name, entry in entries.items():
         where = f"{path}, key tied.{name}"
-        _known(name, units, where)
+        _refuse_unknown(name, units, where)
         if name in fixed:
             raise DeclarationError(
                 "given twice, also under fixed", where=where, remedy="keep one of the two"
@@ -261,7 +261,7 @@ def _tie(name: str, entry: Any, units: Mapping[str, str], where: str) -> Tie:
                 remedy=_TIE,
             )
         if "parameter" in term:
-            _known(term["parameter"], units, where)
+            _refuse_unknown(term["parameter"], units, where)
             terms.append((term["parameter"], _number(term["factor"], "1", where)))
     if not terms:
         raise DeclarationError(
@@ -282,7 +282,7 @@ def _bounds(
         table, "bounds", path, "write [bounds] with NAME = [low, high]"
     ).items():
         where = f"{path}, key bounds.{name}"
-        _known(name, units, where)
+        _refuse_unknown(name, units, where)
         if name in held:
             raise DeclarationError(
                 "it is fixed or tied", where=where, remedy="leave its bounds out"
@@ -326,7 +326,7 @@ def _table(table: Any, key: str, path: str | Path, remedy: str) -> dict[str, Any
     return table
 
 
-def _known(name: Any, units: Mapping[str, str], where: str) -> None:
+def _refuse_unknown(name: Any, units: Mapping[str, str], where: str) -> None:
     if name not in units:
         raise DeclarationError(
             f"there is no parameter {name!r} to be estimated",

@@ -23,7 +23,7 @@ import numpy as np
 
 from scenarios.files.declarations import TIME
 from scenarios.files.measured.columns import SCHEMA, SIMULATED
-from scenarios.files.sources import escaped, found_json, resolved
+from scenarios.files.sources import escaped, json_or_none, resolved
 from sim.errors import FlightidError
 from sim.record import Record
 
@@ -107,7 +107,7 @@ def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
 
 def json_text(content: Mapping[str, Any], where: str = "JSON") -> str:
     """The text that ``write_json`` writes; ``where`` names the file in errors."""
-    return escaped(_laid_out(_plain(content, where, ""), ""))
+    return escaped(_laid_out(_json_value(content, where, ""), ""))
 
 
 def csv_text(header: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
@@ -172,7 +172,7 @@ def file_stems(names: Sequence[str]) -> dict[str, str]:
     return stems
 
 
-def _plain(value: Any, where: str, key: str) -> Any:
+def _json_value(value: Any, where: str, key: str) -> Any:
     """The value in JSON's own types; ``key`` is the path to it."""
     place = f"{where}, key {key}" if key else where
     if isinstance(value, np.ndarray | np.generic):
@@ -186,11 +186,11 @@ def _plain(value: Any, where: str, key: str) -> Any:
                     f"the key {name!r} is not a text", where=place, remedy="use texts as keys"
                 )
         return {
-            name: _plain(inner, where, f"{key}.{name}" if key else name)
+            name: _json_value(inner, where, f"{key}.{name}" if key else name)
             for name, inner in value.items()
         }
     if isinstance(value, list | tuple):
-        return [_plain(inner, where, f"{key}[{index}]") for index, inner in enumerate(value)]
+        return [_json_value(inner, where, f"{key}[{index}]") for index, inner in enumerate(value)]
     if isinstance(value, Path):
         return str(value)
     if value is None:
@@ -363,7 +363,7 @@ def _refuse_strangers(scratch: Path, named: Path) -> None:
 
 
 def _is_ours(path: Path) -> bool:
-    content = found_json(path)
+    content = json_or_none(path)
     return isinstance(content, dict) and str(content.get("schema", "")).startswith("flightid/")
 
 
@@ -394,12 +394,12 @@ def _uninterrupted(path: str | Path) -> Iterator[None]:
 
 def listed_files(main: Path) -> frozenset[str]:
     """The files that a study's JSON lists as ours; none if it is not a study's or lists nothing."""
-    content = found_json(main)
+    content = json_or_none(main)
     if not isinstance(content, dict) or not str(content.get("schema", "")).startswith("flightid/"):
         return frozenset()
     names = content.get(MANIFEST)
     return (
-        frozenset(name for name in names if isinstance(name, str) and _is_plain(name))
+        frozenset(name for name in names if isinstance(name, str) and _is_bare_name(name))
         if isinstance(names, list)
         else frozenset()
     )
@@ -473,7 +473,7 @@ def _unmake(made: list[Path]) -> None:
             folder.rmdir()
 
 
-def _is_plain(name: str) -> bool:
+def _is_bare_name(name: str) -> bool:
     """True for a file's bare name: nothing outside the folder may be named by a file in it."""
     return name not in ("", ".", "..") and "/" not in name and "\\" not in name and "\0" not in name
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.flying_qualities.levels import Flown, mode_levels
+from ident.flying_qualities.levels import FlightPhase, mode_levels
 from scenarios.files.measured.columns import all_simulated, identities, sidecar_path
 from scenarios.files.sources import InputFile, resolved, versions
 from scenarios.files.writing import (
@@ -147,7 +147,7 @@ def other_records(
     """The free simulation of every record but the first: ``fit_2``, ..., and ``held_out``,
     ``held_out_2``, ... of those that were not fitted.
     """
-    from scenarios.plots.signals import Response, context, figure_fit
+    from scenarios.plots.signals import MethodOutputs, context, figure_fit
 
     count = {True: 0, False: 0}
     for each in found.fits:
@@ -157,7 +157,9 @@ def other_records(
             continue
         word = "held out, only initial states and biases are its own" if each.held_out else "fitted"
         name = f"{'held_out' if each.held_out else 'fit'}{f'_{number}' if number > 1 else ''}"
-        response = Response("free simulation", dict(zip(each.outputs, each.simulated, strict=True)))
+        response = MethodOutputs(
+            "free simulation", dict(zip(each.outputs, each.simulated, strict=True))
+        )
         title = f"{each.record.name}: {found.vehicle.model}, {found.method}\n{word}"
         above = context(each.record, each.outputs)
         yield name, partial(figure_fit, each.record, [response], None, title, noise, data, above)
@@ -255,10 +257,10 @@ def write_identification(identified: Identified, out: Path, *, figures: Formats 
             _spare_inputs(scratch, out, file.path)
         drawn: tuple[Drawn, ...] = ()
         if figures:
-            from scenarios.plots.drawing import drawn_for_page
+            from scenarios.plots.drawing import draw_for_page
 
             data = SIMULATED_DATA if made else MEASURED_DATA
-            drawn = drawn_for_page(
+            drawn = draw_for_page(
                 identification_figures(found, measured[0], data, estimated_noise(found)),
                 scratch,
                 figures,
@@ -290,7 +292,7 @@ def _spare_inputs(scratch: Path, out: Path, path: Path) -> None:
 def identification_content(
     found: IdentificationResult,
     files: Sequence[InputFile],
-    flown: Flown,
+    flown: FlightPhase,
     validation: Sequence[InputFile] = (),
 ) -> dict[str, Any]:
     """Content of ``comparison.json`` for measured records: no ``true``, no ``published``."""

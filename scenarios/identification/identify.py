@@ -85,7 +85,13 @@ from scenarios.preparation.declared_model import (
     outputs_with_bias,
     step_for,
 )
-from scenarios.preparation.plan import BY_HAND, Request, column_choices, flown_of, reading_options
+from scenarios.preparation.plan import (
+    BY_HAND,
+    Request,
+    column_choices,
+    declared_phase,
+    reading_options,
+)
 from scenarios.preparation.plausibility import (
     cruise_caution,
     refuse_still,
@@ -104,10 +110,10 @@ from sim.record import Hold, Record
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from ident.flying_qualities.levels import Flown
+    from ident.flying_qualities.levels import FlightPhase
     from scenarios.files.declarations import ColumnChoice
     from scenarios.preparation.plan import Plan
-    from scenarios.preparation.reading import Prepared
+    from scenarios.preparation.reading import PreparedData
 
 
 # ---- Identification of a measured record: no truth, noise levels from the data themselves
@@ -393,7 +399,7 @@ class Identified:
     """
 
     found: IdentificationResult
-    flown: Flown
+    flown: FlightPhase
     measured: tuple[Record, ...]
     files: tuple[RecordFile, ...]
     validation: tuple[RecordFile, ...]
@@ -424,7 +430,7 @@ def identify_files(request: Request, method: str, options: Options = PLAIN) -> I
     )
     beside = vehicle_next_to(request.records[0]) if request.vehicle is None else None
     vehicle = read_vehicle(request.vehicle or beside, request.model)
-    flown = flown_of(request, vehicle)
+    flown = declared_phase(request, vehicle)
     choices = column_choices(
         request, channel_units(vehicle.own) if vehicle.own is not None else CHANNEL_UNITS
     )
@@ -433,7 +439,7 @@ def identify_files(request: Request, method: str, options: Options = PLAIN) -> I
     # A search for maneuvers resamples nothing: a rate is for files that have no clock of their own.
     opening = reading_options(request, opening=True, rate=not has_clock(files[0], choices))
 
-    def identified(plan: Plan, asked: Options) -> tuple[Prepared, IdentificationResult]:
+    def identified(plan: Plan, asked: Options) -> tuple[PreparedData, IdentificationResult]:
         return _identified(vehicle, method, (files, validation), choices, plan, asked, opening)
 
     ready, found = identified(request.plan, options)
@@ -465,7 +471,7 @@ def _identified(
     plan: Plan,
     asked: Options,
     opening: Sequence[str] = (),
-) -> tuple[Prepared, IdentificationResult]:
+) -> tuple[PreparedData, IdentificationResult]:
     """Records prepared by ``plan``, and what a fit to them finds; ``opening``: options of the
     command line that open the files."""
     # The filter of the low-order system has equations of its own, at one speed, and finds the trim
@@ -607,11 +613,11 @@ def _without_outliers(
 
 
 def _read_otherwise(
-    ready: Prepared,
+    ready: PreparedData,
     found: IdentificationResult,
-    again: Callable[[Hold, Options], tuple[Prepared, IdentificationResult]],
+    again: Callable[[Hold, Options], tuple[PreparedData, IdentificationResult]],
     options: Options,
-) -> tuple[Prepared, IdentificationResult]:
+) -> tuple[PreparedData, IdentificationResult]:
     """The identification under the reading of its inputs that the data choose, with what the other
     one changes where they do not choose.
 

@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 
 from ident.estimate import Outcome
-from ident.flying_qualities.levels import Flown, mode_levels
+from ident.flying_qualities.levels import FlightPhase, mode_levels
 from ident.recording.series import measurable_noise
 from ident.statistics.intervals import LEVEL, ProfileInterval
 from ident.statistics.noise_levels import sensor_noise, used_runs
@@ -362,7 +362,10 @@ def kept_identification(found: IdentificationResult, plan: Plan) -> KeptModel | 
 
 
 def print_identification(
-    found: IdentificationResult, flown: Flown, out: Console | None = None, details: str = BELOW
+    found: IdentificationResult,
+    flown: FlightPhase,
+    out: Console | None = None,
+    details: str = BELOW,
 ) -> None:
     """Print an identification; ``details`` says where else it is to be read."""
     out = out or console()
@@ -478,7 +481,7 @@ SETTLED = (Outcome.CONVERGED, Outcome.AT_BOUND)
 
 def identification_page(
     found: IdentificationResult,
-    flown: Flown,
+    flown: FlightPhase,
     files: Sequence[InputFile],
     validation: Sequence[InputFile] = (),
     drawn: Sequence[Drawn] = (),
@@ -526,7 +529,7 @@ def identification_page(
     )
 
 
-def _found(found: IdentificationResult, flown: Flown) -> list[Block]:
+def _found(found: IdentificationResult, flown: FlightPhase) -> list[Block]:
     blocks: list[Block] = [_estimates("Parameters", found, found.rows)]
     blocks += [estimates_table("Biases of the sensors", found.biases)] if found.biases else []
     blocks += [derived_table("Derived quantities", found.derived)] if found.derived else []

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ident.frequency_response import LEAST_COHERENCE, Signals, Spectra, estimate_responses
+from ident.frequency_response import LEAST_COHERENCE, EvenSignals, Spectra, estimate_responses
 from ident.frequency_response.estimate import (
     decimated,
     frequencies,
@@ -31,7 +31,7 @@ from ident.maneuver_design import (
     Contest,
     Planned,
     contest,
-    found_by,
+    declared_fit,
     linear_squares,
     price,
     sigmas_of,
@@ -51,7 +51,7 @@ from scenarios.maneuver_design.setting import (
 )
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.model import Model
-from sim.declaration.proposal import Curve, Traceable
+from sim.declaration.proposal import RangedCurve, Traceable
 from sim.effects.library import find_effect
 from sim.errors import DeclarationError, ModelError
 
@@ -97,7 +97,7 @@ def within_limits(
     rate = np.array([setting.limits.rate.get(name, np.inf) for name in setting.limits.amplitude])
     scale = min(1.0, start)
     for attempt in range(ATTEMPTS):
-        rows = no_faster(scale * amplitude * shapes, rate, setting.room.interval)
+        rows = no_faster(scale * amplitude * shapes, rate, setting.maneuver_limits.interval)
         planned = setting.planned(rows, quick=quick)
         try:
             motion = simulated(planned, slopes=False)
@@ -153,7 +153,7 @@ NEED = 0.5  # random error from which a response says nothing
 
 
 @dataclass(frozen=True, eq=False)
-class Predicted:
+class PredictedResponses:
     """Responses of m outputs to q inputs at F frequencies, expected of one flight.
 
     Attributes
@@ -181,13 +181,13 @@ class Predicted:
         return float(np.exp(np.mean(np.log(np.minimum(self.random_error, NEED)))))
 
 
-def predicted_responses(setting: Setting, flight: LimitedManeuver) -> Predicted:
+def predicted_responses(setting: Setting, flight: LimitedManeuver) -> PredictedResponses:
     """The responses that a flight of a maneuver over the setting's band would give."""
-    assert setting.room.band is not None
-    low, high = (omega / (2.0 * math.pi) for omega in setting.room.band)
+    assert setting.maneuver_limits.band is not None
+    low, high = (omega / (2.0 * math.pi) for omega in setting.maneuver_limits.band)
     names = tuple(flight.motion.system.output_names)
     clean = np.array(flight.motion.fit.lines[0].y)
-    duration = clean.shape[1] * setting.room.interval
+    duration = clean.shape[1] * setting.maneuver_limits.interval
     windows = window_lengths([duration], low)
     low = max(low, lowest_frequency(windows))
     at = frequencies(low, high)
@@ -196,12 +196,16 @@ def predicted_responses(setting: Setting, flight: LimitedManeuver) -> Predicted:
     coherence, errors = [], []
     for _ in range(DRAWS):
         measured = clean + noise * rng.standard_normal(clean.shape)
-        records, _ = decimated([Signals(setting.room.interval, flight.rows, measured)], high)
+        records, _ = decimated(
+            [EvenSignals(setting.maneuver_limits.interval, flight.rows, measured)], high
+        )
         responses = estimate_responses(records, at, Spectra(windows))
         coherence.append(responses.partial_coherence)
         errors.append(responses.random_error)
     inputs = tuple(setting.rest)
-    return Predicted(at, inputs, names, np.mean(coherence, axis=0), np.median(errors, axis=0))
+    return PredictedResponses(
+        at, inputs, names, np.mean(coherence, axis=0), np.median(errors, axis=0)
+    )
 
 
 # ---- The effects that are to be told apart
@@ -259,9 +263,9 @@ def sized(request: DesignRequest, effect: Traceable, reference: Planned) -> Acti
     if request.size == TYPICAL:
         return Acting(effect, typical)
     if request.size == JUST_FOUND:
-        return just_found(effect, reference)
+        return barely_detectable(effect, reference)
     units = {item.name: item.unit for item in effect.parameters} | (
-        {name: _unit(effect) for name in RANGE} if isinstance(effect, Curve) else {}
+        {name: _unit(effect) for name in RANGE} if isinstance(effect, RangedCurve) else {}
     )
     given = numbers_of([request.size], units, "--size")
     over = {name: given.pop(name) for name in RANGE if name in given}
@@ -269,7 +273,7 @@ def sized(request: DesignRequest, effect: Traceable, reference: Planned) -> Acti
     return Acting(form, {**typical, **given})
 
 
-def just_found(effect: Traceable, reference: Planned) -> Acting:
+def barely_detectable(effect: Traceable, reference: Planned) -> Acting:
     """The effect between absence and its typical values, where its expected gain is what the loop
     asks of an addition.
 
@@ -290,7 +294,7 @@ def just_found(effect: Traceable, reference: Planned) -> Acting:
         return Acting(effect, values)
 
     low, high = 0.0, 2.0
-    if 2.0 * found_by(reference, at(high))[1].fit.cost < bar:
+    if 2.0 * declared_fit(reference, at(high))[1].fit.cost < bar:
         raise DeclarationError(
             f"{effect.name} is not found at twice its usual size",
             where="--size found",
@@ -300,7 +304,7 @@ def just_found(effect: Traceable, reference: Planned) -> Acting:
         middle = 0.5 * (low + high)
         low, high = (
             (low, middle)
-            if 2.0 * found_by(reference, at(middle))[1].fit.cost > bar
+            if 2.0 * declared_fit(reference, at(middle))[1].fit.cost > bar
             else (middle, high)
         )
         if high - low < 1e-3 * high:
@@ -313,7 +317,7 @@ def mimicking(reference: Planned, true: Acting, rival: Traceable) -> Acting:
     cannot.
     """
     result = contest(reference, true, rival)
-    if result.found - result.left < 0.5 * ODDS_COST:
+    if result.gain - result.left < 0.5 * ODDS_COST:
         return Acting(rival, {item.name: item.value for item in rival.parameters})
     return result.rival
 
@@ -359,7 +363,7 @@ class DesignedManeuver:
     sigmas: Mapping[str, float]
     criterion: float
     contests: tuple[Contest, ...] = ()
-    responses: Predicted | None = None
+    responses: PredictedResponses | None = None
 
     @property
     def chance(self) -> float:
@@ -385,7 +389,7 @@ class DesignResult:
     with their values.
     """
 
-    asked: DesignRequest
+    request: DesignRequest
     setting: Setting
     maneuvers: tuple[DesignedManeuver, ...]
     acting: tuple[Acting, ...] = ()
@@ -431,9 +435,9 @@ def _over_the_band(setting: Setting, kind: str) -> tuple[float, np.ndarray, Limi
     """Pace, shapes and flight of one kind over the band that is asked for; None where it has no
     room.
     """
-    assert setting.room.band is not None
-    pace = np.pi / setting.room.band[1]
-    shapes = KINDS[kind](setting.room, pace)
+    assert setting.maneuver_limits.band is not None
+    pace = np.pi / setting.maneuver_limits.band[1]
+    shapes = KINDS[kind](setting.maneuver_limits, pace)
     return None if shapes is None else (pace, shapes, within_limits(setting, shapes, quick=True))
 
 
@@ -448,7 +452,7 @@ def _reference(setting: Setting) -> LimitedManeuver:
     have no room.
     """
     for share in (1.0, 0.63, 0.4, 0.25):
-        shapes = KINDS[REFERENCE](setting.room, _sampled(setting, share))
+        shapes = KINDS[REFERENCE](setting.maneuver_limits, _sampled(setting, share))
         if shapes is not None:
             return within_limits(setting, shapes)
     raise DeclarationError(
@@ -472,9 +476,9 @@ def _acting(
 
 def _sampled(setting: Setting, share: float) -> float:
     """A pace that is a whole number of samples and no shorter than can be flown, s."""
-    interval = setting.room.interval
-    least = math.ceil(setting.flown.shortest_step / interval - 1e-9)
-    return max(1, least, round(share * setting.room.pulse / interval)) * interval
+    interval = setting.maneuver_limits.interval
+    least = math.ceil(setting.flyer.shortest_step / interval - 1e-9)
+    return max(1, least, round(share * setting.maneuver_limits.pulse / interval)) * interval
 
 
 def _best_pace(
@@ -485,7 +489,7 @@ def _best_pace(
     """
     best, least = None, np.inf
     for pace in dict.fromkeys(_sampled(setting, share) for share in PACES):
-        shapes = KINDS[kind](setting.room, pace)
+        shapes = KINDS[kind](setting.maneuver_limits, pace)
         if shapes is None:
             continue
         try:
@@ -512,7 +516,9 @@ def _weighed(
 ) -> DesignedManeuver:
     flight = within_limits(setting, shapes, start=quick.scale, bound_by=quick.bound_by)
     sigmas = sigmas_of(flight.motion.fit)
-    responses = predicted_responses(setting, flight) if setting.room.band is not None else None
+    responses = (
+        predicted_responses(setting, flight) if setting.maneuver_limits.band is not None else None
+    )
     contest_results = contests(flight.planned, acting) if acting else ()
     return DesignedManeuver(
         kind, pace, flight, sigmas, _criterion(flight), contest_results, responses

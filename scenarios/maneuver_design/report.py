@@ -34,7 +34,7 @@ from scenarios.maneuver_design.tables import (
     sigmas_table,
     units_shown,
 )
-from scenarios.plots import drawn_in
+from scenarios.plots import draw_into
 from scenarios.report.document import (
     Bullets,
     Page,
@@ -78,7 +78,7 @@ def design_text(design: DesignResult, width: int = WIDTH, details: str = BELOW) 
             "or more, and random error"
         )
         lines += ["", *table_as_lines(responses_table(design, caption), width)]
-    for note in (*notes_of(design), f"command: {design.asked.command()}"):
+    for note in (*notes_of(design), f"command: {design.request.command()}"):
         lines += wrapped(note, width)
     return "\n".join(lines) + "\n"
 
@@ -86,13 +86,13 @@ def design_text(design: DesignResult, width: int = WIDTH, details: str = BELOW) 
 def summary_of(design: DesignResult, details: str = BELOW) -> Summary:
     """Vehicle and limits; the best maneuver; what it tells and how far it goes."""
     setting, best = design.setting, design.best
-    seconds = setting.room.time[-1]
+    seconds = setting.maneuver_limits.time[-1]
     count = len(design.maneuvers)
     kinds = "one kind" if count == 1 else f"{count} kinds"
     vehicle = vehicle_with_file(setting.vehicle.name, setting.vehicle.identity)
     study = (
         f"{vehicle}, {setting.model.name} model: {kinds} of maneuver flown by "
-        f"{setting.flown.name}, {seconds:g} s at {setting.rate:g} Hz"
+        f"{setting.flyer.name}, {seconds:g} s at {setting.rate:g} Hz"
     )
     return Summary(
         study,
@@ -160,13 +160,13 @@ def design_content(design: DesignResult) -> dict[str, Any]:
         "verdict": verdict_of(design),
         "best": design.best.kind,
         "chance": design.best.chance,
-        "command": design.asked.command(),
+        "command": design.request.command(),
         "tell": [_acting(each) for each in design.acting],
         "maneuvers": [maneuver_content(design, each) for each in design.maneuvers],
-        "duration": float(setting.room.time[-1]),
+        "duration": float(setting.maneuver_limits.time[-1]),
         "rate": setting.rate,
         "hold": "previous",
-        "flown_by": setting.flown.name,
+        "flown_by": setting.flyer.name,
         "noise": dict(setting.noise),
         "trim": dict(setting.rest),
         "limits": {
@@ -247,7 +247,7 @@ def _contest(contest: Contest) -> dict[str, Any]:
     return {
         "acts": _acting(contest.true),
         "rival": _acting(contest.rival),
-        "gain_over_none": contest.found,
+        "gain_over_none": contest.gain,
         "log_likelihood": d.log_likelihood,
         "std": 0.5 * d.std,
         "price": d.price,
@@ -297,7 +297,7 @@ def design_figures(design: DesignResult) -> Iterator[Named]:
         "maneuvers",
         partial(
             figure_maneuvers,
-            setting.room.time,
+            setting.maneuver_limits.time,
             courses,
             {**limits, **setting.limits.outputs},
             units_shown(design),
@@ -329,7 +329,8 @@ def design_page(design: DesignResult, figure_files: Sequence[Drawn] = ()) -> Pag
     ]
     return Page(
         title=f"{setting.vehicle.name}: maneuver design",
-        kind=f"{setting.model.name} model, {setting.room.time[-1]:g} s at {setting.rate:g} Hz",
+        kind=f"{setting.model.name} model, {setting.maneuver_limits.time[-1]:g} s at "
+        f"{setting.rate:g} Hz",
         verdict=capital(word.lower()),
         tone="open" if with_rivals and design.best.chance < LEAST else "good",
         sentence=as_sentence(rest),
@@ -361,7 +362,7 @@ def design_page(design: DesignResult, figure_files: Sequence[Drawn] = ()) -> Pag
                 "Assumptions", Bullets(tuple(map(as_sentence, map(capital, notes_of(design)))))
             ),
         ),
-        reproduction=reproduction(shlex.split(design.asked.command()), "", inputs),
+        reproduction=reproduction(shlex.split(design.request.command()), "", inputs),
         created=now(),
     )
 
@@ -385,7 +386,7 @@ def write_design(design: DesignResult, folder: str | Path, *, figures: Formats =
         for each in design.maneuvers:
             write_maneuver(scratch, each, f"{FLOWN}_{each.kind}")
         write_text(scratch / f"{EXPECTED}.csv", _expected(design))
-        figure_files = drawn_in(scratch, design_figures(design), figures)
+        figure_files = draw_into(scratch, design_figures(design), figures)
         write_page(scratch, design_page(design, figure_files))
         write_json(scratch / MAIN, design_content(design))
     return Path(folder)
@@ -407,7 +408,7 @@ def _expected(design: DesignResult) -> str:
     """
     flight = design.best.flight
     columns = {
-        TIME: design.setting.room.time,
+        TIME: design.setting.maneuver_limits.time,
         **{channel.name: channel.values for channel in flight.planned.record.inputs},
     }
     columns |= dict(

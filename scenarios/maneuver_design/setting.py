@@ -14,7 +14,7 @@ import numpy as np
 from ident.maneuver_design import Planned
 from ident.whole_record.layout import FitSettings
 from scenarios.files.declarations import closest
-from scenarios.files.formats.cells import plain_number
+from scenarios.files.formats.cells import number_of_text
 from scenarios.files.schemas import number_in
 from scenarios.files.sources import Source
 from scenarios.files.user_models import OwnModel, channel_units, inputs_at_rest, is_own, unit_in
@@ -122,7 +122,7 @@ MOST_HARMONICS = 60  # of all inputs together
 
 
 @dataclass(frozen=True)
-class Room:
+class ManeuverLimits:
     """Where maneuvers have room: sample times ``(N,)`` in s, a ``pulse`` (s) that the roots ask
     for, and the number of inputs.
 
@@ -170,7 +170,10 @@ Shapes = np.ndarray | None
 
 
 def steps_in_turn(
-    limits: Room, pace: float, single: Callable[[float, float, float], Maneuver], units: float
+    limits: ManeuverLimits,
+    pace: float,
+    single: Callable[[float, float, float], Maneuver],
+    units: float,
 ) -> Shapes:
     """A maneuver of ``units`` paces on one input after the other, each round with the other sign,
     while there is time.
@@ -186,7 +189,7 @@ def steps_in_turn(
     return out if count >= limits.inputs else None
 
 
-def sweeps(limits: Room, pace: float) -> Shapes:
+def sweeps(limits: ManeuverLimits, pace: float) -> Shapes:
     """A logarithmic sweep on one input after the other, up to half a period of ``pace``.
 
     Where it would be faster than the limit of the rate, its amplitude falls with the frequency.
@@ -209,7 +212,7 @@ def sweeps(limits: Room, pace: float) -> Shapes:
     return np.array(rows)
 
 
-def multisines(limits: Room, pace: float) -> Shapes:
+def multisines(limits: ManeuverLimits, pace: float) -> Shapes:
     """Orthogonal multisines on all inputs at once, harmonics dealt out in turn up to half a period
     of ``pace``, phases of least peak.
 
@@ -239,7 +242,7 @@ def multisines(limits: Room, pace: float) -> Shapes:
     return np.array(rows)
 
 
-KINDS: Mapping[str, Callable[[Room, float], Shapes]] = {
+KINDS: Mapping[str, Callable[[ManeuverLimits, float], Shapes]] = {
     "3-2-1-1": lambda room, pace: steps_in_turn(room, pace, three_two_one_one, 7.0),
     "doublet": lambda room, pace: steps_in_turn(room, pace, doublet, 2.0),
     "sweep": sweeps,
@@ -249,7 +252,7 @@ OVER_A_BAND = ("sweep", "multisine")  # kinds that take a band
 PACE_IS = {"3-2-1-1": "step", "doublet": "step", "sweep": "up to", "multisine": "up to"}
 
 
-def as_held(record: Record) -> dict[str, MultiStep]:
+def held_inputs(record: Record) -> dict[str, MultiStep]:
     """The inputs of a record as maneuvers that hold each sample until the next, for a truth to
     fly.
     """
@@ -290,22 +293,22 @@ class Setting:
     """What a design works on.
 
     ``model`` has its biases and starts in trim; ``rest`` are the inputs there, ``still`` the
-    outputs, by name. ``step`` s of a fit; ``flown`` : who moves the controls.
+    outputs, by name. ``step`` s of a fit; ``flyer`` : who moves the controls.
     """
 
     vehicle: VehicleFile
     model: Model
-    room: Room
+    maneuver_limits: ManeuverLimits
     limits: Limits
     noise: Mapping[str, float]
     rest: Mapping[str, float]
     still: Mapping[str, float]
     step: float
-    flown: Flyer = PILOT
+    flyer: Flyer = PILOT
 
     @property
     def rate(self) -> float:
-        return 1.0 / self.room.interval
+        return 1.0 / self.maneuver_limits.interval
 
     def planned(self, rows: np.ndarray, *, quick: bool = False) -> Planned:
         """A flight of inputs ``(inputs, N)`` from rest; ``quick``: in steps that only compare
@@ -318,13 +321,21 @@ class Setting:
             for name, row in zip(names, rows, strict=True)
         ]
         outputs = [
-            Channel.of(name, units[name], np.full(len(self.room.time), self.still[name]))
+            Channel.of(name, units[name], np.full(len(self.maneuver_limits.time), self.still[name]))
             for name in self.noise
         ]
         record = Record(
-            self.room.time, tuple(inputs), tuple(outputs), Hold.PREVIOUS, "planned maneuver"
+            self.maneuver_limits.time,
+            tuple(inputs),
+            tuple(outputs),
+            Hold.PREVIOUS,
+            "planned maneuver",
         )
-        step = max(self.step, min(self.room.interval, 2.5 * self.step)) if quick else self.step
+        step = (
+            max(self.step, min(self.maneuver_limits.interval, 2.5 * self.step))
+            if quick
+            else self.step
+        )
         return Planned(
             record,
             self.model,
@@ -364,7 +375,7 @@ def setting_of(request: DesignRequest) -> Setting:
     still = _outputs_at(model, rest)
     pulse = max(PULSE / _frequency(model, rest), request.flown.shortest_step)
     _refuse_band(request)
-    room = _room(request, model, pulse)
+    room = _limits_of(request, model, pulse)
     noise = _noise(request, model)
     limits = limits_of(request.limits, model, usual_limits(model, still))
     inputs = {signal.name: unit_in(model, signal.name) for signal in model.equations.inputs}
@@ -473,7 +484,7 @@ def _refuse_band(request: DesignRequest) -> None:
         raise DeclarationError(what, where="--band, --tell", remedy="leave one of them out")
 
 
-def _room(request: DesignRequest, model: Model, pulse: float) -> Room:
+def _limits_of(request: DesignRequest, model: Model, pulse: float) -> ManeuverLimits:
     for option, value in (("--duration", request.duration), ("--rate", request.rate)):
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise DeclarationError(
@@ -509,7 +520,7 @@ def _room(request: DesignRequest, model: Model, pulse: float) -> Room:
         raise DeclarationError(
             f"{count} samples", where="--duration, --rate", remedy=f"ask for {MOST_SAMPLES} at most"
         )
-    limits = Room(
+    limits = ManeuverLimits(
         np.arange(count + 1) / rate,
         pulse,
         len(model.equations.inputs),
@@ -571,7 +582,7 @@ def numbers_of(texts: Sequence[str], units: Mapping[str, str], option: str) -> d
 
 def _typed(text: str) -> float | str:
     try:
-        return plain_number(text)
+        return number_of_text(text)
     except ValueError:
         return text
 

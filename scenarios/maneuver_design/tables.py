@@ -67,7 +67,7 @@ def notes_of(design: DesignResult) -> list[str]:
     notes = [
         f"noise (1 sigma): {', '.join(noise)}",
         f"limits: {', '.join(limits)}; load factors are totals, 1 in level flight",
-        flown_text(design),
+        who_flies_text(design),
     ]
     trim = [
         f"{name} {_shown(design, name, value)}" for name, value in setting.rest.items() if value
@@ -97,9 +97,9 @@ def extremes_text(design: DesignResult, maneuver: DesignedManeuver) -> str:
     )
 
 
-def flown_text(design: DesignResult) -> str:
+def who_flies_text(design: DesignResult) -> str:
     """Who moves the controls, and what the margins are."""
-    flown = design.setting.flown
+    flown = design.setting.flyer
     text = (
         f"flown by {flown.name} (--computer for a flight computer): {flown.text}"
         if flown.text
@@ -182,7 +182,7 @@ def contest_table(design: DesignResult, caption: str) -> Table:
         caption,
         (Column("acts"), [acting_text(each.true) for each, _ in some]),
         (Column("is told from"), [each.rival.effect.name for each, _ in some]),
-        (Column("gain over none", PURE), [formatted(each.found, ".1f") for each, _ in some]),
+        (Column("gain over none", PURE), [formatted(each.gain, ".1f") for each, _ in some]),
         (Column("log likelihood", PURE), [formatted(d.log_likelihood, ".1f") for _, d in some]),
         (Column("sigma", PURE), [formatted(0.5 * d.std, ".1f") for _, d in some]),
         (percent("told"), [formatted(100.0 * each.chance, ".1f") for each, _ in some]),

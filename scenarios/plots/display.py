@@ -93,7 +93,7 @@ def display_unit(unit: str, name: str = "") -> DisplayUnit:
     return DisplayUnit(
         "–"
         if shown in NO_UNIT
-        else plain(
+        else escaped_dollars(
             re.sub(r"(?<=[A-Za-z])[234]\b", lambda power: power[0].translate(_POWERS), shown)
         ),
         factor,
@@ -123,7 +123,7 @@ def symbol(name: str) -> str:
             return rf"$C^{{\eta {match[1]}}}_{{{argument}}}$"
     if argument := _argument(name):
         return f"${argument}$"
-    return plain(name)
+    return escaped_dollars(name)
 
 
 def scaled_unit(unit: DisplayUnit, size: float) -> DisplayUnit:
@@ -146,7 +146,7 @@ def signed(value: float, form: str) -> str:
     return format(value, f"+{form}").replace("-", "−")
 
 
-def plain(text: str) -> str:
+def escaped_dollars(text: str) -> str:
     """A text as it stands, dollar signs and all."""
     return text.replace("$", r"\$")
 

@@ -196,7 +196,7 @@ def _curve(panel: Axes, line: Line2D) -> Curve | None:
         x = np.array(sorted(map(float, panel.get_xlim())))
     elif line.get_transform() == panel.get_xaxis_transform(which="grid"):
         y = np.array(sorted(map(float, panel.get_ylim())))
-    x = _apart(x, panel)
+    x = _nearly_upright(x, panel)
     sound = np.isfinite(x)
     x, y = x[sound], np.where(np.isfinite(y), y, np.nan)[sound]
     if not x.size:
@@ -216,7 +216,7 @@ def _curve(panel: Axes, line: Line2D) -> Curve | None:
     )
 
 
-def _apart(x: np.ndarray, panel: Axes) -> np.ndarray:
+def _nearly_upright(x: np.ndarray, panel: Axes) -> np.ndarray:
     """The two abscissas of an upright line, less than a pixel apart: a page joins all curves over
     one abscissa, and would keep one of two ends at the same place.
     """
@@ -345,7 +345,7 @@ _FONT = re.compile(
 _DROPPED = ("font-family", "font-variant", "font-stretch")
 
 
-def drawn_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> tuple[Drawn, ...]:
+def draw_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> tuple[Drawn, ...]:
     """Draw each figure once: into ``folder`` in every format, and for the page."""
     out = []
     for stem, make in figures:
@@ -538,27 +538,29 @@ def description(figure: Figure) -> str:
     """
     title = " ".join(text.get_text() for text in figure.texts).strip()
     panels = [panel for panel in figure.axes if panel.get_visible()]
-    across = dict.fromkeys(label for panel in panels if (label := _plain(panel.get_xlabel())))
+    across = dict.fromkeys(
+        label for panel in panels if (label := _without_math(panel.get_xlabel()))
+    )
     upward = dict.fromkeys(
         label
         for panel in panels
-        for label in (_plain(panel.get_ylabel()), _plain(panel.get_title(loc="left")))
+        for label in (_without_math(panel.get_ylabel()), _without_math(panel.get_title(loc="left")))
         if label
     )
     lines = dict.fromkeys(
-        _plain(label)
+        _without_math(label)
         for panel in panels
         for label in panel.get_legend_handles_labels()[1]
         if label and not str(label).startswith("_")
     )
-    sentences = [_plain(title) or "Figure"]
+    sentences = [_without_math(title) or "Figure"]
     against = f" against {', '.join(across)}" if across else ""
     sentences += [f"Panels: {', '.join(upward)}{against}"] if upward or across else []
     sentences += [f"Shown: {', '.join(lines)}"] if lines else []
     return ". ".join(sentences) + "."
 
 
-def _plain(text: str) -> str:
+def _without_math(text: str) -> str:
     """A label without the marks of mathematics."""
     return " ".join(
         text.replace("\\mathrm", "")

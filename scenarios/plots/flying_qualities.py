@@ -42,7 +42,7 @@ from sim.errors import DeclarationError
 _MOST = 60.0  # dB and degrees of a band's half that is drawn
 
 
-class Signals(Protocol):
+class SignalNames(Protocol):
     """Names of signals."""
 
     @property
@@ -55,9 +55,9 @@ class EstimatedResponses(Protocol):
     """Frequency responses of records."""
 
     @property
-    def names(self) -> Signals: ...
+    def names(self) -> SignalNames: ...
     @property
-    def found(self) -> Any: ...
+    def responses(self) -> Any: ...
     @property
     def direct(self) -> Any: ...
     @property
@@ -78,7 +78,7 @@ def figure_response(estimate: EstimatedResponses, row: int = 0, column: int = 0)
 
     The usable band is white, what is outside it grey.
     """
-    result = estimate.found
+    result = estimate.responses
     output, one = estimate.names.outputs[row], estimate.names.inputs[column]
     sheet = make_sheet([1.8, 1.5, 1.1], row_gap=0.14)
     size, angle, likeness = sheet.panels

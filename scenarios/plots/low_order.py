@@ -13,7 +13,7 @@ from scenarios.plots.display import (
     axis_label,
     course,
     display_unit,
-    plain,
+    escaped_dollars,
     scaled_unit,
     symbol,
 )
@@ -110,7 +110,7 @@ def figure_side_by_side(
                 markersize=4.5,
                 capsize=3,
                 linewidth=1.2,
-                label=plain(f"{label} ±2σ"),
+                label=escaped_dollars(f"{label} ±2σ"),
             )
         for x, cells in zip((0.25, 1.25), printed, strict=False):
             if name in cells:
@@ -230,7 +230,7 @@ def figure_peaks(rows: Sequence[tuple[str, float]], words: str, title: str = "")
             color=BLACK,
         )
     panel.set_yticks(
-        places, ["\n".join(folded(plain(label), _LABEL, TICK_SIZE)) for label, _ in rows]
+        places, ["\n".join(folded(escaped_dollars(label), _LABEL, TICK_SIZE)) for label, _ in rows]
     )
     panel.margins(x=0.18)
     panel.grid(False, axis="y")

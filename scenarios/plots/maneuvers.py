@@ -11,8 +11,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ident.maneuver_detection import AXES, PAUSE, Maneuver
-from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA, axis_label, display_unit, plain
+from ident.maneuver_detection import AXES, PAUSE, DetectedManeuver
+from scenarios.plots.display import (
+    MEASURED_DATA,
+    SIMULATED_DATA,
+    axis_label,
+    display_unit,
+    escaped_dollars,
+)
 from scenarios.plots.drawing import ORNAMENT
 from scenarios.plots.style import (
     BLACK,
@@ -56,7 +62,7 @@ class Numbered(Protocol):
     @property
     def number(self) -> int: ...
     @property
-    def found(self) -> Maneuver: ...
+    def found(self) -> DetectedManeuver: ...
 
 
 class Searched(Protocol):
@@ -253,7 +259,12 @@ def figure_maneuvers(
             style: dict[str, Any] = {"drawstyle": "steps-post"} if name in course.inputs else {}
             look = method_style(column, alone=True)
             panel.plot(
-                time, values, label=plain(course.label), color=look["color"], linewidth=1.0, **style
+                time,
+                values,
+                label=escaped_dollars(course.label),
+                color=look["color"],
+                linewidth=1.0,
+                **style,
             )
             for end in shown:
                 panel.axhline(end, **_LIMIT)
@@ -296,7 +307,7 @@ def figure_coherence(kinds: Sequence[tuple[str, Any]], title: str = "") -> Figur
                 panel.plot(
                     result.frequency,
                     result.coherence[m, q],
-                    label=plain(kind),
+                    label=escaped_dollars(kind),
                     color=look["color"],
                     linewidth=1.2,
                 )
@@ -308,8 +319,8 @@ def figure_coherence(kinds: Sequence[tuple[str, Any]], title: str = "") -> Figur
             if q:
                 panel.tick_params(labelleft=False)
             if m == len(first.outputs) - 1:
-                panel.set_xlabel(f"frequency (Hz), {plain(name)}", fontsize=LABEL_SIZE)
-        y_label(sheet.axes[m][0], f"coherence of {plain(output)} (–)")
+                panel.set_xlabel(f"frequency (Hz), {escaped_dollars(name)}", fontsize=LABEL_SIZE)
+        y_label(sheet.axes[m][0], f"coherence of {escaped_dollars(output)} (–)")
     return finish(sheet, title, head=0.12)
 
 
@@ -457,7 +468,7 @@ def figure_shared(rows: Sequence[Shared], condition: str, unit: str, title: str 
                     label=label,
                 )
         _limits(panel, shown.factor * row.values, shown.factor * row.sigmas)
-        y_label(panel, plain(f"{row.name} ({shown.text})"))
+        y_label(panel, escaped_dollars(f"{row.name} ({shown.text})"))
     sheet.panels[-1].set_xlabel(axis_label(condition, across), fontsize=LABEL_SIZE)
     return finish(sheet, title)
 
@@ -472,7 +483,7 @@ def figure_effects(
     named = len(flights) <= _FLIGHTS and max(map(len, flights)) <= _LONGEST
     sheet = make_sheet(
         [_ROW * len(names) + 0.15],
-        left=max(0.72, *(text_width(plain(name)) + 0.25 for name in names)),
+        left=max(0.72, *(text_width(escaped_dollars(name)) + 0.25 for name in names)),
     )
     panel = sheet.panels[0]
     for y, name in zip(range(len(names) - 1, -1, -1), names, strict=True):
@@ -495,25 +506,28 @@ def figure_effects(
                     markeredgewidth=0.7,
                     label=label,
                 )
-    panel.set_yticks(range(len(names)), [plain(name) for name in names[::-1]])
+    panel.set_yticks(range(len(names)), [escaped_dollars(name) for name in names[::-1]])
     panel.set_ylim(-0.6, len(names) - 0.4)
     panel.set_xlim(0.2, len(flights) + 0.8)
     panel.tick_params(axis="both", labelsize=TICK_SIZE, length=0)
     if named:
         panel.grid(False)
         panel.set_xticks(
-            1 + np.arange(len(flights)), [plain(flight) for flight in flights], rotation=90
+            1 + np.arange(len(flights)),
+            [escaped_dollars(flight) for flight in flights],
+            rotation=90,
         )
     else:
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
         panel.set_xlabel(
-            f"flight, in the order of the file: {plain(flights[0])} to {plain(flights[-1])}",
+            f"flight, in the order of the file: {escaped_dollars(flights[0])} to "
+            f"{escaped_dollars(flights[-1])}",
             fontsize=LABEL_SIZE,
         )
     return finish(
         sheet,
         title,
-        bottom=0.2 + max(text_width(plain(flight), TICK_SIZE) for flight in flights)
+        bottom=0.2 + max(text_width(escaped_dollars(flight), TICK_SIZE) for flight in flights)
         if named
         else 0.5,
     )

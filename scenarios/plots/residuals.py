@@ -18,12 +18,12 @@ from scenarios.plots.display import (
     MEASURED_DATA,
     axis_label,
     display_unit,
-    plain,
+    escaped_dollars,
     scaled_unit,
     signed,
     symbol,
 )
-from scenarios.plots.signals import Response, context, figure_fit
+from scenarios.plots.signals import MethodOutputs, context, figure_fit
 from scenarios.plots.style import (
     BLACK,
     BLUE,
@@ -157,7 +157,10 @@ def figure_comparison(rows: Sequence[ComparisonRow], title: str = "") -> Figure:
     its per cent only.
     """
     n, has_published = len(rows), any(row.published is not None for row in rows)
-    lines = [folded(plain(row.label), _LABEL) if row.label else [symbol(row.name)] for row in rows]
+    lines = [
+        folded(escaped_dollars(row.label), _LABEL) if row.label else [symbol(row.name)]
+        for row in rows
+    ]
     labels = ["\n".join(some) for some in lines]
     left = max([1.0, *(text_width(line) + 0.2 for some in lines for line in some)])
     tallest = max((len(some) for some in lines), default=1)
@@ -414,7 +417,7 @@ def figure_held_out(
     both = (("predicted after", prediction.after), ("predicted before", prediction.before))
     shown = (("predicted", prediction.before),) if same else both
     responses = [
-        Response(label, dict(zip(prediction.channels, values, strict=True)))
+        MethodOutputs(label, dict(zip(prediction.channels, values, strict=True)))
         for label, values in shown
     ]
     record = prediction.record

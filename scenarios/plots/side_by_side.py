@@ -14,7 +14,7 @@ from scenarios.plots.display import (
     SIMULATED_DATA,
     axis_label,
     display_unit,
-    plain,
+    escaped_dollars,
     scaled_unit,
     signed,
     symbol,
@@ -138,7 +138,7 @@ def figure_studies_errors(rows: Rows, labels: Sequence[str], title: str = "") ->
             look = {
                 "color": method_style(number)["color"],
                 "marker": "o",
-                "label": plain(labels[number]),
+                "label": escaped_dollars(labels[number]),
             }
             _draw_errors(percent, sigmas, each, y, look)
             if each.published is not None:
@@ -208,7 +208,10 @@ def figure_studies_responses(
                     alpha=0.5,
                 )
                 panel.plot(
-                    each.time, unit.factor * each.predicted[name], label=plain(each.label), **look
+                    each.time,
+                    unit.factor * each.predicted[name],
+                    label=escaped_dollars(each.label),
+                    **look,
                 )
         y_label(panel, axis_label(name, unit))
     kinds = sorted({SIMULATED_DATA if each.simulated else MEASURED_DATA for each in studies})

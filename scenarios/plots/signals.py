@@ -24,7 +24,7 @@ from scenarios.plots.display import (
     axis_label,
     course,
     display_unit,
-    plain,
+    escaped_dollars,
     signed,
     symbol,
 )
@@ -54,7 +54,7 @@ from sim.truth.flight import Truth
 
 
 @dataclass(frozen=True, eq=False)
-class Response:
+class MethodOutputs:
     """What a method says the outputs were: by output name ``(N,)`` at the record's samples, NaN
     where it says nothing.
     """
@@ -63,7 +63,7 @@ class Response:
     outputs: Mapping[str, np.ndarray]
 
 
-def response_of(estimate: Estimate, label: str = "", record: int = 0) -> Response:
+def response_of(estimate: Estimate, label: str = "", record: int = 0) -> MethodOutputs:
     """The response that an estimate carries for its record number ``record``.
 
     Of a filter it is the prediction one sample ahead, NaN where a sample was missing or the filter
@@ -76,7 +76,7 @@ def response_of(estimate: Estimate, label: str = "", record: int = 0) -> Respons
     if estimate.history is not None:
         values[~estimate.history.valid] = np.nan
         shown = label or f"{shown}, one sample ahead"
-    return Response(shown, dict(zip(estimate.output_names, values, strict=True)))
+    return MethodOutputs(shown, dict(zip(estimate.output_names, values, strict=True)))
 
 
 def units_of(record: Record, names: Sequence[str]) -> list[str]:
@@ -119,7 +119,7 @@ def figure_record(record: Record, title: str = "", data: str = MEASURED_DATA) ->
 
 def figure_fit(
     record: Record,
-    responses: Sequence[Response],
+    responses: Sequence[MethodOutputs],
     truth: Truth | None = None,
     title: str = "",
     noise_std: Mapping[str, float] | None = None,
@@ -172,7 +172,7 @@ def figure_fit(
                 method_style(order, alone=len(responses) == 1 and truth is None),
                 unit.factor * response.outputs[channel.name],
             )
-            upper.plot(record.time, values, label=plain(response.label), **look)
+            upper.plot(record.time, values, label=escaped_dollars(response.label), **look)
             residual = np.where(channel.valid, unit.factor * channel.values - values, np.nan)
             below.plot(
                 record.time,
@@ -261,7 +261,7 @@ def figure_trajectory(
         y_label(panel, f"{name} ({unit.text})")
         for number, (label, history) in enumerate(histories.items()):
             path = course(history, name, unit.factor)
-            panel.plot(path.time, path.mean, label=plain(label), **method_style(number))
+            panel.plot(path.time, path.mean, label=escaped_dollars(label), **method_style(number))
         if truth is not None:
             actual = truth.states[name]
             panel.plot(truth.time, unit.factor * actual, label="true", zorder=5, **TRUE)
@@ -305,7 +305,9 @@ def figure_ballistic_coefficient(
             panel,
             "\n".join(
                 folded(
-                    plain(label) if path.time.size else f"{plain(label)}: no sound sample",
+                    escaped_dollars(label)
+                    if path.time.size
+                    else f"{escaped_dollars(label)}: no sound sample",
                     available_width,
                     TICK_SIZE,
                 )
@@ -349,7 +351,8 @@ def figure_ballistic_coefficient(
     )
     if true is not None:
         limit = max(
-            _late_limit(error, path.std) for error, path in zip(errors, paths.values(), strict=True)
+            _settled_limit(error, path.std)
+            for error, path in zip(errors, paths.values(), strict=True)
         )
         _share_limits(sheet, 1, per_row, -limit, limit)
     for panel in lowest:
@@ -397,13 +400,13 @@ def _errors(
                 linestyle=look["linestyle"],
                 zorder=look["zorder"],
             )
-        limit = max(limit, _late_limit(error, path.std, 0.1))
+        limit = max(limit, _settled_limit(error, path.std, 0.1))
     panel.set_ylim(-limit or -1.0, limit or 1.0)
     y_label(panel, f"error ({unit.text})")
     caption(panel, f"{name}: estimate − true, thin: ±2σ")
 
 
-def _late_limit(error: np.ndarray, std: np.ndarray, after: float = 0.5) -> float:
+def _settled_limit(error: np.ndarray, std: np.ndarray, after: float = 0.5) -> float:
     """A limit for what an error and its bounds do after this share of the samples."""
     if error.size == 0:
         return 1.0

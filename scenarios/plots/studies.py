@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ident.statistics.intervals import mean_square_interval
-from scenarios.plots.display import axis_label, display_unit, plain, symbol
+from scenarios.plots.display import axis_label, display_unit, escaped_dollars, symbol
 from scenarios.plots.style import (
     BLACK,
     BLUE,
@@ -66,7 +66,7 @@ def figure_campaign(rows: Sequence[Coverage], title: str = "") -> Figure:
     errors, share = sheet.panels
     errors.axvspan(-2.0, 2.0, color=LIGHT, alpha=0.55, linewidth=0, label="within ±2σ")
     errors.axvline(0.0, **ZERO)
-    share.axvline(EXPECTED, label=plain(f"{EXPECTED:g} % of a Gaussian"), **TRUE)
+    share.axvline(EXPECTED, label=escaped_dollars(f"{EXPECTED:g} % of a Gaussian"), **TRUE)
     for y, row in zip(range(n - 1, -1, -1), rows, strict=True):
         # Spread over the row by a sequence that fills it evenly, the same for every parameter.
         heights = y + _SPREAD * (
@@ -181,7 +181,7 @@ def figure_coverage(
         )
         margin = 0.08 * max(highest - lowest, 1.0)
         panel.set_xlim(max(lowest - margin, -1.0), min(highest + margin, 101.0))
-        panel.set_xlabel(plain(f"within {at + 1}σ (%)"), fontsize=LABEL_SIZE)
+        panel.set_xlabel(escaped_dollars(f"within {at + 1}σ (%)"), fontsize=LABEL_SIZE)
     return finish(sheet, title)
 
 
@@ -336,7 +336,7 @@ def figure_determination(methods: Sequence[DeterminedBy], title: str = "") -> Fi
         colour, mark = method_style(number)["color"], _MARKS[number % len(_MARKS)]
         look = {"color": colour, "marker": mark, "linestyle": "none", "markersize": 3.5}
         along = np.arange(1, len(each.strengths) + 1)
-        spectrum.plot(along, each.strengths, label=plain(each.label), **look)
+        spectrum.plot(along, each.strengths, label=escaped_dollars(each.label), **look)
         spare.plot(
             along, np.cumsum(each.strengths**2 / (1.0 + each.strengths**2)), **method_style(number)
         )
@@ -492,7 +492,9 @@ def _draw_derivative(panel: Axes, degrees: Sequence[float], course: DerivativeCo
             "linewidth": 0.9,
             "capsize": 1.5,
         }
-        panel.errorbar(places, values, yerr=2.0 * std, label=f"{plain(label)} ±2σ", **look)
+        panel.errorbar(
+            places, values, yerr=2.0 * std, label=f"{escaped_dollars(label)} ±2σ", **look
+        )
     for each in course.published:
         printed: dict[str, Any] = {
             "fmt": "s",
@@ -527,7 +529,7 @@ def _dress(
                 color=_CRITERIA[number],
                 linewidth=1.4,
                 linestyle=_LINES[number],
-                label=plain(criterion.label),
+                label=escaped_dollars(criterion.label),
             )
     for label, degree in marks.items():
         place: dict[str, Any] = {
@@ -537,4 +539,4 @@ def _dress(
             "fontsize": TICK_SIZE - 1.0,
             "annotation_clip": False,
         }
-        panel.annotate(plain(label), (degree, 1.0), **place)
+        panel.annotate(escaped_dollars(label), (degree, 1.0), **place)

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator, ScalarFormatter
 
-from scenarios.plots.display import plain
+from scenarios.plots.display import escaped_dollars
 from sim.errors import ModelError
 
 DPI = 110
@@ -215,7 +215,13 @@ def draw_title(figure: Figure, title: str, width: float, height: float) -> None:
         y = 1.0 - (0.08 + number * _TITLE_ROW) / height
         size, weight = (TITLE_SIZE, "bold") if bold else (LABEL_SIZE, "normal")
         figure.text(
-            0.15 / width, y, plain(line), fontsize=size, fontweight=weight, va="top", ha="left"
+            0.15 / width,
+            y,
+            escaped_dollars(line),
+            fontsize=size,
+            fontweight=weight,
+            va="top",
+            ha="left",
         )
 
 
@@ -272,7 +278,9 @@ class PanelsOverNames:
 
     def finished(self, head: float) -> Figure:
         """The figure, its axes labelled; ``head``: inches above the first row."""
-        labels = [str(i + 1) if self.numbered else plain(n) for i, n in enumerate(self.names)]
+        labels = [
+            str(i + 1) if self.numbered else escaped_dollars(n) for i, n in enumerate(self.names)
+        ]
         for panel in self.sheet.panels:
             panel.set_xticks(range(len(labels)), labels)
             panel.tick_params(labelbottom=True)

@@ -16,8 +16,8 @@ from scenarios.plots.display import (
     NamedEffects,
     Replicated,
     display_unit,
+    escaped_dollars,
     is_alternative,
-    plain,
     reason,
     symbol,
 )
@@ -168,7 +168,11 @@ def figure_evidence(
         max(
             [
                 1.0,
-                *(text_width(plain(c.name), _SMALL) + 0.25 for each in rounds for c in each.shown),
+                *(
+                    text_width(escaped_dollars(c.name), _SMALL) + 0.25
+                    for each in rounds
+                    for c in each.shown
+                ),
             ]
         ),
     )
@@ -271,7 +275,7 @@ def _draw_odds(panel: Axes, each: _Round, standing: NamedEffects) -> None:
     span = (most - low) or 1.0
     panel.set_xlim(low - 0.02 * span, most + 0.04 * span)
     panel.xaxis.set_major_locator(MaxNLocator(5))
-    panel.set_yticks(_places(each), [plain(c.name) for c in each.shown], fontsize=_SMALL)
+    panel.set_yticks(_places(each), [escaped_dollars(c.name) for c in each.shown], fontsize=_SMALL)
 
 
 def _head(panel: Axes, each: _Round, standing: NamedEffects, x: float) -> None:
@@ -285,7 +289,7 @@ def _head(panel: Axes, each: _Round, standing: NamedEffects, x: float) -> None:
         else ""
     )
     panel.set_title(
-        plain(f"round {each.number}, {beside}{done}"),
+        escaped_dollars(f"round {each.number}, {beside}{done}"),
         fontsize=TICK_SIZE,
         loc="left",
         x=x,
@@ -379,13 +383,13 @@ def figure_replication(effects: Sequence[Replicated], title: str = "") -> Figure
         panel.set_xticks(
             range(len(effect.by_record)),
             [
-                "\n".join(folded(plain(label), width_per_record, TICK_SIZE))
+                "\n".join(folded(escaped_dollars(label), width_per_record, TICK_SIZE))
                 for label in effect.records
             ],
         )
         text = display_unit(effect.by_record[0][name].unit, name).text
-        y_label(panel, plain(f"{name.replace('_', ' ')} ({text})"))
-        caption(panel, plain(effect.name))
+        y_label(panel, escaped_dollars(f"{name.replace('_', ' ')} ({text})"))
+        caption(panel, escaped_dollars(effect.name))
     return finish(sheet, title, head=0.22, bottom=0.45)
 
 

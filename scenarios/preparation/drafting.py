@@ -250,7 +250,7 @@ def _is_multirotor(topics: Sequence[Topic]) -> bool:
                 return bool(np.any(_numbers(topic, topic.table.header.index(field)) == number))
     if len(topics) == 1:
         return any(
-            _plain(split_header(cell)[0]) in map(_plain, COMMANDS)
+            _letters_and_digits(split_header(cell)[0]) in map(_letters_and_digits, COMMANDS)
             for cell in topics[0].table.header
         )
     airspeed = any(
@@ -290,12 +290,17 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
         for each in words.get("expression", ()):
             if all(_has(name, topics) and "." in name for name in each["needs"]):
                 return Guess(channel, ColumnChoice(each["text"]), each["reason"])
-    for rank in (_plain(channel), *(_plain(name) for name in words.get("names", ()))):
+    for rank in (
+        _letters_and_digits(channel),
+        *(_letters_and_digits(name) for name in words.get("names", ())),
+    ):
         for topic in topics:
             if len(topics) > 1 and NO_MEASUREMENT.search(topic.name.lower()):
                 continue
             cells, spelt = topic.table.header, (rank, *(f"{rank}{word}" for word in UNIT_WORDS))
-            named = [n for n in range(len(cells)) if _plain(split_at(cells, n)[0]) in spelt]
+            named = [
+                n for n in range(len(cells)) if _letters_and_digits(split_at(cells, n)[0]) in spelt
+            ]
             # Of two columns of one name the one whose unit is known: the other may be in any unit.
             for index in sorted(named, key=lambda n: not _says_unit(topic, n, channel)):
                 if channel == TIME or (clock_place(topic.table) != index and _moves(topic, index)):
@@ -535,7 +540,7 @@ def _unit_words(unit: str | None) -> str:
     )
 
 
-def _plain(name: str) -> str:
+def _letters_and_digits(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", name.lower())
 
 

@@ -368,13 +368,13 @@ def _carrying(record: Record, flow: Flow | None, model: Model, added: Sequence[S
         lift = -p["gravity"].value / flow.speed * (pressure / level - 1.0)
     rows = {SPEED: flow.speed - speed0, DENSITY: density - air, LIFT: lift}
     inputs = tuple(
-        Channel.of(signal.name, signal.unit, held(rows[signal.name], record.hold))
+        Channel.of(signal.name, signal.unit, interval_means(rows[signal.name], record.hold))
         for signal in added
     )
     return replace(without_flow(record), inputs=(*record.inputs, *inputs))
 
 
-def held(values: np.ndarray, hold: Hold) -> np.ndarray:
+def interval_means(values: np.ndarray, hold: Hold) -> np.ndarray:
     """Samples that stand for straight lines between ``values``: where inputs are held, the mean
     over each interval.
     """
@@ -488,4 +488,4 @@ def _from_begin(record: Record) -> Channel:
     finite_rows = np.delete(finite_rows, input_spikes(channel.values[finite_rows]))
     values = np.interp(time, time[finite_rows], channel.values[finite_rows])
     level = float(np.mean(values[: max(1, int(np.searchsorted(time, time[0] + BEGINNING)))]))
-    return Channel.of(ATTITUDE, "rad", held(values - level, record.hold))
+    return Channel.of(ATTITUDE, "rad", interval_means(values - level, record.hold))

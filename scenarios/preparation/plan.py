@@ -17,7 +17,7 @@ from scenarios.files.declarations import CHANNEL_UNITS
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
-    from ident.flying_qualities.levels import Flown
+    from ident.flying_qualities.levels import FlightPhase
     from scenarios.files.declarations import ColumnChoice
     from scenarios.files.measured.columns import RecordFile
     from scenarios.files.sources import Source
@@ -209,7 +209,7 @@ class Request:
     flight_phase: str | None = None
 
 
-def flown_of(request: Request, vehicle: VehicleFile) -> Flown:
+def declared_phase(request: Request, vehicle: VehicleFile) -> FlightPhase:
     """Class and category by which levels of flying qualities are told: the request's, else the
     vehicle file's, else assumed.
 
@@ -217,7 +217,7 @@ def flown_of(request: Request, vehicle: VehicleFile) -> Flown:
     ------
     DeclarationError : a class or category that there is not, or one asked of what is no aircraft.
     """
-    from ident.flying_qualities.levels import flown_as
+    from ident.flying_qualities.levels import flight_phase_of
     from scenarios.files.user_models import is_of_aircraft
 
     aircraft = vehicle.model != "ballistic" and (vehicle.own is None or is_of_aircraft(vehicle.own))
@@ -228,7 +228,7 @@ def flown_of(request: Request, vehicle: VehicleFile) -> Flown:
         if given is not None and not aircraft:
             what = f"{vehicle.model} is no model of an aircraft, whose flying qualities have levels"
             raise DeclarationError(what, where=option, remedy="leave it out")
-    return flown_as(
+    return flight_phase_of(
         request.aircraft_class or vehicle.aircraft_class,
         request.flight_phase or vehicle.flight_phase,
     )
@@ -279,7 +279,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Parts:
+class DeclaredParts:
     """The parts that a file declares, and the record that they are of: its name and hash, each
     empty where the file does not say it.
     """
@@ -290,7 +290,7 @@ class Parts:
     parts: tuple[Part, ...]
 
 
-def read_parts(path: str | Path) -> Parts:
+def read_parts(path: str | Path) -> DeclaredParts:
     """Read ``maneuvers.toml``; a table without a number counts on from the one before it.
 
     Raises
@@ -318,10 +318,10 @@ def read_parts(path: str | Path) -> Parts:
                     what, where=where, remedy="give each a number and a name of its own"
                 )
         parts.append(part)
-    return Parts(where, entry.record or "", entry.sha256 or "", tuple(parts))
+    return DeclaredParts(where, entry.record or "", entry.sha256 or "", tuple(parts))
 
 
-def chosen_parts(parts: Parts, requested: Sequence[str | int]) -> tuple[Part, ...]:
+def chosen_parts(parts: DeclaredParts, requested: Sequence[str | int]) -> tuple[Part, ...]:
     """The parts that are asked for by number or name, in the order of their times.
 
     Raises
@@ -369,7 +369,7 @@ def with_maneuvers(
     plan: Plan,
     records: Sequence[Path | RecordFile],
     requested: Sequence[str | int] | None,
-    file: Path | Parts | None = None,
+    file: Path | DeclaredParts | None = None,
 ) -> Plan:
     """The plan with the parts of maneuvers as its segments, as ``--from`` and ``--to`` of each
     would give it, and a sentence on each.
@@ -399,7 +399,7 @@ def with_maneuvers(
         raise DeclarationError(
             what, where="--maneuver", remedy="name one record, or cut each with --from and --to"
         )
-    parts = file if isinstance(file, Parts) else read_parts(file or _beside(records[0]))
+    parts = file if isinstance(file, DeclaredParts) else read_parts(file or _beside(records[0]))
     _refuse_other(parts, records[0])
     result = chosen_parts(parts, requested)
     segments = plan_of([each.start for each in result], [each.stop for each in result]).segments
@@ -430,7 +430,7 @@ def _beside(record: Path | RecordFile) -> Path:
     return beside
 
 
-def _refuse_other(parts: Parts, record: Path | RecordFile) -> None:
+def _refuse_other(parts: DeclaredParts, record: Path | RecordFile) -> None:
     """Raise DeclarationError where the file was made for a record of another content."""
     from scenarios.files.sources import read_source
     from sim.errors import RecordError

@@ -222,7 +222,7 @@ class Split:
     """
 
     fitted: tuple[Record, ...]
-    held: Record
+    held_out: Record
     cut: float | None
     sentence: str
 

@@ -221,7 +221,7 @@ class Decided:
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
+class PreparedData:
     """What a fit starts from.
 
     Attributes
@@ -274,7 +274,7 @@ def prepare(
     attitude: bool = False,
     decided: Decided | None = None,
     part: Segment = WHOLE[0],
-) -> Prepared:
+) -> PreparedData:
     """A model's channels out of files, prepared: the plan's segments of ``files``, that ``part`` of
     those of ``validate``.
 
@@ -326,7 +326,7 @@ def for_model(
     plan: Plan | None = None,
     validation: Sequence[Read] = (),
     decided: Decided | None = None,
-) -> Prepared:
+) -> PreparedData:
     """Records as read, prepared for a model; those to be predicted are read as those that are
     fitted.
     """
@@ -372,7 +372,7 @@ def for_model(
     told += [said] if said else []
     told += ["the airspeed is measured: speed-variation is no candidate"] if flown else []
     doubts = (*flow_doubts(records, model), *_idle_motors(records))
-    return Prepared(
+    return PreparedData(
         wider,
         tuple(ready[:split]),
         tuple(ready[split:]),

@@ -29,7 +29,7 @@ BEYOND = 1e50  # squares of larger numbers leave the range of finite ones
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class HandledFinding:
     """One finding in a record, by the record's name, and what was done about it."""
 
     record: str
@@ -50,7 +50,7 @@ class RecordCheck:
     """
 
     records: tuple[str, ...] = ()
-    seen: tuple[Seen, ...] = ()
+    seen: tuple[HandledFinding, ...] = ()
     trusted: bool = False
 
     @property
@@ -151,16 +151,16 @@ def _refuse_endless(record: Record) -> None:
         raise RecordError(problem, where=f"{record.name}, column time", remedy=remedy)
 
 
-def _acted_on(record: Record, finding: RecordFinding, plan: Plan) -> tuple[Record, Seen]:
+def _acted_on(record: Record, finding: RecordFinding, plan: Plan) -> tuple[Record, HandledFinding]:
     if finding.certainty is Certainty.CERTAIN and not plan.trusted:
         remedy = f"{finding.remedy} ({TRUST} takes it as it is)"
         raise RecordError(
             finding.sentence, where=f"{record.name}, {_place(finding)}", remedy=remedy
         )
     if finding.certainty is Certainty.NOTED:
-        return record, Seen(record.name, finding, NOTED)
+        return record, HandledFinding(record.name, finding, NOTED)
     if plan.trusted or finding.certainty is not Certainty.COSTS_INFORMATION:
-        return record, Seen(record.name, finding, WARNED)
+        return record, HandledFinding(record.name, finding, WARNED)
     channel = record[finding.channel]
     mask = finding.mask & channel.valid
     if finding.kind in (Kind.HELD, Kind.INTERPOLATED) and (
@@ -170,12 +170,12 @@ def _acted_on(record: Record, finding: RecordFinding, plan: Plan) -> tuple[Recor
         fresh = channel.valid & ~mask
         values = np.interp(record.time, record.time[fresh], channel.values[fresh])
         done = "replaced by straight lines between updates, for the filter"
-        return _with(record, channel.name, np.where(channel.valid, values, np.nan)), Seen(
+        return _with(record, channel.name, np.where(channel.valid, values, np.nan)), HandledFinding(
             record.name, finding, done, int(np.count_nonzero(mask))
         )
     if np.all(mask | ~channel.valid):
-        return record, Seen(record.name, finding, WARNED)
-    return _with(record, channel.name, np.where(mask, np.nan, channel.with_gaps())), Seen(
+        return record, HandledFinding(record.name, finding, WARNED)
+    return _with(record, channel.name, np.where(mask, np.nan, channel.with_gaps())), HandledFinding(
         record.name, finding, "set aside", int(np.count_nonzero(mask))
     )
 
@@ -196,7 +196,7 @@ def _place(finding: RecordFinding) -> str:
     )
 
 
-def _with_remedy(one: Seen) -> str:
+def _with_remedy(one: HandledFinding) -> str:
     return f"{one.sentence}; {one.finding.remedy}" if one.finding.remedy else one.sentence
 
 
@@ -251,7 +251,7 @@ def record_table(look: RecordCheck) -> Table:
     return Table(caption, columns, tuple(record_rows(look)))
 
 
-def _content(one: Seen) -> dict[str, Any]:
+def _content(one: HandledFinding) -> dict[str, Any]:
     finding = one.finding
     return {
         "record": one.record,

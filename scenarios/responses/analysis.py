@@ -32,7 +32,7 @@ from scenarios.preparation.plan import Request, column_choices
 from scenarios.responses.fitting import (
     FitOptions,
     Fits,
-    FittedModel,
+    FittedResponseModel,
     ModelOptions,
     fit_cautions,
     fits_of,
@@ -112,7 +112,7 @@ class ResponseEstimates:
     ----------
     identities : the files. parts : names of the records and parts that were pooled.
     names : signals. units : by signal.
-    found : the estimate, by the joint input-output method where references are named.
+    responses : the estimate, by the joint input-output method where references are named.
     direct : the direct estimate besides, where references are named.
     rate : Hz, of the samples that were used. notes : what was done. cautions : what a user should
         know. simulated : a program made all records. fits : transfer functions of the responses.
@@ -125,7 +125,7 @@ class ResponseEstimates:
     durations: tuple[float, ...]
     names: Names
     units: Mapping[str, str]
-    found: FrequencyResponses
+    responses: FrequencyResponses
     direct: FrequencyResponses | None
     rate: float
     notes: tuple[str, ...]
@@ -134,7 +134,7 @@ class ResponseEstimates:
     fits: Fits | None = None
     qualities: tuple[Qualities, ...] = ()
     loop: LoopMargins | None = None
-    model: FittedModel | None = None
+    model: FittedResponseModel | None = None
 
     def unit(self, output: str, one: str) -> str:
         """Unit of a response, ``"deg/s per deg"``; empty where neither signal has one."""
@@ -152,8 +152,8 @@ class ResponseEstimates:
             "inputs": [name.replace(".", "_") for name in self.names.inputs],
             "outputs": [name.replace(".", "_") for name in self.names.outputs],
         }
-        omega = 2.0 * math.pi * self.found.frequency
-        return control.FrequencyResponseData(self.found.response, omega, **names)
+        omega = 2.0 * math.pi * self.responses.frequency
+        return control.FrequencyResponseData(self.responses.response, omega, **names)
 
     def __repr__(self) -> str:
         pairs = len(self.names.inputs) * len(self.names.outputs)
@@ -303,7 +303,7 @@ def estimated(
         direct = estimate_responses(open_, frequency, spectra)
         notes += ["joint input-output estimate by the references"]
     if read.hold is Hold.PREVIOUS:
-        between = _held(2.0 * math.pi * frequency * read.step)
+        between = _hold_response(2.0 * math.pi * frequency * read.step)
         result, direct = (
             _without(result, between),
             None if direct is None else _without(direct, between),
@@ -312,7 +312,7 @@ def estimated(
     return result, direct, step, notes
 
 
-def _held(angle: np.ndarray) -> np.ndarray:
+def _hold_response(angle: np.ndarray) -> np.ndarray:
     """Response of a hold over one step at ``angle``, rad a sample."""
     return (1.0 - np.exp(-1j * angle)) / (1j * angle)
 

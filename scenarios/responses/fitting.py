@@ -20,7 +20,7 @@ from ident.frequency_response.transfer_function import (
     GOOD,
     PILOTED,
     FittedResponse,
-    Target,
+    ResponseTarget,
     TransferFit,
     fit_transfer_functions,
     form_of,
@@ -172,13 +172,13 @@ def fits_of(responses: FrequencyResponses, names: Names, options: FitOptions) ->
     return Fits(fit, tuple(places), each)
 
 
-def target_of(responses: FrequencyResponses, place: tuple[int, int], name: str) -> Target:
+def target_of(responses: FrequencyResponses, place: tuple[int, int], name: str) -> ResponseTarget:
     """The usable band of a response, as it is fitted."""
     usable = responses.usable[place]
     likeness = (
         responses.coherence[place[0]] if responses.joint else responses.partial_coherence[place]
     )
-    return Target(
+    return ResponseTarget(
         name,
         2.0 * math.pi * responses.frequency[usable],
         responses.response[place][usable],
@@ -342,7 +342,7 @@ class ModelOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class FittedModel:
+class FittedResponseModel:
     """A model fitted to the responses at ``places`` ``(row, column)``; ``model`` its name,
     ``units`` by parameter, ``sentences`` on what was done, ``file`` the vehicle file that was read.
     """
@@ -391,7 +391,7 @@ def model_fit_of(
     names: Names,
     options: ModelOptions,
     held: float | None = None,
-) -> FittedModel | None:
+) -> FittedResponseModel | None:
     """Fit the model to all responses that have a usable band; None where none is named.
 
     The model is linearised about rest, or about level flight where it has one, which stays where
@@ -457,7 +457,7 @@ def model_fit_of(
     units = {name: system.parameters[name].unit for name in (*start, *fixed) if name != DELAY}
     units |= {DELAY: "s"}
     about = "level flight" if trim is not None else "rest"
-    return FittedModel(
+    return FittedResponseModel(
         options.model,
         vehicle.name,
         fit,
@@ -504,7 +504,7 @@ def _refuse_other_signals(system: System, names: Names) -> None:
                 raise DeclarationError(what, where=option, remedy=remedy)
 
 
-def model_lines(fitted: FittedModel) -> list[str]:
+def model_lines(fitted: FittedResponseModel) -> list[str]:
     """The costs of the fitted model, one sentence each."""
     lines = list(fitted.sentences)
     for name, cost in zip(fitted.pairs, fitted.fit.costs, strict=True):
@@ -513,7 +513,7 @@ def model_lines(fitted: FittedModel) -> list[str]:
     return [*lines, f"mean cost {fitted.fit.cost:.3g}"]
 
 
-def model_table(fitted: FittedModel, caption: str = "") -> Table:
+def model_table(fitted: FittedResponseModel, caption: str = "") -> Table:
     """The parameters of a fitted model; those that were fixed come last."""
     fit = fitted.fit
     names, fixed = list(fit.names), list(fit.fixed)
@@ -548,7 +548,7 @@ def _share(part: float, value: float) -> Cell:
     return formatted(share if math.isfinite(share) and share < 1000.0 else None, ".3g")
 
 
-def model_content(fitted: FittedModel) -> dict[str, Any]:
+def model_content(fitted: FittedResponseModel) -> dict[str, Any]:
     """The fitted model for ``responses.json``."""
     fit = fitted.fit
     return {

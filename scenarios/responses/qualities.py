@@ -27,8 +27,8 @@ from ident.flying_qualities.attitude_criteria import (
 from ident.flying_qualities.levels import (
     CATEGORIES,
     CLASSES,
-    Level,
     Quality,
+    QualityLevel,
     form_levels,
     form_qualities,
 )
@@ -128,7 +128,7 @@ class Qualities:
     curve: AttitudeCurve | None
     dropback: BandwidthQuantity | None
     form: tuple[Quality, ...] = ()
-    levels: tuple[Level, ...] = ()
+    levels: tuple[QualityLevel, ...] = ()
     overshoot: BandwidthQuantity | None = None
     pilot: NealSmith | str | None = None
     flown: tuple[str, str] | None = None
@@ -374,7 +374,7 @@ def levels_content(one: Qualities) -> list[dict[str, Any]]:
     ]
 
 
-def _level_row(name: str, reached: Level | ChartLevel, source: str) -> dict[str, Any]:
+def _level_row(name: str, reached: QualityLevel | ChartLevel, source: str) -> dict[str, Any]:
     return {
         "quantity": name,
         "level": reached.level,

@@ -107,7 +107,7 @@ def responses_summary(estimates: ResponseEstimates, details: str = BELOW) -> Sum
     whole = sum(estimates.durations)
     some = ", ".join(estimates.parts[:3]) + (", ..." if len(estimates.parts) > 3 else "")
     number = len(pairs(estimates))
-    method = "joint input-output" if estimates.found.joint else "direct"
+    method = "joint input-output" if estimates.responses.joint else "direct"
     bands = [
         f"{name} {band_sentence(estimates, row, column)}" for row, column, name in pairs(estimates)
     ]
@@ -173,9 +173,9 @@ def fit_tables(
 
 def band_sentence(estimates: ResponseEstimates, row: int, column: int) -> str:
     """``"usable from 0.1 to 4.2 Hz (coherence 0.6 or more)"``."""
-    band = estimates.found.bands()[row][column]
+    band = estimates.responses.bands()[row][column]
     kind = "partial coherence" if len(estimates.names.inputs) > 1 else "coherence"
-    limit = f"{kind} {estimates.found.spectra.least_coherence:g} or more"
+    limit = f"{kind} {estimates.responses.spectra.least_coherence:g} or more"
     if band is None:
         return f"nowhere usable ({limit})"
     return f"usable from {band[0]:.3g} to {band[1]:.3g} Hz ({limit})"
@@ -190,7 +190,7 @@ def response_table(
     estimates: ResponseEstimates, row: int, column: int, sentence: str = ""
 ) -> Table:
     """Some frequencies of a response, named by its output, input and unit."""
-    one, output, name = estimates.found, *name_pair(estimates, row, column)
+    one, output, name = estimates.responses, *name_pair(estimates, row, column)
     at = shown_rows(one.frequency.size)
     response, usable = one.response[row, column], one.usable[row, column]
     unit = estimates.unit(output, name)
@@ -267,7 +267,7 @@ def responses_page(estimates: ResponseEstimates, figure_files: Sequence[Drawn] =
     vehicle = estimates.model.file if estimates.model is not None else None
     words += ["--model", estimates.model.model] if estimates.model is not None else []
     words += ["--vehicle", vehicle.name] if vehicle is not None else []
-    usable = sum(band is not None for row in estimates.found.bands() for band in row)
+    usable = sum(band is not None for row in estimates.responses.bands() for band in row)
     number = len(pairs(estimates))
     return Page(
         title=f"{', '.join(files[:3])}{', ...' if len(files) > 3 else ''}: frequency responses",
@@ -315,7 +315,7 @@ def write_responses(
     with study_folder(folder, MAIN) as scratch:
         figure_files: tuple[Drawn, ...] = ()
         if figures:
-            from scenarios.plots.drawing import drawn_for_page
+            from scenarios.plots.drawing import draw_for_page
             from scenarios.plots.flying_qualities import figure_response
 
             several = len(pairs(estimates)) > 1
@@ -364,7 +364,7 @@ def write_responses(
                 )
                 if each.stem in about
                 else each
-                for each in drawn_for_page(named, scratch, figures)
+                for each in draw_for_page(named, scratch, figures)
             )
         write_text(scratch / TABLE, responses_csv(estimates))
         write_page(scratch, responses_page(estimates, figure_files))
@@ -416,7 +416,7 @@ def response_columns(estimates: ResponseEstimates, row: int, column: int) -> dic
     ``magnitude`` in the unit of output over input, phases in degrees without jumps, bands of 95 %;
     the lower bound of a magnitude that is not determined is zero.
     """
-    one = estimates.found
+    one = estimates.responses
     response, half = one.response[row, column], one.half_width()[row, column]
     size = np.abs(response)
     phase = np.degrees(one.phase()[row, column])
@@ -461,7 +461,7 @@ def responses_csv(estimates: ResponseEstimates) -> str:
 
 def responses_content(estimates: ResponseEstimates) -> dict[str, Any]:
     """Content of ``responses.json``: the same numbers by response, with the usable bands in Hz."""
-    one = estimates.found
+    one = estimates.responses
     bands = one.bands()
     responses = []
     for row, column, _ in pairs(estimates):

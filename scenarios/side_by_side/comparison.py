@@ -14,7 +14,7 @@ import numpy as np
 
 from scenarios.files.declarations import CHANNEL_UNITS, TIME
 from scenarios.files.measured.columns import SIMULATED as SIMULATED_ORIGIN
-from scenarios.files.sources import found_json, read_json, resolved
+from scenarios.files.sources import json_or_none, read_json, resolved
 from scenarios.files.writing import PREDICTED, RESPONSE, TRUE
 from sim.errors import DeclarationError
 from sim.vehicles.factory import (
@@ -80,15 +80,15 @@ def read_responses(folder: Path, method: str = "") -> StudyResponses | None:
         measured,
         {name: predicted[name] for name in measured},
         true,
-        *_told(folder),
+        *_channel_units(folder),
     )
 
 
-def _told(folder: Path) -> tuple[dict[str, str], bool]:
+def _channel_units(folder: Path) -> tuple[dict[str, str], bool]:
     """Units of channels, those of the folder's record where it tells them, and whether that record
     is simulated.
     """
-    result = found_json(folder / "record.json")
+    result = json_or_none(folder / "record.json")
     content = result if isinstance(result, dict) else {}
     units = content.get("units", {})
     units_by_name = (
@@ -360,7 +360,7 @@ def read_columns(studies: Sequence[str], every: bool = False) -> tuple[StudyColu
                     "it is named twice", where=text, remedy="name each study once"
                 )
             columns.append(column)
-    return _told_apart(columns)
+    return _distinct_labels(columns)
 
 
 def _reading_columns(text: str, every: bool) -> list[StudyColumn]:
@@ -505,7 +505,7 @@ def _number(value: Any) -> float | None:
     )
 
 
-def _told_apart(columns: Sequence[StudyColumn]) -> tuple[StudyColumn, ...]:
+def _distinct_labels(columns: Sequence[StudyColumn]) -> tuple[StudyColumn, ...]:
     """Labels by folder, with as many of the folders above as it takes, and by method where a study
     stands there with several.
     """

@@ -16,7 +16,7 @@ from rich.console import Console
 
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text
-from scenarios.plots import drawn_in
+from scenarios.plots import draw_into
 from scenarios.report.document import (
     BY_ROW,
     MISSING,
@@ -168,7 +168,7 @@ def compared_figures(compared: SideBySide) -> Iterator[Named]:
     labels = [column.label for column in compared.columns]
     names = (*compared.names, *compared.derived)
     rows = {
-        name: [_drawn(compared.value(name, column)) for column in compared.columns]
+        name: [_parameter_column(compared.value(name, column)) for column in compared.columns]
         for name in names
     }
     units = {name: compared.unit(name) for name in names}
@@ -194,7 +194,7 @@ def compared_figures(compared: SideBySide) -> Iterator[Named]:
         yield "compared_responses", partial(figure_studies_responses, flown, shared, TITLE)
 
 
-def _drawn(value: Value | None) -> ParameterColumn | None:
+def _parameter_column(value: Value | None) -> ParameterColumn | None:
     from scenarios.plots.side_by_side import ParameterColumn
 
     return (
@@ -480,7 +480,7 @@ def write_compared(compared: SideBySide, folder: str | Path, *, figures: Formats
     """
     with study_folder(folder, MAIN) as scratch:
         write_text(scratch / "compared.csv", compared_csv(compared))
-        figure_files = drawn_in(scratch, compared_figures(compared), figures)
+        figure_files = draw_into(scratch, compared_figures(compared), figures)
         write_page(scratch, compared_page(compared, figure_files))
         write_json(scratch / MAIN, compared_content(compared))
     return Path(folder)

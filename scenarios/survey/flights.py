@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from scenarios.files.declarations import checked, read_toml_source, toml_of
-from scenarios.files.sources import InputFile, Source, found_json, own_version
+from scenarios.files.sources import InputFile, Source, json_or_none, own_version
 from scenarios.files.units import to_si
 from scenarios.files.user_models import is_model_file
 from scenarios.files.vehicles import read_vehicle, refuse_unknown_model, vehicle_next_to
@@ -530,11 +530,11 @@ def kinematics_of(flight: SurveyFlight) -> dict[str, Any]:
     return {"done": True, "sentences": list(finding_lines(result)), "findings": names}
 
 
-def kept_of(flight: SurveyFlight, folder: Path) -> dict[str, Any] | None:
+def kept_diagnosis(flight: SurveyFlight, folder: Path) -> dict[str, Any] | None:
     """What is kept of a flight where it is still of this record, vehicle, model, options and
     version; else None.
     """
-    content = found_json(folder / FOLDER / flight.name / KEPT)
+    content = json_or_none(folder / FOLDER / flight.name / KEPT)
     sound = (
         isinstance(content, dict)
         and content.get("schema") == SCHEMA

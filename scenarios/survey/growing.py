@@ -21,11 +21,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from scenarios.files.sources import found_json
+from scenarios.files.sources import json_or_none
 from scenarios.files.user_models import is_model_file
 from scenarios.files.writing import study_folder, write_json
 from scenarios.report.figure_formats import Formats
-from scenarios.survey.flights import FOLDER, Diagnoses, Flights, SurveyFlight, kept_of
+from scenarios.survey.flights import FOLDER, Diagnoses, Flights, SurveyFlight, kept_diagnosis
 from scenarios.survey.flights import KEPT as KEPT_FILES
 from scenarios.tasks.study import TaskRequest, run_study
 from scenarios.tasks.work import Row, Task
@@ -86,7 +86,7 @@ class PooledFits:
 
     def kept(self, number: int) -> Mapping[str, Any] | None:
         """The fits of a flight as its folder has them; None where it has none of these."""
-        content = found_json(self.path(number))
+        content = json_or_none(self.path(number))
         return (
             content
             if isinstance(content, dict) and content.get("digest") == self.digest(number)
@@ -149,7 +149,7 @@ def fitted_sets(
     data = FitData(records, measured_masks(records, outputs), posed.model, outputs)
     settings = FitSettings(max_step=step_for(posed.model, posed.records, 0.01), enough=1e-6)
     able = [name for name in names if name in known]
-    search = _Search(
+    search = _EffectSetFits(
         data,
         settings,
         known,
@@ -189,7 +189,7 @@ def fitted_sets(
         "own": [name for name in beside if name not in remain],
         **{
             key: {
-                "+".join(sorted(taken)): _told(
+                "+".join(sorted(taken)): _fit_content(
                     each, declared, [known[n] for n in sorted(taken)], share
                 )
                 for taken, each in result[own_in].items()
@@ -202,7 +202,7 @@ def fitted_sets(
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _EffectSetFits:
     """Fits of one record with sets of effects, each begun at the likeliest smaller one."""
 
     data: FitData
@@ -248,7 +248,7 @@ def _full(effect: Traceable) -> list[str]:
     return [full_name(effect, item.name) for item in effect.parameters if item.free]
 
 
-def _told(
+def _fit_content(
     fitted: FittedModel, declared: Sequence[str], effects: Sequence[Traceable], share: float
 ) -> dict[str, Any]:
     """Estimates of the declared parameters and then of the effects', with their covariance."""
@@ -389,15 +389,15 @@ Tell = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
-class Grown:
-    """What a survey has of its flights.
+class SurveyFiles:
+    """The diagnoses of a survey's flights, and which of them are new.
 
-    ``kept``: of each flight by name, in the order of the file. ``computed``, ``failed`` (with the
-    reason), ``removed`` since the last survey, ``before``: names of the flights that the last
-    survey had.
+    ``diagnoses``: content of each flight's diagnosis file by name of the flight, in the order of
+    the survey file. ``computed``, ``failed`` (with the reason), ``removed`` since the last
+    survey, ``before``: names of the flights that the last survey had.
     """
 
-    kept: Mapping[str, Mapping[str, Any]]
+    diagnoses: Mapping[str, Mapping[str, Any]]
     flights: Mapping[str, SurveyFlight]
     computed: tuple[str, ...]
     failed: Mapping[str, str]
@@ -407,17 +407,19 @@ class Grown:
     @property
     def new(self) -> tuple[str, ...]:
         """Flights that the last survey had not; none in the first one."""
-        return tuple(name for name in self.kept if name not in self.before) if self.before else ()
+        return (
+            tuple(name for name in self.diagnoses if name not in self.before) if self.before else ()
+        )
 
 
-def grown(
+def survey_files(
     survey_flights: Flights,
     folder: Path,
     jobs: int = 1,
     figures: Formats = (),
     tell: Tell = lambda stage, share: None,
     cluster: str | None = None,
-) -> Grown:
+) -> SurveyFiles:
     """Diagnose the flights whose results the folder lacks, by processes or by the ``cluster`` at an
     address, and give all.
 
@@ -427,12 +429,14 @@ def grown(
     written.
     """
     before = last_survey(folder)
-    missing = tuple(flight for flight in survey_flights.flights if kept_of(flight, folder) is None)
+    missing = tuple(
+        flight for flight in survey_flights.flights if kept_diagnosis(flight, folder) is None
+    )
     failed: dict[str, str] = {}
     if missing:
         work = Diagnoses(missing, folder, figures)
         try:
-            table = flown(work, len(missing), jobs, folder, tell, cluster)
+            table = run_flights(work, len(missing), jobs, folder, tell, cluster)
             ended = len(table)
         except KeyboardInterrupt:
             ended, table = 0, None
@@ -446,7 +450,7 @@ def grown(
             for n, error in zip(table.columns["number"], table.columns["error"], strict=True)
             if error
         }
-    result = {flight.name: kept_of(flight, folder) for flight in survey_flights.flights}
+    result = {flight.name: kept_diagnosis(flight, folder) for flight in survey_flights.flights}
     diagnoses = {name: content for name, content in result.items() if content is not None}
     for name in result:
         if name not in diagnoses and name not in failed:
@@ -454,7 +458,7 @@ def grown(
     computed = tuple(flight.name for flight in missing if flight.name in diagnoses)
     had = frozenset(str(name) for name in before.get("flights", {}))
     removed = tuple(sorted(had - set(result)))
-    return Grown(
+    return SurveyFiles(
         diagnoses,
         {f.name: replace(f) for f in survey_flights.flights},
         computed,
@@ -464,7 +468,7 @@ def grown(
     )
 
 
-def flown(
+def run_flights(
     work: Diagnoses | PooledFits,
     count: int,
     jobs: int,
@@ -486,7 +490,7 @@ def flown(
 
 def last_survey(folder: Path) -> Mapping[str, Any]:
     """The document of the last survey in a folder; empty where there is none."""
-    content = found_json(folder / MAIN)
+    content = json_or_none(folder / MAIN)
     return (
         content
         if isinstance(content, dict)

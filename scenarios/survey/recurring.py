@@ -29,10 +29,10 @@ from ident.pooling import (
 FEWEST_NAMED = 2
 MOST = 5  # effects that are tried together: 32 sets a flight
 
-Kept = Mapping[str, Mapping[str, Any]]
+DiagnosesByFlight = Mapping[str, Mapping[str, Any]]
 
 
-def candidates(diagnoses: Kept) -> tuple[str, ...]:
+def candidates(diagnoses: DiagnosesByFlight) -> tuple[str, ...]:
     """Effects that may recur, the most often named first: claimed somewhere, and named in two
     flights at least.
     """
@@ -93,7 +93,7 @@ def effects_of_one_flight(
     }
 
 
-def starts_of(diagnoses: Kept, names: Sequence[str]) -> dict[str, float]:
+def starts_of(diagnoses: DiagnosesByFlight, names: Sequence[str]) -> dict[str, float]:
     """Where each effect's parameters begin: the median over the flights that name it."""
     seen: dict[str, list[float]] = {}
     for flight in diagnoses.values():
@@ -125,7 +125,7 @@ class Recurring:
     name: str
     parameters: Mapping[str, str]
     flights: tuple[str, ...]
-    found: Recurrence
+    recurrence: Recurrence
     values: np.ndarray
     sigmas: np.ndarray
     rivals: Mapping[str, float]
@@ -134,13 +134,13 @@ class Recurring:
     @property
     def has(self) -> tuple[str, ...]:
         return tuple(
-            name for name, there in zip(self.flights, self.found.has, strict=True) if there
+            name for name, there in zip(self.flights, self.recurrence.has, strict=True) if there
         )
 
     @property
     def has_not(self) -> tuple[str, ...]:
         return tuple(
-            name for name, there in zip(self.flights, self.found.has_not, strict=True) if there
+            name for name, there in zip(self.flights, self.recurrence.has_not, strict=True) if there
         )
 
     @property
@@ -188,7 +188,10 @@ def evidence_of(
 
 
 def recurring(
-    names: Sequence[str], flights: Sequence[str], fits: Sequence[Mapping[str, Any]], diagnoses: Kept
+    names: Sequence[str],
+    flights: Sequence[str],
+    fits: Sequence[Mapping[str, Any]],
+    diagnoses: DiagnosesByFlight,
 ) -> tuple[list[Recurring], list[frozenset[str]]]:
     """The effects that recur, the strongest first, and of each flight those that it has.
 
@@ -222,7 +225,9 @@ def recurring(
         if better != name:
             taken[taken.index(name)] = better
             sets = assigned(fits, taken, [each - {name} for each in sets])
-    return [_told(name, names, taken, flights, fits, sets, diagnoses) for name in taken], sets
+    return [
+        _recurring_of(name, names, taken, flights, fits, sets, diagnoses) for name in taken
+    ], sets
 
 
 def _preferred(
@@ -230,7 +235,7 @@ def _preferred(
     rivals: Sequence[str],
     fits: Sequence[Mapping[str, Any]],
     sets: Sequence[frozenset[str]],
-    diagnoses: Kept,
+    diagnoses: DiagnosesByFlight,
 ) -> str:
     """An effect, or the rival that all flights together prefer in its place.
 
@@ -318,14 +323,14 @@ def assigned(
     return now
 
 
-def _told(
+def _recurring_of(
     name: str,
     names: Sequence[str],
     taken: Sequence[str],
     flights: Sequence[str],
     fits: Sequence[Mapping[str, Any]],
     sets: Sequence[frozenset[str]],
-    diagnoses: Kept,
+    diagnoses: DiagnosesByFlight,
 ) -> Recurring:
     result = recurrence_of_effect(fits, name, sets)
     assert result is not None
@@ -365,7 +370,10 @@ ROUNDS = 4  # of asking flights for their own effects again; far more than it ta
 
 
 def recurring_with_other_effects(
-    names: Sequence[str], flights: Sequence[str], fits: Sequence[Mapping[str, Any]], diagnoses: Kept
+    names: Sequence[str],
+    flights: Sequence[str],
+    fits: Sequence[Mapping[str, Any]],
+    diagnoses: DiagnosesByFlight,
 ) -> tuple[list[Recurring], list[frozenset[str]], list[Mapping[str, Any]]]:
     """As ``recurring``, where a flight's own effects have to be needed beside what recurs; with the
     fits that were taken of each flight.
@@ -458,7 +466,7 @@ def estimates(
     shared.
     """
     out: list[dict[str, tuple[float, float]]] = []
-    shared = {each.name: each for each in recurring_effects if each.found.agrees}
+    shared = {each.name: each for each in recurring_effects if each.recurrence.agrees}
     for number, (each, taken) in enumerate(zip(fits, sets, strict=True)):
         fitted = each["sets"].get("+".join(sorted(taken)))
         if fitted is None:
@@ -470,8 +478,10 @@ def estimates(
             one = shared[name]
             at = np.array([fitted["names"].index(full) for full in each["effects"][name]["full"]])
             # as it weighs in the common value
-            own = covariance_own[np.ix_(at, at)] / one.found.probability[number]
-            others = without_one(one.found.value, one.found.covariance, one.values[number], own)
+            own = covariance_own[np.ix_(at, at)] / one.recurrence.probability[number]
+            others = without_one(
+                one.recurrence.value, one.recurrence.covariance, one.values[number], own
+            )
             if others is not None:
                 value, covariance = conditioned(value, covariance, at, *others)
         sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -493,7 +503,7 @@ def effects_over(
     """
     asked: list[tuple[tuple[str, str], str, Trend]] = []
     for each in recurring_effects:
-        if each.found.agrees:
+        if each.recurrence.agrees:
             continue
         for condition, by_flight in conditions.items():
             at = [

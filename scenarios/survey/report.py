@@ -45,7 +45,7 @@ HAS, HAS_NOT, UNTOLD = "has it", "does not have it", "undecided"
 
 def verdict_of(survey: SurveyResult) -> tuple[str, str]:
     """A word or two, and the sentence after it."""
-    diagnoses = survey.grown.kept
+    diagnoses = survey.survey_files.diagnoses
     if not diagnoses:
         return "NO FLIGHT", "no flight could be used"
     if survey.recurs:
@@ -82,9 +82,9 @@ def effect_phrase(each: Recurring) -> str:
 def values_of(each: Recurring) -> list[str]:
     """The common values with sigmas, in the units in which they are shown."""
     out = []
-    sigmas = np.sqrt(np.diag(each.found.covariance))
+    sigmas = np.sqrt(np.diag(each.recurrence.covariance))
     for (local, unit), value, sigma in zip(
-        each.parameters.items(), each.found.value, sigmas, strict=True
+        each.parameters.items(), each.recurrence.value, sigmas, strict=True
     ):
         factor, text = shown_in(unit, local)
         out.append(
@@ -99,13 +99,14 @@ def belongs_phrase(each: Recurring, survey: SurveyResult) -> str:
     text = f"{len(each.has)} have it, {len(each.has_not)} do not, {len(each.untold)} are undecided"
     whose = (
         f"it belongs to the aircraft: no flight excludes it ({text})"
-        if each.found.belongs == "aircraft"
+        if each.recurrence.belongs == "aircraft"
         else f"it acts in some flights only: {text}"
     )
     same = (
         "the values of all flights agree"
-        if each.found.agrees
-        else f"its values differ by {100 * each.found.scatter:.0f} % (one sigma) between flights"
+        if each.recurrence.agrees
+        else f"its values differ by {100 * each.recurrence.scatter:.0f} % (one sigma) between "
+        "flights"
     )
     changes = [
         f"{local} {change}"
@@ -204,10 +205,10 @@ def outlying(survey: SurveyResult) -> list[tuple[str, str, float]]:
 
 def news(survey: SurveyResult) -> str:
     """What this survey computed, and what is new, failed or removed since the last one."""
-    grown = survey.grown
+    grown = survey.survey_files
     parts = [
-        f"{len(grown.kept)} flights",
-        f"{len(grown.computed)} computed now, {len(grown.kept) - len(grown.computed)} kept",
+        f"{len(grown.diagnoses)} flights",
+        f"{len(grown.computed)} computed now, {len(grown.diagnoses) - len(grown.computed)} kept",
     ]
     parts += [f"new: {listed(grown.new)}"] if grown.new else []
     parts += [f"{len(grown.failed)} failed: {listed(list(grown.failed))}"] if grown.failed else []
@@ -230,8 +231,8 @@ def single_phrases(survey: SurveyResult) -> list[str]:
 def fresh(survey: SurveyResult) -> list[str]:
     """What is new: each flight by itself, and what it has of what recurs."""
     out = []
-    for name in survey.grown.new:
-        diagnosis = survey.grown.kept[name]
+    for name in survey.survey_files.new:
+        diagnosis = survey.survey_files.diagnoses[name]
         has = [each.name for each in survey.recurs if name in each.has]
         besides = (
             f"; it has the recurring {' and '.join(has)}"
@@ -260,11 +261,11 @@ def newest_first(survey: SurveyResult) -> list[str]:
     """Names of the flights: new ones first, then by date, the last first, then in the order of the
     file from its end.
     """
-    order = list(survey.grown.kept)
-    fresh = set(survey.grown.new)
+    order = list(survey.survey_files.diagnoses)
+    fresh = set(survey.survey_files.new)
     return sorted(
         order,
-        key=lambda name: (name in fresh, survey.grown.flights[name].date, order.index(name)),
+        key=lambda name: (name in fresh, survey.survey_files.flights[name].date, order.index(name)),
         reverse=True,
     )
 
@@ -279,7 +280,7 @@ def effects_table(survey: SurveyResult) -> Table:
     whose = {"aircraft": "the aircraft"}
     chances = [
         Number(p, shown=f"{p:.1g}" if p > FAR else f"<{FAR:.0e}")
-        for p in (each.found.p_value for each in some)
+        for p in (each.recurrence.p_value for each in some)
     ]
     return table(
         "effects that recur",
@@ -287,13 +288,16 @@ def effects_table(survey: SurveyResult) -> Table:
         (Column("common value"), ["; ".join(values_of(each)) for each in some]),
         (
             Column("belongs to"),
-            [whose.get(each.found.belongs, "some flights") for each in some],
+            [whose.get(each.recurrence.belongs, "some flights") for each in some],
         ),
         (Column("have it", PURE), counts(lambda each: each.has)),
         (Column("do not have it", PURE), counts(lambda each: each.has_not)),
         (Column("undecided", PURE), counts(lambda each: each.untold)),
         (Column("named by the flight alone", PURE), counts(lambda each: each.named)),
-        (Column("values agree", right=True), ["yes" if e.found.agrees else "no" for e in some]),
+        (
+            Column("values agree", right=True),
+            ["yes" if e.recurrence.agrees else "no" for e in some],
+        ),
         (Column("chance of a false recurrence", PURE), chances),
     )
 
@@ -335,8 +339,8 @@ def flights_table(survey: SurveyResult, linked: Collection[str] = ()) -> Table:
     """Flights, the newest first, those ``linked`` leading to their own page; columns in which no
     flight has anything are left out.
     """
-    order, grown = newest_first(survey), survey.grown
-    diagnosis = [grown.kept[name] for name in order]
+    order, grown = newest_first(survey), survey.survey_files
+    diagnosis = [grown.diagnoses[name] for name in order]
 
     def alone(name: str) -> str:
         return ", ".join(e for e, flights in survey.alone.items() if name in flights) or MISSING
@@ -380,7 +384,7 @@ def kinematics(diagnosis: Mapping[str, Any]) -> str:
 
 def survey_content(survey: SurveyResult, created: str) -> dict[str, Any]:
     """Everything of a survey but its flights' own studies, whose folders it names; SI."""
-    grown, (word, rest) = survey.grown, verdict_of(survey)
+    grown, (word, rest) = survey.survey_files, verdict_of(survey)
     return {
         "schema": GROWING_SCHEMA,
         "created": created,
@@ -399,7 +403,7 @@ def survey_content(survey: SurveyResult, created: str) -> dict[str, Any]:
             {"flight": flight, "derivative": name, "sigmas": off}
             for flight, name, off in outlying(survey)
         ],
-        "flights": {name: _flight(survey, name) for name in grown.kept},
+        "flights": {name: _flight(survey, name) for name in grown.diagnoses},
         "failed": dict(grown.failed),
         "removed": list(grown.removed),
         "computed": list(grown.computed),
@@ -415,7 +419,7 @@ def survey_content(survey: SurveyResult, created: str) -> dict[str, Any]:
 
 def effect_content(each: Recurring, survey: SurveyResult) -> dict[str, Any]:
     """One effect that recurs."""
-    result = each.found
+    result = each.recurrence
     sigmas = np.sqrt(np.diag(result.covariance))
     common = zip(each.parameters.items(), result.value, sigmas, strict=True)
     return {
@@ -491,7 +495,7 @@ def derivative_content(each: Derivative, survey: SurveyResult) -> dict[str, Any]
 
 
 def _flight(survey: SurveyResult, name: str) -> dict[str, Any]:
-    flight, diagnosis = survey.grown.flights[name], survey.grown.kept[name]
+    flight, diagnosis = survey.survey_files.flights[name], survey.survey_files.diagnoses[name]
     return {
         "digest": flight.digest,
         "verdict": diagnosis["verdict"],

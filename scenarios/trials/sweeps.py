@@ -285,7 +285,7 @@ def _roll(
     """Command, returned signal and measured roll rate, frame by frame; the command is held
     between.
     """
-    whole, decay, now, before = _held(loop)
+    whole, decay, now, before = _frame_delay(loop)
     step = 1.0 / loop.rate
     share = math.exp(-step / AIR_TIME)
     white, gyro = rng.standard_normal(sweep.size), scenario.gyro * rng.standard_normal(sweep.size)
@@ -309,7 +309,7 @@ def _roll(
     return command, returned, measured
 
 
-def _held(loop: RollLoop) -> tuple[int, float, float, float]:
+def _frame_delay(loop: RollLoop) -> tuple[int, float, float, float]:
     """Whole frames of the delay, the decay of p over a frame, and what the commands at its end and
     one frame before give."""
     step, a = 1.0 / loop.rate, loop.inv_T_roll
@@ -327,7 +327,7 @@ def true_loop(scenario: SweepScenario, omega: np.ndarray) -> np.ndarray:
         x29 = load_x29(scenario.airframe)
         return np.asarray(open_loop(x29)(np.exp(1j * omega * x29.frame))).ravel()
     loop = scenario.loop
-    whole, decay, now, before = _held(loop)
+    whole, decay, now, before = _frame_delay(loop)
     later = np.exp(-1j * omega / loop.rate)
     plant = later ** (whole + 1) * (now + before * later) / (1.0 - decay * later)
     return np.asarray(plant * (loop.proportional + loop.integral / loop.rate / (1.0 - later)))
@@ -517,7 +517,7 @@ def write_sweep(study: SweepStudy, folder: str | Path, *, figures: Formats = USU
         )
         figure_files: tuple[Drawn, ...] = ()
         if figures:
-            from scenarios.plots.drawing import drawn_for_page
+            from scenarios.plots.drawing import draw_for_page
             from scenarios.plots.flying_qualities import (
                 figure_margins,
                 figure_mismatch,
@@ -530,7 +530,7 @@ def write_sweep(study: SweepStudy, folder: str | Path, *, figures: Formats = USU
             if study.response is not None:
                 named.append(("mismatch", partial(figure_mismatch, study.response)))
             named.append(("loop", partial(figure_margins, study.loop)))
-            figure_files = drawn_for_page(named, scratch, figures)
+            figure_files = draw_for_page(named, scratch, figures)
         write_page(scratch, sweep_page(study, figure_files))
         write_json(scratch / "truth.json", truth_content(study))
         write_json(scratch / MAIN, sweep_comparison(study))

@@ -22,7 +22,7 @@ from ident.frequency_response import FrequencyResponses
 from ident.frequency_response.estimate import RANDOM_ERROR, frequencies, longest_run, window_lengths
 from ident.frequency_response.online import OnlineResponses, estimated, interrupt, online_responses
 from ident.frequency_response.online import take as take_samples
-from ident.frequency_response.transfer_function import Target
+from ident.frequency_response.transfer_function import ResponseTarget
 from scenarios.files.declarations import CHANNEL_UNITS, TIME
 from scenarios.files.sources import versions
 from scenarios.responses.fitting import target_of
@@ -111,7 +111,7 @@ class MarginSession:
     rows: int = 0
     gaps: int = 0
     points: list[MarginPoint] = field(default_factory=list)
-    found: FrequencyResponses | None = None
+    responses: FrequencyResponses | None = None
     begun: float | None = None
     moments: np.ndarray = field(default_factory=lambda: np.zeros((4, 4)))
 
@@ -156,7 +156,7 @@ def finish_second(session: MarginSession) -> list[MarginPoint]:
         sound = block[:, np.all(np.isfinite(block), axis=0)]
         signals = np.stack([np.ones(sound.shape[1]), sound[2], sound[1], sound[-1]])
         session.moments = session.moments + signals @ signals.T
-    session.found = estimated(session.stream)
+    session.responses = estimated(session.stream)
     session.points.append(_point(session, float(block[0, -1])))
     return session.points[-1:]
 
@@ -210,7 +210,7 @@ def _even(session: MarginSession, block: np.ndarray) -> list[tuple[np.ndarray, i
     return out
 
 
-def _target(session: MarginSession) -> Target | None:
+def _target(session: MarginSession) -> ResponseTarget | None:
     """The broken-loop response along its usable band; None where that has less than three points.
 
     A stream has few windows of a frequency at first. Deviations are widened to Student's
@@ -219,7 +219,7 @@ def _target(session: MarginSession) -> Target | None:
     """
     from scipy.stats import t
 
-    responses = session.found
+    responses = session.responses
     if responses is None:
         return None
     wide = t.ppf(0.5 * (1.0 + LEVEL), responses.degrees) / NORMAL

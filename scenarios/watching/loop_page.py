@@ -73,7 +73,7 @@ REQUIRED = {
 
 
 @dataclass(frozen=True, eq=False)
-class DrawnLoop:
+class PlottedLoop:
     """A loop as the figure of margins takes it."""
 
     loop: LoopMargins
@@ -85,7 +85,7 @@ def write_loop(
 ) -> None:
     """Write the study of a loop in a stream, whole or not at all; ``source`` is the file of its
     rows, None of a pipe."""
-    from scenarios.plots.drawing import drawn_for_page
+    from scenarios.plots.drawing import draw_for_page
     from scenarios.plots.flying_qualities import figure_margin_history, figure_margins
     from scenarios.report.figure_formats import USUAL
 
@@ -102,10 +102,10 @@ def write_loop(
     with study_folder(out, MAIN) as scratch:
         named = []
         if loop is not None:
-            named.append(("loop", partial(figure_margins, DrawnLoop(loop))))
+            named.append(("loop", partial(figure_margins, PlottedLoop(loop))))
         if any(shown(point) for point in session.points):
             named.append(("history", partial(figure_margin_history, session.points, name)))
-        figure_files = drawn_for_page(named, scratch, USUAL)
+        figure_files = draw_for_page(named, scratch, USUAL)
         write_text(scratch / HISTORY, history_csv(session))
         write_page(scratch, loop_page(content, loop, name, digest, page_figures(figure_files)))
         write_json(scratch / MAIN, content)

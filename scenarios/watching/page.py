@@ -29,8 +29,8 @@ import numpy as np
 from scenarios.report.quantities import CHANNELS, DEGREES, number_text
 from scenarios.watching.reference import HANGING, WORDS, CrossValidation, comparisons
 from scenarios.watching.rows import OUTPUTS
-from scenarios.watching.session import UNITS, Session, Step, Watch
-from scenarios.watching.study import Outcome, so_far
+from scenarios.watching.session import UNITS, Session, Watch, WatchStep
+from scenarios.watching.study import WatchOutcome, so_far
 from sim.errors import DeclarationError
 
 # ---- Events of a watch
@@ -363,7 +363,7 @@ def about(name: str, stick_unit: str, delays: np.ndarray, reference: str | None,
     )
 
 
-def rows(steps: Sequence[Step], offsets: Mapping[str, float]) -> str:
+def rows(steps: Sequence[WatchStep], offsets: Mapping[str, float]) -> str:
     """Times, the stick, and of each channel what was measured and what the filter expected before
     it saw the sample.
     """
@@ -425,7 +425,7 @@ def _item(each: CrossValidation) -> dict[str, Any]:
     return out
 
 
-def _expected(step: Step) -> np.ndarray:
+def _expected(step: WatchStep) -> np.ndarray:
     """By the bank that was linearised anew, where there is one."""
     state = step.state if step.refined is None else step.refined.state
     return state.expected
@@ -464,12 +464,12 @@ class Follow:
 
     def __init__(self, watch: Watch, feed: Feed) -> None:
         self._watch, self._feed = watch, feed
-        self._waiting: list[Step] = []
+        self._waiting: list[WatchStep] = []
         self._second, self._sent, self._stood = -np.inf, 0.0, 0.0
         self._counted: deque[tuple[float, int]] = deque()
         self._introduced = False
 
-    def __call__(self, steps: Sequence[Step]) -> None:
+    def __call__(self, steps: Sequence[WatchStep]) -> None:
         """Take steps along."""
         session, now = self._watch.session, time.monotonic()
         if session is not None and session.bank is not None and not self._introduced:
@@ -491,10 +491,10 @@ class Follow:
             self._stood = now
             self._stand(session, now)
 
-    def end(self, session: Session, end: Outcome) -> None:
+    def end(self, session: Session, end: WatchOutcome) -> None:
         """Tell the last numbers and why the stream ended."""
         self._rows(session)
-        kind = "refined over all rows" if end.found is not None else KINDS[end.refined]
+        kind = "refined over all rows" if end.refinement is not None else KINDS[end.refined]
         assert session.state is not None
         self._feed.put("final", estimates(session.state.time, end.standings, end.weights, kind))
         self._stand(session, time.monotonic(), f"{self._watch.reason}; {kind}")

@@ -179,13 +179,13 @@ LOST = 600.0  # s: after a gap this long nothing of the motion before is known
 
 @dataclass(frozen=True)
 class StreamSignals:
-    """Inputs and outputs that a stream is read for; ``known``: all channels and their units
+    """Inputs and outputs that a stream is read for; ``channel_units``: all channels and their units
     inside.
     """
 
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
-    known: Mapping[str, str] = field(default_factory=lambda: CHANNEL_UNITS)
+    channel_units: Mapping[str, str] = field(default_factory=lambda: CHANNEL_UNITS)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -248,7 +248,7 @@ class Order(NamedTuple):
     """
 
     time: float = -math.inf
-    held: tuple[float, ...] = ()
+    last_inputs: tuple[float, ...] = ()
     waiting: np.ndarray | None = None
     waiting_row: int = 0
     lost: float | None = None
@@ -287,7 +287,7 @@ def read_header(
     sources: tuple[int, ...] = ()
     inputs, outputs = signals.inputs, signals.outputs
     refuse_unknown_units(
-        Sidecar(units=units or {}), cells, Path(name), {*signals.known, *(choices or {})}
+        Sidecar(units=units or {}), cells, Path(name), {*signals.channel_units, *(choices or {})}
     )
     if choices is not None:
         choices = {channel: _by_name(choice, cells) for channel, choice in choices.items()}
@@ -301,7 +301,7 @@ def read_header(
             wider, choices = with_derived(file, choices, inputs, outputs)
             cells = list(wider.table.header)
     columns = tuple(
-        find_column(channel, cells, name, choices, units, signals.known)
+        find_column(channel, cells, name, choices, units, signals.channel_units)
         for channel in signals.names
     )
     if rate is not None and columns[0] is not None:
@@ -429,7 +429,9 @@ def read_lines(
     faults: list[Fault] = []
     for number, line in enumerate(lines, start=first):
         try:
-            found = _plain(line, places, header.width) or _careful(line, places, header.width)
+            found = _plain_numbers(line, places, header.width) or _careful(
+                line, places, header.width
+            )
         except (ValueError, csv.Error) as error:
             faults.append(
                 Fault(number, "not plain text" if isinstance(error, UnicodeError) else str(error))
@@ -458,9 +460,12 @@ def read_lines(
     if header.rate is not None:
         table[0] = (np.array(numbers, dtype=float) - header.first) / header.rate
     for row, (column, channel) in enumerate(zip(header.columns, signals.names, strict=True)):
-        if column is not None and channel != STICK and signals.known[channel]:
+        if column is not None and channel != STICK and signals.channel_units[channel]:
             table[row] = to_si(
-                table[row], column.unit, signals.known[channel], column_place(header.name, column)
+                table[row],
+                column.unit,
+                signals.channel_units[channel],
+                column_place(header.name, column),
             )
     return table, numbers, faults
 
@@ -479,7 +484,8 @@ def in_order(
             table,
             [],
             order._replace(
-                time=float(table[0, -1]), held=tuple(table[1 : 1 + len(order.inputs), -1].tolist())
+                time=float(table[0, -1]),
+                last_inputs=tuple(table[1 : 1 + len(order.inputs), -1].tolist()),
             ),
         )
     rows: list[np.ndarray] = []
@@ -560,19 +566,21 @@ def _accept(
 ) -> Order:
     for place, name in enumerate(order.inputs, start=1):
         if math.isnan(row[place]):
-            if not order.held:
+            if not order.last_inputs:
                 faults.append(Fault(number, f"the {name} is missing, and there is none before"))
                 return order
             row = row.copy()
-            row[place] = order.held[place - 1]
+            row[place] = order.last_inputs[place - 1]
             faults.append(
                 Fault(number, f"the {name} is missing, the last one holds", left_out=False)
             )
     rows.append(row)
-    return order._replace(time=float(row[0]), held=tuple(row[1 : 1 + len(order.inputs)].tolist()))
+    return order._replace(
+        time=float(row[0]), last_inputs=tuple(row[1 : 1 + len(order.inputs)].tolist())
+    )
 
 
-def _plain(line: bytes, places: Sequence[int], width: int) -> list[float] | None:
+def _plain_numbers(line: bytes, places: Sequence[int], width: int) -> list[float] | None:
     """The numbers of a line that holds nothing else, None for any other: nearly all lines are of
     this sort, and it is three times as fast.
     """

@@ -48,7 +48,7 @@ from scenarios.watching.reference import (
     vehicle_sentence,
 )
 from scenarios.watching.reference import line as view_line
-from scenarios.watching.session import Session, Step, Watch
+from scenarios.watching.session import Session, Watch, WatchStep
 from scenarios.watching.spectral import (
     UNKNOWN,
     Point,
@@ -63,7 +63,7 @@ from scenarios.watching.spectral import (
 )
 from scenarios.watching.study import (
     NAME,
-    Outcome,
+    WatchOutcome,
     differences_table,
     reference_content,
     so_far,
@@ -224,7 +224,7 @@ def spectral_page(
         warnings=tuple(map(as_sentence, content.get("warnings", ()))),
         sections=(
             *first,
-            *section("Estimates", *found_blocks(content)),
+            *section("Estimates", *estimate_blocks(content)),
             *section(
                 "Against the reference",
                 differences_table(content["reference"]) if "reference" in content else None,
@@ -240,7 +240,7 @@ def spectral_page(
     )
 
 
-def found_blocks(content: Mapping[str, Any]) -> list[Block]:
+def estimate_blocks(content: Mapping[str, Any]) -> list[Block]:
     """Tables of the parameters and of what follows from them."""
     if not content["parameters"]:
         return []
@@ -260,7 +260,7 @@ def found_blocks(content: Mapping[str, Any]) -> list[Block]:
 REFRESH = 0.25  # s between two drawings of the live table
 
 
-def view_of(watch: Watch, session: Session, step: Step | None = None) -> View:
+def view_of(watch: Watch, session: Session, step: WatchStep | None = None) -> View:
     """The stream after a step, the last when None."""
     # A step that is named is news, however long its row waited to be filtered.
     silent = time.monotonic() - watch.heard if step is None else 0.0
@@ -296,7 +296,7 @@ class Show:
         terminal = console()
         self.live = Live(console=terminal, auto_refresh=False) if terminal.is_terminal else None
 
-    def __call__(self, steps: Sequence[Step]) -> None:
+    def __call__(self, steps: Sequence[WatchStep]) -> None:
         """Show the last state, or a line for the last of ``steps`` in each second."""
         session = self._watch.session
         if session is None or session.state is None:
@@ -326,7 +326,7 @@ def display(watch: Watch) -> Iterator[Show]:
         yield show
 
 
-def print_end(watch: Watch, session: Session, end: Outcome) -> None:
+def print_end(watch: Watch, session: Session, end: WatchOutcome) -> None:
     """The last table, why the stream ended, and what lies outside the reference's bounds."""
     from scenarios.report.quantities import console
 
@@ -340,7 +340,7 @@ def print_end(watch: Watch, session: Session, end: Outcome) -> None:
     )
     kind = (
         "refined over all rows"
-        if end.found is not None
+        if end.refinement is not None
         else "refined on line"
         if end.refined
         else "on line, the most likely filter"
@@ -348,7 +348,7 @@ def print_end(watch: Watch, session: Session, end: Outcome) -> None:
     terminal.print(f"{watch.reason}; {kind}:", highlight=False)
     terminal.print(vehicle_sentence(session.vehicle), highlight=False)
     terminal.print(live_table(view))
-    for words in beside_lines(session.spectral, (end.found or end.online).estimate):
+    for words in beside_lines(session.spectral, (end.refinement or end.online).estimate):
         terminal.print(words, highlight=False)
     hanging = [WORDS.get(item.name, item.name) for item in end.standings if item.hanging]
     if hanging:

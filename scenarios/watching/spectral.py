@@ -180,7 +180,7 @@ def record_of(session: SpectralSession) -> Record:
     if table.shape[1] < 2:
         what = f"{table.shape[1]} row(s) that can be used"
         raise RecordError(what, where=session.name, remedy="a stream needs at least two")
-    r, units = len(session.signals.inputs), session.signals.known
+    r, units = len(session.signals.inputs), session.signals.channel_units
     inputs = tuple(
         Channel.of(name, units[name], row)
         for name, row in zip(session.signals.inputs, table[1 : 1 + r], strict=True)

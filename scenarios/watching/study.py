@@ -15,8 +15,7 @@ from scipy.special import ndtr
 from ident.banks.delays import likelihood_weights
 from ident.banks.online import MEDIAN_SQUARE, BankState, OnlineBank, moved_starts, spread_covariance
 from ident.banks.relinearised import joint_estimate
-from ident.estimate import Estimate
-from ident.estimate import Outcome as EstimateOutcome
+from ident.estimate import Estimate, Outcome
 from scenarios.files.sources import InputFile, resolved, versions
 from scenarios.files.writing import study_folder, write_json, write_record, write_text
 from scenarios.identification.assessment import IdentificationResult
@@ -53,7 +52,7 @@ from scenarios.watching.reference import (
     usual_command,
 )
 from scenarios.watching.rows import OUTPUTS
-from scenarios.watching.session import STARTED, Session, Step
+from scenarios.watching.session import STARTED, Session, WatchStep
 from scenarios.watching.spectral import METHOD, history_csv, last_estimate, spectral_content
 from sim.errors import DeclarationError, FlightidError
 from sim.record import Record
@@ -79,14 +78,14 @@ class SoFar:
     hanging: frozenset[str] = frozenset()
 
 
-def so_far(session: Session, step: Step | None = None) -> SoFar:
+def so_far(session: Session, step: WatchStep | None = None) -> SoFar:
     """The estimate after a step, the last when None: the one that was linearised anew where there
     is one.
     """
     step = session.last if step is None else step
     assert session.bank is not None and step is not None
     if step.refined is None:
-        return plain_so_far(session, step)
+        return first_pass_so_far(session, step)
     estimate = joint_estimate(step.refined)
     weights = nearest(session.bank.delays, estimate.value("delay"), estimate.sigma("delay"))
     return SoFar(estimate, derived_of(estimate, session.vehicle, (0.0, 0.0)), weights, True)
@@ -101,7 +100,7 @@ def nearest(delays: np.ndarray, value: float, std: float) -> np.ndarray:
     return np.diff(np.concatenate([[0.0], below, [1.0]]))
 
 
-def plain_so_far(session: Session, step: Step | None = None) -> SoFar:
+def first_pass_so_far(session: Session, step: WatchStep | None = None) -> SoFar:
     """The most likely plain filter's estimate; its deviations hold what other starts end apart
     by.
     """
@@ -143,7 +142,7 @@ def likely_estimate(
     best, n_x = state.best, len(bank.system.states)
     names = bank.names[n_x:]
     P = state.covariance[best, n_x:, n_x:]
-    outcome = EstimateOutcome.CONVERGED if state.sound[best] else EstimateOutcome.DIVERGED
+    outcome = Outcome.CONVERGED if state.sound[best] else Outcome.DIVERGED
     log_likelihood = np.where(state.sound, state.log_likelihood, -np.inf)
     weights = likelihood_weights(log_likelihood)
     std = np.sqrt(np.diag(bank.R))
@@ -244,7 +243,7 @@ class History:
         ):
             self._folder.rmdir()
 
-    def write(self, bank: OnlineBank, steps: Sequence[Step], refine: bool = False) -> None:
+    def write(self, bank: OnlineBank, steps: Sequence[WatchStep], refine: bool = False) -> None:
         """Append a line for each step, all of them on disk when this returns; ``refine``: the bank
         is linearised anew on its way.
 
@@ -292,7 +291,7 @@ def columns(bank: OnlineBank, refine: bool = False) -> list[str]:
     return [*head, *weights, *values, *(f"innovation_{name}" for name in OUTPUTS), "spikes"]
 
 
-def lines(bank: OnlineBank, steps: Sequence[Step], refine: bool = False) -> str:
+def lines(bank: OnlineBank, steps: Sequence[WatchStep], refine: bool = False) -> str:
     """A line a step, ten digits a number."""
     B, n, count = len(bank.delays), len(bank.names), len(steps)
     states = [step.state for step in steps]
@@ -381,13 +380,18 @@ def watch_page(
         warnings=tuple(content.get("warnings", ())),
         sections=(
             *first,
-            *section("Estimates", *_found(content)),
+            *section("Estimates", *_estimate_tables(content)),
             *section(
-                "As the stream left it", *(_found(methods["online"]) if "online" in methods else ())
+                "As the stream left it",
+                *(_estimate_tables(methods["online"]) if "online" in methods else ()),
             ),
             *section(
                 "In the frequency domain",
-                *(_found(methods["frequency-domain"]) if "frequency-domain" in methods else ()),
+                *(
+                    _estimate_tables(methods["frequency-domain"])
+                    if "frequency-domain" in methods
+                    else ()
+                ),
             ),
             *section("Against the reference", differences_table(reference) if reference else None),
             *section("The bank of delays", _bank(content["bank"])),
@@ -408,7 +412,7 @@ def watch_page(
     )
 
 
-def _found(content: Mapping[str, Any]) -> list[Block]:
+def _estimate_tables(content: Mapping[str, Any]) -> list[Block]:
     rows = [
         Row(name, each["unit"], each["estimate"], each["std"])
         for name, each in content["parameters"].items()
@@ -467,13 +471,13 @@ FILES = ("comparison.json", NAME, FREQUENCY, "record.csv", "record.json", CONTEN
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
-    """The end of a watch: ``record`` the rows taken, ``found`` the whole-record refinement, None
-    where it was not made; ``online`` the last estimate on line, ``delays`` those of its bank (s);
-    ``standings`` of what counts."""
+class WatchOutcome:
+    """The end of a watch: ``record`` the rows taken, ``refinement`` the identification from the
+    whole record, None where it was not made; ``online`` the last estimate on line, ``delays``
+    those of its bank (s); ``standings`` of what counts."""
 
     record: Record
-    found: IdentificationResult | None
+    refinement: IdentificationResult | None
     online: SoFar
     delays: np.ndarray
     standings: tuple[CrossValidation, ...]
@@ -485,16 +489,18 @@ class Outcome:
     @property
     def weights(self) -> np.ndarray:
         """Of the declared delays, as in ``SoFar``, by what counts."""
-        if self.found is None or "delay" not in self.found.estimate.names:
+        if self.refinement is None or "delay" not in self.refinement.estimate.names:
             return self.online.weights
         return nearest(
-            self.delays, self.found.estimate.value("delay"), self.found.estimate.sigma("delay")
+            self.delays,
+            self.refinement.estimate.value("delay"),
+            self.refinement.estimate.sigma("delay"),
         )
 
     @property
     def refined(self) -> bool:
         """Whether what counts was linearised anew."""
-        return self.found is not None or self.online.refined
+        return self.refinement is not None or self.online.refined
 
 
 def refuse_overwriting(stream: Path, out: Path) -> None:
@@ -511,7 +517,7 @@ def write_watch(
     out: Path,
     session: Session,
     reference: Reference | None,
-    end: Outcome,
+    end: WatchOutcome,
     history: History,
     name: str,
 ) -> None:
@@ -533,16 +539,18 @@ def write_watch(
         )
 
 
-def watch_content(session: Session, reference: Reference | None, end: Outcome) -> dict[str, Any]:
+def watch_content(
+    session: Session, reference: Reference | None, end: WatchOutcome
+) -> dict[str, Any]:
     """Content of ``comparison.json``: the refined estimate as the main one where it was made, the
     on-line bank's under ``methods``.
     """
     bank, state = session.bank, session.state
     assert bank is not None and state is not None
-    alone = plain_so_far(session)
+    alone = first_pass_so_far(session)
     plain: dict[str, Any] = {**_content(session, alone), "method": "online"}
-    if end.found is not None:
-        result = end.found
+    if end.refinement is not None:
+        result = end.refinement
         main: dict[str, Any] = {
             **estimate_content(
                 result.estimate, result.rows, result.derived, result.fixed, result.tests

@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.banks.delays import DelayBank
 from ident.estimate import Estimate
-from ident.flying_qualities.levels import UNITS, Level
+from ident.flying_qualities.levels import UNITS, QualityLevel
 from scenarios.files.sources import versions
 from scenarios.studies.comparison import SCHEMA, bank_content, choices_content
 from scenarios.x29.declaration import (
@@ -71,16 +71,19 @@ def paper_content(study: LoopStudy) -> dict[str, Any]:
     if study.scenario.methods and has_table(column):
         names, C = printed_correlation(column)
         out["published"]["states"] = {
-            name: _known(row) for name, row in procedure_and_printed(study, column).items()
+            name: _without_missing(row)
+            for name, row in procedure_and_printed(study, column).items()
         }
         out["published"]["correlation"] = {"names": list(names), "matrix": C.tolist()}
         out["published"]["correlation_pairs"] = [
             {"pair": [a, b], "published": p, "paper_procedure": q, "refined": r}
             for a, b, p, q, r in noted_pairs(study, column)
         ]
-        out["published"]["between_grid_points"] = between_grid_points(study.plain)
+        out["published"]["between_grid_points"] = between_grid_points(study.single_pass)
     if study.scenario.methods:
-        units = dict(zip(study.plain.estimate.names, study.plain.estimate.units, strict=True))
+        units = dict(
+            zip(study.single_pass.estimate.names, study.single_pass.estimate.units, strict=True)
+        )
         out["methods"] = [_method(m, units) for m in (*study.methods, own_method(study))]
     if study.restarts:
         out["plain_restarts"] = {
@@ -99,7 +102,7 @@ def procedure_and_printed(
     """By state and parameter: initial and final value and variance, R and Q of the paper's
     procedure here and as printed, SI.
     """
-    system, bank = study.paper.system, study.plain.bank
+    system, bank = study.paper.system, study.single_pass.bank
     best = int(np.argmax(bank.log_likelihood))
     start, final = printed_start(column), printed_column(column)
     noise, density = printed_noise(column), printed_density(column)
@@ -135,7 +138,7 @@ def noted_pairs(study: LoopStudy, column: str) -> list[tuple[str, str, float, fl
     here, of the refined filter.
     """
     names, C = printed_correlation(column)
-    bank, history = study.plain.bank, study.result.estimate.history
+    bank, history = study.single_pass.bank, study.result.estimate.history
     assert history is not None
     covariance = bank.covariance[int(np.argmax(bank.log_likelihood))]
     out = []
@@ -159,7 +162,7 @@ def _correlation(P: np.ndarray, names: tuple[str, ...], a: str, b: str) -> float
     return float(P[i, j] / np.sqrt(P[i, i] * P[j, j]))
 
 
-def _known(row: dict[str, dict[str, float | None]]) -> dict[str, dict[str, float]]:
+def _without_missing(row: dict[str, dict[str, float | None]]) -> dict[str, dict[str, float]]:
     """A row without what there is not."""
     finite_pairs = {
         key: {side: value for side, value in pair.items() if value is not None}
@@ -221,7 +224,7 @@ def loop_comparison(study: LoopStudy) -> dict[str, Any]:
         "states": _states(study),
         "correlation": correlation_content(estimate),
         "bank": _bank(bank),
-        "plain": {**_values(study.plain.estimate), "delay": study.plain.delay},
+        "plain": {**_values(study.single_pass.estimate), "delay": study.single_pass.delay},
         "levels": [_level(level) for level in study.levels],
         "frequency_response": _check(study),
         "margins": {name: _margins(margins) for name, margins in study.margins.items()},
@@ -479,7 +482,7 @@ def _values(estimate: Estimate) -> dict[str, Any]:
     }
 
 
-def _level(level: Level) -> dict[str, Any]:
+def _level(level: QualityLevel) -> dict[str, Any]:
     c = level.criterion
     return {
         "quantity": c.quantity,

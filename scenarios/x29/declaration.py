@@ -28,7 +28,7 @@ from sim.closed_loop.nonlinear import (
     SmoothStick,
     doublet,
     fly_closed_loop,
-    hand_flown,
+    manual_stick,
     three_two_one_one,
 )
 from sim.declaration.model import Model, Noise
@@ -329,7 +329,7 @@ NO_LIMIT = 1e6  # deg/s, a rate that no ram reaches
 
 
 @dataclass(frozen=True, eq=False)
-class FlownLoop:
+class SimulatedLoop:
     """A flight: the aircraft as it flew, its telemetry, and what really happened (None where a
     low-order truth was flown).
     """
@@ -368,12 +368,12 @@ def stick_of(plan: StickPlan, duration: float) -> Callable[[np.ndarray], np.ndar
         return SmoothStick(
             plan.times, tuple(plan.amplitude * level for level in plan.levels), plan.bandwidth
         )
-    return hand_flown(
+    return manual_stick(
         np.random.default_rng(plan.pilot_seed), duration, plan.amplitude, plan.bandwidth, plan.start
     )
 
 
-def fly_loop(flight: LoopFlight, seed: int) -> FlownLoop:
+def fly_loop(flight: LoopFlight, seed: int) -> SimulatedLoop:
     """Fly and record; the same seed gives the same bytes.
 
     Raises
@@ -398,7 +398,7 @@ def fly_loop(flight: LoopFlight, seed: int) -> FlownLoop:
         values = channel.values.copy()
         values[int(np.argmin(np.abs(record.time - flight.spike.time)))] = flight.spike.size
         record = replace(record, inputs=(Channel.of("stick", channel.unit, values),))
-    return FlownLoop(x29, record, None if flight.low_order else truth)
+    return SimulatedLoop(x29, record, None if flight.low_order else truth)
 
 
 def low_order_model(x29: X29, values: dict[str, float]) -> Model:

@@ -26,9 +26,9 @@ from ident.statistics.residuals import ljung_box
 from scenarios.identification.low_order import ENGINEERING_STD, loes_filter_system
 from scenarios.x29.declaration import (
     METHODS,
-    FlownLoop,
     LoopEstimation,
     LoopScenario,
+    SimulatedLoop,
     Variant,
     fly_loop,
     low_order_model,
@@ -58,7 +58,7 @@ class SetUp:
 
 
 @dataclass(frozen=True, eq=False)
-class Plain:
+class SinglePass:
     """The paper's own way: one pass of the bank, and the filter of the most likely delay.
 
     ``estimate`` has the parameters without the delay.
@@ -74,7 +74,7 @@ class Plain:
 
 def set_up(
     estimation: LoopEstimation,
-    simulated: FlownLoop,
+    simulated: SimulatedLoop,
     start: Mapping[str, float],
     initial: Mapping[str, float] | None = None,
     prior: str = "",
@@ -123,10 +123,10 @@ def refined(setting: SetUp) -> DelayBank:
     return run_delay_bank(setting.record, setting.system, widenings=0, engine=setting.engine)
 
 
-def plain(setting: SetUp) -> Plain:
+def single_pass(setting: SetUp) -> SinglePass:
     """One pass of nine filters, and the estimate of the most likely one."""
     system, delays = setting.system, np.array(DELAYS)
-    bank = setting.engine.run(setting.record, system, held={"delay": delays})
+    bank = setting.engine.run(setting.record, system, fixed_values={"delay": delays})
     best, n_x = int(np.argmax(bank.log_likelihood)), len(system.states)
     names = bank.names[n_x:]
     weights = likelihood_weights(bank.log_likelihood)
@@ -142,10 +142,12 @@ def plain(setting: SetUp) -> Plain:
         np.array([setting.noise_std[name] for name in system.output_names]),
         (),
     )
-    return Plain(bank, delays, weights, DELAYS[best], float(weights @ delays), estimate)
+    return SinglePass(bank, delays, weights, DELAYS[best], float(weights @ delays), estimate)
 
 
-def started_again(estimation: LoopEstimation, simulated: FlownLoop, estimate: Estimate) -> SetUp:
+def started_again(
+    estimation: LoopEstimation, simulated: SimulatedLoop, estimate: Estimate
+) -> SetUp:
     """The filter for the same flight started at a result, with the same rule for P0."""
     values = estimate.as_dict()
     constants = {name: values[name] for name in ("L_0", "M_0", "delta_0")}
@@ -161,7 +163,7 @@ def rough(setting: SetUp) -> tuple[Estimate, float]:
     """
     delays = np.array(ROUGH_DELAYS)
     bank, trajectories = setting.engine.iterated(
-        setting.record, setting.system, held={"delay": delays}, tolerance=np.inf
+        setting.record, setting.system, fixed_values={"delay": delays}, tolerance=np.inf
     )
     best = int(np.argmax(bank.log_likelihood))
     return setting.engine.alone(
@@ -234,7 +236,7 @@ class Misfit:
         )
 
 
-def sensor_noise(simulated: FlownLoop) -> np.ndarray:
+def sensor_noise(simulated: SimulatedLoop) -> np.ndarray:
     """The telemetry's sigma of alpha, q and nz."""
     t = simulated.x29.telemetry
     return np.array([t.alpha_noise, t.q_noise, t.nz_noise])
@@ -334,24 +336,24 @@ class Restarts:
 
 
 @dataclass(frozen=True, eq=False)
-class Ways:
+class MethodInputs:
     """What the methods work on: the paper's set-up and its plain bank, ours and its refined bank,
     and the same record set up anew.
     """
 
     paper: SetUp
-    plain: Plain
+    single_pass: SinglePass
     estimation: LoopEstimation
     refined: DelayBank
     again: Callable[[LoopEstimation], SetUp]
 
 
-def run_methods(names: Sequence[str], ways: Ways) -> tuple[LoopMethodResult, ...]:
+def run_methods(names: Sequence[str], ways: MethodInputs) -> tuple[LoopMethodResult, ...]:
     """Each named method on the record; ``names`` are keys of ``METHODS``."""
     return tuple(_RUN[name](name, ways) for name in names)
 
 
-def other_side(first_estimate: Plain, refined_delay: float) -> int:
+def other_side(first_estimate: SinglePass, refined_delay: float) -> int:
     """Which filter of the plain bank has the grid's delay on the other side of the refined one than
     its most likely filter.
     """
@@ -360,7 +362,7 @@ def other_side(first_estimate: Plain, refined_delay: float) -> int:
     return min(max(best + step, 0), len(first_estimate.delays) - 1)
 
 
-def all_restarts(ways: Ways, delays: Sequence[float]) -> dict[str, Restarts]:
+def all_restarts(ways: MethodInputs, delays: Sequence[float]) -> dict[str, Restarts]:
     """Plain restarts at some delays (s), with P0 and R as printed and with each of them another."""
     louder = _set_up(ways, prior="printed", noise_share=2.0 * ways.estimation.noise_share)
     settings = {
@@ -368,10 +370,10 @@ def all_restarts(ways: Ways, delays: Sequence[float]) -> dict[str, Restarts]:
         "P0 a quarter of the start": _set_up(ways, prior="quarter"),
         "R four times as large": louder,
     }
-    return {label: plain_restarts(setting, delays) for label, setting in settings.items()}
+    return {label: single_pass_restarts(setting, delays) for label, setting in settings.items()}
 
 
-def plain_restarts(setting: SetUp, delays: Sequence[float], passes: int = PASSES) -> Restarts:
+def single_pass_restarts(setting: SetUp, delays: Sequence[float], passes: int = PASSES) -> Restarts:
     """Plain filters at held delays, ``passes`` times each from its last parameters with the same
     P0.
     """
@@ -388,7 +390,7 @@ def plain_restarts(setting: SetUp, delays: Sequence[float], passes: int = PASSES
     return Restarts(tuple(delays), {name: stacked[:, i] for i, name in enumerate(names)})
 
 
-def between_grid_points(first_estimate: Plain) -> float:
+def between_grid_points(first_estimate: SinglePass) -> float:
     """Vertex of the parabola through the plain bank's largest log-likelihood and its neighbours,
     s.
     """
@@ -397,7 +399,7 @@ def between_grid_points(first_estimate: Plain) -> float:
     return vertex(first_estimate.delays[near], L[near])[0]
 
 
-def _of_bank(name: str, first_estimate: Plain, at: int) -> LoopMethodResult:
+def _of_bank(name: str, first_estimate: SinglePass, at: int) -> LoopMethodResult:
     bank = first_estimate.bank
     rows = range(len(bank.names) - len(first_estimate.estimate.names), len(bank.names))
     values = {bank.names[i]: float(bank.mean[i, at]) for i in rows}
@@ -412,24 +414,28 @@ def _of_bank(name: str, first_estimate: Plain, at: int) -> LoopMethodResult:
     )
 
 
-def _best(name: str, first_estimate: Plain) -> LoopMethodResult:
+def _best(name: str, first_estimate: SinglePass) -> LoopMethodResult:
     return _of_bank(name, first_estimate, int(np.argmax(first_estimate.bank.log_likelihood)))
 
 
-def _held(name: str, ways: Ways) -> LoopMethodResult:
+def _at_fixed_delay(name: str, ways: MethodInputs) -> LoopMethodResult:
     delay = ways.refined.refined
     bank = run_bank(ways.paper.record, ways.paper.system, fixed_values={"delay": np.array([delay])})
-    return _of_bank(name, replace(ways.plain, bank=bank, delays=np.array([delay])), 0)
+    return _of_bank(name, replace(ways.single_pass, bank=bank, delays=np.array([delay])), 0)
 
 
-def _relinearised(name: str, ways: Ways) -> LoopMethodResult:
+def _relinearised(name: str, ways: MethodInputs) -> LoopMethodResult:
     bank, _ = run_iterated_bank(
-        ways.paper.record, ways.paper.system, fixed_values={"delay": np.array([ways.plain.delay])}
+        ways.paper.record,
+        ways.paper.system,
+        fixed_values={"delay": np.array([ways.single_pass.delay])},
     )
-    return _of_bank(name, replace(ways.plain, bank=bank, delays=np.array([ways.plain.delay])), 0)
+    return _of_bank(
+        name, replace(ways.single_pass, bank=bank, delays=np.array([ways.single_pass.delay])), 0
+    )
 
 
-def _set_up(ways: Ways, **changes: Any) -> SetUp:
+def _set_up(ways: MethodInputs, **changes: Any) -> SetUp:
     return ways.again(replace(ways.estimation, **changes))
 
 
@@ -446,16 +452,16 @@ def of_refined(name: str, label: str, bank: DelayBank) -> LoopMethodResult:
     )
 
 
-_RUN: Mapping[str, Callable[[str, Ways], LoopMethodResult]] = {
-    "paper": lambda name, ways: _best(name, ways.plain),
+_RUN: Mapping[str, Callable[[str, MethodInputs], LoopMethodResult]] = {
+    "paper": lambda name, ways: _best(name, ways.single_pass),
     "paper-other": lambda name, ways: _of_bank(
-        name, ways.plain, other_side(ways.plain, ways.refined.refined)
+        name, ways.single_pass, other_side(ways.single_pass, ways.refined.refined)
     ),
     "paper-density": lambda name, ways: _best(
-        name, plain(_set_up(ways, prior="printed", process_noise=printed_density("flight")))
+        name, single_pass(_set_up(ways, prior="printed", process_noise=printed_density("flight")))
     ),
-    "plain-quarter": lambda name, ways: _best(name, plain(_set_up(ways, prior="quarter"))),
-    "held": _held,
+    "plain-quarter": lambda name, ways: _best(name, single_pass(_set_up(ways, prior="quarter"))),
+    "held": _at_fixed_delay,
     "relinearised": _relinearised,
     "refined-printed": lambda name, ways: _refined(name, _set_up(ways, prior="printed")),
     "refined-quarter": lambda name, ways: _refined(name, _set_up(ways, prior="quarter")),
@@ -532,7 +538,9 @@ def run_over_seeds(
         return None
     seeds = tuple(range(1, scenario.seeds + 1))
     estimate = [
-        plain(set_up(scenario.estimation, fly_loop(scenario.flight, seed), start, prior=prior))
+        single_pass(
+            set_up(scenario.estimation, fly_loop(scenario.flight, seed), start, prior=prior)
+        )
         for seed in seeds
     ]
     delays = np.array([round(each.delay, 6) for each in estimate])

@@ -11,7 +11,7 @@ import numpy as np
 
 from ident.estimate import FilterHistory, Outcome
 from scenarios.files.writing import csv_text, study_folder, write_json, write_record, write_text
-from scenarios.plots import drawn_in
+from scenarios.plots import draw_into
 from scenarios.plots.display import SIMULATED_DATA
 from scenarios.report.document import (
     Bullets,
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
     from scenarios.plots.drawing import Named
     from scenarios.plots.low_order import Bar
-    from scenarios.plots.signals import Response
+    from scenarios.plots.signals import MethodOutputs
 
 
 # ---- The page of a closed-loop scenario
@@ -131,7 +131,10 @@ def loop_figures(study: LoopStudy) -> Iterator[Named]:
     estimate, record = result.estimate, result.setting.record
     history = estimate.history
     assert history is not None
-    yield "record", partial(figure_record, result.flown.record, f"{title}\nrecord", SIMULATED_DATA)
+    yield (
+        "record",
+        partial(figure_record, result.simulated.record, f"{title}\nrecord", SIMULATED_DATA),
+    )
     noise = (
         dict(zip(("alpha", "q", "nz"), (float(v) for v in estimate.noise_std), strict=True))
         if study.scenario.flight.noise
@@ -228,7 +231,7 @@ def _further_figures(study: LoopStudy) -> Iterator[Named]:
             partial(
                 figure_linear,
                 check.time,
-                check.flown,
+                check.simulated,
                 check.linear,
                 OUTPUTS,
                 units,
@@ -313,10 +316,10 @@ def _margins(study: LoopStudy, found: OpenMargins) -> Figure:
     return figure_open_margins(clouds, declared, effects, title)
 
 
-def _response(label: str, outputs: np.ndarray) -> Response:
-    from scenarios.plots.signals import Response
+def _response(label: str, outputs: np.ndarray) -> MethodOutputs:
+    from scenarios.plots.signals import MethodOutputs
 
-    return Response(label, dict(zip(("alpha", "q", "nz"), outputs, strict=True)))
+    return MethodOutputs(label, dict(zip(("alpha", "q", "nz"), outputs, strict=True)))
 
 
 def _bars(result: LoopResult) -> dict[str, Bar]:
@@ -349,12 +352,12 @@ def write_loop(study: LoopStudy, folder: str | Path, *, figures: Formats = USUAL
     last. Other scenarios that the study used are named in it, not nested.
     """
     with study_folder(folder, MAIN) as scratch:
-        write_record(scratch, study.result.flown.record, simulated=True)
+        write_record(scratch, study.result.simulated.record, simulated=True)
         write_json(scratch / "truth.json", truth_content(study))
         write_text(scratch / "study.txt", as_text(lambda out: print_loop(study, out, HERE)))
         _write_history(scratch / "history.csv", study)
         _write_simulation(scratch / "simulation.csv", study.result.setting.record, study.simulated)
-        figure_files = drawn_in(scratch, loop_figures(study), figures)
+        figure_files = draw_into(scratch, loop_figures(study), figures)
         write_page(scratch, loop_page(study, figure_files))
         write_json(scratch / MAIN, loop_comparison(study))
     return Path(folder)
@@ -364,7 +367,7 @@ def truth_content(study: LoopStudy) -> dict[str, Any]:
     """What was flown: airframe, stick, noise. No parameter of the low-order model is true for a
     loop of higher order.
     """
-    simulated, flight = study.result.flown, study.scenario.flight
+    simulated, flight = study.result.simulated, study.scenario.flight
     x29: X29 = simulated.x29
     a, stick, t = x29.airframe, x29.stick, x29.telemetry
     content: dict[str, Any] = {

@@ -116,7 +116,7 @@ def density_sentence(study: LoopStudy) -> str:
 def _shift(study: LoopStudy, column: str) -> Iterator[str]:
     """The bias of the pseudo-control, which no output tells from M_0 and delta_0."""
     printed, estimate = printed_column(column), study.result.estimate
-    first = study.plain.estimate
+    first = study.single_pass.estimate
     texts = [
         f"{name} {printed[name].std:.2g} printed, {first.sigma(name):.2g} plain, "
         f"{estimate.sigma(name):.2g} refined"
@@ -134,7 +134,7 @@ def _delay(study: LoopStudy, column: str) -> Iterator[str]:
     printed_delay = printed_checks(column).get("delay")
     if printed_delay is None:
         return
-    first, bank, cell = study.plain, study.result.bank, printed_column(column)["inv_tau"]
+    first, bank, cell = study.single_pass, study.result.bank, printed_column(column)["inv_tau"]
     assert cell.std is not None
     lag, half = 1.0 / cell.value, 2.0 * cell.std / cell.value**2
     pure = min(DELAYS, key=lambda d: abs(d + lag - 0.5 * (printed_delay.low + printed_delay.high)))
@@ -254,7 +254,7 @@ def _methods(study: LoopStudy, column: str) -> Iterator[str]:
 
 def _reason(methods: dict[str, LoopMethodResult], study: LoopStudy) -> str:
     """What the grid, the linearisation and P0 each change of 1/tau and M_alpha."""
-    first, refined, loop = study.plain, study.result.bank.refined, study.check.flown
+    first, refined, loop = study.single_pass, study.result.bank.refined, study.check.flown
 
     def at(name: str) -> str:
         return ", ".join(
@@ -296,7 +296,7 @@ def _restarts(study: LoopStudy) -> Iterator[str]:
         for k, delay in enumerate(result.delays):
             ways.setdefault(delay, []).append(
                 all(
-                    _same_way(
+                    _same_direction(
                         result.values[name][[0, -1], k], before[name].value, after[name].value
                     )
                     for name in names
@@ -333,11 +333,13 @@ def _restarts(study: LoopStudy) -> Iterator[str]:
             "the paper's is that of a delay longer than its "
             "aircraft's"
         )
-    taken = "as the paper's" if ways[study.plain.delay][0] else "the other way than the paper's"
-    yield f"{cause}; the bank here takes {study.plain.delay:.3f} s and goes {taken}"
+    taken = (
+        "as the paper's" if ways[study.single_pass.delay][0] else "the other way than the paper's"
+    )
+    yield f"{cause}; the bank here takes {study.single_pass.delay:.3f} s and goes {taken}"
 
 
-def _same_way(pair: np.ndarray, before: float, after: float) -> bool:
+def _same_direction(pair: np.ndarray, before: float, after: float) -> bool:
     return bool((pair[1] - pair[0]) * (after - before) > 0)
 
 
@@ -406,8 +408,8 @@ def sentences(study: LoopStudy) -> tuple[str, ...]:
         f"refined between the grid points {bank.refined:.4f}{sure} s; one delay holds "
         f"{100 * float(bank.weights.max()):.1f} % of the weight"
     )
-    rows = bias_rows(study) if study.result.flown.truth is not None else ()
-    if study.result.flown.truth is not None:
+    rows = bias_rows(study) if study.result.simulated.truth is not None else ()
+    if study.result.simulated.truth is not None:
         listed = "; ".join(
             f"{r.name} {r.estimate:.4g} against {r.equivalent:.4g} ({r.sigmas:+.1f} sigmas)"
             for r in rows

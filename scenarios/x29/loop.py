@@ -17,7 +17,7 @@ import numpy as np
 
 from scenarios.x29.declaration import printed_column
 from sim.closed_loop.airframe import X29
-from sim.closed_loop.equations import late_loop
+from sim.closed_loop.equations import sampled_loop
 from sim.closed_loop.linear import EquivalentSystem, Margins, fit_equivalent, loop_margins, respond
 from sim.closed_loop.nonlinear import ClosedLoopTruth, FlightOutcome, fly_closed_loop
 
@@ -38,7 +38,7 @@ class LinearCheck:
     Attributes
     ----------
     time : ``(F,)`` s, frames of the control computer.
-    flown, linear : ``(3, F)``: alpha (rad), q (rad/s) and incremental nz (g), without noise.
+    simulated, linear : ``(3, F)``: alpha (rad), q (rad/s) and incremental nz (g), without noise.
     misfit : by output. apart : of q, with one departure from linearity left in at a time, and with
     none. stick : largest of the flown stick, in. sticks : largest of the same stick at other sizes,
     in. curves : misfit of q at ``sticks``, whole and with departures taken out; NaN where the
@@ -47,7 +47,7 @@ class LinearCheck:
     """
 
     time: np.ndarray
-    flown: np.ndarray
+    simulated: np.ndarray
     linear: np.ndarray
     misfit: Mapping[str, float]
     apart: Mapping[str, float]
@@ -193,7 +193,7 @@ _CLOSE, _STEPS = 0.01, 12
 
 
 @dataclass(frozen=True)
-class Target:
+class PrintedTarget:
     """A printed value and how far a loop may be from it, one sigma."""
 
     value: float
@@ -206,8 +206,8 @@ class Matched:
     of squared deviations from the targets, its margins, and whether its loop is stable."""
 
     x29: X29
-    late: float
-    found: np.ndarray
+    delay: float
+    parameters: np.ndarray
     equivalent: EquivalentSystem
     misfit: float
     margins: Margins
@@ -227,12 +227,12 @@ class Beginning:
     the equivalent there.
     """
 
-    found: np.ndarray
+    parameters: np.ndarray
     slopes: np.ndarray
     equivalent: EquivalentSystem
 
 
-def targets(column: str) -> dict[str, Target]:
+def targets(column: str) -> dict[str, PrintedTarget]:
     """A printed column with sigmas: the printed ones, or the relative scatter of the paper's three
     estimates of its flight where that is larger.
     """
@@ -242,33 +242,33 @@ def targets(column: str) -> dict[str, Target]:
         values = np.array([flight[name].value for flight in flights])
         scatter = float(values.std(ddof=1) / abs(values.mean()))
         cell = printed[name]
-        out[name] = Target(cell.value, max(scatter * abs(cell.value), cell.std or 0.0))
+        out[name] = PrintedTarget(cell.value, max(scatter * abs(cell.value), cell.std or 0.0))
     return out
 
 
-def beginning(x29: X29, wanted: Mapping[str, Target]) -> Beginning:
+def beginning(x29: X29, wanted: Mapping[str, PrintedTarget]) -> Beginning:
     """The search's start for an aircraft as declared: slopes by small steps."""
     result = np.array([x29.airframe.L_alpha, x29.airframe.M_alpha, 1.0, 1.0 / x29.stick.lag])
     near = equivalent_of(x29, x29.frame)
     return Beginning(result, _slopes(x29, x29.frame, wanted, result, near), near)
 
 
-def beginning_at(matched: Matched, wanted: Mapping[str, Target], x29: X29) -> Beginning:
+def beginning_at(matched: Matched, wanted: Mapping[str, PrintedTarget], x29: X29) -> Beginning:
     """Where a search for a loop nearby begins: at what was found; ``x29`` as it was before."""
     return Beginning(
-        matched.found,
-        _slopes(x29, matched.late, wanted, matched.found, matched.equivalent),
+        matched.parameters,
+        _slopes(x29, matched.delay, wanted, matched.parameters, matched.equivalent),
         matched.equivalent,
     )
 
 
-def match(x29: X29, delay: float, wanted: Mapping[str, Target], begin: Beginning) -> Matched:
+def match(x29: X29, delay: float, wanted: Mapping[str, PrintedTarget], begin: Beginning) -> Matched:
     """Fit an aircraft's loop to an equivalent by Gauss-Newton steps; Broyden's updates keep the
     slopes, which are formed anew where they fail.
     """
     from scipy.optimize import lsq_linear
 
-    p, J = begin.found, begin.slopes
+    p, J = begin.parameters, begin.slopes
     near = equivalent_of(changed(x29, p), delay, begin.equivalent)
     r, anew = _deviations(near, wanted), False
     for _ in range(_STEPS):
@@ -290,13 +290,17 @@ def match(x29: X29, delay: float, wanted: Mapping[str, Target], begin: Beginning
                 break
             J, anew = _slopes(x29, delay, wanted, p, near), True
     result = changed(x29, p)
-    loop = late_loop(result, delay).open_loop
+    loop = sampled_loop(result, delay).open_loop
     stable = bool(np.abs(np.linalg.eigvals(loop.A - loop.B @ loop.C)).max() < 1.0)
     return Matched(result, delay, p, near, float(r @ r), loop_margins(loop, SWEEP), stable)
 
 
 def _slopes(
-    x29: X29, delay: float, wanted: Mapping[str, Target], p: np.ndarray, near: EquivalentSystem
+    x29: X29,
+    delay: float,
+    wanted: Mapping[str, PrintedTarget],
+    p: np.ndarray,
+    near: EquivalentSystem,
 ) -> np.ndarray:
     """How the deviations change with what is looked for, ``(5, 4)``, by small steps."""
     first, steps = _deviations(near, wanted), 0.05 * np.diag(_SIZE)
@@ -308,7 +312,7 @@ def _slopes(
     return np.array(each).T
 
 
-def has_equivalent(x29: X29, wanted: Mapping[str, Target]) -> bool:
+def has_equivalent(x29: X29, wanted: Mapping[str, PrintedTarget]) -> bool:
     """Whether an aircraft as declared has an equivalent, within what counts as plausible."""
     result = _deviations(equivalent_of(x29, x29.law.delay_frames * x29.frame), wanted)
     return float(result @ result) <= PLAUSIBLE
@@ -328,11 +332,11 @@ def equivalent_of(x29: X29, delay: float, near: EquivalentSystem | None = None) 
     """The low-order equivalent of a loop with a computing delay of ``delay`` s, begun at that of a
     loop nearby.
     """
-    response = late_loop(x29, delay).response(OMEGA)
+    response = sampled_loop(x29, delay).response(OMEGA)
     return fit_equivalent(OMEGA, response, x29.airframe.airspeed, x29.airframe.gravity, near=near)
 
 
-def _deviations(equivalent: EquivalentSystem, wanted: Mapping[str, Target]) -> np.ndarray:
+def _deviations(equivalent: EquivalentSystem, wanted: Mapping[str, PrintedTarget]) -> np.ndarray:
     return np.array(
         [(getattr(equivalent, name) - target.value) / target.std for name, target in wanted.items()]
     )

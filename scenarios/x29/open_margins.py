@@ -19,7 +19,15 @@ from typing import Any
 import numpy as np
 
 from scenarios.x29.declaration import MarginPlan
-from scenarios.x29.loop import Beginning, Matched, Target, beginning, beginning_at, match, targets
+from scenarios.x29.loop import (
+    Beginning,
+    Matched,
+    PrintedTarget,
+    beginning,
+    beginning_at,
+    match,
+    targets,
+)
 from sim.closed_loop.airframe import X29, Sensor, load_x29
 from sim.closed_loop.linear import Margins, margins
 
@@ -98,7 +106,7 @@ def simulated_loop(x29: X29, values: Mapping[str, float]) -> tuple[X29, float]:
     ] * x29.frame
 
 
-def flown_loop(x29: X29, values: Mapping[str, float]) -> tuple[X29, float]:
+def loop_at_values(x29: X29, values: Mapping[str, float]) -> tuple[X29, float]:
     """The flight's aircraft at some open values, and its computing delay (s)."""
     a = x29.airframe
     canard, flaperon, strake = (values["lift_flight"] * each for each in a.L_surface)
@@ -233,7 +241,7 @@ def open_margins(
     designs = []
     for name, rows in ((AIRFRAMES, alone * places), (EVERYTHING, places)):
         matched = [
-            _matched(lambda place: flown_loop(flight, values_at(place)), place, goal, start)
+            _matched(lambda place: loop_at_values(flight, values_at(place)), place, goal, start)
             for place in rows
         ]
         both = np.array(
@@ -327,7 +335,7 @@ def margins_sentence(found: OpenMargins) -> str:
 
 
 def _matched(
-    loop_of: LoopOf, place: np.ndarray, wanted: Mapping[str, Target], begin: Beginning
+    loop_of: LoopOf, place: np.ndarray, wanted: Mapping[str, PrintedTarget], begin: Beginning
 ) -> Matched:
     """The aircraft fitted at a place; by way of the place half-way to it where the direct search
     ends badly.

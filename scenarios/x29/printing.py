@@ -12,7 +12,7 @@ from rich.text import Text
 
 from ident.estimate import Estimate
 from ident.flying_qualities.levels import UNITS as QUALITY_UNITS
-from ident.flying_qualities.levels import Level, Quality
+from ident.flying_qualities.levels import Quality, QualityLevel
 from scenarios.report.document import (
     BY_ROW,
     MISSING,
@@ -115,7 +115,7 @@ def _states(study: LoopStudy, column: str) -> list[Block]:
     units = units_of(study)
     shown = table(
         f"{TITLES[column]} and the published method on this record (plain bank, "
-        f"{study.plain.delay:.3f} s)",
+        f"{study.single_pass.delay:.3f} s)",
         (Column("state"), list(rows)),
         *block("initial", "initial", BY_ROW),
         *block("initial_variance", "P0", SQUARED),
@@ -303,8 +303,8 @@ def _estimate(study: LoopStudy) -> list[Block]:
 
     def plain(name: str) -> Cell:
         if name == "delay":
-            return formatted(study.plain.delay, ".3f")
-        value = study.plain.estimate.value(name)
+            return formatted(study.single_pass.delay, ".3f")
+        value = study.single_pass.estimate.value(name)
         return Number(value, shown=number_text(value, estimate.sigma(name)))
 
     def published(name: str) -> Cell:
@@ -396,7 +396,7 @@ def _qualities(study: LoopStudy) -> list[Block]:
     return out
 
 
-def _level(row: Level) -> str:
+def _level(row: QualityLevel) -> str:
     words = {1: "1", 2: "2", 3: "3", 4: "outside 3"}
     between = f" ({words[row.best]} to {words[row.worst]} within 2 sigma)"
     return words[row.level] + (between if row.uncertain else "")
@@ -444,9 +444,9 @@ def _check(study: LoopStudy) -> list[Block]:
 
 
 def _plain_cells(study: LoopStudy, names: Sequence[str]) -> list[Cell]:
-    v = study.plain.estimate.as_dict()
+    v = study.single_pass.estimate.as_dict()
     frequency = float(np.sqrt(max(v["L_alpha"] * v["M_q"] - v["L_q"] * v["M_alpha"], 0.0)))
-    result = {"natural_frequency": frequency, "delay": study.plain.delay}
+    result = {"natural_frequency": frequency, "delay": study.single_pass.delay}
     if frequency:
         result["damping_ratio"] = -(v["L_alpha"] + v["M_q"]) / (2.0 * frequency)
     return [formatted(result.get(name), ".4g") for name in names]

@@ -11,39 +11,39 @@ import numpy as np
 
 from ident.banks.delays import (
     BATCHED,
-    Agreement,
+    BankDifferences,
     DelayBank,
     SecondPass,
     against_filterpy,
     agreement,
 )
 from ident.estimate import Estimate
-from ident.flying_qualities.levels import Level, Quality, levels, qualities
+from ident.flying_qualities.levels import Quality, QualityLevel, levels, qualities
 from ident.frequency_response.segments import estimate_response, fit_response
 from ident.statistics.residuals import Comparison, ResidualTest, compare_estimates, residual_tests
 from scenarios.studies.catalogue import load_document
-from scenarios.x29.declaration import FlownLoop, LoopScenario, fly_loop, low_order_model
+from scenarios.x29.declaration import LoopScenario, SimulatedLoop, fly_loop, low_order_model
 from scenarios.x29.estimating import (
     SETTLED,
     LoopMethodResult,
+    MethodInputs,
     Misfit,
     OverSeeds,
-    Plain,
     Restarts,
     SetUp,
+    SinglePass,
     VariantResult,
-    Ways,
     all_restarts,
     free_simulation,
     misfit,
     other_side,
-    plain,
     refined,
     run_methods,
     run_over_seeds,
     run_variant,
     sensor_noise,
     set_up,
+    single_pass,
     started_again,
 )
 from scenarios.x29.loop import LinearCheck, linear_check
@@ -62,7 +62,7 @@ class LoopResult:
     """A refined estimate with what follows from it."""
 
     scenario: LoopScenario
-    flown: FlownLoop
+    simulated: SimulatedLoop
     setting: SetUp
     bank: DelayBank
     qualities: tuple[Quality, ...]
@@ -92,8 +92,8 @@ class ResponseCheck:
 class LoopStudy:
     """A closed-loop scenario that has been run.
 
-    ``paper`` is the filter set up by the paper's rules, ``plain`` the paper's procedure; ``first``
-    the refined bank before any restart, ``passes`` the estimates from restart to restart,
+    ``paper`` is the filter set up by the paper's rules, ``single_pass`` the paper's procedure;
+    ``first`` the refined bank before any restart, ``passes`` the estimates from restart to restart,
     ``restarts`` those of plain filters by label; ``methods`` as the scenario names them; ``other``
     the result compared with; ``together`` plain results of several scenarios by name; ``margins``
     by airframe; ``engines`` how far another engine's filters are from the batched ones; ``second``
@@ -107,7 +107,7 @@ class LoopStudy:
     seed: int
     result: LoopResult
     paper: SetUp
-    plain: Plain
+    single_pass: SinglePass
     methods: tuple[LoopMethodResult, ...]
     restarts: Mapping[str, Restarts]
     first: DelayBank
@@ -115,16 +115,16 @@ class LoopStudy:
     simulated: np.ndarray
     misfit: Misfit
     check: ResponseCheck
-    levels: tuple[Level, ...]
+    levels: tuple[QualityLevel, ...]
     tests: tuple[ResidualTest, ...]
     other: LoopResult | None
     other_simulated: np.ndarray | None
     differences: Comparison | None
     derived_differences: tuple[tuple[str, float], ...]
-    together: Mapping[str, Plain]
+    together: Mapping[str, SinglePass]
     variants: tuple[VariantResult, ...]
     margins: Mapping[str, Margins]
-    engines: Agreement | None = None
+    engines: BankDifferences | None = None
     linear: LinearCheck | None = None
     open_margins: OpenMargins | None = None
     second: SecondPass | None = None
@@ -163,7 +163,7 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
     start = starting_values(scenario)
     setting = set_up(scenario.estimation, simulated_flight, start)
     paper = set_up(scenario.estimation, simulated_flight, start, prior=_papers_rule(scenario))
-    first_estimate = plain(paper)
+    first_estimate = single_pass(paper)
     first = _result(scenario, simulated_flight, setting)
     result, passes = _restarted(scenario, simulated_flight, first)
     held = [
@@ -171,7 +171,7 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
         first.bank.refined,
         float(first_estimate.delays[other_side(first_estimate, first.bank.refined)]),
     ]
-    ways = Ways(
+    ways = MethodInputs(
         paper,
         first_estimate,
         scenario.estimation,
@@ -182,7 +182,7 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
     simulated = free_simulation(setting, result.estimate, result.bank.refined)
     other, other_simulated, differences, derived = _against(scenario, chosen, result, first)
     found_margins = margins_of(
-        [scenario.flight.airframe, *([] if other is None else [other.flown.x29.name])],
+        [scenario.flight.airframe, *([] if other is None else [other.simulated.x29.name])],
         scenario.margins,
     )
     estimate = result.estimate
@@ -213,12 +213,12 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
         other_simulated,
         differences,
         derived,
-        {name: _plain_of(loop_scenario(name)) for name in scenario.together},
+        {name: _single_pass_of(loop_scenario(name)) for name in scenario.together},
         tuple(run_variant(scenario, variant, chosen, start) for variant in scenario.variants),
         found_margins,
         None
         if setting.engine is BATCHED
-        else agreement(plain(replace(paper, engine=BATCHED)).bank, first_estimate.bank),
+        else agreement(single_pass(replace(paper, engine=BATCHED)).bank, first_estimate.bank),
         None
         if simulated_flight.truth is None or not simulated_flight.truth.stick.any()
         else linear_check(simulated_flight.x29, simulated_flight.truth),
@@ -231,7 +231,7 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
 
 
 def _restarted(
-    scenario: LoopScenario, simulated: FlownLoop, result: LoopResult
+    scenario: LoopScenario, simulated: SimulatedLoop, result: LoopResult
 ) -> tuple[LoopResult, tuple[Estimate, ...]]:
     """The filter started again from its own result until that settles; estimates of all passes."""
     passes = [result.estimate]
@@ -253,11 +253,13 @@ def _restarted(
 
 def response_check(result: LoopResult) -> ResponseCheck:
     """The low-order equivalent by frequency response, of the loop and of the record."""
-    x29 = result.flown.x29
+    x29 = result.simulated.x29
     loop = equivalent_system(x29)
     # a low-order truth is `loop`
-    equivalent = loop if result.flown.truth is None else equivalent_system(x29, x29.airframe.L_q)
-    std = dict(zip(("alpha", "q", "nz"), sensor_noise(result.flown).tolist(), strict=True))
+    equivalent = (
+        loop if result.simulated.truth is None else equivalent_system(x29, x29.airframe.L_q)
+    )
+    std = dict(zip(("alpha", "q", "nz"), sensor_noise(result.simulated).tolist(), strict=True))
     try:
         response = estimate_response(result.setting.record)
     except RecordError:
@@ -295,7 +297,7 @@ def starting_values(scenario: LoopScenario, depth: int = 0) -> Mapping[str, floa
             where=f"scenario {scenario.name}",
             remedy="declare start in one of them",
         )
-    result = _plain_of(loop_scenario(estimation.start_from), depth + 1).estimate.as_dict()
+    result = _single_pass_of(loop_scenario(estimation.start_from), depth + 1).estimate.as_dict()
     return {
         name: value
         for name, value in result.items()
@@ -310,9 +312,9 @@ def _papers_rule(scenario: LoopScenario) -> str:
     return "printed" if scenario.published else scenario.estimation.prior
 
 
-def _plain_of(scenario: LoopScenario, depth: int = 0) -> Plain:
+def _single_pass_of(scenario: LoopScenario, depth: int = 0) -> SinglePass:
     simulated = fly_loop(scenario.flight, scenario.seed)
-    return plain(
+    return single_pass(
         set_up(
             scenario.estimation,
             simulated,
@@ -322,7 +324,7 @@ def _plain_of(scenario: LoopScenario, depth: int = 0) -> Plain:
     )
 
 
-def _result(scenario: LoopScenario, simulated: FlownLoop, setting: SetUp) -> LoopResult:
+def _result(scenario: LoopScenario, simulated: SimulatedLoop, setting: SetUp) -> LoopResult:
     bank = refined(setting)
     airframe = simulated.x29.airframe
     result = qualities(bank.estimate, airframe.airspeed, airframe.gravity, {"delay": bank.refined})

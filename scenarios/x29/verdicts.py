@@ -120,7 +120,7 @@ def _restarts(study: LoopStudy) -> Iterator[str]:
 def _peak(study: LoopStudy) -> Iterator[str]:
     if study.scenario.peak is None or not study.misfit.peak_measured:
         return
-    noise = sensor_noise(study.result.flown)[1] if study.scenario.flight.noise else 0.0
+    noise = sensor_noise(study.result.simulated)[1] if study.scenario.flight.noise else 0.0
     bound = max(
         200.0 * noise / math.sqrt(PEAK_SAMPLES) / abs(study.misfit.peak_measured), LEAST_PEAK
     )

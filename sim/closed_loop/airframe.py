@@ -25,7 +25,7 @@ SURFACE_NAMES = ("canard", "flaperon", "strake")
 
 
 @dataclass(frozen=True)
-class Airframe:
+class ShortPeriodAirframe:
     """Short-period derivatives at one flight condition.
 
     alpha_dot = L_alpha alpha + L_q q + L_surface . surfaces, q_dot = M_alpha alpha + M_q q +
@@ -157,7 +157,7 @@ class X29:
     """
 
     name: str
-    airframe: Airframe
+    airframe: ShortPeriodAirframe
     surfaces: tuple[Actuator, Actuator, Actuator]
     gyro: Sensor
     accelerometer: Sensor
@@ -283,7 +283,7 @@ def load_x29(name: str, path: Path = DATA_FILE) -> X29:
     )
     return X29(
         name=name,
-        airframe=Airframe(title=title, **numbers),
+        airframe=ShortPeriodAirframe(title=title, **numbers),
         surfaces=(canard, flaperon, strake),
         gyro=gyro,
         accelerometer=accelerometer,

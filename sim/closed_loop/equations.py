@@ -29,7 +29,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim.closed_loop.airframe import X29, Actuator, Airframe, ControlLaw, Sensor, StickShaping
+from sim.closed_loop.airframe import (
+    X29,
+    Actuator,
+    ControlLaw,
+    Sensor,
+    ShortPeriodAirframe,
+    StickShaping,
+)
 from sim.errors import ModelError
 
 if TYPE_CHECKING:
@@ -54,7 +61,7 @@ class Matrices:
     D: np.ndarray
 
 
-def airframe_matrices(airframe: Airframe) -> Matrices:
+def airframe_matrices(airframe: ShortPeriodAirframe) -> Matrices:
     """Short period. States alpha, q (rad, rad/s); inputs the surfaces (deg); outputs alpha, q,
     incremental nz (g).
     """
@@ -375,7 +382,7 @@ def _put_on_stops(stepper: Stepper, state: np.ndarray, modes: Modes) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class LateLoop:
+class SampledLoop:
     """A loop in its three sampled parts: plant from ``u_p`` to ``OUTPUT_NAMES``, law from r, gyro
     and accelerometer to ``u_p`` without any delay, stick shaping from stick to r; and the sample
     time, s."""
@@ -404,7 +411,7 @@ class LateLoop:
         return np.asarray(moved[:, :3, 0].T * law[:, 0, 0] * shaped[:, 0, 0] / (1.0 + returned))
 
 
-def late_loop(x29: X29, lag: float) -> LateLoop:
+def sampled_loop(x29: X29, lag: float) -> SampledLoop:
     """The loop of ``x29`` with commands ``lag`` s after the frame whose sensors they were computed
     from. Raises ModelError for a negative one.
     """
@@ -418,8 +425,8 @@ def late_loop(x29: X29, lag: float) -> LateLoop:
     shaping, gain = shaping_matrices(x29.stick, x29.frame), x29.stick.gain
     # Of a law with one frame of delay the third state is the command on its way: its row is the law
     # without delay.
-    return LateLoop(
-        _late_plant(x29, lag),
+    return SampledLoop(
+        _delayed_plant(x29, lag),
         control.ss(law.A[:2, :2], law.B[:2], law.A[2:3, :2], law.B[2:3], x29.frame),
         control.ss(shaping.A, gain * shaping.B, shaping.C, gain * shaping.D, x29.frame),
         x29.frame,
@@ -437,7 +444,7 @@ def _at(block: StateSpace, z: np.ndarray) -> np.ndarray:
     )
 
 
-def _late_plant(x29: X29, delay: float) -> StateSpace:
+def _delayed_plant(x29: X29, delay: float) -> StateSpace:
     """From u_p to ``OUTPUT_NAMES``; states: the plant's, then the commands of the frames before,
     the latest first.
     """

@@ -107,7 +107,7 @@ def alternating(
     return SteppedStick(tuple(float(start + unit * edge) for edge in edges), (*levels, 0.0))
 
 
-def hand_flown(
+def manual_stick(
     rng: np.random.Generator,
     duration: float,
     amplitude: float = 1.0,
@@ -160,7 +160,7 @@ INSIDE = 1.0 - 1e-9  # of a limit, within which rounding does not decide
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class FrameBlock:
     """``FRAMES`` steps of ``w' = A w + b r`` at once.
 
     Attributes
@@ -183,7 +183,7 @@ class Stretch:
         ).reshape(k + 1, d)
 
 
-def stretch(A: np.ndarray, b: np.ndarray) -> Stretch:
+def stretch(A: np.ndarray, b: np.ndarray) -> FrameBlock:
     """Prepare ``A (d, d)``, ``b (d,)``."""
     d = b.size
     powers, pulses = np.empty((FRAMES + 1, d, d)), np.zeros((FRAMES + 1, d, FRAMES))
@@ -193,7 +193,7 @@ def stretch(A: np.ndarray, b: np.ndarray) -> Stretch:
     answer = powers[:-1] @ b
     for j in range(1, FRAMES + 1):
         pulses[j, :, :j] = answer[:j][::-1].T
-    return Stretch(powers.reshape(-1, d), pulses.reshape(-1, FRAMES))
+    return FrameBlock(powers.reshape(-1, d), pulses.reshape(-1, FRAMES))
 
 
 def filtered(block: Matrices, driven: np.ndarray) -> np.ndarray:
@@ -219,7 +219,7 @@ class FreeFrames:
     states at the last look of a record within the frame.
     """
 
-    prepared: Stretch
+    prepared: FrameBlock
     watch: np.ndarray
     offset: np.ndarray
     command: np.ndarray

@@ -52,7 +52,7 @@ _FOLLOWED: WeakKeyDictionary[type, dict[Any, bool]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
+class EffectStages:
     """The effects of a model by stage, each stage in the order in which the signal meets them.
 
     ``inputs`` and ``sensors`` act on whole paths; ``moved_in`` and ``moved_out`` are those that an
@@ -88,7 +88,7 @@ class Parts:
         return tuple(signal.name for signal in self.model.equations.inputs)
 
 
-def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> Parts:
+def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> EffectStages:
     """The parts of a model; an unknown output, or an effect that cannot run on line, is a
     ModelError.
     """
@@ -110,7 +110,7 @@ def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> Parts
         first = len(states)
         states += online_effect.online_states
         slices[online_effect.name] = slice(first, len(states))
-    return Parts(
+    return EffectStages(
         model,
         chosen,
         tuple(effect for effect in inputs if effect not in moved_in),
@@ -224,7 +224,7 @@ Bus = Callable[[Any, Rows, Rows, Rows], tuple[Signals, Any]]
 Measured = Callable[[Signals, Any, Rows], dict[str, Any]]
 
 
-def signals_of(parts: Parts) -> Bus:
+def signals_of(parts: EffectStages) -> Bus:
     """All signals by name at one time, with what the effects add, and the vehicle's own parameters
     as they are then.
     """
@@ -293,7 +293,7 @@ def signals_of(parts: Parts) -> Bus:
     return signals
 
 
-def measured_of(parts: Parts) -> Measured:
+def measured_of(parts: EffectStages) -> Measured:
     """All outputs by name as sensors without memory read them."""
     equations, own, readings = parts.model.equations, parts.own, parts.readings
     base_outputs = tuple(signal.name for signal in equations.outputs)
@@ -316,7 +316,7 @@ def measured_of(parts: Parts) -> Measured:
 
 
 def dynamics_of(
-    parts: Parts, signals: Bus, measured: Measured
+    parts: EffectStages, signals: Bus, measured: Measured
 ) -> Callable[[Any, Rows, Rows, Rows], list[Any]]:
     """``f``: the rates of all states, those of effects behind those of the equations."""
     equations, own, slices = parts.model.equations, parts.own, parts.slices
@@ -358,7 +358,7 @@ def dynamics_of(
 
 
 def outputs_of(
-    parts: Parts, signals: Bus, measured: Measured
+    parts: EffectStages, signals: Bus, measured: Measured
 ) -> Callable[[Any, Rows, Rows, Rows], list[Any]]:
     """``h``: the chosen outputs before sensors with memory, biases added."""
     own, slices, moved_out = parts.own, parts.slices, parts.moved_out
@@ -378,7 +378,7 @@ def outputs_of(
     return h
 
 
-def input_path_of(parts: Parts) -> Callable[[Rows, list[Any], np.ndarray], list[Any]]:
+def input_path_of(parts: EffectStages) -> Callable[[Rows, list[Any], np.ndarray], list[Any]]:
     """``input_path``: cell means of the recorded inputs at the vehicle."""
     own, inputs, input_names = parts.own, parts.inputs, parts.input_names
 
@@ -393,7 +393,7 @@ def input_path_of(parts: Parts) -> Callable[[Rows, list[Any], np.ndarray], list[
 
 
 def sensor_path_of(
-    parts: Parts,
+    parts: EffectStages,
 ) -> Callable[[Rows, list[Any], list[Any], np.ndarray], tuple[list[Any], list[Any]]]:
     """``sensor_path``: outputs after sensors with memory."""
     own, sensors, bias_index = parts.own, parts.sensors, parts.bias_index
@@ -416,7 +416,7 @@ def sensor_path_of(
     return sensor_path
 
 
-def sensor_memory_of(parts: Parts) -> Callable[[Rows], list[SensorMemory]]:
+def sensor_memory_of(parts: EffectStages) -> Callable[[Rows], list[SensorMemory]]:
     """``sensor_memory``: how sensors with memory show small fast motion."""
     names = [signal.name for signal in parts.outputs]
     sensor_effects = [each for each in parts.sensors if isinstance(each, RememberingEffect)]
@@ -424,7 +424,7 @@ def sensor_memory_of(parts: Parts) -> Callable[[Rows], list[SensorMemory]]:
     return lambda p: [SensorMemory(row, *each.memory(own(p))) for row, each, own in rows]
 
 
-def noise_of(parts: Parts) -> Callable[[Rows], tuple[list[Any], list[Any]]]:
+def noise_of(parts: EffectStages) -> Callable[[Rows], tuple[list[Any], list[Any]]]:
     """``noise``: spectral density of each state's forcing, measurement variance of each output."""
     model, own, dynamics = parts.model, parts.own, parts.dynamics
     vehicle_of, outputs = parts.vehicle_of, parts.outputs
@@ -510,7 +510,7 @@ def compile_model(
     return tied_system(system, model.ties)
 
 
-def _initial(parts: Parts) -> ParameterSet:
+def _initial(parts: EffectStages) -> ParameterSet:
     """Initial values in the order of the states; states of effects start at zero where the model
     does not say.
     """

@@ -189,7 +189,7 @@ class Traceable(Effect, Protocol):
 
 
 @runtime_checkable
-class Fitted(Protocol):
+class FittedToRecord(Protocol):
     """An effect whose form depends on the record (a range, a width); ``fitted_to`` gives it the
     form for that record, under the same name.
     """
@@ -198,7 +198,7 @@ class Fitted(Protocol):
 
 
 @runtime_checkable
-class Curve(Protocol):
+class RangedCurve(Protocol):
     """A curve over a range: ``low`` and ``high``, in the unit of its argument, are what the records
     of ``fitted_to`` flew.
     """
@@ -207,7 +207,7 @@ class Curve(Protocol):
     def low(self) -> float: ...
     @property
     def high(self) -> float: ...
-    def fitted_to(self, context: SearchContext) -> Curve: ...
+    def fitted_to(self, context: SearchContext) -> RangedCurve: ...
 
 
 @runtime_checkable
@@ -230,11 +230,11 @@ class Underdetermined(Protocol):
 
 
 def fitted_to(effect: Traceable, context: SearchContext) -> Traceable:
-    """The effect in the form that a record asks for: itself unless it is ``Fitted``."""
-    return effect.fitted_to(context) if isinstance(effect, Fitted) else effect
+    """The effect in the form that a record asks for: itself unless it is ``FittedToRecord``."""
+    return effect.fitted_to(context) if isinstance(effect, FittedToRecord) else effect
 
 
-def late_times(context: SearchContext) -> tuple[float, ...]:
+def delays_to_try(context: SearchContext) -> tuple[float, ...]:
     """Delays and time constants to try, s, a factor of two apart, from a share of the sampling
     interval upward.
 

@@ -405,12 +405,12 @@ def try_model(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
         where = written_in(equations.name, what, _function(equations, what))
         if np.shape(value) != ():
             problem = (
-                f"{_told(what, name)} of shape {np.shape(value)} where all signals are single "
-                "numbers"
+                f"{_answer_label(what, name)} of shape {np.shape(value)} where all signals are "
+                "single numbers"
             )
             raise ModelError(problem, where=where, remedy="return one number for each name")
         if not np.isfinite(value):
-            problem = f"{_told(what, name)} is {value:g} at the starts"
+            problem = f"{_answer_label(what, name)} is {value:g} at the starts"
             raise ModelError(
                 problem,
                 where=where,
@@ -428,9 +428,8 @@ def try_model(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
     for (what, name), value in first.items():
         _refuse_reused(equations, what, name, value, again[what, name], arrays)
         if np.shape(value) not in ((), (2,)):
-            problem = (
-                f"{_told(what, name)} of shape {np.shape(value)} where signals have shape (2,)"
-            )
+            shape = np.shape(value)
+            problem = f"{_answer_label(what, name)} of shape {shape} where signals have shape (2,)"
             where = written_in(equations.name, what, _function(equations, what))
             raise ModelError(
                 problem, where=where, remedy="write it so that it broadcasts over arrays"
@@ -438,7 +437,7 @@ def try_model(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
     if equations.formed is None:
         return ()
     return tuple(
-        _asked(
+        _checked_answer(
             equations,
             "flow",
             equations.formed,
@@ -462,7 +461,7 @@ def _refuse_reused(
     if value.flags.writeable and isinstance(again, np.ndarray) and np.shares_memory(value, again):
         where = written_in(equations.name, what, _function(equations, what))
         raise ModelError(
-            f"{_told(what, name)} is the same array at every call",
+            f"{_answer_label(what, name)} is the same array at every call",
             where=where,
             remedy="return a new array at each call",
         )
@@ -482,7 +481,7 @@ class _Noting(SimpleNamespace):
 
     def __getattribute__(self, name: str) -> Any:
         values = object.__getattribute__(self, "__dict__")
-        values["_asked"].add(name)
+        values["_checked_answer"].add(name)
         return object.__getattribute__(self, name)
 
 
@@ -490,10 +489,10 @@ def parameters_read(equations: OwnEquations, starts: Starts) -> frozenset[str]:
     """Names of the parameters that the functions ask for when they are evaluated at the starts."""
     s, p = signals_from(starts.signals), _Noting(**starts.parameters, _asked=set())
     if equations.formed is not None:
-        s.__dict__.update(_asked(equations, "flow", equations.formed, s, p))
-    _asked(equations, "rates", equations.rates, s, p)
-    _asked(equations, "readings", equations.readings, s, p)
-    return frozenset(object.__getattribute__(p, "__dict__")["_asked"])
+        s.__dict__.update(_checked_answer(equations, "flow", equations.formed, s, p))
+    _checked_answer(equations, "rates", equations.rates, s, p)
+    _checked_answer(equations, "readings", equations.readings, s, p)
+    return frozenset(object.__getattribute__(p, "__dict__")["_checked_answer"])
 
 
 @cache
@@ -512,7 +511,7 @@ def evaluated(equations: OwnEquations, starts: Starts) -> dict[tuple[str, str], 
     s = signals_from(starts.signals)
     p = with_locked_arrays(_parameter_class(tuple(starts.parameters))(**starts.parameters))
     if equations.formed is not None:
-        result = _asked(equations, "flow", equations.formed, s, p)
+        result = _checked_answer(equations, "flow", equations.formed, s, p)
         for name, value in result.items():
             _refuse_name(equations, name, starts)
             _number(equations, "flow", str(name), value)
@@ -522,7 +521,10 @@ def evaluated(equations: OwnEquations, starts: Starts) -> dict[tuple[str, str], 
         ("rates", equations.rates, equations.states),
         ("readings", equations.readings, equations.outputs),
     ):
-        result, names = _asked(equations, what, function, s, p), [signal.name for signal in signals]
+        result, names = (
+            _checked_answer(equations, what, function, s, p),
+            [signal.name for signal in signals],
+        )
         where = written_in(equations.name, what, function)
         kind = "state" if what == "rates" else "output"
         for name in result:
@@ -543,7 +545,7 @@ def evaluated(equations: OwnEquations, starts: Starts) -> dict[tuple[str, str], 
     return out
 
 
-def _asked(
+def _checked_answer(
     equations: OwnEquations, what: str, function: Answer, s: Any, p: Any
 ) -> Mapping[str, Any]:
     try:
@@ -579,7 +581,7 @@ def _number(equations: OwnEquations, what: str, name: str, value: Any) -> Any:
         value, bool
     )
     if not plain or np.asarray(value).dtype.kind not in "fciu":
-        problem = f"{_told(what, name)} is of type {type(value).__name__}"
+        problem = f"{_answer_label(what, name)} is of type {type(value).__name__}"
         raise ModelError(
             problem,
             where=written_in(equations.name, what, _function(equations, what)),
@@ -588,7 +590,7 @@ def _number(equations: OwnEquations, what: str, name: str, value: Any) -> Any:
     return value
 
 
-def _told(what: str, name: str) -> str:
+def _answer_label(what: str, name: str) -> str:
     return (
         f"the {'rate' if what == 'rates' else 'reading' if what == 'readings' else 'signal'} of "
         f"{name}"
@@ -645,7 +647,7 @@ def _compare_slopes(equations: OwnEquations, at: Starts) -> None:
         if np.any(differs):
             what, answer = list(evaluated(equations, at))[int(np.argmax(differs))]
             told = (
-                f"{_told(what, answer)} loses a complex step of {name}: the slope is "
+                f"{_answer_label(what, answer)} loses a complex step of {name}: the slope is "
                 f"{difference[differs][0]:.4g}, not {slopes[k][differs][0]:.4g}"
             )
             raise ModelError(

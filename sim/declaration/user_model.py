@@ -54,7 +54,7 @@ def multiplying(equations: OwnEquations, starts: Starts, names: Sequence[str]) -
     result = []
     for name in names:
         slopes = [_slopes(equations, at, False, name) for at in places]
-        if all(slopes) and any(_apart([each[answer] for each in slopes]) for answer in slopes[0]):
+        if all(slopes) and any(_differ([each[answer] for each in slopes]) for answer in slopes[0]):
             result.append(name)
     return tuple(result)
 
@@ -80,7 +80,7 @@ def products(
             rates = {
                 a
                 for a, slope in base[name].items()
-                if a in there and a[0] == "rates" and _apart([slope, there[a]])
+                if a in there and a[0] == "rates" and _differ([slope, there[a]])
             }
             result += [
                 (port, signal.name, name) for port, reached in fed.items() if rates & reached
@@ -116,7 +116,7 @@ def _slopes(
     return {answer: float(np.imag(each)) / COMPLEX_STEP for answer, each in result.items()}
 
 
-def _apart(slopes: Sequence[float]) -> bool:
+def _differ(slopes: Sequence[float]) -> bool:
     return bool(np.ptp(slopes) > APART * np.max(np.abs(slopes)))
 
 
@@ -135,7 +135,7 @@ def observable_biases(equations: OwnEquations, starts: Starts) -> tuple[str, ...
     are those beside the starts; a bias that is told on one side counts as told.
     """
     observable = [
-        _told(*_own_sensors_slopes(equations, neighbouring_point(starts, side)))
+        _observable(*_own_sensors_slopes(equations, neighbouring_point(starts, side)))
         for side in (1.0, -1.0)
     ]
     return tuple(
@@ -196,7 +196,7 @@ def _own_sensors_slopes(equations: OwnEquations, at: Starts) -> tuple[np.ndarray
     return both[: len(names)], both[len(names) :]
 
 
-def _told(A: np.ndarray, C: np.ndarray) -> list[int]:
+def _observable(A: np.ndarray, C: np.ndarray) -> list[int]:
     """Positions of the outputs whose bias adds to what is seen; all where the slopes are not
     finite.
     """

@@ -238,7 +238,7 @@ SHARES: Mapping[str, tuple[float, float]] = {"lift_share": (-3.0, 5.0)}
 
 
 @dataclass(frozen=True)
-class PlainControl:
+class NonlinearControl:
     """moment += moment_by f(d), lift += ``lift_share`` lift_by f(d) for a deflection d, with the
     vehicle's derivatives by the control.
 
@@ -330,7 +330,7 @@ class PlainControl:
         return (Probe({**self.absent, "lift_share": 1.0}, (self.bend.name,)),)
 
 
-Form = TypeVar("Form", bound=PlainControl)
+Form = TypeVar("Form", bound=NonlinearControl)
 
 
 def of_all_controls(form: type[Form], **pseudo_control: float) -> tuple[Form, ...]:

@@ -163,7 +163,7 @@ TOLERANCE = 1e-9  # of the motion's size, at the end of a flight
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class SimulatedMotion:
     """States ``(N,)`` each, and by which method they were found: ``EXACT`` or ``SMOOTH``."""
 
     states: list[np.ndarray]
@@ -172,7 +172,7 @@ class Motion:
 
 def by_tolerance(
     system: System, p: Sequence[float], by_input: tuple[Maneuver, ...], time: np.ndarray
-) -> Motion | None:
+) -> SimulatedMotion | None:
     """Motion at ``time`` (s, ``(N,)``) within ``TOLERANCE``, inputs as the maneuvers give them;
     None where no method keeps it.
 
@@ -187,11 +187,11 @@ def by_tolerance(
         system, p, x0, lambda t: [maneuver(t) for maneuver in by_input], breaks, time
     )
     if states is not None:
-        return Motion(list(states), EXACT)
+        return SimulatedMotion(list(states), EXACT)
     states = smooth_motion(
         system, p, x0, lambda begin, end: _between(by_input, begin, end), breaks, time
     )
-    return None if states is None else Motion(list(states), SMOOTH)
+    return None if states is None else SimulatedMotion(list(states), SMOOTH)
 
 
 def _between(by_input: tuple[Maneuver, ...], begin: float, end: float) -> InputsAt:

@@ -344,7 +344,7 @@ def aircraft_model(aircraft: Aircraft) -> Model:
     }
     further = {name: FURTHER[name] for name in FURTHER if name in aircraft.further}
     rest = {name: aircraft.constants[name] for name in aircraft.varying}
-    motion = _Motion(aircraft)
+    motion = _AircraftEquations(aircraft)
     turned = ATTITUDES[aircraft.attitude]
     at = [aircraft.start.get(name, 0.0) for name in ("phi", "theta", "psi")]
     begun = {name: v for name, v in aircraft.start.items() if name not in ("phi", "theta", "psi")}
@@ -388,7 +388,7 @@ def _start(item: Parameter, attitude: str) -> Parameter:
 def declaration_of(model: Model) -> Aircraft | None:
     """What a model was made of, with its present values; None of any other model."""
     motion = getattr(getattr(model.equations, "rates", None), "__self__", None)
-    if not isinstance(motion, _Motion):
+    if not isinstance(motion, _AircraftEquations):
         return None
     values = {item.name: item.value for item in model.parameters}
     aircraft = motion.aircraft.with_values(values)
@@ -396,7 +396,7 @@ def declaration_of(model: Model) -> Aircraft | None:
     return replace(aircraft, constants=held)
 
 
-class _Motion:
+class _AircraftEquations:
     """The functions of an aircraft's equations."""
 
     def __init__(self, aircraft: Aircraft) -> None:

@@ -16,7 +16,7 @@ from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.input_path.input_delay import InputDelay
 from sim.errors import DeclarationError
 from sim.maths import complex_step_jacobian
-from sim.vehicles.library import Number, Origin, VehicleData
+from sim.vehicles.library import Origin, SourcedNumber, VehicleData
 from sim.vehicles.other_vehicles import (
     DELAY,
     LAG,
@@ -164,7 +164,7 @@ def loes_model(data: VehicleData, noise: Noise | None = None) -> Model:
     ``delay``.
     """
     optional = [
-        Number(name, 0.0, unit, note="zero unless given")
+        SourcedNumber(name, 0.0, unit, note="zero unless given")
         for name, unit in {"vane_arm": "m", **LOES_OFFSETS}.items()
         if name not in data
     ]
@@ -193,7 +193,7 @@ def whole_axis_model(data: VehicleData, noise: Noise | None = None) -> Model:
     equations, constants, derivatives = WHOLE_AXES[data.equations]
     inside = {name: unit for name, unit in derivatives.items() if name in equations.parameter_names}
     absent = [
-        Number(name, 0.0, unit, note="left out")
+        SourcedNumber(name, 0.0, unit, note="left out")
         for name, unit in inside.items()
         if name not in data
     ]
@@ -364,7 +364,7 @@ def _model(
     return Model(equations, parameters, initial, noise or Noise())
 
 
-def _checked(data: VehicleData, name: str, unit: str) -> Number:
+def _checked(data: VehicleData, name: str, unit: str) -> SourcedNumber:
     number = data[name]
     where = f"vehicle {data.name}, {name}"
     if number.unit != unit:
@@ -386,14 +386,14 @@ def _checked(data: VehicleData, name: str, unit: str) -> Number:
     return number
 
 
-def _sourced(item: Parameter, numbers: Mapping[str, Number]) -> Parameter:
+def _sourced(item: Parameter, numbers: Mapping[str, SourcedNumber]) -> Parameter:
     source = numbers[item.name].source if item.name in numbers else item.source
     return Parameter(
         item.name, item.value, item.unit, item.prior_std, item.bounds, item.free, source
     )
 
 
-def _users(vehicle: str, name: str, value: float, units: Mapping[str, str]) -> Number:
+def _users(vehicle: str, name: str, value: float, units: Mapping[str, str]) -> SourcedNumber:
     if name not in units:
         raise DeclarationError(
             f"unknown number {name}", where=f"vehicle {vehicle}", remedy=f"use {', '.join(units)}"
@@ -404,14 +404,14 @@ def _users(vehicle: str, name: str, value: float, units: Mapping[str, str]) -> N
             where=f"vehicle {vehicle}, {name}",
             remedy="give a finite number",
         )
-    return Number(name, float(value), units[name], origin=Origin.USER)
+    return SourcedNumber(name, float(value), units[name], origin=Origin.USER)
 
 
 # ---- A model about rest or a trimmed flight as a linear system
 
 
 @dataclass(frozen=True, eq=False)
-class StateSpace:
+class SystemMatrices:
     """x_dot = A x + B u, y = C x + D u, with the shapes ``(n, n)``, ``(n, r)``, ``(m, n)``, ``(m,
     r)``.
     """
@@ -424,7 +424,7 @@ class StateSpace:
 
 def linearise(
     model: Model, outputs: Sequence[str] | None = None, about: Mapping[str, float] | None = None
-) -> StateSpace:
+) -> SystemMatrices:
     """Matrices of a model, exact to rounding; effects on the input and sensor paths are left out.
 
     Parameters
@@ -452,7 +452,7 @@ def linearise(
             where=f"linearising {model.equations.name}",
             remedy=f"use {available}",
         )
-    return StateSpace(
+    return SystemMatrices(
         complex_step_jacobian(lambda x: system.f(0.0, x, u0, p), x0),
         complex_step_jacobian(lambda u: system.f(0.0, x0, u, p), u0),
         complex_step_jacobian(lambda x: system.h(0.0, x, u0, p), x0),
@@ -460,7 +460,7 @@ def linearise(
     )
 
 
-def frequency_response(system: StateSpace, omega: float) -> np.ndarray:
+def frequency_response(system: SystemMatrices, omega: float) -> np.ndarray:
     """C (j omega - A)^-1 B + D at ``omega``, rad/s; shape ``(m, r)``, complex."""
     return (
         system.C @ np.linalg.solve(1j * omega * np.eye(len(system.A)) - system.A, system.B)
@@ -468,7 +468,7 @@ def frequency_response(system: StateSpace, omega: float) -> np.ndarray:
     )
 
 
-def held_response(system: StateSpace, u: np.ndarray, step: float) -> np.ndarray:
+def zero_order_hold_response(system: SystemMatrices, u: np.ndarray, step: float) -> np.ndarray:
     """Outputs ``(m, N)`` from rest for one input ``u (N,)`` held over ``step`` s: the exact
     discrete system.
     """

@@ -69,9 +69,9 @@ from sim.vehicles.factory import (
     RIGID_DERIVATIVES,
     flexible_model,
     frequency_response,
-    held_response,
     linearise,
     rigid_model,
+    zero_order_hold_response,
 )
 from sim.vehicles.library import Origin, VehicleData
 
@@ -331,7 +331,7 @@ def flexibility(
     outputs, scale = list(noise_std), np.array([noise_std[name] for name in noise_std])[:, None]
 
     def response(model: Model) -> np.ndarray:
-        return (held_response(linearise(model, outputs), elevator, step) / scale).ravel()
+        return (zero_order_hold_response(linearise(model, outputs), elevator, step) / scale).ravel()
 
     names = [*RIGID_DERIVATIVES]
     values = dict(zip(names, condensed.parameters.values(names).tolist(), strict=True))

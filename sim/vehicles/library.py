@@ -44,7 +44,7 @@ _WORDS = {
 
 
 @dataclass(frozen=True)
-class Number:
+class SourcedNumber:
     """One number of a vehicle.
 
     Attributes
@@ -88,15 +88,15 @@ class VehicleData:
     title: str
     source: str
     equations: str
-    numbers: tuple[Number, ...]
-    initial: tuple[Number, ...] = ()
+    numbers: tuple[SourcedNumber, ...]
+    initial: tuple[SourcedNumber, ...] = ()
     modes: int = 0
     based_on: str = ""
 
     def __contains__(self, name: object) -> bool:
         return any(number.name == name for number in self.numbers)
 
-    def __getitem__(self, name: str) -> Number:
+    def __getitem__(self, name: str) -> SourcedNumber:
         for number in self.numbers:
             if number.name == name:
                 return number
@@ -121,20 +121,22 @@ class VehicleData:
 
 
 @dataclass(frozen=True)
-class Difference:
+class NumberDifference:
     """A number that two sets do not share; None where a set lacks it."""
 
     name: str
-    first: Number | None
-    second: Number | None
+    first: SourcedNumber | None
+    second: SourcedNumber | None
 
 
-def difference(a: VehicleData, b: VehicleData) -> tuple[Difference, ...]:
+def difference(a: VehicleData, b: VehicleData) -> tuple[NumberDifference, ...]:
     """Numbers whose value or unit differs between two sets, or that only one has, in the order of
     ``a``, then ``b``.
     """
     first, second = {n.name: n for n in a.numbers}, {n.name: n for n in b.numbers}
-    pairs = (Difference(name, first.get(name), second.get(name)) for name in {**first, **second})
+    pairs = (
+        NumberDifference(name, first.get(name), second.get(name)) for name in {**first, **second}
+    )
     return tuple(
         d
         for d in pairs
@@ -228,7 +230,9 @@ def _read(entry: Traversable, above: tuple[str, ...]) -> VehicleData:
     )
 
 
-def _over(base: tuple[Number, ...], own: tuple[Number, ...]) -> tuple[Number, ...]:
+def _over(
+    base: tuple[SourcedNumber, ...], own: tuple[SourcedNumber, ...]
+) -> tuple[SourcedNumber, ...]:
     """Numbers of the base set in their order, replaced by our own where we have them, then the rest
     of ours.
     """
@@ -237,7 +241,7 @@ def _over(base: tuple[Number, ...], own: tuple[Number, ...]) -> tuple[Number, ..
     return merged + tuple(mine.values())
 
 
-def _numbers(document: Mapping[str, Any], table: str, where: str) -> tuple[Number, ...]:
+def _numbers(document: Mapping[str, Any], table: str, where: str) -> tuple[SourcedNumber, ...]:
     entries = document.get(table, {})
     if not isinstance(entries, dict):
         raise DeclarationError(f"{table} is no table", where=where, remedy=f"write [{table}]")
@@ -246,7 +250,7 @@ def _numbers(document: Mapping[str, Any], table: str, where: str) -> tuple[Numbe
     )
 
 
-def _number(name: str, entry: Any, where: str) -> Number:
+def _number(name: str, entry: Any, where: str) -> SourcedNumber:
     if not isinstance(entry, dict):
         raise DeclarationError(
             "is no table",
@@ -272,7 +276,7 @@ def _number(name: str, entry: Any, where: str) -> Number:
         raise DeclarationError(
             f"origin {entry['origin']!r}", where=where, remedy=f"use one of {marks}"
         ) from None
-    number = Number(name, float(value), entry["unit"], entry["printed"], origin)
+    number = SourcedNumber(name, float(value), entry["unit"], entry["printed"], origin)
     return replace(
         number, note=entry.get("note", ""), printed_by_paper=entry.get("printed_by_paper", "")
     )

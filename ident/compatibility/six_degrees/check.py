@@ -128,7 +128,7 @@ def bias_findings(
         # height.
         excess = max(abs(size.value) - fault.worth, 0.0)
         p = p_value(0.5 * (excess / size.std) ** 2, excess, fault)
-        if item.told and item.agrees and p * len(estimates) < false_alarm:
+        if item.determined and item.agrees and p * len(estimates) < false_alarm:
             group = instead_of(lines, r, item.channel, false_alarm)
             out.append(
                 SensorFinding(
@@ -151,10 +151,10 @@ def instead_of(lines: Linear, r: int, channel: str, false_alarm: float) -> tuple
     bias of a channel, that bias being zero.
     """
     information, gradient = lines.whole[r]
-    own, faults = lines.found.own[r], lines.faults
+    own, faults = lines.fit.own[r], lines.faults
     n = len(own)
-    b = [item.key for item in unknowns_of(lines.found.signals[r])].index((channel, BIAS))
-    members = [n + faults.index(fault) for fault in lines.found.faults]
+    b = [item.key for item in unknowns_of(lines.fit.signals[r])].index((channel, BIAS))
+    members = [n + faults.index(fault) for fault in lines.fit.faults]
     best, _, _ = _least([*range(n), *members], information, gradient)
     # The bias held at zero: a step of minus its value.
     rest, held = [*(i for i in range(n) if i != b), *members], gradient + information[:, b] * own[b]
@@ -366,14 +366,14 @@ def drift_of(
         < charge
     ):
         return ()
-    begin = replace(lines.found, signals=(lines.found.signals[r],), own=(lines.found.own[r],))
+    begin = replace(lines.fit, signals=(lines.fit.signals[r],), own=(lines.fit.own[r],))
     beside = linear(
         fit(begin.signals, [faults[i] for i in (*members, j)], begin),
         faults,
         np.full(len(faults), SECANT),
     )
     item = _estimate(beside.joint, by_output_error(beside, 0), faults, [*members, j], j)
-    if not item.told or item.gain < charge or abs(item.smoother.value) < faults[j].worth:
+    if not item.determined or item.gain < charge or abs(item.smoother.value) < faults[j].worth:
         return ()
     rivals = alike(beside, (*members, j), j, chance_of(false_alarm, len(drifts)), drifts)
     return (_finding(item, faults[j], tuple(faults[k].name for k in rivals), 0.0, stands=True),)
@@ -387,7 +387,7 @@ def _gain_of(
     )
 
 
-def late(faults: Sequence[SensorFault]) -> set[str]:
+def channels_with_delay(faults: Sequence[SensorFault]) -> set[str]:
     """Channels that some of these faults make late."""
     return {fault.channel for fault in faults if fault.kind in (DELAY, LAG)}
 
@@ -455,7 +455,7 @@ def check(
     faults = faults_of(signals[0], settings.chord)
     search_result = search(signals, base, faults, settings)
     estimates, findings = estimates_and_findings(search_result)
-    final = search_result.lines.found
+    final = search_result.lines.fit
     names = tuple(s.name for s in signals)
     biases = [bias_estimates(final, r) for r in range(len(signals))]
     noise = final.noise
@@ -525,7 +525,7 @@ def _notes(search_result: SixDegreeSearch, signals: Sequence[KinematicSignals]) 
             "kinematics do not know, a gust on vane and load most likely, so that no further "
             "fault is named"
         )
-    behind = late([search_result.lines.faults[i] for i in search_result.standing])
+    behind = channels_with_delay([search_result.lines.faults[i] for i in search_result.standing])
     on_time = [name for name in clocks(tuple(signals[0].channels)) if name not in behind]
     if behind & set(clocks(tuple(signals[0].channels))) and on_time:
         out.append(

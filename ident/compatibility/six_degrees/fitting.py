@@ -320,7 +320,7 @@ class Linear:
     found.
     """
 
-    found: KinematicFit
+    fit: KinematicFit
     faults: tuple[SensorFault, ...]
     smoother: tuple[NormalEquations, ...]
     biases: tuple[SensorFault, ...]
@@ -471,9 +471,9 @@ def coloured(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
 
 def by_output_error(lines: Linear, r: int) -> NormalEquations:
     """Normal equations of record r for residuals that are taken as white."""
-    s, own = lines.found.signals[r], lines.found.own[r]
+    s, own = lines.fit.signals[r], lines.fit.own[r]
     prior, n = np.array([item.prior**-2 for item in unknowns_of(s)]), len(own)
-    gram, gradient, scatter = output_error_gram(s, lines.found, r, lines.columns[r])
+    gram, gradient, scatter = output_error_gram(s, lines.fit, r, lines.columns[r])
     gradient[:n] -= prior * own
     scatter[np.arange(n), np.arange(n)] += prior
     return _projected(gram, gradient, scatter, _onto(gram, prior))

@@ -285,7 +285,7 @@ _TO_BODY = {"nx": G0, "ny": G0, "nz": -G0}
 
 
 @dataclass(frozen=True, eq=False)
-class _Motion:
+class _CorrectedMotion:
     """What is measured, less the faults: samples ``(P, N)`` of angles and speed, and increments
     ``(P, N - 1)`` of rates and loads.
     """
@@ -316,7 +316,7 @@ def reconstructed(s: KinematicSignals, value: Values) -> np.ndarray:
     return np.array([np.broadcast_to(row, (width, len(s.time))) for row in out])
 
 
-def _motion(s: KinematicSignals, value: Values, rates: dict[str, np.ndarray]) -> _Motion:
+def _motion(s: KinematicSignals, value: Values, rates: dict[str, np.ndarray]) -> _CorrectedMotion:
     h, none = s.steps, np.zeros((1, len(s.time)))
     speed = (
         samples(s, "airspeed", value)
@@ -340,7 +340,7 @@ def _motion(s: KinematicSignals, value: Values, rates: dict[str, np.ndarray]) ->
             pushed[axis] = _TO_BODY.get(channel, 1.0) * increments(s, channel, value, h) - _lever(
                 s, axis, channel, value, rates
             )
-    return _Motion(
+    return _CorrectedMotion(
         angles["phi"], angles["theta"], angles["alpha"], angles["beta"], speed, turned, pushed
     )
 
@@ -405,7 +405,7 @@ def _lever(
     return np.asarray(felt)
 
 
-def _theta(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
+def _theta(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
     q = m.turned["q"]
     return np.asarray(
         q * middle(np.cos(m.phi)) - m.turned["r"] * middle(np.sin(m.phi))
@@ -414,7 +414,7 @@ def _theta(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
     )
 
 
-def _phi(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
+def _phi(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
     tan = np.tan(m.theta)
     if "r" not in m.turned:
         return np.asarray(
@@ -429,7 +429,7 @@ def _phi(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
     )
 
 
-def _psi(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
+def _psi(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
     if "q" not in m.turned:
         return np.asarray(m.turned["r"] * middle(1.0 / (np.cos(m.phi) * np.cos(m.theta))))
     return np.asarray(
@@ -439,7 +439,7 @@ def _psi(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
 
 
 def _forces(
-    s: KinematicSignals, m: _Motion, axes: tuple[tuple[str, np.ndarray], ...]
+    s: KinematicSignals, m: _CorrectedMotion, axes: tuple[tuple[str, np.ndarray], ...]
 ) -> np.ndarray:
     """Sum over axes of load and weight times a coefficient at the samples, integrated over each
     interval.
@@ -460,7 +460,7 @@ def _forces(
     return total
 
 
-def _alpha(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
+def _alpha(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
     cos, sin = np.cos(m.alpha), np.sin(m.alpha)
     over = 1.0 / (m.speed * np.cos(m.beta))
     axes = (("z", cos * over), ("x", -sin * over)) if "x" in m.pushed else (("z", over / cos),)
@@ -473,7 +473,7 @@ def _alpha(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
     return np.asarray(change)
 
 
-def _beta(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
+def _beta(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
     cos, sin = np.cos(m.alpha), np.sin(m.alpha)
     slip, over = np.sin(m.beta), 1.0 / m.speed
     change = _forces(
@@ -483,14 +483,14 @@ def _beta(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
     return np.asarray(change + m.turned["p"] * middle(sin) if "p" in m.turned else change)
 
 
-def _airspeed(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
+def _airspeed(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
     cos = np.cos(m.beta)
     return _forces(
         s, m, (("x", np.cos(m.alpha) * cos), ("y", np.sin(m.beta)), ("z", np.sin(m.alpha) * cos))
     )
 
 
-def _height(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
+def _height(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
     cos, level = np.cos(m.beta), np.cos(m.theta)
     rise = (
         np.cos(m.alpha) * cos * np.sin(m.theta)
@@ -500,7 +500,7 @@ def _height(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
     return np.asarray(s.steps * (middle(m.speed * rise) + value("wind", BIAS)))
 
 
-_CHANGES: dict[str, Callable[[KinematicSignals, _Motion, Values], np.ndarray]] = {
+_CHANGES: dict[str, Callable[[KinematicSignals, _CorrectedMotion, Values], np.ndarray]] = {
     **{
         "theta": _theta,
         "phi": _phi,

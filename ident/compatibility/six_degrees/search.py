@@ -304,13 +304,13 @@ def _settled(
     most: int,
     early: bool,
 ) -> tuple[Linear, tuple[int, ...], tuple[str, float] | None, Mapping[tuple[int, int], float]]:
-    """Sets chosen and fitted in turn until the same one comes again, and once more from another way
-    to be late where that is likelier; with what is lost with each such way (``_late_instead``)."""
+    """Sets chosen and fitted in turn until the same one comes again, and once more with another
+    cause of a delay where that is likelier; with the loss of each (``_best_delay_exchange``)."""
     lines, members, ahead = _in_turn(signals, base, (), faults, among, charge, most, early)
-    likeliest, lateness = _late_instead(signals, lines, members, among)
+    likeliest, lateness = _best_delay_exchange(signals, lines, members, among)
     if likeliest[1] != members:
         lines, members, ahead = _in_turn(signals, *likeliest, faults, among, charge, most, early)
-        _, lateness = _late_instead(signals, lines, members, among)
+        _, lateness = _best_delay_exchange(signals, lines, members, among)
     return lines, members, ahead, lateness
 
 
@@ -360,7 +360,7 @@ def _secant(size: float) -> float:
     return size if abs(size) > 1e-3 else SECANT
 
 
-def _late_instead(
+def _best_delay_exchange(
     signals: Sequence[KinematicSignals], lines: Linear, members: Sequence[int], among: Sequence[int]
 ) -> tuple[tuple[KinematicFit, tuple[int, ...]], dict[tuple[int, int], float]]:
     """The likeliest of a set and of those with another way to be late, or the arm of the same
@@ -371,7 +371,7 @@ def _late_instead(
     for noise what it does not explain, and as if both acted: a late reading of what an arm adds is
     no small thing.
     """
-    kinematic_fit, faults = lines.found, lines.faults
+    kinematic_fit, faults = lines.fit, lines.faults
     places = [(place, i, j) for place, i in enumerate(members) for j in among if j not in members]
     pairs = [
         (place, j)

@@ -106,13 +106,13 @@ def numbers(table: CellTable, index: int) -> Numbers:
         if text.lower() in MISSING:
             continue
         try:
-            values[position] = plain_number(text, comma=table.decimal_comma)
+            values[position] = number_of_text(text, comma=table.decimal_comma)
         except ValueError:
             texts[position] = text
     return Numbers(values, texts)
 
 
-def plain_number(text: str, *, comma: bool = False) -> float:
+def number_of_text(text: str, *, comma: bool = False) -> float:
     """A number of a file; ValueError for what Python alone would take for one (``1_000``, digits of
     other scripts) and for the other mark.
     """
@@ -275,7 +275,7 @@ def is_number(cell: str) -> bool:
     """Whether a cell is a number with a decimal point or a decimal comma."""
     for comma in (False, True):
         try:
-            plain_number(cell.strip(), comma=comma)
+            number_of_text(cell.strip(), comma=comma)
         except ValueError:
             continue
         return True

@@ -35,7 +35,7 @@ def topics_of_variables(path: Path, variables: Mapping[str, Any]) -> tuple[Topic
     RecordError : nothing in them is a table; the message names each array with its size.
     """
     topics: list[Topic] = []
-    variables = {name: _plain_form(value) for name, value in variables.items()}
+    variables = {name: _simplified(value) for name, value in variables.items()}
     merged, twice = _with_one_struct(variables)
     _collect(path, "", merged, topics, twice)
     if not topics:
@@ -51,7 +51,7 @@ def topics_of_variables(path: Path, variables: Mapping[str, Any]) -> tuple[Topic
     return tuple(topics)
 
 
-def _plain_form(value: Any) -> Any:
+def _simplified(value: Any) -> Any:
     """A variable in a form that the rules know, at any depth: what programs write for a struct of
     vectors as a struct of vectors, a cell array of vectors as a matrix.
 
@@ -62,7 +62,7 @@ def _plain_form(value: Any) -> Any:
     value = value if hasattr(value, "toarray") else _dense(value)
     if isinstance(value, Mapping):
         return _with_signals(
-            {name: each if name in SIGNALS else _plain_form(each) for name, each in value.items()}
+            {name: each if name in SIGNALS else _simplified(each) for name, each in value.items()}
         )
     structs = _structs(value)
     if len(structs) >= FEWEST and all(
@@ -101,14 +101,14 @@ def _with_signals(level: Mapping[str, Any]) -> Mapping[str, Any]:
         or not any(word in level for word in CLOCKS)
         or not all("values" in each for each in signals)
     ):
-        return {key: _plain_form(each) if key == name else each for key, each in level.items()}
+        return {key: _simplified(each) if key == name else each for key, each in level.items()}
     labels = [
         str(each.get("label") or each.get("blockName") or f"signal{n + 1}")
         for n, each in enumerate(signals)
     ]
     rest = {key: each for key, each in level.items() if key != name}
     return rest | {
-        label: _plain_form(each["values"]) for label, each in zip(labels, signals, strict=True)
+        label: _simplified(each["values"]) for label, each in zip(labels, signals, strict=True)
     }
 
 

@@ -164,7 +164,7 @@ def package_folder() -> Path:
     return Path(spec.origin).parent
 
 
-def known_aircraft(name: str, where: str) -> None:
+def refuse_unknown_aircraft(name: str, where: str) -> None:
     """DeclarationError where the package has no such aircraft."""
     names = sorted(
         path.name

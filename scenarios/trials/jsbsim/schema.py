@@ -20,7 +20,7 @@ from scenarios.trials.jsbsim.declaration import (
     OUTPUTS,
     SURFACES,
     JsbsimFlight,
-    known_aircraft,
+    refuse_unknown_aircraft,
 )
 from sim.errors import DeclarationError
 
@@ -62,7 +62,7 @@ def jsbsim_of(document: Mapping[str, Any], name: str, where: str) -> JsbsimFligh
     """
     content = checked(_Jsbsim, document, where)
     aircraft = str(content.aircraft)
-    known_aircraft(aircraft, f"{where}, key aircraft")
+    refuse_unknown_aircraft(aircraft, f"{where}, key aircraft")
     _one_of(content.axis, tuple(CONTROLS), "axis", where)
     _one_of(content.maneuver, MANEUVERS, "maneuver", where)
     duration = (

@@ -45,7 +45,7 @@ LOES_NAMES = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau
 
 
 @dataclass(frozen=True, eq=False)
-class FlownTrace:
+class SimulatedTrace:
     """The records of a tracing scenario with their truth.
 
     ``derivatives`` are the true values (SI) of what the declared model estimates; of a closed loop
@@ -66,7 +66,7 @@ class FlownTrace:
     noise_free: Record
 
 
-def fly_trace(scenario: TraceScenario, seed: int) -> FlownTrace:
+def fly_trace(scenario: TraceScenario, seed: int) -> SimulatedTrace:
     """Fly the records of a scenario, each with noise of its own; the same seed gives the same
     bytes.
 
@@ -84,7 +84,7 @@ def fly_trace(scenario: TraceScenario, seed: int) -> FlownTrace:
     test, _ = _fly(flight, flight.test_plan, third, "test", validation=True)
     hidden = {term.name: dict(term.values) for term in flight.hidden}
     text = started_file(scenario, vehicle)
-    return FlownTrace(
+    return SimulatedTrace(
         train,
         validate,
         _derivatives(scenario, vehicle),
@@ -125,17 +125,17 @@ def _fly(
     flight: TraceFlight, plan: RecordPlan, rng: np.random.Generator, name: str, *, validation: bool
 ) -> tuple[Record, Record]:
     model = with_hidden(true_vehicle(flight), flight.hidden, validation=validation)
-    return flown_with_truth(flight, plan, model, rng, name)
+    return simulated_with_truth(flight, plan, model, rng, name)
 
 
-def flown_plan(
+def simulated_record(
     flight: TraceFlight, plan: RecordPlan, model: Model, rng: np.random.Generator, name: str
 ) -> Record:
     """One record of a flight's plan, flown by a model, whose noise is in it."""
-    return flown_with_truth(flight, plan, model, rng, name)[0]
+    return simulated_with_truth(flight, plan, model, rng, name)[0]
 
 
-def flown_with_truth(
+def simulated_with_truth(
     flight: TraceFlight, plan: RecordPlan, model: Model, rng: np.random.Generator, name: str
 ) -> tuple[Record, Record]:
     """One record of a flight's plan, and the same record without sensor noise."""
@@ -208,7 +208,9 @@ def equivalent_of(scenario: TraceScenario) -> EquivalentSystem:
     return equivalent_system(loop, L_q=loop.airframe.L_q)
 
 
-def _closed_loop(scenario: TraceScenario, generators: Sequence[np.random.Generator]) -> FlownTrace:
+def _closed_loop(
+    scenario: TraceScenario, generators: Sequence[np.random.Generator]
+) -> SimulatedTrace:
     flight, loop = scenario.flight, loop_of(scenario)
     plans = {"train": flight.train, "validate": flight.validate, "test": flight.test_plan}
     simulated = [
@@ -230,7 +232,9 @@ def _closed_loop(scenario: TraceScenario, generators: Sequence[np.random.Generat
     hidden = {term.name: dict(term.values) for term in flight.hidden}
     (train, noise_free), (validate, _), (test, _) = simulated
     text = _vehicle_text(scenario, constants, values)
-    return FlownTrace(train, validate, values, hidden, noise, loop.frame, text, test, noise_free)
+    return SimulatedTrace(
+        train, validate, values, hidden, noise, loop.frame, text, test, noise_free
+    )
 
 
 def _stick(plans: tuple[ManeuverPlan, ...], where: str) -> Sum:
@@ -339,7 +343,7 @@ def _mode_of(name: str) -> int:
     return int(digits) if "_eta" in name and digits else 0
 
 
-def write_flown(simulated_flight: FlownTrace, folder: Path) -> tuple[Path, Path, Path]:
+def write_simulated(simulated_flight: SimulatedTrace, folder: Path) -> tuple[Path, Path, Path]:
     """Training record, validation record and vehicle file in a folder: all that the loop is
     given.
     """

@@ -43,7 +43,7 @@ from scenarios.report.quantities import quantity_text, shown_in
 from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines, wrapped
 from scenarios.report.terminal import table_as_lines
 from scenarios.trials.planted.declaration import hidden_units
-from scenarios.trials.planted.flights import write_flown
+from scenarios.trials.planted.flights import write_simulated
 from scenarios.trials.planted.study import TRUE, Grade, Scored, TraceStudy
 
 # ---- A tracing study in words and tables for the terminal
@@ -194,7 +194,7 @@ def third_table(study: TraceStudy) -> Table:
         (Column("channel", printed="error"), names),
         (Column("before", BY_ROW), cells(study.test.before.rmse)),
         (Column("after", BY_ROW), cells(study.test.after.rmse if study.test.finite else {})),
-        (Column("sensor noise", BY_ROW), cells(study.flown.noise_std)),
+        (Column("sensor noise", BY_ROW), cells(study.simulated.noise_std)),
         units=[shown[name].unit for name in names],
     )
     return shown_table(d, whole)
@@ -218,7 +218,7 @@ def _comparable(row: Scored, factor: float) -> Cell:
 
 def _hidden(study: TraceStudy) -> str:
     flight, terms = study.scenario.flight, []
-    for name, values in study.flown.hidden.items():
+    for name, values in study.simulated.hidden.items():
         units = hidden_units(name, flight.own if flight.own is not None else flight.vehicle, name)
         said = ", ".join(
             f"{key} {quantity_text(value, units.get(key, ''), key)}"
@@ -322,14 +322,14 @@ def _write_records(study: TraceStudy, folder: Path) -> None:
     """All three records, the vehicle file, and the prediction of the third record,
     ``before_CHANNEL`` and ``after_CHANNEL``.
     """
-    write_flown(study.flown, folder)
-    write_record(folder, study.flown.test, "test", simulated=True)
+    write_simulated(study.simulated, folder)
+    write_record(folder, study.simulated.test, "test", simulated=True)
     write_prediction(folder / "test_prediction.csv", study.test.predictions[0])
 
 
 def truth_content(study: TraceStudy) -> dict[str, Any]:
     """Derivatives, hidden terms, noise and distance."""
-    simulated = study.flown
+    simulated = study.simulated
     return {
         "schema": "flightid/truth/1",
         "parameters": {
@@ -425,7 +425,7 @@ def _third(study: TraceStudy) -> dict[str, Any]:
         "after": {"rmse": {name: bounded(value) for name, value in result.after.rmse.items()}},
         "noise_std": {
             name: value
-            for name, value in study.flown.noise_std.items()
+            for name, value in study.simulated.noise_std.items()
             if name in result.predictions[0].channels
         },
         "finite": result.finite,

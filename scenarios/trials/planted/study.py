@@ -46,13 +46,13 @@ from scenarios.trials.planted.declaration import (
     true_vehicle,
 )
 from scenarios.trials.planted.flights import (
-    FlownTrace,
+    SimulatedTrace,
     equivalent_of,
     fly_loop,
     fly_trace,
     loop_of,
     with_outputs,
-    write_flown,
+    write_simulated,
 )
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import DynamicsEffect, full_name
@@ -102,7 +102,7 @@ NO_FIT = "the true values: the fit to the training flight without sensor noise f
 
 
 @dataclass(frozen=True)
-class Truth:
+class DeclaredTruth:
     """What is known of the flight by declaration.
 
     Attributes
@@ -118,14 +118,16 @@ class Truth:
     modes: int = 0
 
 
-def comparable_to(tracing: Tracing, simulated: FlownTrace, truth: Truth) -> Comparable:
+def comparable_to(tracing: Tracing, simulated: SimulatedTrace, truth: DeclaredTruth) -> Comparable:
     """What the model with the effects found should find."""
     d = tracing.diagnosis
     assert d.trained_after is not None
     return _comparable(tracing.model, d.trained_after, quantities_of(d), simulated, truth)
 
 
-def comparable_before(tracing: Tracing, simulated: FlownTrace, truth: Truth) -> Comparable:
+def comparable_before(
+    tracing: Tracing, simulated: SimulatedTrace, truth: DeclaredTruth
+) -> Comparable:
     """What the declared model alone should find."""
     d = tracing.diagnosis
     assert d.trained_before is not None
@@ -149,8 +151,8 @@ def _comparable(
     model: Model,
     trained: Trained,
     estimates: Mapping[str, Quantity],
-    simulated: FlownTrace,
-    truth: Truth,
+    simulated: SimulatedTrace,
+    truth: DeclaredTruth,
 ) -> Comparable:
     if has_process_noise(compiled_with(model, trained.effects, trained.outputs)[1]):
         return Comparable(truth.values, basis=TRUE)
@@ -186,7 +188,7 @@ def _same(value: float, true: float, estimate: Quantity | None) -> bool:
 
 
 def noise_free_fit(
-    model: Model, trained: Trained, estimates: Mapping[str, Quantity], simulated: FlownTrace
+    model: Model, trained: Trained, estimates: Mapping[str, Quantity], simulated: SimulatedTrace
 ) -> Fit | None:
     """The fit of a model to both copies of the noise-free training record, from the estimates; None
     without a minimum.
@@ -257,8 +259,8 @@ def _tied(layout: FitLayout, prior: Prior | None, held: Mapping[str, Quantity]) 
 def reasons_for(
     scenario: TraceScenario,
     tracing: Tracing,
-    simulated: FlownTrace,
-    truth: Truth,
+    simulated: SimulatedTrace,
+    truth: DeclaredTruth,
     comparable: Comparable,
 ) -> tuple[str, ...]:
     """Why comparable values differ from the true ones, in sentences with numbers."""
@@ -285,7 +287,7 @@ def reasons_for(
     return tuple(out)
 
 
-def _of_turbulence(tracing: Tracing, simulated: FlownTrace) -> list[str]:
+def _of_turbulence(tracing: Tracing, simulated: SimulatedTrace) -> list[str]:
     """How many scale lengths of hidden turbulence a record holds: so many independent gusts its
     level is estimated from.
     """
@@ -304,8 +306,8 @@ def _of_turbulence(tracing: Tracing, simulated: FlownTrace) -> list[str]:
 def _of_the_gearing(
     scenario: TraceScenario,
     tracing: Tracing,
-    simulated: FlownTrace,
-    truth: Truth,
+    simulated: SimulatedTrace,
+    truth: DeclaredTruth,
     comparable: Comparable,
 ) -> list[str]:
     """How much of each difference is the gearing of the stick, by a second noise-free fit to a
@@ -493,7 +495,7 @@ class TraceStudy:
 
     scenario: TraceScenario
     seed: int
-    flown: FlownTrace
+    simulated: SimulatedTrace
     tracing: Tracing
     grade: Grade
     derivatives: tuple[Scored, ...]
@@ -519,7 +521,7 @@ def run_trace(
     progress("flying", 0.0)
     simulated = fly_trace(scenario, chosen)
     with tempfile.TemporaryDirectory(prefix="flightid-") as folder:
-        train, validate, written = write_flown(simulated, Path(folder))
+        train, validate, written = write_simulated(simulated, Path(folder))
         # What is printed names the file of the study, not this passing one.
         vehicle = replace(read_toml_source(written), path=Path(written.name))
         tracing = diagnose_files(
@@ -534,7 +536,7 @@ def run_trace(
 
 
 def scored(
-    scenario: TraceScenario, seed: int, simulated: FlownTrace, tracing: Tracing
+    scenario: TraceScenario, seed: int, simulated: SimulatedTrace, tracing: Tracing
 ) -> TraceStudy:
     """A diagnosis compared with the truth, and the third record predicted by it."""
     truth = truth_of(scenario, simulated)
@@ -557,7 +559,7 @@ def scored(
     )
 
 
-def truth_of(scenario: TraceScenario, simulated: FlownTrace) -> Truth:
+def truth_of(scenario: TraceScenario, simulated: SimulatedTrace) -> DeclaredTruth:
     """Values that are known by declaration."""
     hidden = {
         f"{name}.{local}": value
@@ -568,10 +570,10 @@ def truth_of(scenario: TraceScenario, simulated: FlownTrace) -> Truth:
     if modes and scenario.model == "rigid":
         values = {item.name: item.value for item in true_vehicle(scenario.flight).parameters}
         condensed = dict(condense(values, modes).derivatives)
-    return Truth({**simulated.derivatives, **hidden}, condensed, modes)
+    return DeclaredTruth({**simulated.derivatives, **hidden}, condensed, modes)
 
 
-def predicted_test(simulated: FlownTrace, tracing: Tracing) -> Predicted:
+def predicted_test(simulated: SimulatedTrace, tracing: Tracing) -> Predicted:
     """The third record predicted by the declared model and with the effects found, as `flightid
     predict` does.
     """
@@ -619,9 +621,9 @@ def _stands_beside(claims: list[Claim], accepted: tuple[str, ...]) -> bool:
 
 
 def _derivatives(
-    simulated: FlownTrace,
+    simulated: SimulatedTrace,
     tracing: Tracing,
-    truth: Truth,
+    truth: DeclaredTruth,
     comparable: Comparable,
     before: Comparable,
 ) -> tuple[Scored, ...]:
@@ -643,7 +645,7 @@ def _derivatives(
     )
 
 
-def _effects(tracing: Tracing, truth: Truth, comparable: Comparable) -> tuple[Scored, ...]:
+def _effects(tracing: Tracing, truth: DeclaredTruth, comparable: Comparable) -> tuple[Scored, ...]:
     """Parameters of the effects in the fitted model, against what it should find."""
     d = tracing.diagnosis
     names = [name for name in quantities_of(d) if name not in d.after and name in comparable.values]
@@ -663,7 +665,7 @@ def _effects(tracing: Tracing, truth: Truth, comparable: Comparable) -> tuple[Sc
 
 
 def _modes(
-    scenario: TraceScenario, tracing: Tracing, truth: Truth, comparable: Comparable
+    scenario: TraceScenario, tracing: Tracing, truth: DeclaredTruth, comparable: Comparable
 ) -> tuple[Scored, ...]:
     """Frequencies and damping ratios, those of elastic modes with all couplings of the aircraft."""
     d, flight = tracing.diagnosis, scenario.flight

@@ -15,7 +15,7 @@ from sim.effects.instances import (
     LATERAL_CONTROLS,
     SHARES,
     LateralControl,
-    PlainControl,
+    NonlinearControl,
     all_labelled,
     labelled,
     of_all_controls,
@@ -213,7 +213,7 @@ ROUNDED = 0.001
 
 
 @dataclass(frozen=True)
-class ControlUnevenness(PlainControl):
+class ControlUnevenness(NonlinearControl):
     """The moment of a deflection d is that of d + ``unevenness`` |d|: slopes of 1 + unevenness to
     the positive side, 1 - unevenness to the other.
 
@@ -261,7 +261,7 @@ UNEVENNESS_VARIANTS: tuple[Traceable, ...] = of_all_controls(ControlUnevenness, 
 
 
 @dataclass(frozen=True)
-class ControlWeakening(PlainControl):
+class ControlWeakening(NonlinearControl):
     """The moment of a deflection d is that of d - ``loss`` d (d/D)^2, ``widest`` D the largest
     deflection used, in the control's unit.
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from sim.declaration.effect import Parameter, Regularity, Station
 from sim.declaration.model import Equations
-from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, late_times
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, delays_to_try
 from sim.effects.instances import all_labelled, for_inputs, labelled
 from sim.effects.loads import moved_ahead, moved_back
 from sim.maths import each_column
@@ -79,7 +79,7 @@ class InputDelay:
         return local if self.own_name else f"{self.name}.{local}"
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return [Probe({"delay": time}) for time in late_times(context)]
+        return [Probe({"delay": time}) for time in delays_to_try(context)]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Mean of the shifted input over each cell; at no delay the derivative is the one towards
@@ -90,7 +90,7 @@ class InputDelay:
 
 
 @dataclass(frozen=True)
-class InputRecordedLate:
+class RecordedInputDelay:
     """The vehicle felt the input ``delay`` seconds before the record shows it: it gets u(t +
     delay).
 
@@ -144,7 +144,7 @@ class InputRecordedLate:
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return [Probe({"delay": time}) for time in late_times(context)]
+        return [Probe({"delay": time}) for time in delays_to_try(context)]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Mean of the shifted input over each cell, exact for an input that is constant within
@@ -154,7 +154,7 @@ class InputRecordedLate:
         return each_column(lambda row, delay: moved_ahead(edges, row, delay), u, p.delay)
 
 
-VARIANTS: tuple[Traceable, ...] = (InputDelay("elevator"), InputRecordedLate())
+VARIANTS: tuple[Traceable, ...] = (InputDelay("elevator"), RecordedInputDelay())
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
@@ -162,5 +162,5 @@ def made_for(equations: Equations) -> tuple[Traceable, ...]:
     return for_inputs(
         equations,
         lambda signal, label: InputDelay(signal.name, label=label),
-        lambda signal, label: InputRecordedLate(signal.name, label),
+        lambda signal, label: RecordedInputDelay(signal.name, label),
     )

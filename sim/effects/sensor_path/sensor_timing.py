@@ -14,7 +14,7 @@ import numpy as np
 
 from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.model import Equations
-from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, late_times
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, delays_to_try
 from sim.effects.instances import FASTER_MOTION, for_outputs, further_outputs
 from sim.effects.loads import each_run_earlier
 from sim.maths import linear_recurrence, real, trailing, where
@@ -75,19 +75,19 @@ class SensorDelay:
         return (
             ()
             if self.channel == "altitude"
-            else [Probe({"delay": time}) for time in late_times(context)]
+            else [Probe({"delay": time}) for time in delays_to_try(context)]
         )
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
         """Values at the earlier times, see ``sim.effects.loads``: continuous in the delay."""
-        return each_run_earlier(steps, begin, end, _late, p.delay)
+        return each_run_earlier(steps, begin, end, _delayed_edges, p.delay)
 
     def memory(self, p: Any) -> tuple[Any, float]:
         """Of random motion, see `sim.declaration.effect.SensorMemory`."""
         return 0.5 * p.delay, -1.0
 
 
-def _late(edges: np.ndarray, delay: Any) -> Any:
+def _delayed_edges(edges: np.ndarray, delay: Any) -> Any:
     """The time that shows at each edge."""
     return edges - delay
 
@@ -161,7 +161,7 @@ class SensorLag:
         return (
             ()
             if self.channel == "altitude"
-            else [Probe({"time_constant": time}) for time in late_times(context)]
+            else [Probe({"time_constant": time}) for time in delays_to_try(context)]
         )
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:

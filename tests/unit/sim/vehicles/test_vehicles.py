@@ -23,7 +23,13 @@ from sim.vehicles.factory import (
     rigid_model,
     vehicle_from_values,
 )
-from sim.vehicles.library import Number, Origin, difference, read_parameter_file, read_parameter_set
+from sim.vehicles.library import (
+    Origin,
+    SourcedNumber,
+    difference,
+    read_parameter_file,
+    read_parameter_set,
+)
 
 
 def roots(name: str, modes: int) -> list[complex]:
@@ -229,7 +235,7 @@ def test_a_new_vehicle_is_one_new_file(tmp_path: Path) -> None:
     path.write_text(GOOD, encoding="utf-8")
     data = read_parameter_file(path)
     assert (data.name, data["mass"].value, data["chord"].value) == ("glider", 2.0, 4.66344)
-    assert data["mass"] == Number("mass", 2.0, "kg", "2", Origin.OWN)
+    assert data["mass"] == SourcedNumber("mass", 2.0, "kg", "2", Origin.OWN)
 
 
 @pytest.mark.parametrize(
