@@ -269,7 +269,8 @@ SURE = 0.95
 SCATTERS = (0.0, 0.03, 0.1, 0.2, 0.4, 0.8)  # of the value, between flights, that are tried
 # twice the log likelihood: theorem, chi-squared with one degree of freedom, one in twenty
 AGREES = 3.84
-ROUNDS, SETTLED = 60, 1e-4  # of log likelihood: far below what decides
+ROUNDS = 60  # most iterations
+SETTLED = 1e-4  # log likelihood, below which a gain ends them
 
 
 @dataclass(frozen=True, eq=False)

@@ -269,7 +269,8 @@ def _factor(part: str, text: str, where: str) -> Factor:
 
 
 IN_SYMMETRY = ("CX", "CZ", "CD", "CL", "Cm")  # coefficients that a mirrored motion leaves alone
-ALONG, ACROSS = ("alpha", "q"), ("beta", "p", "r")
+ALONG = ("alpha", "q")  # variables of the longitudinal motion
+ACROSS = ("beta", "p", "r")  # variables of the lateral motion
 _ALONG = (*ALONG, "mach")
 ABOVE_SQUARES = ("alpha", "beta")  # signals with a cube
 

@@ -532,8 +532,9 @@ def _holds(
 InputsAt = Callable[[float], list[float]]
 Stretch = Callable[[float, float], InputsAt]
 
-# of a step's error in each state, SI: a flight's is then below 1e-9 of its motion
-RELATIVE, ABSOLUTE = 1e-10, 1e-12
+# relative tolerance of a step; the error of a flight is then below 1e-9 of its motion
+RELATIVE = 1e-10
+ABSOLUTE = 1e-12  # absolute tolerance of each state, SI
 _MOST_STEPS = 5000  # between two samples: one that needs more is not of this kind
 
 

@@ -302,7 +302,8 @@ DELAYS = tuple(0.025 * i for i in range(9))  # s
 # a fall of the log-likelihood to a neighbour (three sigmas) up to which it counts as a parabola
 _PARABOLA = 4.5
 _FINEST = 1e-4  # s, closer together filters do not stand
-_POINTS, _BANKS = 7, 8
+_POINTS = 7  # delays in a refined bank
+_BANKS = 8  # banks at most
 _REACH = 6.0  # sigmas to either side of the vertex; seven filters then stand two apart
 _SETTLED = 0.1  # sigmas; the likelihood then lies within 0.005 of its final value
 WIDENINGS = 4

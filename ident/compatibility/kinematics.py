@@ -25,7 +25,8 @@ from sim.maths import G0, linear_recurrence
 # ---- What may be wrong with a sensor, each under its effect's name
 
 BIAS, SCALE, DELAY, LAG, DRIFT, ARM = "bias", "scale", "delay", "lag", "drift", "arm"
-RIGHT, BELOW = "arm-right", "arm-below"  # as ARM is ahead, along the other two axes
+RIGHT = "arm-right"  # position of a sensor along the right wing, as ARM along the fuselage
+BELOW = "arm-below"  # position of a sensor downward
 ARMS = (ARM, RIGHT, BELOW)
 VANES = ("alpha", "beta")
 BOOM = "boom"  # both vanes, on one boom

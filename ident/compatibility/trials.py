@@ -59,8 +59,9 @@ class SensorEstimate:
     """One fault alone, by both methods; the other sensors are taken as right.
 
     ``difference``: output error less smoother, in standard deviations of that difference.
-    ``determined``: whether its standard deviation is below the size that is common in practice. ``gain`` of the log likelihood, over the colour of what is left; ``p_value`` of that
-    gain, one-sided where only one sign can be.
+    ``determined``: whether the standard deviation is below the size that is common in practice.
+    ``gain``: increase of the log likelihood under coloured residuals; ``p_value`` of that gain,
+    one-sided where only one sign can be.
     """
 
     name: str

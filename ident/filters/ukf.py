@@ -35,7 +35,9 @@ from sim.record import Record
 
 # ---- Unscented Kalman filter for states and parameters, on filterpy's UnscentedKalmanFilter
 
-ALPHA, BETA, KAPPA = 1.0, 2.0, 0.0
+ALPHA = 1.0  # spread of the sigma points (Wan and van der Merwe)
+BETA = 2.0  # prior weight of the mean's kurtosis, 2 for a Gaussian
+KAPPA = 0.0  # secondary scaling
 SMALLEST = 1e-14  # share of the largest eigenvalue that is rounding
 
 

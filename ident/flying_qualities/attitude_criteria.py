@@ -20,7 +20,9 @@ from ident.frequency_response.transfer_function import (
     shared_correlation,
 )
 
-NEUTRAL, MARGIN, GAIN_MARGIN = -180.0, 45.0, 6.0  # deg, deg, dB
+NEUTRAL = -180.0  # deg, phase of neutral stability
+MARGIN = 45.0  # deg, phase margin that defines the bandwidth
+GAIN_MARGIN = 6.0  # dB, gain margin that defines the bandwidth
 REACH = 0.2  # of ln(omega), about a crossing, over which a parabola is fitted
 _FEWEST = 5  # points of a parabola
 _EVEN = 41  # points of the straight line of the phase delay
@@ -308,7 +310,9 @@ LEVELS = (3.0, 9.0)  # dB, of the resonance: limits of levels 1 and 2
 # rad/s by category of the flight phase, and s
 BANDWIDTHS: Mapping[str, float] = {"A": 3.5, "B": 1.5, "C": 1.5}
 PILOT_DELAY = 0.25
-DRAWS, POINTS, SEED = 100, 60, 20
+DRAWS = 100  # samples of the response for standard deviations
+POINTS = 60  # frequencies of a scan
+SEED = 20  # of the random numbers
 _STEEPEST = 85.0  # deg of lead or lag
 _GRID = 69  # compensations that are tried
 

@@ -423,8 +423,8 @@ def _pair(name: str, one: complex, other: complex) -> dict[str, float]:
 # ---- A model linearised about a point
 
 PADE = 4  # order of the approximation of a delay: within two degrees of phase up to omega delay = 5
-# the parameter and the stage of the low-order equivalent system's own delay
-DELAY, DELAY_STAGE = "delay", "input-delay"
+DELAY = "delay"  # parameter of a low-order equivalent system
+DELAY_STAGE = "input-delay"  # effect that the delay belongs to
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,11 +24,13 @@ from ident.flying_qualities.attitude_criteria import (
 )
 from ident.frequency_response.transfer_function import ResponseTarget
 
-REQUIRED_GAIN, REQUIRED_PHASE = 6.0, 45.0  # dB and deg, below the first structural mode
-LEVEL, NORMAL = 0.95, 1.959964  # probability of an interval, and its standard deviations
+REQUIRED_GAIN = 6.0  # dB, below the first structural mode
+REQUIRED_PHASE = 45.0  # deg, below the first structural mode
+LEVEL = 0.95  # probability of an interval
+NORMAL = 1.959964  # its half width, standard deviations of a normal distribution
 _STEPS = 6  # of Newton's method towards a crossing
-# of an interval's scan: ln(omega) at most, and share of the crossing's std
-_STEP, _SHARE = 0.02, 0.2
+_STEP = 0.02  # largest step of the scan of an interval, ln(omega)
+_SHARE = 0.2  # step as a share of the standard deviation of the crossing
 _DECIBEL = 20.0 / math.log(10.0)
 
 

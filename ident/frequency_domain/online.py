@@ -37,7 +37,9 @@ from sim.declaration.model import System
 from sim.errors import ModelError
 from sim.maths import COMPLEX_STEP, complex_step_jacobian
 
-LOW, HIGH, SPACING = 0.1, 2.0, 0.04  # Hz, as Morelli's: no slower drift, no structural modes
+LOW = 0.1  # Hz, as Morelli's: above slow drifts
+HIGH = 2.0  # Hz, as Morelli's: below structural modes
+SPACING = 0.04  # Hz
 LINEAR = 1e-7  # share of a rate by which an equation may bend with its parameters, rounding
 PASSES = 4  # of the regression, each with the noise spectrum that the last one left
 KEPT = 0.5  # least share of the information that must be left when the noise's is taken off

@@ -29,10 +29,13 @@ from ident.frequency_domain.online import (
 from sim.declaration.model import System
 
 LAG, DELAY, STATE = "inv_tau", "delay", "delta"
-SHORTEST, LONGEST, LATEST = 0.005, 2.0, 0.5  # s, of the lag's time constant, and of the delay
+SHORTEST = 0.005  # s, smallest time constant of the lag
+LONGEST = 2.0  # s, largest time constant of the lag
+LATEST = 0.5  # s, largest delay
 FACTORS = (1.0, 0.4, 2.5)  # of the lag, from which a search begins
 AGAIN = 2  # times as many rows as at the last search from everywhere: the next one
-STEPS, SHARES = 8, (1.0, 0.3, 0.1, 0.03)
+STEPS = 8  # most steps of a search
+SHARES = (1.0, 0.3, 0.1, 0.03)  # shares of a step that are tried
 MOST_ROWS = 6000  # that the pseudo-control is filtered over anew: two and a half minutes at 40 Hz
 
 

@@ -46,8 +46,8 @@ from sim.record import Record
 
 # ---- Output error in the frequency domain
 
-# steps that gained less log likelihood than this together (0.04 sigmas) will gain no more
-_WINDOW, _NOTHING = 8, 1e-3
+_WINDOW = 8  # steps over which the progress is measured
+_NOTHING = 1e-3  # log likelihood (0.04 sigmas): a smaller gain over these steps ends the search
 _ROUNDING = 1e-24  # of an output's mean square, below which it is met exactly
 
 

@@ -504,7 +504,8 @@ POWER = 0.99  # of the inputs, that lies within a band that is not given
 PER_DECADE = 40  # frequencies
 _FEWEST = 12  # frequencies of a narrow band
 WINDOWS = 4  # lengths, each half of the one before
-_SHARE, _MOST = 0.25, 0.5  # of the longest record: the longest window, usually and at most
+_SHARE = 0.25  # usual longest window, as a share of the longest record
+_MOST = 0.5  # largest longest window, as a share of the longest record
 _CYCLES = 2.5  # periods of the lowest frequency, that the longest window holds where it can
 
 

@@ -369,8 +369,11 @@ def _overlap(places_in_time: bytes, owners: bytes) -> csr_array:
     return csr_array((np.concatenate(products), where), shape=(len(spans), len(spans)))
 
 
-LOW, HIGH = 0.35, 14.0  # rad/s, where short period, lag and delay show
-_DECIBEL, _PHASE = 20.0 / math.log(10.0), math.sqrt(0.01745) * 180.0 / math.pi
+LOW = 0.35  # rad/s, lowest frequency at which short period, lag and delay show
+HIGH = 14.0  # rad/s, highest such frequency
+_DECIBEL = 20.0 / math.log(10.0)  # dB per unit of the natural logarithm of a gain
+# square root of the weight 0.01745 of an error of 1 deg, per rad
+_PHASE = math.sqrt(0.01745) * 180.0 / math.pi
 _PADDING = 4
 _LATEST = 1.0  # s, the longest lag by which an output is aligned with the input
 

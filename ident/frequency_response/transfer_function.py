@@ -16,10 +16,12 @@ import numpy as np
 from sim.errors import ModelError
 
 DELAY = "delay"
-GOOD, BEST = 100.0, 50.0  # costs below which a fit is acceptable, and hardly to be told from data
+GOOD = 100.0  # cost below which a fit is acceptable (Tischler and Remple)
+BEST = 50.0  # cost below which a fit is nearly indistinguishable from the data
 PHASE_WEIGHT = 0.01745  # one degree counts as 0.13 dB
 _POINTS = 20.0  # frequencies to which the cost is normalised
-_DECIBEL, _DEGREE = 20.0 / math.log(10.0), 180.0 / math.pi
+_DECIBEL = 20.0 / math.log(10.0)  # dB per unit of the natural logarithm of a gain
+_DEGREE = 180.0 / math.pi  # deg in a rad
 _DELAYS = (0.0, 0.03, 0.1, 0.25)  # s, from which the search starts
 _SHARES = (0.5, 0.75, 1.0)  # of the group delay: the rest of it is that of the poles
 _STEPS = 12  # of the linear iterations that find a start

@@ -77,10 +77,8 @@ EQUATIONS: Mapping[str, tuple[str, Mapping[str, str]]] = {
     ),
     "throttle": ("airspeed", {"X_V": "airspeed", "X_thrust": "thrust"}),
 }
-BEFORE, AFTER = (
-    1.0,
-    4.0,
-)  # s of motion around the input that are used: the response goes on when the input is over
+BEFORE = 1.0  # s before the input that belong to a maneuver
+AFTER = 4.0  # s after the input, in which the response goes on
 AVERAGED = 0.1  # s, over which samples are averaged; a twentieth of a shorter maneuver
 FEWEST = 3.0  # averages a parameter
 CORRELATED = 0.95  # largest correlation of neighbours that is corrected for
@@ -285,13 +283,12 @@ def mean_conditions(stretch: EvenSegment, start: float, end: float) -> dict[str,
 
 # ---- The search
 
-SEED, EDGE = (
-    4.0,
-    2.0,
-)  # of the rest level: energy that begins an active part, and energy down to which it extends
+SEED = 4.0  # multiple of the rest level at which an active part begins
+EDGE = 2.0  # multiple of the rest level down to which it extends
 QUIET = 1.5  # s below EDGE that part two active parts
 MARGIN = 2.0  # s of rest with which an active part is looked at
-SEVERAL, WEAK = 2, 3.0  # patterns of levels in an oscillation that show it, be it as weak as that
+SEVERAL = 2  # pulses within an oscillation from which each counts as a maneuver
+WEAK = 3.0  # smallest strength of such an oscillation
 DOMINANT = 0.5  # of an oscillation's energy, from which on one pattern of levels explains it
 AT_REST = 1.5  # s about a pattern of levels in which there is no smaller one: neither began at rest
 RECOVERY = 8.0  # s after another maneuver in which the pilot recovers and pulls up nothing

@@ -246,8 +246,8 @@ OPEN = 0.8
 # power of the number of levels in the merit of a pattern: of two that are alike the fuller one
 # counts
 COMPLETE = 0.15
-# s, for which the levels about a lasting step are kept
-STEADY_BEFORE, STEADY_AFTER = 2.0, LONG_PULSE
+STEADY_BEFORE = 2.0  # s of constant level before a lasting step
+STEADY_AFTER = LONG_PULSE  # s of constant level after it
 STEADY = 0.15  # of a lasting step, by which these levels may scatter
 LASTING = 10.0  # s of a lasting step that are its maneuver
 SETTLE = 0.6  # s before and after a pattern, over which the levels outside are averaged

@@ -152,7 +152,8 @@ def _poisson_tail(count: int, mean: float) -> float:
 # ---- A channel that jumps within one sample and stays
 
 REACH = 0.25  # s, of either line: a quarter of a quick short period
-ZERO_STEPS_FEWEST, MOST = 5, 25  # samples of a line
+ZERO_STEPS_FEWEST = 5  # fewest samples of a straight line
+MOST = 25  # most samples of a straight line
 # Standard deviations: the extreme of 3000 correlated Gaussian rows is 4.5; motion that lines do not
 # follow makes the tails of a clean record longer.
 SURE = 8.0
@@ -166,7 +167,8 @@ INPUT_APART = 0.6
 # of a jump: one of the other sign within two windows makes it a bump; a step by itself has side
 # lobes of 0.35
 PARTNER = 0.7
-CORNER, CORNER_REACH = 4.0, 0.8  # standard deviations; s on either side of a jump of nz
+CORNER = 4.0  # standard deviations
+CORNER_REACH = 0.8  # s, on either side of a jump of nz
 MANY = 3  # jumps told of one channel
 
 
@@ -380,14 +382,16 @@ def _touches(masked: np.ndarray | None, rows: np.ndarray) -> bool:
 
 LOWEST = 4.0  # Hz: short periods and first elastic modes of piloted aircraft lie below
 EVEN = 0.02  # of the usual step, within which steps are even
-HUM_FEWEST, LONGEST = 128, 20_000  # samples that are needed, and looked at
-# frequencies whose median is the floor, and those next to a line that belong to it
-AROUND, BESIDE = 24, 3
+HUM_FEWEST = 128  # fewest samples
+LONGEST = 20_000  # most samples that are used
+AROUND = 24  # frequencies on either side of a line whose median is the noise floor
+BESIDE = 3  # frequencies on either side that belong to a line
 # Power over the floor's mean is exponentially distributed under noise: ln(number of
 # frequencies/chance), a third more for the floor's own scatter.
-HUM_CHANCE, MARGIN = 1e-5, 1.35
-# a strong line is looked at in finer parts, so that ringing after each step shows
-PARTS, MOST_PARTS = 6, 16
+HUM_CHANCE = 1e-5  # probability of a false line
+MARGIN = 1.35  # factor for the scatter of the floor
+PARTS = 6  # parts of a record in which the amplitude of a line is compared
+MOST_PARTS = 16  # parts for a strong line, so that ringing after steps is recognised
 FINER = 80.0  # of N (amplitude/noise)^2 for a part: its amplitude is then known to a seventh
 # share of the parts' power that their sum keeps: 1 for one phase and amplitude, 1/6 for noise
 COHERENT = 0.85
@@ -509,7 +513,8 @@ def _in_input(other: Series, at: float) -> bool:
 
 # ---- Channels whose noise ends at a frequency
 
-BAND_LIMITED_FEWEST, BAND_LIMITED_LONGEST = 256, 20_000  # samples that are needed, and looked at
+BAND_LIMITED_FEWEST = 256  # fewest samples
+BAND_LIMITED_LONGEST = 20_000  # most samples that are used
 BAND_LIMITED_EVEN = 0.02  # of the usual step, within which steps are even
 BANDS = 40  # of equal width, up to half the sample rate
 # of the level below the cutoff, that no band above it exceeds: noise of a hundredth of the size
@@ -518,7 +523,8 @@ EMPTY = 1e-4
 # Butterworth filters of order 4 that run both ways; behind an analog filter of order 4, as
 # recorders have against aliasing, within 3.2.
 STEEP = 1.8
-LEAST_FLAT, LEAST_EMPTY = 4, 4  # bands
+LEAST_FLAT = 4  # fewest bands of noise of one level
+LEAST_EMPTY = 4  # fewest bands without noise
 BAND_LIMITED_CHANCE = 1e-3  # that a part of a flat spectrum is called uneven
 WIDENED = 2.0  # frequencies of a windowed spectrum for an independent one
 

@@ -61,13 +61,15 @@ from sim.record import Channel, Record
 
 # ---- A time base that runs grossly fast or slow
 
-# unexplained: a clock at twice its rate leaves 0.2, the right one as little as noise does
-SUSPECT, SUITS = 0.12, 0.06
+# unexplained share of the motion from which a clock is suspected (0.2 at twice the rate)
+SUSPECT = 0.12
+SUITS = 0.06  # share that a correct clock leaves at most
 CLEARLY = 4.0  # times less than as read
 # of ln 2: scales of a sensor are nearer to one, and a clock that is less wrong is an effect for the
 # fit
 GROSS = 0.7
-PER_OCTAVE, OCTAVES = 4, 4
+PER_OCTAVE = 4  # clock rates tried in an octave
+OCTAVES = 4  # octaves that are searched
 # of a logarithm: starting values of a vehicle file and effects make up to a factor of two
 CLOSE = 0.7
 
@@ -141,14 +143,17 @@ def _control_agrees(columns: KinematicColumns, factor: float, expected: Expectat
 
 # Chosen between the two: records with any effect of the library leave 0.12 at most, a wrong column
 # 0.28 at least; the noise of a small motion leaves 0.1 of the right reading, too.
-WRONG, RIGHT, RIGHT_WITH_CONTROL = 0.2, 0.15, 0.1
+WRONG = 0.2  # unexplained share from which a column is wrong
+RIGHT = 0.15  # largest unexplained share of a correct column
+RIGHT_WITH_CONTROL = 0.1  # the same where a control confirms it
 READINGS_CLEARLY = 4.0  # times less than as read, and than any reading of another kind
 # factor within which a control power is that of the vehicle's data; effects and starting values
 # differ by 2, degrees by 57
 NEAR = 3.0
 # Correlation of changes of nz and alpha: 0.88 at least with any effect of the library; a control
 # moves otherwise.
-TOGETHER, APART = 0.85, 0.7
+TOGETHER = 0.85  # correlation from which two channels agree
+APART = 0.7  # correlation below which they do not
 # Rows of a lag: with two, a motion has four samples a period, and of 600 sound light aircraft one
 # was read as in ms.
 RESOLVED = 3
@@ -156,8 +161,8 @@ RESOLVED = 3
 CHANCE = -2.0 * math.log(1e-3)
 # in rad, of a motion that linear equations describe
 SMALL_ANGLES = ("alpha", "elevator", "beta", "aileron", "rudder")
-# rad away from the middle that a hundredth of the samples may reach, and the rest in per cent
-LARGEST, REACHED = 1.5, 99.0
+LARGEST = 1.5  # rad, largest distance of an angle from its middle
+REACHED = 99.0  # percentile of the samples that must be within
 LEVEL = (9.0, 10.7)  # g, of a middle: level flight in m/s2, a little climbing, diving or turning
 LARGE = 0.6  # rad, of an angle of attack from end to end
 

@@ -26,7 +26,8 @@ from sim.record import Channel, Record
 # ---- What the channels of one motion have to do with each other
 
 JOINED = ("alpha", "q", "nz", "theta")
-SLOWEST, FASTEST = 20.0, 400.0  # m/s, where the airspeed is not known
+SLOWEST = 20.0  # m/s, lowest airspeed where it is unknown
+FASTEST = 400.0  # m/s, highest airspeed where it is unknown
 STIFFEST = 10.0  # 1/s: no aircraft's lift damps its angle of attack faster
 FEWEST = 40  # rows
 LONGEST = 3000  # rows that a comparison looks at

@@ -33,7 +33,8 @@ FAR = 8.0  # standard deviations of the noise between a zero and its neighbours 
 BITS = 4.0
 OF_SPAN = 0.1  # of the channel's span without the zeros
 OUTSIDE = 5.0  # spans of all other samples, beyond which a value that comes twice is a fill value
-BRIEF, FEW = 0.1, 5  # s and samples: no pilot's or computer's step to zero and back is as short
+BRIEF = 0.1  # s: no commanded step to zero and back is as short
+FEW = 5  # samples
 
 
 def dropouts(series: Series, count: int, *, is_input: bool = False) -> list[RecordFinding]:
@@ -156,8 +157,8 @@ def _lasts(series: Series, begin: int, end: int) -> float:
 # ---- Rows that are missing: gaps in time, told where an input moves across them
 
 EVEN = 0.05  # of the usual step, within which nine tenths of an even record's steps lie
-# usual steps, from which rows are missing of an even record, and of an uneven one
-MISSING, UNEVEN = 1.6, 4.0
+MISSING = 1.6  # usual steps: a longer step of an even record means missing rows
+UNEVEN = 4.0  # the same for an uneven record
 MOVES = 0.05  # of an input's span
 MOST = 1e15  # rows that are counted: a time that is wrong by more has no number of them
 
@@ -468,10 +469,8 @@ SINGLE = 2e-7  # of the largest value: files of single precision round to that
 # times the rounding that the bends at updates reach in the middle: white noise then looks straight
 # at one sample in ten
 BENT = 8.0
-BETWEEN, INTERPOLATED_FEW = (
-    4.0,
-    0.05,
-)  # of all samples, which bend by one to four times the rounding: noise of any size leaves more than straight ones  # noqa: E501
+BETWEEN = 4.0  # roundings: a sample bent by less than this is nearly straight
+INTERPOLATED_FEW = 0.05  # largest share of nearly straight samples: noise leaves more of them
 STRAIGHT = 0.3  # share of straight samples where updates have no even clock
 INTERPOLATED_ON_PHASE = 0.97  # share of bends on their phases; lost rows shift the rest
 INTERPOLATED_EVEN = 0.02  # of the usual step, within which steps are even

@@ -140,7 +140,10 @@ LATTICE = 3.5
 # A converter behind a correction that moves on (an angle of attack brought to the c.g., an airspeed
 # worked out from two pressures): within a fifth of its step lie two fifths of any other
 # differences, .7 to .97 of the ATTAS records'.
-SPREAD, SHARE, MOST_OTHERS, ENOUGH = 0.2, 0.65, 0.9, 100
+SPREAD = 0.2  # share of the quantisation step
+SHARE = 0.65  # share of differences within SPREAD that shows a step
+MOST_OTHERS = 0.9  # largest share of other differences
+ENOUGH = 100  # fewest differences
 # share of the differences of other sign than the one before: of a motion without noise hardly any
 # are
 TURNS = 0.2

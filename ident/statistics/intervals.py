@@ -237,9 +237,8 @@ CLOSE = 0.02  # of the root, to which an end is found: a hundredth of the interv
 REACH = 16.0
 GROWTH = 4.0  # of a step outwards at most
 TRIES = 14  # refits of a side
-# ratio of the sides, and share by which they differ from two sigmas, from which a sigma does not
-# tell the interval
-SKEWED, OTHER = 1.25, 0.25
+SKEWED = 1.25  # ratio of the two sides from which an interval counts as skewed
+OTHER = 0.25  # share by which sides may differ from two sigmas
 
 State = TypeVar("State")
 # Minus the log likelihood with the parameter held at a value, all others at their best, and where

@@ -417,8 +417,8 @@ def good_length(least: int) -> int:
 
 # ---- Parameter covariance corrected for residuals that are not white
 
-# degrees of freedom: normal from there on; fewer give quantiles that say nothing
-_MANY, _FEWEST = 1e6, 2.0
+_MANY = 1e6  # degrees of freedom from which the distribution is normal
+_FEWEST = 2.0  # fewest degrees of freedom for a quantile
 
 
 def autocovariance(residual: np.ndarray, lags: int) -> np.ndarray:

@@ -384,7 +384,8 @@ MOST_NUMBERS = MOST_RECORD // 8
 _PIECE_OF_PACKED = 1 << 20
 _COMPRESSED = 15  # type of an element of a MAT file that is packed
 _MAT_HEADER = 128
-HDF5, ZIP = b"\x89HDF", b"PK\x03\x04"
+HDF5 = b"\x89HDF"  # first bytes of the file
+ZIP = b"PK\x03\x04"  # first bytes of the file
 
 
 def refuse_oversized(path: Path, content: bytes) -> None:

@@ -31,8 +31,9 @@ from sim.record import Record
 
 # characters of a file's name that its temporary one has, so that a long name can be used
 _SHORT = 40
-# a study's outputs over time: its file, and what stands before their names
-RESPONSE, PREDICTED, TRUE = "response", "predicted_", "true_"
+RESPONSE = "response"  # file of a study's outputs over time
+PREDICTED = "predicted_"  # prefix of predicted outputs
+TRUE = "true_"  # prefix of true outputs
 
 
 def write_record(

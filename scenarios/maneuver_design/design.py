@@ -55,8 +55,9 @@ from sim.declaration.proposal import RangedCurve, Traceable
 from sim.effects.library import find_effect
 from sim.errors import DeclarationError, ModelError
 
-# behind a limit of the rate the peak hardly follows the amplitude
-ATTEMPTS, USUALLY, STUBBORN = 16, 4, 3.0
+ATTEMPTS = 16  # most amplitudes tried
+USUALLY = 4  # attempts with a correction in proportion
+STUBBORN = 3.0  # exponent of the corrections after these: at a rate limit the peak hardly changes
 INSIDE = 0.999  # of a limit: a finer simulation differs by less
 TOO_WILD = 0.2  # by which a maneuver whose simulation leaves all measure is made smaller
 

@@ -77,8 +77,9 @@ USUAL: Mapping[str, tuple[float, float]] = {
         for name, size in {"q": 25.0, "beta": 10.0, "p": 60.0, "r": 20.0, "phi": 60.0}.items()
     },
 }
-# either side of the trim; of the airspeed a share
-ANGLE_OF_ATTACK, PITCH, SPEED = 8.0 * DEGREE, 20.0 * DEGREE, 0.1
+ANGLE_OF_ATTACK = 8.0 * DEGREE  # rad, on either side of the trim
+PITCH = 20.0 * DEGREE  # rad, on either side of the trim
+SPEED = 0.1  # share of the airspeed, on either side
 DEFLECTION = 5.0 * DEGREE
 THRUST = 0.05  # of the weight
 

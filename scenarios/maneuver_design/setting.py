@@ -280,11 +280,13 @@ INSTRUMENTS: Mapping[str, float] = {
     **{"airspeed": 0.2, "theta": 0.0015, "nx": 0.004},
 }
 SHARE = 0.01  # of an output's largest move under doublets, of a user's own model
-RATE, DURATION = 50.0, 20.0  # samples a second, s
-SAMPLES, PULSES = 20.0, 40.0  # of an own model: in a pulse, and pulses in its flight
+RATE = 50.0  # samples a second
+DURATION = 20.0  # s
+SAMPLES = 20.0  # of a user model: samples in a pulse
+PULSES = 40.0  # of a user model: pulses in its flight
 SLOW = 0.1  # of the quickest root: a slower one sets no step
-# samples of the highest frequency of a band, periods of its lowest for each input
-PER_PERIOD, CYCLES = 10.0, 5.0
+PER_PERIOD = 10.0  # samples in a period of the highest frequency of a band
+CYCLES = 5.0  # periods of its lowest frequency for each input
 MOST_SAMPLES = 20_000  # a design simulates hundreds of flights
 
 

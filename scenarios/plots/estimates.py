@@ -305,20 +305,22 @@ def _mark(
 
 # ---- Correlations of estimated parameters as a map
 
-LARGE, TOLD = 0.9, 0.5
-_RIGHT, _COUNT = 1.0, 0.28  # inches
+LARGE = 0.9  # absolute correlation above which a pair is framed
+_PRINTED = 0.5  # absolute correlation from which the number is printed
+_RIGHT = 1.0  # inches, for the colour scale
+_COUNT = 0.28  # inches, for a line of text
 
 
 def _square(column: int, row: int, side: float, **style: Any) -> Rectangle:
-    """A square about the middle of a cell of a heat map."""
+    """Return a square about the middle of a cell of a heat map."""
     return Rectangle((column - side / 2.0, row - side / 2.0), side, side, **style)
 
 
 def figure_correlation(
     names: Sequence[str], correlation: np.ndarray, title: str = "", large: float = LARGE
 ) -> Figure:
-    """Heat map of a correlation matrix ``(n, n)``, lower triangle; pairs from ``TOLD`` on carry
-    their number, those above ``large`` are framed.
+    """Heat map of a correlation matrix ``(n, n)``, lower triangle; correlations of at
+    least ``_PRINTED`` are printed, those above ``large`` framed.
 
     Entries that are not finite (a parameter of no variance) are left grey. Raises ModelError for
     fewer than two parameters.
@@ -354,7 +356,7 @@ def figure_correlation(
         value = matrix[row, column]
         if not np.isfinite(value):
             panel.add_patch(_square(column, row, 1.0, facecolor=GREY, lw=0, antialiased=False))
-        elif abs(value) >= TOLD:
+        elif abs(value) >= _PRINTED:
             if abs(value) > large:
                 panel.add_patch(_square(column, row, 0.92, fill=False, edgecolor=BLACK, lw=1.3))
             colour = "white" if abs(value) > 0.65 else BLACK

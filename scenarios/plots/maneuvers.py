@@ -52,7 +52,8 @@ COLOURS: Mapping[str, str] = {
 }
 SHOWN = ("nz", "phi", "airspeed", "height", "altitude")  # of the motion
 LONG_PAUSE = 0.3  # of the recorded time, from which on a pause is cut out
-MOST_COLUMNS, NARROWEST = 4, 0.2  # parts of a figure, and the width of the shortest, of the longest
+MOST_COLUMNS = 4  # columns of panels in a figure
+NARROWEST = 0.2  # width of the narrowest panel, share of the widest
 BINS = 1500  # along a panel, more than it has pixels
 
 
@@ -326,9 +327,11 @@ def figure_coherence(kinds: Sequence[tuple[str, Any]], title: str = "") -> Figur
 
 # ---- Figures of a fleet of flights
 
-_PANEL, _ROW = 1.15, 0.3  # inches
+_PANEL = 1.15  # inches, height of a panel
+_ROW = 0.3  # inches, height of a row
 _SHOWN = 5.0  # inner spreads of the values, beyond which an error bar that tells nothing is cut
-_FLIGHTS, _LONGEST = 45, 12  # names, and letters in them, that stand at the axis without touching
+_FLIGHTS = 45  # most names at an axis without overlap
+_LONGEST = 12  # letters of a name at an axis
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,8 +38,8 @@ from scenarios.plots.style import (
     y_label,
 )
 
-# largest errors that are drawn to scale; those beyond become arrows with their size
-SIGMAS, PERCENT = 8.0, 40.0
+SIGMAS = 8.0  # largest error that is drawn to scale, standard deviations; larger ones become arrows
+PERCENT = 40.0  # the same for errors in per cent
 _LINE = 0.14  # inches, one mark with its number
 
 

@@ -35,8 +35,9 @@ from scenarios.plots.style import (
 
 # ---- Errors of many runs in the sigmas that each run reports
 
-# inches a parameter; half the height of its dots, of a row; sigmas, where the axis ends
-_ROW, _SPREAD, _CLIP = 0.42, 0.3, 5.0
+_ROW = 0.42  # inches, height of a parameter's row
+_SPREAD = 0.3  # half the height of its dots, share of the row
+_CLIP = 5.0  # standard deviations, where the axis ends
 EXPECTED = 95.45  # % of a Gaussian within two standard deviations
 
 

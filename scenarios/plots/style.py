@@ -61,7 +61,10 @@ ZERO: dict[str, Any] = {"color": BLACK, "linewidth": 0.6}
 
 _UNSEEN = str.maketrans("", "", "${}_^")
 _SMALL = 4.0  # points; a mark below it is enlarged in the legend
-_TITLE_ROW, _LEGEND_ROW, _CHARACTER, _HANDLE = 0.17, 0.16, 0.066, 0.55  # inches
+_TITLE_ROW = 0.17  # inches
+_LEGEND_ROW = 0.16  # inches
+_CHARACTER = 0.066  # inches, width of a character
+_HANDLE = 0.55  # inches, width of a line in the legend
 _SMALLEST = 6.0  # points, of a label that has little room
 _MOST = 8, 5  # numbers at an axis, along and up
 _BOLD = 1.1  # how much wider bold letters are

@@ -131,9 +131,11 @@ def figure_derivatives(
 # ---- Why the winner won
 
 ROWS = {1: 12, 2: 8}  # candidates of a round, by the number of rounds; 6 of more
-SPARE, PANELS = 4, 3  # candidates of a round after which nothing was needed; rounds
-# inches a candidate, inches for a number, size of text
-_ROW, _NUMBER, _SMALL = 0.2, 0.56, TICK_SIZE - 0.5
+SPARE = 4  # candidates drawn of a round that added no effect
+PANELS = 3  # rounds at most
+_ROW = 0.2  # inches, height of a candidate
+_NUMBER = 0.56  # inches, width of a number
+_SMALL = TICK_SIZE - 0.5  # points, size of small text
 _TITLE_LEFT = 0.15  # inches
 NOTHING = NamedEffects()
 

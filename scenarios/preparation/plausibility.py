@@ -204,11 +204,13 @@ def _still(channel: Channel) -> bool:
 # ---- What is kept out of the fit when the user names no record for that
 
 SHARE = 0.3  # of the excitation
-EARLIEST, LATEST = 0.1, 0.8  # of the duration
+EARLIEST = 0.1  # earliest cut, share of the duration
+LATEST = 0.8  # latest cut, share of the duration
 LEAST = 0.1  # of the excitation, for the held-out part
 FEWEST = 20  # samples in either part
 REMAINS = 0.3  # of all samples, that the other records must hold where the last is kept out whole
-FIRST, BEGINNING = 5, 0.02  # samples, and share of them, that show the trim
+FIRST = 5  # fewest samples that show the trim
+BEGINNING = 0.02  # share of the samples that show the trim
 _REST = 0.02  # of the input's largest movement
 _REST_TIME = 0.5  # s
 _NOISE = 4.0  # sigmas of the noise on a recorded input that a resting one stays within

@@ -64,7 +64,8 @@ LARGEST = {
 }
 COMMON = 97.0  # percentile that has to exceed a limit: single wrong samples say nothing of the unit
 # Median specific force of a flight, m/s2: one g unless most of the record is a turn or a dive.
-IN_G, IN_FEET = (0.7, 1.6), (0.9 * G0 / LENGTHS["ft"], 1.1 * G0 / LENGTHS["ft"])
+IN_G = (0.7, 1.6)  # range if it is in g
+IN_FEET = (0.9 * G0 / LENGTHS["ft"], 1.1 * G0 / LENGTHS["ft"])  # range if it is in ft/s2
 TOGETHER = 1e-6  # of a surface's motion, that another does not share: recorded surfaces have noise
 
 

@@ -44,7 +44,8 @@ from sim.errors import DeclarationError, ModelError, RecordError
 # ---- Transfer functions fitted to the estimated responses
 
 NO_DELAY = 1e-9  # s, below which a delay is rounding
-UNCERTAIN, INSENSITIVE = 0.2, 0.1  # of a value: Tischler and Remple's limits of both deviations
+UNCERTAIN = 0.2  # limit of the Cramer-Rao bound, share of a value (Tischler and Remple)
+INSENSITIVE = 0.1  # limit of the insensitivity, share of a value (Tischler and Remple)
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,8 @@ from sim.vehicles.factory import (
 
 # ---- Measured, predicted and noise-free outputs over time, read back from a study folder
 
-SIMULATION, SIMULATED = "simulation", "simulated_"  # of the closed-loop scenarios
+SIMULATION = "simulation"  # file of a closed-loop scenario's outputs
+SIMULATED = "simulated_"  # prefix of simulated outputs
 
 
 @dataclass(frozen=True, eq=False)

@@ -419,8 +419,8 @@ def _named(column: Study) -> str:
 
 # ---- Studies side by side in the terminal
 
-# columns of a terminal: an estimate with its sigma; parameter, unit and true value
-CELL, FIXED = 17, 40
+CELL = 17  # terminal columns of an estimate with its sigma
+FIXED = 40  # terminal columns of parameter, unit and true value
 
 
 def print_compared(compared: SideBySide, out: Console | None = None) -> None:

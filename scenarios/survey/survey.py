@@ -31,9 +31,9 @@ FITTING = 0.75  # share of the work that is the diagnoses
 class SurveyResult:
     """The result of a survey.
 
-    ``flights``: as declared. ``survey_files``: the diagnosis of each flight. ``recurs``: effects that
-    recur. ``tried``: those that were asked of all flights. ``alone``: effects that flights claim
-    and that do not recur, with these flights; ``needless``: those that what recurs explains as
+    ``flights``: as declared. ``survey_files``: the diagnosis of each flight. ``recurs``: effects
+    that recur. ``tried``: effects fitted to all flights. ``alone``: effects of single flights that
+    do not recur, with these flights; ``needless``: those that what recurs explains as
     well. ``derivatives`` over the flights. ``effect_trends``: values of effects that change with a
     condition. ``refitted``: flights that were fitted with what recurs in this run. ``unfitted``:
     those that could not be, with the reason.

@@ -41,7 +41,9 @@ from scenarios.responses.reading import Names
 from scenarios.watching.rows import StreamSignals
 from sim.errors import DeclarationError, RecordError
 
-LOW, HIGH, SAMPLES = 0.2, 10.0, 5.0  # Hz, and samples a period of the highest frequency
+LOW = 0.2  # Hz
+HIGH = 10.0  # Hz
+SAMPLES = 5.0  # samples in a period of the highest frequency
 BEGINNING = 2.0  # s that are collected before the rate is known
 INSIDE = 0.1  # of ln(omega), by which a crossing lies inside the band before its margin is shown
 JOINED = 0.1  # of a period of the highest frequency, one sample at least: joined by a line

@@ -35,8 +35,8 @@ from sim.errors import DeclarationError
 
 # ---- Events of a watch
 
-# kept: two and a half minutes at 40 Hz, half an hour at one estimate a second
-ROWS, ESTIMATES = 6000, 2000
+ROWS = 6000  # rows kept, two and a half minutes at 40 Hz
+ESTIMATES = 2000  # estimates kept, half an hour at one a second
 EVENTS = 1200  # two minutes of ten events a second
 
 

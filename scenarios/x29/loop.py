@@ -188,8 +188,8 @@ SWEEP = np.geomspace(0.5, 120.0, 240)  # rad/s, around every crossing
 # 1/s, 1/s2, 1, s
 _LOW, _HIGH = np.array([-10.0, -60.0, 0.2, 1e-3]), np.array([-0.1, 120.0, 4.0, 0.2])
 _SIZE = np.array([0.1, 3.0, 0.1, 0.01])
-# of the sum of squares: a step that gains less changes nothing; steps at most
-_CLOSE, _STEPS = 0.01, 12
+_CLOSE = 0.01  # smallest gain of the sum of squares that continues the search
+_STEPS = 12  # most steps
 
 
 @dataclass(frozen=True)

@@ -141,7 +141,8 @@ def _systems(x29: X29, surfaces: float, sensors: float) -> X29:
 
 # ---- The phase margin of flight against that of simulation
 
-AIRFRAMES, EVERYTHING = "airframes alone", "everything open"  # which of a point's values act
+AIRFRAMES = "airframes alone"  # the values of the airframes vary
+EVERYTHING = "everything open"  # all unpublished values vary
 ROWS_A_VALUE = 3  # points for each open value below which no straight line is drawn through them
 LoopOf = Callable[[np.ndarray], tuple[X29, float]]
 

@@ -15,13 +15,15 @@ from scenarios.x29.study import LoopStudy
 # s: the loop's own response is taken from frame to frame, the recorded stick is held between 40 Hz
 # samples
 HALF_FRAME = 0.00625
-FREQUENCY, DAMPING, DELAY = 0.05, 0.05, 0.015  # of the frequency, of the ratio, s
+FREQUENCY = 0.05  # tolerance, share of the frequency
+DAMPING = 0.05  # tolerance of the damping ratio
+DELAY = 0.015  # tolerance, s
 DERIVATIVES = ("L_alpha", "M_alpha", "M_delta", "M_q")
 SHARE = {False: 0.10, True: 0.20}  # of a derivative, without and with measurement noise
 MOVED = 3.0  # sigmas that an accident of the record may move frequency and damping
 STANDS_OUT = 1.5  # misfit inside a stretch over that elsewhere
-# samples a peak is the mean of; percent that count as nothing even without noise
-PEAK_SAMPLES, LEAST_PEAK = 5, 1.0
+PEAK_SAMPLES = 5  # samples that a peak is averaged over
+LEAST_PEAK = 1.0  # percent: smaller peaks count as zero, also without noise
 
 
 def verdicts(study: LoopStudy) -> tuple[str, ...]:

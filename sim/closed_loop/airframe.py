@@ -181,7 +181,8 @@ _ORIGINS = {
     "pap": "printed in NASA TM-101722",
     "own": "chosen by this project, not flight data",
 }
-_FOOT, _SLUG = 0.3048, 14.593902937206364
+_FOOT = 0.3048  # m
+_SLUG = 14.593902937206364  # kg
 
 # Unit in the file and the factor to the unit inside; degrees, inches and g stay (see
 # sim.closed_loop.airframe).

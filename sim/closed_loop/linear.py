@@ -293,14 +293,15 @@ def _named(
 # ---- The low-order equivalent system of the linear loop
 
 FITTED_NAMES = ("L_alpha", "M_alpha", "M_q", "M_delta", "L_delta", "inv_tau", "delay")
-# The usual weights of equivalent-system matching: errors in dB, and sqrt(0.01745) per degree of
-# phase.
-_DECIBEL, _PHASE = 20.0 / math.log(10.0), math.sqrt(0.01745) * 180.0 / math.pi
+# dB per unit of the natural logarithm of a gain; weight 1 (equivalent-system matching)
+_DECIBEL = 20.0 / math.log(10.0)
+# square root of the usual weight 0.01745 of an error of 1 deg, per rad
+_PHASE = math.sqrt(0.01745) * 180.0 / math.pi
 # Start of the search, and sizes of the parameters.
 _START = np.array([-2.0, -10.0, -4.0, 0.3, 0.0, 12.0, 0.1])
 _SCALE = np.array([1.0, 10.0, 3.0, 0.3, 0.01, 10.0, 0.1])
-# Gauss-Newton steps from nearby, and the last of them, in sizes of the parameters
-_STEPS, _SETTLED = 12, 1e-6
+_STEPS = 12  # most Gauss-Newton steps from a near start
+_SETTLED = 1e-6  # largest last step, as a share of each parameter's size
 
 
 class FitOutcome(Enum):

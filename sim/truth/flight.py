@@ -158,7 +158,8 @@ def _without_break(maneuver: Maneuver, a: np.ndarray, b: np.ndarray) -> np.ndarr
 
 # ---- The motion of a true aircraft to a tolerance
 
-EXACT, SMOOTH = "exact, linear", "LSODA"
+EXACT = "exact, linear"  # exact solution of linear equations
+SMOOTH = "LSODA"  # SciPy's integrator for smooth inputs
 TOLERANCE = 1e-9  # of the motion's size, at the end of a flight
 
 

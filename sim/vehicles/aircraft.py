@@ -40,7 +40,8 @@ from sim.vehicles.aircraft_numbers import refuse_numbers
 from sim.vehicles.attitude import ATTITUDES, EULER, angular_accelerations
 
 NAME = "aircraft"
-BODY_AXES, WIND_AXES = ("CX", "CY", "CZ"), ("CD", "CY", "CL")
+BODY_AXES = ("CX", "CY", "CZ")  # force coefficients in body axes
+WIND_AXES = ("CD", "CY", "CL")  # drag, side force and lift
 MOMENTS = ("Cl", "Cm", "Cn")
 FORCES = tuple(dict.fromkeys((*BODY_AXES, *WIND_AXES)))
 CONSTANTS: Mapping[str, str] = MappingProxyType(

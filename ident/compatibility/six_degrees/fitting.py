@@ -45,9 +45,9 @@ _RATIOS = np.logspace(-6.0, 4.0, 21)
 _ALIKE = 1e-10
 # of what a channel's roughness says: no walk is smaller than its inputs' own noise by more
 _LEAST = 0.1
-# standard deviations of the walk's logarithm about that: noise of the inputs adds, and more may
-# come on top
-_BELOW, _ABOVE = 0.5, 3.0
+# standard deviation of the logarithm of the random walk's level, below the level expected
+_BELOW = 0.5
+_ABOVE = 3.0  # the same above it, since other errors add to noise of the inputs
 
 
 def inputs_among(s: KinematicSignals) -> tuple[str, ...]:

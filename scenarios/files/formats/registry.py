@@ -38,7 +38,10 @@ from scenarios.files.sources import MOST_RECORD, Source, refuse_oversized, too_l
 from sim.errors import RecordError
 
 NOT_READERS = ("cells", "layout", "registry", "sizes", "topic", "variables")
-GZIP, BZIP2, XZ, ZIP = b"\x1f\x8b", b"BZh", b"\xfd7zXZ\x00", b"PK\x03\x04"
+GZIP = b"\x1f\x8b"  # first bytes of the file
+BZIP2 = b"BZh"  # first bytes of the file
+XZ = b"\xfd7zXZ\x00"  # first bytes of the file
+ZIP = b"PK\x03\x04"  # first bytes of the file
 PACKED = {".gz": "gzip", ".bz2": "bzip2", ".xz": "xz"}
 FOOTER = 20  # rows below a table that may be remarks or sums
 

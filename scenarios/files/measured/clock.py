@@ -24,7 +24,8 @@ DOUBTFUL = 1000.0  # Hz, from which a note says that an unlabelled clock is read
 EPOCH = 1e8  # s: larger stamps are dates, and time counts from the first sample
 LATEST = 4.2e9  # s: seconds since 1970 stay below it until the year 2103
 RESUMED = 1e-3  # of a day or a week, by which the first stamp after its end may be late
-HOUR, DAY = 3600.0, 86400.0
+HOUR = 3600.0  # s
+DAY = 86400.0  # s
 # Days of the years 1970 to 2100 as Excel and as MATLAB count them.
 CALENDAR_DAYS = ((25_569.0, 73_415.0), (719_529.0, 767_376.0))
 # Share of the steps that rounding makes uneven at least; a single odd stamp is a fault. Of 1500

@@ -98,7 +98,8 @@ class JsbsimFlight:
 
 # ---- The aircraft of the JSBSim package
 
-FOOT, KNOT = 0.3048, 1852.0 / 3600.0
+FOOT = 0.3048  # m
+KNOT = 1852.0 / 3600.0  # m/s
 REMEDY = "pip install 'flightid[jsbsim]'"
 
 

@@ -40,16 +40,16 @@ from sim.record import Channel, Hold, Record
 # ---- A flight by JSBSim from its declaration
 
 REHEARSAL = 12.0  # s
-ROUNDS, NEAR = 4, 0.15  # of rehearsals; a size is near enough within this share
-FIRST, MOST = math.radians(1.0), math.radians(20.0)  # of a surface
+ROUNDS = 4  # most rehearsals
+NEAR = 0.15  # share within which an amplitude is accepted
+FIRST = math.radians(1.0)  # rad, first deflection that is tried
+MOST = math.radians(20.0)  # rad, largest deflection
 LEVER = 0.12  # of the throttle's travel
-# of the maneuver, for slopes about trim; of the deflection asked for, what a surface has to carry
-# out
-SMALL, MOVED = 0.1, 0.7
+SMALL = 0.1  # share of the maneuver that is flown for slopes about trim
+MOVED = 0.7  # share of the commanded deflection that a surface must reach
 UNITS = (0.25, 1.5)  # s, of a 3-2-1-1
-# Of the pilot's gains: with the elevator alone the wings are held, in rolling they come slowly back
-# to level.
-HELD, SLOWLY = 1.0, 0.3
+HELD = 1.0  # factor of the pilot's gains: the wings are kept level while the elevator moves
+SLOWLY = 0.3  # the same in rolling: the wings return slowly
 # How far a control takes the aircraft from trim: twenty times what sensors tell, and little enough
 # for models about trim (twice as far, the speed that is lost in banks of 20 degrees and the square
 # of the drag stand out of the noise).

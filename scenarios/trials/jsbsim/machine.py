@@ -32,22 +32,33 @@ from sim.errors import DeclarationError
 # ---- JSBSim itself
 
 SLUG = 14.59390293720636  # kg
-POUND, INERTIA = SLUG * FOOT, SLUG * FOOT**2  # N in a pound force, kg m2 in a slug ft2
+POUND = SLUG * FOOT  # N in a pound force
+INERTIA = SLUG * FOOT**2  # kg m2 in a slug ft2
 FRAMES = 400.0  # Hz at least
 # JSBSim's integrator of second order; its own choice for rotation, Euler's, has the rates half a
 # step late
 ADAMS_BASHFORTH = 3
-MILSPEC, WIND_AT_20_FT = 3, 25.0  # JSBSim's Dryden turbulence after MIL-F-8785C; ft/s
-ENGINES, THROTTLE, MIXTURE = 4, 0.6, 0.87
+MILSPEC = 3  # JSBSim's number of the Dryden turbulence of MIL-F-8785C
+WIND_AT_20_FT = 25.0  # ft/s
+ENGINES = 4  # engines at most
+THROTTLE = 0.6  # starting throttle, 0 to 1
+MIXTURE = 0.87  # mixture, 0 to 1
 AT_REST = 0.02  # ft/s2 and rad/s2
-MOST_BANK, MOST_PITCH = math.radians(75.0), math.radians(60.0)
+MOST_BANK = math.radians(75.0)  # rad, largest bank angle of a flight
+MOST_PITCH = math.radians(60.0)  # rad, largest pitch angle of a flight
 # The pilot who brings the wings back to level: aileron (rad) per rad and per rad/s, and at most.
-BANK_GAIN, ROLL_GAIN, MOST_AILERON = 0.15, 0.1, 0.12
+BANK_GAIN = 0.15  # rad of aileron per rad of bank
+ROLL_GAIN = 0.1  # rad of aileron per rad/s of roll rate
+MOST_AILERON = 0.12  # rad
 # The pilot who holds attitude and speed while rudder and aileron are moved: elevator (rad) per rad
 # and per rad/s, throttle per m/s.
-PITCH_GAIN, PITCHING_GAIN, SPEED_GAIN = 0.3, 0.15, 0.1
+PITCH_GAIN = 0.3  # rad of elevator per rad of pitch
+PITCHING_GAIN = 0.15  # rad of elevator per rad/s of pitch rate
+SPEED_GAIN = 0.1  # throttle per m/s of airspeed
 PATIENCE = 4.0  # 1/s: how fast the pilot takes up what play or a damper keeps of a surface
-PROBE, PROBED, LEAST_REACH = 0.2, 0.5, 0.02  # of full command; s; rad of full command
+PROBE = 0.2  # share of the full command that finds a surface's travel
+PROBED = 0.5  # s that the command lasts
+LEAST_REACH = 0.02  # rad: a smaller travel at full command counts as none
 
 # What is read after each step, with its SI factor. The total body forces hold neither weight nor
 # anything of the sensors.

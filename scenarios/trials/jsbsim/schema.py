@@ -24,7 +24,8 @@ from scenarios.trials.jsbsim.declaration import (
 )
 from sim.errors import DeclarationError
 
-SHORTEST, FASTEST = 8.0, 400.0  # s, Hz
+SHORTEST = 8.0  # s
+FASTEST = 400.0  # Hz
 
 
 class _Jsbsim(BaseModel):

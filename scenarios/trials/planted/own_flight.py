@@ -35,7 +35,8 @@ LENGTHS = {"3-2-1-1": 7.0, "doublet": 2.0, "pulse": 1.0}  # in units
 LONG = 2.0 * BETWEEN  # half doublets, of a sweep or a multisine
 # of all inputs together: from one over the length of a multisine to about the roots' frequencies
 HARMONICS = 8
-SLOWEST, FASTEST = 0.2, 2.0  # of the frequency of a doublet, of a sweep
+SLOWEST = 0.2  # lowest frequency of a sweep, share of the frequency of a doublet
+FASTEST = 2.0  # highest such frequency
 
 
 def maneuver_words(
@@ -234,8 +235,8 @@ FINER = 5.0
 SETTLING = 6.0  # half doublets behind the last maneuver
 SMALLER = 0.8  # of amplitude and length, maneuvers of the record that is predicted
 WRONG = 0.3  # share by which starts are off, as in tracing scenarios
-# of a filter, if one is chosen: from starts so far off a single pass believes its first slopes
-PASSES, SPREAD = 5, 20.0
+PASSES = 5  # passes of a filter, since one pass depends on a start so far off
+SPREAD = 20.0  # factor of the prior standard deviations of a filter
 # of the truth, whose states and outputs are kept at all of them: minutes, and some hundred
 # megabytes
 MOST_STEPS = 2e6

@@ -13,7 +13,8 @@ from sim.effects.instances import STEADY_FLIGHT
 from sim.effects.loads import weight_lift
 from sim.maths import G0
 
-SPEED, ATTITUDE = "phugoid_speed", "phugoid_attitude"
+SPEED = "phugoid_speed"  # state
+ATTITUDE = "phugoid_attitude"  # state
 STEEPEST = 0.35  # rad, of a flight path that perturbations about level flight still describe
 # Three to five times what is known beforehand.
 BELIEVED = {

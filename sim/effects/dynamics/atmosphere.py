@@ -66,10 +66,13 @@ class DensityScaleHeight:
         return (Probe(self.absent, ("change",)),)
 
 
-SONIC, TRANSONIC = 1.1, 0.25  # middle and half width of the Mach numbers at which drag changes most
-# K, K/m, K: standard atmosphere, held at its tropopause value above 11 km
-SEA_LEVEL, LAPSE, COLDEST = 288.15, 0.0065, 216.65
-HIGH, MOST = 11000.0, 1.0  # m, from where the air is coldest; of the logarithm of the drag
+SONIC = 1.1  # Mach number about which drag changes most
+TRANSONIC = 0.25  # half width of that range, Mach
+SEA_LEVEL = 288.15  # K, standard atmosphere
+LAPSE = 0.0065  # K/m, standard atmosphere
+COLDEST = 216.65  # K, standard atmosphere above 11 km
+HIGH = 11000.0  # m, the tropopause of the standard atmosphere
+MOST = 1.0  # prior standard deviation of the logarithm of the drag
 SPEED_PER_ROOT = math.sqrt(1.4 * 287.053)  # (m/s)/sqrt(K): air as a perfect gas
 
 

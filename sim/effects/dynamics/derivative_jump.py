@@ -25,7 +25,8 @@ from sim.effects.instances import ANOTHER_FALL, labelled
 from sim.effects.loads import SLOW_WIDTH, WIDTH, edge_width, risen
 from sim.maths import log
 
-USUAL, LARGEST = 0.3, 10.0  # changes, as shares of the declared value
+USUAL = 0.3  # typical change, as a share of the declared value
+LARGEST = 10.0  # largest plausible change, as a share of the declared value
 
 
 @dataclass(frozen=True)

@@ -182,7 +182,9 @@ LEAST_ATTACHED = 1e-4
 NO_STALL_BELOW = 0.15
 NEVER = 6.0  # rad, where alpha_star is beyond any flight
 SHARES = (0.7, 0.85, 1.0)  # of the largest angle flown, that a search tries
-TIMES, STEEPNESS, MOMENTS = (0.1, 0.5), (15.0, 40.0), (0.0, -0.1)  # s, 1/rad, 1
+TIMES = (0.1, 0.5)  # s, time constants that are probed
+STEEPNESS = (15.0, 40.0)  # 1/rad, slopes of the separation point that are probed
+MOMENTS = (0.0, -0.1)  # moment coefficients by separation that are probed
 
 
 @dataclass(frozen=True)

@@ -45,8 +45,8 @@ from sim.maths import Shapes, combine, first_shapes, natural_shapes, shape_names
 
 # shapes: a slope and a bend; the curve of five intervals of the named ones; that of ten
 FORMS = (2, 5, 10)
-# the port where a recorded airspeed comes in, and what it is called
-AIRSPEED_CHANGE, AIRSPEED = "airspeed_change", "airspeed"
+AIRSPEED_CHANGE = "airspeed_change"  # port of a recorded airspeed, less its mean
+AIRSPEED = "airspeed"  # name of that channel
 CURVES = (*CURVED_CONTROLS, *CURVED_LOADS)
 # A fall meets its heights and speeds together: a ballistic coefficient over the one is the air's
 # density, over the other the Mach number's drag.
