@@ -26,7 +26,7 @@ import numpy as np
 
 from ident.banks.bank import BankEstimate, sound_so_far, worth
 from ident.banks.delays import DELAYS
-from ident.banks.equation_kernels import Legs, Tables, along, tables_of
+from ident.banks.equation_kernels import Legs, Tables, filter_stretch, tables_of
 from ident.filters.problem import prior_std
 from sim.declaration.model import System
 from sim.errors import ModelError
@@ -348,7 +348,7 @@ def _filtered(
     """
     valid = ~np.isnan(z)
     missing = [None if column.all() else np.flatnonzero(~column) for column in valid.T]
-    done = along(
+    done = filter_stretch(
         bank.tables,
         Legs(way.steps[rows], way.dt, way.u, None, z.T[:, None, :, None], missing),
         before.mean,
