@@ -59,7 +59,7 @@ def multiplying(equations: OwnEquations, starts: Starts, names: Sequence[str]) -
 def products(
     equations: OwnEquations, starts: Starts, names: Sequence[str]
 ) -> tuple[tuple[str, str, str], ...]:
-    """Return (port, signal, parameter) for each parameter of ``names`` that multiplies the signal in
+    """(Port, signal, parameter) for each parameter of ``names`` that multiplies the signal in
     a rate to which the port adds: the slope by the parameter differs at two values of the signal.
     """
     here = neighbouring_point(starts, 1.0)
@@ -99,7 +99,7 @@ def _rates_fed(equations: OwnEquations, at: Starts) -> dict[str, set[TrialAnswer
 def _slopes(
     equations: OwnEquations, at: Starts, of_signal: bool, name: str
 ) -> dict[TrialAnswer, float]:
-    """Return the slopes of all rates and readings by one signal or parameter; empty if the functions
+    """Slopes of all rates and readings by one signal or parameter; empty if the functions
     fail.
     """
     value = (at.signals if of_signal else at.parameters)[name]
