@@ -175,7 +175,7 @@ def refuse_misnamed(equations: OwnEquations, starts: Starts) -> None:
 
 
 def _own_sensors_slopes(equations: OwnEquations, at: Starts) -> tuple[np.ndarray, np.ndarray]:
-    """Return the slopes by the states at a point: A ``(n, n)`` of rates, C ``(m, n)`` of readings."""
+    """Slopes by the states at a point: A ``(n, n)`` of rates, C ``(m, n)`` of readings."""
     names, p = [signal.name for signal in equations.states], Signals(**at.parameters)
 
     def answers(x: Sequence[Any]) -> list[Any]:
