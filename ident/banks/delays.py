@@ -42,7 +42,8 @@ from sim.record import Record
 
 @dataclass(frozen=True)
 class BankEngine:
-    """What an extended Kalman filter, alone or in a bank of delays, asks of its engine.
+    """Functions of an engine that runs an extended Kalman filter, alone or in a bank of delays.
+
 
     Attributes
     ----------
@@ -69,9 +70,7 @@ def run_one_by_one(
     *,
     fixed_values: Mapping[str, np.ndarray],
 ) -> BankEstimate:
-    """``run_bank`` for values ``held (B,)`` by name, by B calls of ``run_ekf`` with filterpy's
-    passes. Raises as it does.
-    """
+    """Run ``run_bank`` by B calls of ``run_ekf`` with filterpy, for ``fixed_values (B,)`` by name."""
     estimates = [
         run_ekf(record, each, settings, by=filter_by_filterpy)
         for each in _systems(system, fixed_values)
@@ -89,9 +88,7 @@ def run_iterated_one_by_one(
     iterations: int = ITERATIONS,
     tolerance: float = SETTLED,
 ) -> tuple[BankEstimate, np.ndarray]:
-    """``run_iterated_bank`` with each pass of each filter by filterpy. Arguments, result ``(n, N,
-    B)`` and errors as there.
-    """
+    """Run ``run_iterated_bank`` with filterpy; same arguments, result ``(n, N, B)`` and errors."""
     settings = settings or FilterSettings()
     problems = [
         filter_problem(record, each, settings.max_step) for each in _systems(system, fixed_values)
@@ -195,7 +192,8 @@ def against_filterpy(
     name: str = "delay",
     settings: FilterSettings | None = None,
 ) -> SecondPass | None:
-    """Compare the likeliest filter of a plain batched bank with filterpy's.
+    """Compare the likeliest filter of a batched bank of one pass with filterpy's.
+
 
     Parameters
     ----------
@@ -231,7 +229,8 @@ def against_filterpy(
 
 @dataclass(frozen=True)
 class BankDifferences:
-    """Largest differences of two banks over the same delays, over the runs that are sound in both.
+    """Largest differences of two banks over the same delays, of runs that are finite in both.
+
 
     Attributes
     ----------
@@ -280,9 +279,7 @@ def _systems(system: System, fixed_values: Mapping[str, np.ndarray]) -> list[Sys
 
 
 def _bank(estimates: list[Estimate], sound: np.ndarray) -> BankEstimate:
-    """Estimates of single filters as those of a bank; a run that is not ``sound`` has a likelihood
-    of zero.
-    """
+    """Estimates of single filters as a bank; the likelihood of a run that is not sound is zero."""
     histories = [each.history for each in estimates if each.history is not None]
     assert len(histories) == len(estimates)
     return BankEstimate(
@@ -313,7 +310,8 @@ FAR = 3.0
 
 @dataclass(frozen=True, eq=False)
 class DelayBank:
-    """What a bank of delays says.
+    """Result of a bank of filters with different delays.
+
 
     Attributes
     ----------
@@ -449,9 +447,7 @@ def run_delay_bank(
 
 
 def contradicted(system: System, values: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
-    """Free parameters whose values lie more than ``FAR`` of their prior's sigmas from where the
-    System starts them, with these sigmas.
-    """
+    """Free parameters more than ``FAR`` prior sigmas from their prior mean, with that distance."""
     free = [system.parameters[name] for name in system.parameters.free_names if name in values]
     far = [
         (item.name, (values[item.name] - item.value) / item.prior_std)
@@ -472,9 +468,7 @@ def widened(system: System, held_back: Sequence[tuple[str, float]]) -> System:
 
 
 def likelihood_weights(log_likelihood: np.ndarray) -> np.ndarray:
-    """Likelihoods ``(..., B)`` normalised to a sum of one over the last axis, without overflow;
-    equal where no filter is sound.
-    """
+    """Likelihoods ``(..., B)`` normalised to a sum of one; equal if no filter is finite."""
     top = np.max(log_likelihood, axis=-1, keepdims=True)
     finite = np.isfinite(top)
     weights = np.exp(np.where(finite, log_likelihood - np.where(finite, top, 0.0), 0.0))
@@ -492,9 +486,10 @@ def vertex(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class _RefinedDelay:
-    """Refined delay, its sigma (zero when there is no maximum inside the grid), change of the mean
-    ``(n,)`` per second of delay, the smoothed trajectory ``(n, N, 1)`` of the nearest filter and
-    the parameters at its end."""
+    """Refined delay, its sigma (0 without a maximum inside the grid), slope of the mean ``(n,)`` by
+    the delay (1/s), smoothed trajectory ``(n, N, 1)`` of the nearest filter, and its last
+    parameters.
+    """
 
     delay: float
     std: float
@@ -514,12 +509,10 @@ def _closing_in(
     between: tuple[float, float],
     about: np.ndarray | None,
 ) -> _RefinedDelay:
-    """Iterated banks ever closer around the maximum; a bank whose maximum lies at its end is moved
-    there first.
+    """Run iterated banks on ever narrower grids around the maximum of the likelihood.
 
-    Each bank is followed by a narrower one about its own vertex, in the curvature's sigmas. Only
-    the bank that is close enough to give the answer is iterated until it has settled: before that
-    the likelihoods of neighbours differ by far more.
+    A grid whose maximum is at its end is first moved there. Each grid is centred on the vertex of
+    the previous one, scaled by its curvature. Only the last bank is iterated to convergence.
     """
     low, high = between
     nowhere = _RefinedDelay(best, 0.0, np.zeros(0), about, {})
@@ -586,9 +579,7 @@ def _at_end(system: System, trajectory: np.ndarray) -> Mapping[str, float]:
 def _with_delay(
     estimate: Estimate, name: str, unit: str, found: _RefinedDelay, n_x: int
 ) -> Estimate:
-    """The estimate with the delay as its last parameter, its uncertainty carried over to the
-    others.
-    """
+    """The estimate with the delay as its last parameter, and its uncertainty in the others."""
     n = len(estimate.names)
     covariance = np.zeros((n + 1, n + 1))
     covariance[:n, :n] = estimate.covariance

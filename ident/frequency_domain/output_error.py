@@ -53,7 +53,8 @@ _ROUNDING = 1e-24  # of an output's mean square, below which it is met exactly
 
 @dataclass(frozen=True, eq=False)
 class FrequencyProblem:
-    """What is fitted.
+    """A fit of a linear System to transforms of records.
+
 
     Attributes
     ----------
@@ -104,11 +105,11 @@ class FrequencyProblem:
 
 @dataclass(frozen=True, eq=False)
 class FrequencyFit:
-    """A fit, finished or on its way: ``theta (k,)``; ``modelled (m, f)``, ``residuals (m, f)`` and
-    ``slopes (m, f, c)`` a record; ``levels (m, b)``.
+    """A fit, finished or in progress.
 
-    ``counts (m, b)`` of complex residuals; ``cost`` minus the log likelihood less constants, the
-    prior's term included.
+    ``theta (k,)``; by record ``modelled (m, f)``, ``residuals (m, f)`` and ``slopes (m, f, c)``;
+    ``levels (m, b)`` of noise; ``counts (m, b)`` of complex residuals; ``cost``: minus the log
+    likelihood without constants, with the prior's term.
     """
 
     problem: FrequencyProblem
@@ -163,9 +164,7 @@ class FrequencyFit:
 
 
 def at_start(problem: FrequencyProblem) -> FrequencyFit | None:
-    """The start's parameters with the ends of each record's motion at their best; None where a
-    number is not finite.
-    """
+    """The fit at the starting parameters, with the best ends of each record; None if not finite."""
     n, q = len(problem.system.states), len(problem.names)
     fit = evaluate(problem, np.concatenate([problem.start, np.zeros(n * len(problem.records))]))
     if fit is None:
@@ -212,11 +211,9 @@ def evaluate(problem: FrequencyProblem, theta: np.ndarray) -> FrequencyFit | Non
 def fit_transforms(
     problem: FrequencyProblem, begun: FrequencyFit | None = None
 ) -> FrequencyFit | None:
-    """Levenberg-Marquardt from the start, or from another fit's unknowns; None where no cost was
-    finite.
+    """Levenberg-Marquardt from the start, or from another fit; None if no cost was finite.
 
-    Outcomes ``CONVERGED`` and ``MAX_ITERATIONS``; whether all directions are determined is for the
-    caller to judge.
+    Outcomes ``CONVERGED`` and ``MAX_ITERATIONS``; the caller checks observability.
     """
     fit = (
         at_start(problem)
@@ -249,9 +246,7 @@ def fit_transforms(
 
 
 def _between(costs: Sequence[float], refused: Sequence[bool]) -> bool:
-    """Whether steps to either side lead nowhere: a delay of whole samples of a held input is a
-    kink, and may be the best of all.
-    """
+    """Whether no step to either side lowers the cost: a delay of whole samples is a kink."""
     return (
         len(costs) > _WINDOW
         and costs[-1 - _WINDOW] - costs[-1] < _NOTHING
@@ -275,8 +270,8 @@ def with_bands(problem: FrequencyProblem, bands: Sequence[np.ndarray]) -> Freque
 def profile_intervals(
     fit: FrequencyFit, names: Sequence[str], covariance: np.ndarray
 ) -> tuple[ProfileInterval, ...]:
-    """Intervals of the parameters ``names``; ``covariance (q, q)`` as it is printed, by which the
-    threshold grows with the noise's colour.
+    """Return intervals of the parameters ``names``; ``covariance (q, q)``: the printed one, whose
+    ratio to the white one scales the threshold.
     """
     inverse, _ = inverse_information(fit.normal_equations[0], fit.theta)
     problem = fit.problem
@@ -294,9 +289,7 @@ def profile_intervals(
 def _refit(
     fit: FrequencyFit, j: int, along: np.ndarray
 ) -> Callable[[float, FrequencyFit | None], tuple[float, FrequencyFit] | None]:
-    """Cost with parameter ``j`` held at a value; the others begin where the curvature at the
-    maximum puts them.
-    """
+    """Return a function of a value of parameter ``j`` that refits the others and gives the cost."""
 
     def refit(value: float, begun: FrequencyFit | None) -> tuple[float, FrequencyFit] | None:
         near = begun or fit
@@ -322,8 +315,8 @@ _SPARE = 2.0  # real numbers in the transforms for each unknown, at least
 
 @dataclass(frozen=True)
 class FrequencySettings:
-    """How a fit runs: ``band`` in Hz (None: from the inputs' power), ``use_priors`` on parameters,
-    ``coloured`` corrects sigmas for colour.
+    """Options of a fit: ``band`` in Hz (None: from the power of the inputs), ``use_priors`` on
+    parameters, ``coloured`` to correct sigmas for coloured residuals.
     """
 
     band: tuple[float, float] | None = None
@@ -370,9 +363,7 @@ def frequency_fit(
     *,
     delays: Mapping[str, str] | None = None,
 ) -> tuple[FrequencyFit | None, FrequencyProblem]:
-    """The fit behind ``fit_frequency_domain``, None where no start has a finite cost, and the
-    problem.
-    """
+    """The fit of ``fit_frequency_domain``, None if no start has a finite cost, and the problem."""
     settings = settings or FrequencySettings()
     refuse_unfit(records, system, delays or {})
     problem = _problem_of(records, system, settings, delays or {})
@@ -388,11 +379,10 @@ def frequency_fit(
 
 
 def _as_if_left_out(fit: FrequencyFit, r: int, inverse: np.ndarray) -> np.ndarray:
-    """Residuals ``(m, f)`` of a record, each as if it had had no part in the fit, which follows the
-    strongest frequencies closely.
+    """Residuals ``(m, f)`` scaled as if their record had not been fitted.
 
-    Their squares are those over one less their leverage (MacKinnon and White, J. Econometrics 29,
-    1985: HC2); the leverage is the mean over both parts.
+    Their squares are divided by one minus the leverage (MacKinnon and White, J. Econometrics 29,
+    1985: HC2), the mean over real and imaginary parts.
     """
     slope = fit.slopes[r]
     leverage = (
@@ -404,8 +394,8 @@ def _as_if_left_out(fit: FrequencyFit, r: int, inverse: np.ndarray) -> np.ndarra
 
 
 def band_for(records: Sequence[Record], system: System) -> tuple[float, float]:
-    """The band (Hz) of a fit that is given none: where the inputs' power lies, and wide enough for
-    as many harmonics as there are unknowns.
+    """Band (Hz) of a fit without a given one: where the inputs have power, and wide enough for as
+    many harmonics as unknowns.
     """
     free = [name for name in system.parameters.free_names if not name.startswith("bias_")]
     unknown = len(free) + len(records) * len(system.states)
@@ -418,12 +408,12 @@ def band_for(records: Sequence[Record], system: System) -> tuple[float, float]:
 
 
 def covariance_of(fit: FrequencyFit, *, colour: bool) -> tuple[np.ndarray, bool]:
-    """Covariance of all unknowns and whether all are determined; larger by what the unknowns took
-    from the noise levels.
+    """Return the covariance of all unknowns, and whether all are observable; corrected for the
+    degrees of freedom.
 
-    With ``colour`` the scatter of the gradient is formed with the residuals' power about each
-    frequency (Morelli and Klein 1997 in the frequency domain), and with what the residuals of two
-    outputs have in common there: gusts move all outputs. No sigma is below that of level noise.
+    With ``colour`` the scatter of the gradient uses the power of the residuals about each frequency
+    (Morelli and Klein 1997) and their correlation between outputs, which gusts cause. No sigma is
+    below that of white residuals.
     """
     information, _ = fit.normal_equations
     whole, determined = inverse_information(information, fit.theta)
@@ -492,9 +482,7 @@ def _problem_of(
 
 
 def refuse_unfit(records: Sequence[Record], system: System, delays: Mapping[str, str]) -> None:
-    """Raise ModelError where a System has no frequency response that such a fit could use: see
-    ``fit_frequency_domain``.
-    """
+    """Raise ModelError for a System without a frequency response that can be fitted."""
     where, remedy = f"model with states {', '.join(system.state_names)}", "use output-error"
     if not system.inputs:
         raise ModelError(
@@ -510,8 +498,8 @@ def refuse_unfit(records: Sequence[Record], system: System, delays: Mapping[str,
 
 
 def from_best_start(problem: FrequencyProblem, records: Sequence[Record]) -> FrequencyFit | None:
-    """The fit from the declared values; where it does not settle from equation error as well, if
-    the record has all states. None: no finite cost.
+    """The fit from the declared values or, if that does not converge and the record has all states,
+    from equation error; None without a finite cost.
     """
     first = fit_transforms(problem)
     if first is not None and first.outcome is Outcome.CONVERGED:

@@ -118,7 +118,8 @@ class EvenSegment:
 
 @dataclass(frozen=True, eq=False)
 class Activity:
-    """How a control moves about its trim.
+    """Motion of a control about its trim.
+
 
     Attributes
     ----------
@@ -132,8 +133,8 @@ class Activity:
 
 
 def stretches(signals: FlightSignals) -> Iterator[EvenSegment]:
-    """The parts of a record between pauses, each on an even grid of at most ``FASTEST``; parts of
-    fewer than eight rows are left out.
+    """Return the parts of a record between pauses, each on an even grid of at most ``FASTEST``;
+    parts of fewer than eight rows are left out.
     """
     time = np.asarray(signals.time, dtype=float)
     intervals = np.diff(time)
@@ -194,9 +195,7 @@ def short_time_energy(stretch: EvenSegment, deviation: np.ndarray) -> np.ndarray
 
 
 def rest_level(stretch: EvenSegment, deviation: np.ndarray) -> np.ndarray:
-    """The short-time energy at rest: a low quantile over ``REST_WINDOW``, which maneuvers that fill
-    most of it do not raise.
-    """
+    """Short-time energy at rest: a low quantile over ``REST_WINDOW``, insensitive to maneuvers."""
     every = stretch.samples(ENERGY_WINDOW)
     coarse = short_time_energy(stretch, deviation)[every // 2 :: every]
     size = round(REST_WINDOW / ENERGY_WINDOW)
@@ -212,9 +211,7 @@ def rest_level(stretch: EvenSegment, deviation: np.ndarray) -> np.ndarray:
 
 
 def trim_of(stretch: EvenSegment, values: np.ndarray) -> np.ndarray:
-    """The running median of a signal over ``TRIM_WINDOW``, which an input held for less than half
-    of it does not move.
-    """
+    """Running median over ``TRIM_WINDOW``; inputs shorter than half of it do not change it."""
     block = stretch.samples(1.0 / TRIM_RATE)
     if values.size < 4 * block:
         return np.full(values.size, float(np.median(values)))
@@ -268,7 +265,7 @@ SPREAD = 1.6  # ratio of the first third's to the last third's mean length in a 
 
 @dataclass(frozen=True)
 class Lobe:
-    """A run of one sign beyond the switching level: samples ``first`` to before ``last``, mean
+    """Samples ``first`` to ``last - 1``, beyond the switching level on one side, with mean
     ``level``.
     """
 
@@ -283,7 +280,8 @@ class Lobe:
 
 @dataclass(frozen=True)
 class Shape:
-    """What an input looks like.
+    """Shape of an input.
+
 
     Attributes
     ----------
@@ -303,9 +301,7 @@ class Shape:
 
 
 def lobes_of(deviation: np.ndarray, switch: float, *, join: bool = True) -> list[Lobe]:
-    """Runs in which a signal stays beyond ``switch`` on one side, in their order; ``join`` makes
-    adjacent ones of one sign one.
-    """
+    """Runs of a signal beyond ``switch``, in order; ``join`` merges neighbours of one sign."""
     sign = np.where(deviation > switch, 1, np.where(deviation < -switch, -1, 0)).astype(np.int8)
     edges = np.flatnonzero(np.diff(sign, prepend=0, append=0))
     out: list[Lobe] = []
@@ -319,8 +315,8 @@ def lobes_of(deviation: np.ndarray, switch: float, *, join: bool = True) -> list
 
 
 def step_shapes(stretch: EvenSegment, values: np.ndarray, trim: np.ndarray) -> list[Shape]:
-    """Steps, pulses, doublets and other sequences of levels in a control, none overlapping another;
-    the largest come first.
+    """Return the steps, pulses, doublets and other level sequences of a control, largest first and
+    without overlap.
 
     ``values``, ``trim`` : ``(N,)``, the control and its local trim.
     """
@@ -352,8 +348,8 @@ def step_shapes(stretch: EvenSegment, values: np.ndarray, trim: np.ndarray) -> l
 def _paused(
     deviation: np.ndarray, shapes: Sequence[tuple[float, Shape]]
 ) -> Iterator[tuple[float, Shape]]:
-    """Doublets with a pause between their halves: pulses of opposite sign and like duration, apart
-    by no more than the shorter of them.
+    """Doublets with a pause between their halves: pulses of opposite sign and similar duration,
+    with a gap of at most the shorter duration.
     """
     pulses = sorted(
         ((merit, one) for merit, one in shapes if one.kind == "pulse"),
@@ -387,8 +383,7 @@ def _paused(
 
 
 def _lasting(control: _Control, at: np.ndarray, others: Sequence[Shape]) -> Iterator[Shape]:
-    """Single level changes to a level that is kept, away from other shapes: steps that are not
-    taken back within ``LONGEST``.
+    """Single level changes that are not taken back within ``LONGEST``, away from other shapes.
 
     Such a step ends ``LASTING`` after it began, or at the next level change.
     """
@@ -440,9 +435,7 @@ class _Control:
 def _sequences(
     stretch: EvenSegment, at: np.ndarray, moved: np.ndarray
 ) -> Iterator[tuple[int, ...]]:
-    """Two to five successive level changes of alternate sign whose sums alternate too and return
-    about to where they began.
-    """
+    """Two to five level changes of alternate sign that return to about the initial level."""
     times, jumps, longest = at.tolist(), moved[at].tolist(), stretch.samples(LONGEST)
     for i in range(len(times) - 1):
         level = jumps[i]
@@ -481,9 +474,7 @@ def _pattern(control: _Control, at: np.ndarray) -> tuple[float, Shape] | None:
 
 
 def _changes(stretch: EvenSegment, values: np.ndarray, rise: float) -> np.ndarray:
-    """The mean over half of ``rise`` after each sample less the mean before it: largest in the
-    middle of a level change.
-    """
+    """Mean over half of ``rise`` after each sample minus the mean before it, ``(N,)``."""
     half = max(1, stretch.samples(0.5 * rise))
     total = np.cumsum(np.pad(values - values[0], (half + 1, half), mode="edge"))
     after, before = total[2 * half :] - total[half:-half], total[half:-half] - total[: -2 * half]
@@ -499,9 +490,7 @@ def _major(at: np.ndarray, moved: np.ndarray, near: int, share: float) -> np.nda
 
 
 def _levels(control: _Control, at: np.ndarray) -> tuple[float, np.ndarray, float] | None:
-    """Flatness, levels and energy of a control between level changes; None where the levels are of
-    no pattern.
-    """
+    """Flatness, levels and energy between level changes; None if they form no pattern."""
     values, half, settle = control.values, control.half, control.stretch.samples(SETTLE)
     before = float(values[max(0, at[0] - half - settle) : max(1, at[0] - half + 1)].mean())
     later = values[at[-1] + half : at[-1] + half + settle]
@@ -553,8 +542,8 @@ def _kind(durations: np.ndarray) -> str | None:
 
 
 def oscillation_of(deviation: np.ndarray) -> Shape | None:
-    """A sweep where the half waves of a control about its trim become steadily shorter or longer, a
-    multisine where there are many, else None.
+    """Return a sweep if the half waves become steadily shorter or longer, a multisine if there are
+    many half waves, else None.
     """
     size = np.abs(deviation)
     peak = float(size.max())
@@ -578,9 +567,7 @@ def oscillation_of(deviation: np.ndarray) -> Shape | None:
 
 
 def _trend(lobes: Sequence[Lobe]) -> tuple[float, float]:
-    """How steadily half waves become shorter or longer (rank correlation), and how much longer the
-    first are than the last.
-    """
+    """Rank correlation of the duration of half waves with time, and ratio of first to last ones."""
     periods = np.diff([0.5 * (lobe.first + lobe.last) for lobe in lobes])
     if periods.size < OSCILLATION - 2:
         return 0.0, 1.0
@@ -591,11 +578,10 @@ def _trend(lobes: Sequence[Lobe]) -> tuple[float, float]:
 
 
 def same_lines(first: np.ndarray, second: np.ndarray) -> bool:
-    """Whether two oscillations have their energy at the same frequencies, as a control has that
-    follows another.
+    """Whether two oscillations have their energy at the same frequencies.
 
-    Multisines that are flown together have lines of their own each. The likeness is Bhattacharyya's
-    coefficient of the two spectra.
+    A control that follows another has the same lines; multisines that are flown together do not.
+    The measure is Bhattacharyya's coefficient of the two spectra.
     """
     powers = [np.abs(np.fft.rfft(each - each.mean())) ** 2 for each in (first, second)]
     shares = [power / max(float(power.sum()), 1e-300) for power in powers]

@@ -45,8 +45,8 @@ CONTINUOUS = 0.3
 
 
 def clipped(series: Series, count: int, *, is_input: bool = False) -> list[RecordFinding]:
-    """Levels at which a channel is flat, the samples there masked; of an input, where it is only
-    noted: it may stand at its stop.
+    """Find levels at which a channel is flat, and mask these samples; of an input they are only
+    noted, since it may be at its stop.
     """
     if is_input and np.mean(np.diff(series.values) != 0.0) < CONTINUOUS:
         return []
@@ -178,10 +178,10 @@ def zero_steps(
     masked: Mapping[str, np.ndarray],
     gravity_over_speed: float | None = None,
 ) -> list[RecordFinding]:
-    """Jumps of single channels, a warning each; ``masked``: by channel the rows that are masked
-    already. ``gravity_over_speed`` in 1/s:
+    """Find steps of single channels, a warning each.
 
-    with it a jump of nz is known for a load where the path of alpha bends as a load bends it.
+    ``masked``: rows by channel that are masked already. ``gravity_over_speed`` in 1/s: a step of nz
+    counts as a load if the path of alpha bends as a load bends it.
     """
     if not series or len(series[0].values) < 4 * ZERO_STEPS_FEWEST:
         return []
@@ -241,10 +241,9 @@ def _is_load(
     size: float,
     gravity_over_speed: float | None,
 ) -> bool:
-    """If alpha - int (q - (g/V) nz) dt goes straight through a jump of nz, as it does where the
-    jump is a load; a zero that steps makes a corner.
+    """Whether a step of nz is a load: alpha - int (q - (g/V) nz) dt is then straight there.
 
-    The corner is told where it would be ``CORNER`` standard deviations of the noise of alpha.
+    A sensor fault would show a corner. It must be ``CORNER`` standard deviations of alpha's noise.
     """
     known = {each.name: each for each in series}
     time = known["nz"].time
@@ -292,9 +291,7 @@ def _zero_steps_finding(series: Series, row: int, size: float) -> RecordFinding:
 
 
 def _filtered(series: Series, rows: np.ndarray, masked: np.ndarray | None) -> np.ndarray:
-    """A channel on common rows, gaps and masked samples bridged, lone wrong samples taken out by a
-    median of three.
-    """
+    """A channel on common rows, gaps bridged, single wrong samples removed by a median of three."""
     good = np.ones(len(series.rows), dtype=bool) if masked is None else ~masked[series.rows]
     if np.count_nonzero(good) < 2:
         return np.zeros(len(rows))
@@ -316,9 +313,7 @@ def _weights(length: int) -> np.ndarray:
 
 
 def _jumps(values: np.ndarray, length: int) -> np.ndarray:
-    """Line after less line before, between rows ``k + length - 1`` and ``k + length``, for every
-    k.
-    """
+    """Line after each row minus the line before it, of ``length`` rows each, between the rows."""
     weights = _weights(length)
     kernel = np.concatenate([-weights[::-1], weights])
     return np.asarray(np.correlate(values, kernel, mode="valid"))
@@ -346,9 +341,7 @@ def _usual(jump: np.ndarray) -> float:
 
 
 def _peaks(left: np.ndarray, noise: float, length: int, around: int) -> list[int]:
-    """Rows of jumps that stand above the noise and their surroundings and have no partner of the
-    other sign.
-    """
+    """Rows of steps above the noise and their surroundings, without a partner of opposite sign."""
     size = np.abs(left)
     out: list[int] = []
     least = SURE * max(_usual(left), noise)
@@ -405,8 +398,9 @@ IN_INPUT = 1e-4
 
 
 def hum(series: Series, inputs: Sequence[Series]) -> RecordFinding | None:
-    """A warning of a line above the motion: frequency, amplitude. Structure rings down and follows
-    its excitation; a hum does neither.
+    """Return a warning of a spectral line above the motion, with frequency and amplitude.
+
+    A structural mode decays and follows its excitation; a hum does neither.
     """
     series = replace(series, time=series.time[:LONGEST], values=series.values[:LONGEST])
     step = np.diff(series.time)
@@ -461,8 +455,8 @@ def hum(series: Series, inputs: Sequence[Series]) -> RecordFinding | None:
 
 
 def _over_floor(power: np.ndarray, first: int) -> np.ndarray:
-    """Each frequency's power over the mean of its neighbours', from their median; from ``first``
-    on, the last left out.
+    """Power of each frequency over the noise floor, from the median of its neighbours; from
+    ``first`` on, without the last.
     """
     some = power[first:-1]
     if len(some) < AROUND:
@@ -484,9 +478,7 @@ def _refined(bent: np.ndarray, step: float, near: float, spacing: float) -> floa
 
 
 def _parts(bent: np.ndarray, step: float, at: float, count: int) -> np.ndarray:
-    """The line's complex amplitude in each part of the record, of the channel itself whose second
-    differences are ``bent``.
-    """
+    """Complex amplitude of the line in each part of a record; ``bent``: second differences."""
     number = np.arange(len(bent))
     turned = bent * np.exp(-2j * math.pi * at * step * number)
     gain = (2.0 * math.sin(math.pi * at * step)) ** 2
@@ -503,9 +495,7 @@ def _coherence(parts: np.ndarray) -> float:
 
 
 def _in_input(other: Series, at: float) -> bool:
-    """Whether an input has the line itself, one phase throughout, as a periodic one has at its
-    harmonics; at its own sample rate.
-    """
+    """Whether an input has the line itself with one phase throughout, at its own sample rate."""
     step = float(np.median(np.diff(other.time)))
     parts = _parts(np.diff(other.values[:LONGEST], 2), step, at, PARTS)
     return abs(np.mean(parts)) > IN_INPUT * other.span and _coherence(parts) > 0.5
@@ -530,11 +520,10 @@ WIDENED = 2.0  # frequencies of a windowed spectrum for an independent one
 
 
 def band_limited(series: Series) -> RecordFinding | None:
-    """A note of a channel that has noise up to a cutoff and none above; None for any other, and
-    where steps are uneven or few.
+    """Return a note if a channel has noise up to a cutoff frequency and none above; else None.
 
-    A filter that falls less steeply, and a channel whose noise does not show above its motion, are
-    not recognised.
+    None also for uneven or few samples. Filters that fall less steeply are not recognised, nor
+    channels whose motion hides the noise.
     """
     time, values = series.time[:BAND_LIMITED_LONGEST], series.values[:BAND_LIMITED_LONGEST]
     step = np.diff(time)
@@ -571,9 +560,7 @@ def band_limited(series: Series) -> RecordFinding | None:
 
 
 def _levels(values: np.ndarray) -> np.ndarray:
-    """Mean power of a channel in each band ``(BANDS,)``, by second differences, which take the
-    motion down, and a window that leaks 1e-9.
-    """
+    """Mean power in each band ``(BANDS,)``, from second differences and a low-leakage window."""
     bent = np.diff(values, 2)
     phase = 2.0 * np.pi * (np.arange(len(bent)) + 0.5) / len(bent)
     window = (
@@ -592,9 +579,7 @@ def _levels(values: np.ndarray) -> np.ndarray:
 
 
 def _flat(levels: np.ndarray, freedom: float) -> bool:
-    """Whether the halves of a part of the spectrum have one level, and its first and last quarter,
-    for the degrees of freedom of a band.
-    """
+    """Whether both halves of a part of the spectrum have one level, and its outer quarters too."""
     for count in (len(levels) // 2, max(len(levels) // 4, 1)):
         ratio = float(np.mean(levels[:count]) / np.mean(levels[-count:]))
         if max(ratio, 1.0 / ratio) > fdtri(

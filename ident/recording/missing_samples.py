@@ -38,8 +38,8 @@ FEW = 5  # samples
 
 
 def dropouts(series: Series, count: int, *, is_input: bool = False) -> list[RecordFinding]:
-    """Zeros and fill values among samples that are elsewhere, masked; in an input, which must have
-    no gap, a warning.
+    """Find zeros and fill values among other samples and mask them; of an input, which must have no
+    gap, warn.
     """
     result = [("exact zeros", 0.0, _zeros(series))]
     fill, at = _fill(series)
@@ -93,9 +93,7 @@ def _finding(
 
 
 def _zeros(series: Series) -> np.ndarray:
-    """Runs of exact zeros that stand off both neighbours, which are alike: no signal goes to zero
-    and back in one step each way.
-    """
+    """Runs of exact zeros between two similar values far from zero."""
     values = series.values
     where = np.zeros(len(values), dtype=bool)
     zero = values == 0.0
@@ -117,9 +115,7 @@ def _zeros(series: Series) -> np.ndarray:
 
 
 def _sudden(values: np.ndarray, begin: int, end: int, least: float) -> bool:
-    """Whether the channel was not on its way to zero: the step there is several of those before and
-    after.
-    """
+    """Whether the step to zero is several times the steps before and after it."""
     before = np.abs(np.diff(values[max(0, begin - 4) : begin]))
     after = np.abs(np.diff(values[end : end + 4]))
     usual = float(np.max(np.concatenate([before, after]))) if before.size + after.size else 0.0
@@ -133,9 +129,10 @@ def _fill(series: Series) -> tuple[float, np.ndarray]:
 
 
 def fill_value(values: np.ndarray, noise: float = 0.0) -> float | None:
-    """The largest or smallest value where it comes twice at least and is far outside the range of
-    all others, as -999 for no measurement; else None. ``noise``: standard deviation, in their
-    unit."""
+    """Return the largest or smallest value if it occurs at least twice, far outside the range of
+    all others (as -999 for no measurement); else None. ``noise``: standard deviation, in the unit
+    of the channel.
+    """
     for value in (float(np.max(values)), float(np.min(values))) if values.size else ():
         at = values == value
         rest = values[~at]
@@ -164,8 +161,8 @@ MOST = 1e15  # rows that are counted: a time that is wrong by more has no number
 
 
 def missing_rows(record: Record) -> list[RecordFinding]:
-    """Gaps in time: a warning where an input moves across them, since what it did inside is not
-    known; else a note.
+    """Find gaps in time: a warning if an input moves across a gap, where it is unknown; else a
+    note.
     """
     steps = np.diff(record.time)
     usual = float(np.median(steps))
@@ -247,8 +244,9 @@ CATCHES_UP = 3.0  # times the usual step
 
 
 def held_samples(series: Series, count: int) -> RecordFinding | None:
-    """Sample and hold at a lower rate: period and phase, the repeats masked; the first sample of
-    each run is the fresh one. ``count`` rows in all.
+    """Find sample and hold at a lower rate, with period and phase; the repeats are masked.
+
+    The first sample of each run is the measurement. ``count``: rows of the record.
     """
     same = np.diff(series.values) == 0.0
     changes = np.flatnonzero(~same) + 1
@@ -297,11 +295,11 @@ def stuck(
     count: int,
     taken: np.ndarray,
 ) -> RecordFinding | None:
-    """Longer runs of one value that nothing but a fault explains, masked but for their first
-    sample. ``taken``: rows that are masked already.
+    """Find longer runs of one value that only a fault explains; all but the first sample are
+    masked.
 
-    The first sample of a run is a measurement, but for exact zeros in a channel that has noise:
-    those stand for none at all.
+    ``taken``: rows that are masked already. Of exact zeros in a noisy channel the first is masked
+    too.
     """
     same = np.diff(series.values) == 0.0
     runs = [
@@ -372,9 +370,7 @@ def phase_period(changes: np.ndarray, count: int) -> int:
 
 
 def _even(changes: np.ndarray, mean: float) -> bool:
-    """Whether changes come as from an even clock of another rate, stretch by stretch of a
-    hundred.
-    """
+    """Whether the changes fit an even clock of another rate, in blocks of a hundred."""
     scatter = []
     for begin in range(0, len(changes) - UPDATES + 1, 100):
         some = changes[begin : begin + 100]
@@ -410,9 +406,7 @@ def _impossible(series: Series, others: Sequence[Series], begin: int, end: int) 
 
 
 def _catches_up(series: Series, inputs: Sequence[Series], begin: int, end: int) -> bool:
-    """Whether a moving channel leaves its run with a step several times its usual one, which no
-    input makes there.
-    """
+    """Whether a moving channel leaves its run with a step several times the usual one."""
     values = series.values
     if series.white or begin == 0 or end + 2 >= len(values):
         return False
@@ -443,9 +437,7 @@ def _alive(others: Sequence[Series], begin: float, end: float) -> bool:
 
 
 def _moving(others: Sequence[Series], begin: float, end: float) -> bool:
-    """Whether another channel moves in that time, by more than its noise and by a tenth of all that
-    it ever moves.
-    """
+    """Whether another channel moves meanwhile, by more than its noise and a tenth of its range."""
     for other in others:
         inside = other.values[(other.time >= begin) & (other.time <= end)]
         if len(inside) < 5:
@@ -479,9 +471,7 @@ ANSWERED = 0.9  # share of the bends at changes of an input: the vehicle answers
 
 @dataclass(frozen=True, eq=False)
 class _Pattern:
-    """Which samples ``(n,)`` were measured, every how many samples (mean), and by what the others
-    were filled.
-    """
+    """Samples ``(n,)`` that were measured, their mean spacing, and the interpolation of the others."""
 
     fresh: np.ndarray
     period: float
@@ -491,11 +481,11 @@ class _Pattern:
 def interpolated(
     series: Series, count: int, inputs: Sequence[Series] = (), *, is_input: bool = False
 ) -> RecordFinding | None:
-    """Interpolation between updates of a lower rate: the samples between are masked, of an input it
-    is only noted.
+    """Find samples interpolated between updates of a lower rate, and mask them; of an input note
+    it.
 
-    Straight lines are found from two samples an update on, also of uneven updates from three on;
-    cubics from four on, on an even clock.
+    Straight lines are found from an update every two samples on, at uneven updates every three;
+    cubics from every four on, on an even clock.
     """
     if len(series.values) < 2 * UPDATES:
         return None
@@ -590,9 +580,7 @@ def _parted(off: np.ndarray, least: float, bent: np.ndarray) -> bool:
 
 
 def _answers(times: np.ndarray, inputs: Sequence[Series]) -> bool:
-    """Whether the bends come at the changes of an input that stands still between, as a motion
-    without noise bends.
-    """
+    """Whether the bends coincide with changes of an input that is constant in between."""
     for other in inputs:
         changes = other.time[np.flatnonzero(np.diff(other.values))]
         if not changes.size or len(changes) > 0.7 * len(other.time):

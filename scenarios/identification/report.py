@@ -265,15 +265,15 @@ UNMEASURABLE = "not measurable from this record"
 
 
 def estimated_noise(found: IdentificationResult) -> dict[str, float]:
-    """Sensor noise (SI) of each output whose residual fails a test, where the high frequencies of
-    what free simulations miss show it.
+    """Sensor noise (SI) of each output with coloured residuals, estimated from the high frequencies
+    of the residuals of simulations.
     """
     return {name: level for name, level in _levels(found).items() if level is not None}
 
 
 def _levels(found: IdentificationResult) -> dict[str, float | None]:
-    """The same with None where a record is too short, or its samples are too smooth for a sensor's;
-    never below the rounding of a converter.
+    """The same, None for short records and for samples smoother than a sensor's; never below the
+    rounding of a converter.
     """
     coloured = {test.channel.partition(",")[0] for test in found.tests if not test.passed}
     out: dict[str, float | None] = {}
@@ -323,9 +323,7 @@ def noise_phrase(found: IdentificationResult) -> str:
 
 
 def kept_identification(found: IdentificationResult, plan: Plan) -> KeptModel | None:
-    """The model that an identification leaves; None where its numbers are not finite, and it
-    predicts nothing.
-    """
+    """The model of an identification; None if its numbers are not finite."""
     trained, vehicle, first = found.trained, found.vehicle, found.record
     if trained is None or not np.all(
         np.isfinite([*trained.shared.values(), *trained.own[0].values()])

@@ -57,8 +57,8 @@ TYPICAL, JUST_FOUND = "typical", "found"
 
 @dataclass(frozen=True, eq=False)
 class DesignRequest:
-    """What is asked. Texts are as they are typed, ``NAME=VALUE``, values with a unit where they
-    have another than SI.
+    """Request of a maneuver design. Texts are as typed, ``NAME=VALUE``, with units unless SI.
+
 
     Attributes
     ----------
@@ -123,14 +123,12 @@ MOST_HARMONICS = 60  # of all inputs together
 
 @dataclass(frozen=True)
 class ManeuverLimits:
-    """Where maneuvers have room: sample times ``(N,)`` in s, a ``pulse`` (s) that the roots ask
-    for, and the number of inputs.
+    """Time and bandwidth available to maneuvers.
 
-    The first and last two pulses are rest: the trim shows, and the motion dies out.
-    ``corners`` : rad/s of each input, above which a sine of full amplitude is faster than the limit
-    of its rate: limit over amplitude; empty where no rate is limited. ``band`` : rad/s, of sweeps
-    and multisines; None follows the pace. ``longest_sweep``, ``rest`` : s, of one sweep, and
-    between steps.
+    ``time (N,)`` in s; ``pulse`` (s), from the eigenvalues; number of ``inputs``. The first and
+    last two pulses are rest, which shows the trim and the decay of the motion. ``corners``: rad/s
+    of each input, above which a sine of full amplitude exceeds its rate limit; empty without a rate
+    limit. ``band``: rad/s, of sweeps and multisines; ``longest_sweep`` in s.
     """
 
     time: np.ndarray
@@ -175,9 +173,7 @@ def steps_in_turn(
     single: Callable[[float, float, float], Maneuver],
     units: float,
 ) -> Shapes:
-    """A maneuver of ``units`` paces on one input after the other, each round with the other sign,
-    while there is time.
-    """
+    """A maneuver of ``units`` paces on each input in turn, with alternating sign, while time lasts."""
     length, gap = units * pace, max(2.0 * limits.pulse, pace, limits.rest)
     out = np.zeros((limits.inputs, len(limits.time)))
     at, count = limits.lead, 0
@@ -190,9 +186,9 @@ def steps_in_turn(
 
 
 def sweeps(limits: ManeuverLimits, pace: float) -> Shapes:
-    """A logarithmic sweep on one input after the other, up to half a period of ``pace``.
+    """A logarithmic sweep on each input in turn, up to half a period of ``pace``.
 
-    Where it would be faster than the limit of the rate, its amplitude falls with the frequency.
+    Its amplitude falls with the frequency where the rate limit requires it.
     """
     each = min(limits.active / limits.inputs, limits.longest_sweep)
     low, high = max(2.0 * math.pi / each, SLOWEST * 1.5 / limits.pulse), math.pi / pace
@@ -213,11 +209,10 @@ def sweeps(limits: ManeuverLimits, pace: float) -> Shapes:
 
 
 def multisines(limits: ManeuverLimits, pace: float) -> Shapes:
-    """Orthogonal multisines on all inputs at once, harmonics dealt out in turn up to half a period
-    of ``pace``, phases of least peak.
+    """Orthogonal multisines on all inputs at once, up to half a period of ``pace``.
 
-    Harmonics that would be faster than the limit of the rate are smaller, so that nothing is cut
-    off and the inputs stay orthogonal.
+    Harmonics are assigned to the inputs in turn, with phases of least peak. Harmonics that would
+    exceed a rate limit are smaller, so that the inputs stay orthogonal.
     """
     samples = math.floor(limits.active / limits.interval + 1e-9)
     period = samples * limits.interval
@@ -253,9 +248,7 @@ PACE_IS = {"3-2-1-1": "step", "doublet": "step", "sweep": "up to", "multisine": 
 
 
 def held_inputs(record: Record) -> dict[str, MultiStep]:
-    """The inputs of a record as maneuvers that hold each sample until the next, for a truth to
-    fly.
-    """
+    """The inputs of a record as maneuvers that hold each sample until the next."""
     interval = float(record.time[-1] - record.time[-2])
     times = (*record.time.tolist(), float(record.time[-1] + interval))
     return {
@@ -292,10 +285,10 @@ MOST_SAMPLES = 20_000  # a design simulates hundreds of flights
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """What a design works on.
+    """Model, limits and trim that a design uses.
 
     ``model`` has its biases and starts in trim; ``rest`` are the inputs there, ``still`` the
-    outputs, by name. ``step`` s of a fit; ``flyer`` : who moves the controls.
+    outputs, by name. ``step``: s, of a fit; ``flyer``: who moves the controls.
     """
 
     vehicle: VehicleFile
@@ -313,8 +306,8 @@ class Setting:
         return 1.0 / self.maneuver_limits.interval
 
     def planned(self, rows: np.ndarray, *, quick: bool = False) -> Planned:
-        """A flight of inputs ``(inputs, N)`` from rest; ``quick``: in steps that only compare
-        maneuvers.
+        """A flight of inputs ``(inputs, N)`` from rest; ``quick``: with larger steps, for
+        comparisons.
         """
         units = channel_units(self.model)
         names = [signal.name for signal in self.model.equations.inputs]
@@ -348,7 +341,8 @@ class Setting:
 
 
 def setting_of(request: DesignRequest) -> Setting:
-    """Read the files and put everything together.
+    """Read the files of a request and return the setting.
+
 
     Raises
     ------
@@ -395,10 +389,11 @@ def setting_of(request: DesignRequest) -> Setting:
 
 
 def in_trim(model: Model) -> tuple[Model, dict[str, float]]:
-    """The model where it is at rest, and its inputs there: perturbations and own models as they
-    are, totals in level flight by Newton's method.
+    """The model in trim, and its inputs there.
 
-    Raises DeclarationError where there is no level flight at the reference airspeed.
+    Perturbation models and user models stay as they are; models of total motion are trimmed in
+    level flight by Newton's method. Raises DeclarationError if there is no level flight at the
+    reference airspeed.
     """
     names = [signal.name for signal in model.equations.inputs]
     rest = dict(zip(names, inputs_at_rest(model), strict=True))

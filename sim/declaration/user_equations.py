@@ -477,22 +477,22 @@ def _function(equations: OwnEquations, what: str) -> Answer:
 
 
 class _Noting(SimpleNamespace):
-    """Parameters that note which of them are asked for."""
+    """Parameters that record which of them are read, in ``_names_read``."""
 
     def __getattribute__(self, name: str) -> Any:
         values = object.__getattribute__(self, "__dict__")
-        values["_checked_answer"].add(name)
+        values["_names_read"].add(name)
         return object.__getattribute__(self, name)
 
 
 def parameters_read(equations: OwnEquations, starts: Starts) -> frozenset[str]:
-    """Names of the parameters that the functions ask for when they are evaluated at the starts."""
-    s, p = signals_from(starts.signals), _Noting(**starts.parameters, _asked=set())
+    """Return the names of the parameters that the functions read at the starting values."""
+    s, p = signals_from(starts.signals), _Noting(**starts.parameters, _names_read=set())
     if equations.formed is not None:
         s.__dict__.update(_checked_answer(equations, "flow", equations.formed, s, p))
     _checked_answer(equations, "rates", equations.rates, s, p)
     _checked_answer(equations, "readings", equations.readings, s, p)
-    return frozenset(object.__getattribute__(p, "__dict__")["_checked_answer"])
+    return frozenset(object.__getattribute__(p, "__dict__")["_names_read"])
 
 
 @cache

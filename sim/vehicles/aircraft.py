@@ -110,7 +110,8 @@ _HERE: Point = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Thrust:
-    """What pulls along the body.
+    """Propulsive force along an axis of the body.
+
 
     Attributes
     ----------
@@ -124,7 +125,8 @@ class Thrust:
 
 @dataclass(frozen=True)
 class Aircraft:
-    """What a vehicle file of an aircraft declares, in SI.
+    """Declaration of an aircraft in a vehicle file, in SI.
+
 
     Attributes
     ----------
@@ -268,8 +270,9 @@ def refuse_wind(axes: str, further: Collection[str], where: str) -> None:
 def refuse_recorded(
     recorded: Collection[str], wind: str, where: str, attitude: str = EULER
 ) -> None:
-    """Raise DeclarationError for an unknown attitude, and for recorded states that leave no motion
-    or that a wind or a quaternion makes others.
+    """Raise DeclarationError for an unknown attitude, if recorded states leave no motion, or if a
+    wind or a quaternion excludes them.
+
 
     Parameters
     ----------
@@ -376,9 +379,7 @@ def aircraft_model(aircraft: Aircraft) -> Model:
 
 
 def _start(item: Parameter, attitude: str) -> Parameter:
-    """A state at the start; of a quaternion what says nothing is held, the rest read of phi, theta
-    and psi.
-    """
+    """Initial value of a state; a quaternion's are computed from ``phi``, ``theta`` and ``psi``."""
     turned = ATTITUDES[attitude]
     if item.name in turned.held:
         return replace(item, free=False)
