@@ -24,12 +24,7 @@ import numpy as np
 from ident.statistics.intervals import inverse_information
 from ident.tracing.context import search_context
 from ident.tracing.decision import CERTAIN
-from ident.tracing.fitted_model import (
-    FittedModel,
-    added_parameters,
-    is_event,
-    known_beforehand,
-)
+from ident.tracing.fitted_model import FittedModel, added_parameters, is_event, known_beforehand
 from ident.tracing.priors import FEWEST, ODDS
 from ident.tracing.scan import PLACES, starts_at
 from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records, without_sensitivities
@@ -398,12 +393,7 @@ def contest(
     gain = max(0.0, base.fit.cost - spent)
     shown = detection_probability(gain, own, price(true.effect, counts), ODDS_COST)
     return Contest(
-        true,
-        Acting(_form(best, rival), _values(best, rival)),
-        gain,
-        shown,
-        best.fit.cost,
-        decision,
+        true, Acting(_form(best, rival), _values(best, rival)), gain, shown, best.fit.cost, decision
     )
 
 

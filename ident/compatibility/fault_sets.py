@@ -171,9 +171,7 @@ def needed(base: KinematicFit, chosen_set: FaultSet, charge: float) -> FaultSet:
     while len(chosen_set.faults) > 1:
         less = [
             fit(
-                base.signals,
-                [other for other in chosen_set.fit.faults if other is not fault],
-                base,
+                base.signals, [other for other in chosen_set.fit.faults if other is not fault], base
             )
             for fault in chosen_set.faults
         ]

@@ -228,7 +228,7 @@ _INPUTS = {"alpha": ("q", "nz", "az"), "theta": ("q",), "airspeed": ("ax", "nx")
         "beta": ("r", "ny", "ay"),
         "height": ("theta",),
         "altitude": ("theta",),
-    },
+    }
 }
 
 

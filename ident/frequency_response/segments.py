@@ -266,12 +266,7 @@ def _product(real: np.ndarray, factors: np.ndarray) -> np.ndarray:
 
 
 def _hann_rows(
-    signals: np.ndarray,
-    step: float,
-    hop: int,
-    count: int,
-    frequency: np.ndarray,
-    derivatives: int,
+    signals: np.ndarray, step: float, hop: int, count: int, frequency: np.ndarray, derivatives: int
 ) -> np.ndarray:
     """Transforms ``(S, D, count, F)`` under Hann windows of ``OVERLAP * hop`` samples.
 

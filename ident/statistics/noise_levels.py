@@ -342,10 +342,7 @@ def isolated_wrong(
         from_neighbours(residual, usable) for residual, usable in zip(residuals, valid, strict=True)
     ]
     wrong = [np.zeros(len(residual), dtype=bool) for residual in residuals]
-    for series, times in (
-        (away, SPIKE_WHILE_SEARCHING),
-        (residuals, SPIKE_AT_THE_END),
-    ):
+    for series, times in ((away, SPIKE_WHILE_SEARCHING), (residuals, SPIKE_AT_THE_END)):
         pooled = np.concatenate([some[usable] for some, usable in zip(series, valid, strict=True)])
         sigma = robust_sigma(pooled)
         if sigma == 0.0 or _heavy_tailed(pooled / sigma):

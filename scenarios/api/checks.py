@@ -467,13 +467,7 @@ class FrequencyResponse:
         """Figures of this result: ``found.plot.response()``, ``mismatch()``, ``bandwidth()``,
         ``qualities()``, ``step()``, ``loop()``."""
         return plot.Figures(
-            self,
-            plot.response,
-            plot.mismatch,
-            plot.bandwidth,
-            plot.qualities,
-            plot.step,
-            plot.loop,
+            self, plot.response, plot.mismatch, plot.bandwidth, plot.qualities, plot.step, plot.loop
         )
 
     def __repr__(self) -> str:

@@ -105,8 +105,7 @@ def print_check(
     if result.joint.estimates:
         show_blocks(out, _estimates(check))
         print_paragraph(
-            out,
-            f"noise (1 sigma; of integrated channels: that of their integral): {_noise(check)}",
+            out, f"noise (1 sigma; of integrated channels: that of their integral): {_noise(check)}"
         )
     for line in finding_lines(check):
         print_paragraph(out, line, indent=0)

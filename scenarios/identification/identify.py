@@ -16,12 +16,7 @@ from ident.statistics.intervals import ProfileInterval
 from ident.statistics.residuals import ResidualTest, residual_tests
 from ident.whole_record.layout import FitSettings
 from scenarios.files.declarations import CHANNEL_UNITS
-from scenarios.files.measured.columns import (
-    RecordFile,
-    path_of,
-    read_with_validation,
-    refuse_twice,
-)
+from scenarios.files.measured.columns import RecordFile, path_of, read_with_validation, refuse_twice
 from scenarios.files.records import has_clock
 from scenarios.files.user_models import channel_units, constraint_sentences, moves_about_rest
 from scenarios.files.vehicles import (

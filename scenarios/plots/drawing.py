@@ -329,10 +329,7 @@ DOT = 2  # cells in the diameter of a dot: of several dots in one cell a single 
 TALLEST = 1.15  # height over width of a drawing that is printed
 LOWEST = 0.5  # height of a printed panel over that on the screen
 # Letters stay text, in the font of the page.
-_PAGE: dict[Any, Any] = _VECTOR | {
-    "svg.fonttype": "none",
-    "path.simplify_threshold": TOLERANCE,
-}
+_PAGE: dict[Any, Any] = _VECTOR | {"svg.fonttype": "none", "path.simplify_threshold": TOLERANCE}
 _OF_FILE = re.compile(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->", re.DOTALL)
 _STYLE = re.compile(r' style="([^"]*)"')
 _PATH = re.compile(r' d="([^"]*)"')

@@ -136,13 +136,7 @@ def figure_watched(
         x, sigma = unit.factor * values, unit.factor * std
         caption(panel, axis_label(name, unit), LABEL_SIZE)
         panel.fill_between(
-            time,
-            x - 2.0 * sigma,
-            x + 2.0 * sigma,
-            color=SKY,
-            alpha=0.35,
-            linewidth=0,
-            label="±2σ",
+            time, x - 2.0 * sigma, x + 2.0 * sigma, color=SKY, alpha=0.35, linewidth=0, label="±2σ"
         )
         panel.plot(time, x, color=BLUE, linewidth=1.2, label="estimate")
         later = slice(len(time) // 2, None)

@@ -15,10 +15,7 @@ from ident.flying_qualities.attitude_criteria import LEVELS as RESONANCES
 from ident.flying_qualities.attitude_criteria import PITCH_LEVELS, step_response
 from ident.flying_qualities.levels import criteria
 from ident.frequency_response.transfer_function import unnoticeable
-from scenarios.plots.display import (
-    MEASURED_DATA,
-    SIMULATED_DATA,
-)
+from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.plots.style import (
     BLACK,
     BLUE,

@@ -87,10 +87,7 @@ def estimates(caption: str, rows: Sequence[tuple[str, str, float, float]]) -> Ta
     return table(
         caption,
         (Column("parameter"), [name for name, *_ in rows]),
-        (
-            Column("estimate", BY_ROW),
-            [estimate(value, sigma) for _, _, value, sigma in rows],
-        ),
+        (Column("estimate", BY_ROW), [estimate(value, sigma) for _, _, value, sigma in rows]),
         units=[unit or PURE for _, unit, *_ in rows],
     )
 

@@ -196,10 +196,7 @@ def loop_tables(loop: LoopMargins) -> list[Table]:
         (Column("margin"), [WORDS[name] for name in named]),
         (Column("value", BY_ROW), [formatted(each.size.value, ".3g") for each in named.values()]),
         (Column("95 %", right=True), [interval_text(each) for each in named.values()]),
-        (
-            Column("at", "rad/s", printed="at rad/s"),
-            [formatted(f, ".3g") for f in frequencies],
-        ),
+        (Column("at", "rad/s", printed="at rad/s"), [formatted(f, ".3g") for f in frequencies]),
         (
             Column("at", "Hz", printed="Hz"),
             [formatted(f / (2.0 * math.pi), ".3g") for f in frequencies],

@@ -50,11 +50,7 @@ from scenarios.responses.fitting import (
     model_table,
     transfer_text,
 )
-from scenarios.responses.loops import (
-    loop_tables,
-    margin_lines,
-    margins_content,
-)
+from scenarios.responses.loops import loop_tables, margin_lines, margins_content
 from scenarios.responses.qualities import levels_content, quality_lines, quality_tables
 
 if TYPE_CHECKING:

@@ -220,18 +220,12 @@ def survey_page(
                 derivatives_table(survey),
                 Bullets(tuple(map(as_sentence, hints(survey)))),
             ),
+            *section("Flights that stand out", outlying_table(survey)),
             *section(
-                "Flights that stand out",
-                outlying_table(survey),
+                "Flights", flights_table(survey, linked), Bullets(tuple(map(as_sentence, alone)))
             ),
             *section(
-                "Flights",
-                flights_table(survey, linked),
-                Bullets(tuple(map(as_sentence, alone))),
-            ),
-            *section(
-                "Assumptions",
-                Bullets(tuple(map(as_sentence, (*_rests(survey), *survey.notes)))),
+                "Assumptions", Bullets(tuple(map(as_sentence, (*_rests(survey), *survey.notes))))
             ),
         ),
         reproduction=reproduction(

@@ -16,11 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.flying_qualities.stability_margins import (
-    NORMAL,
-    REQUIRED_GAIN,
-    REQUIRED_PHASE,
-)
+from ident.flying_qualities.stability_margins import NORMAL, REQUIRED_GAIN, REQUIRED_PHASE
 from scenarios.files.writing import study_folder, write_json, write_text
 from scenarios.report.document import Block, Bullets, Page, as_sentence, now, reproduction, section
 from scenarios.report.folder import figures as page_figures

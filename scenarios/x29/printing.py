@@ -40,18 +40,8 @@ from scenarios.report.summary import (
 from scenarios.report.terminal import show_blocks
 from scenarios.studies.comparison import SEE_PAPERS, bank_line, choice_lines
 from scenarios.studies.text import print_choices, rest_of
-from scenarios.x29.content import (
-    correlation_content,
-    noted_pairs,
-    procedure_and_printed,
-    units_of,
-)
-from scenarios.x29.declaration import (
-    has_table,
-    printed_checks,
-    printed_column,
-    printed_correlation,
-)
+from scenarios.x29.content import correlation_content, noted_pairs, procedure_and_printed, units_of
+from scenarios.x29.declaration import has_table, printed_checks, printed_column, printed_correlation
 from scenarios.x29.estimating import LARGE, LoopMethodResult, Misfit
 from scenarios.x29.findings import COMPARED, off, own_method, sentences
 from scenarios.x29.study import LoopStudy
@@ -138,10 +128,7 @@ def _pairs(study: LoopStudy, column: str) -> Table:
         f"largest correlations of {TITLES[column]}",
         (Column("correlation of"), [f"{a}, {b}" for a, b, *_ in rows]),
         (Column("published", PURE), [formatted(value, "+.3f") for _, _, value, _, _ in rows]),
-        (
-            Column("its method, here", PURE),
-            [formatted(c, "+.3f") for _, _, _, c, _ in rows],
-        ),
+        (Column("its method, here", PURE), [formatted(c, "+.3f") for _, _, _, c, _ in rows]),
         (Column("ours, refined", PURE), [formatted(c, "+.3f") for *_, c in rows]),
     )
 
@@ -486,10 +473,7 @@ def _together(study: LoopStudy) -> list[Block]:
             (Column(key.removeprefix("x29-"), BY_ROW), cells(found.estimate, found.delay))
             for key, found in study.together.items()
         ),
-        (
-            Column("here, refined", BY_ROW),
-            cells(study.result.estimate, study.result.bank.refined),
-        ),
+        (Column("here, refined", BY_ROW), cells(study.result.estimate, study.result.bank.refined)),
         *(
             (
                 Column(f"published {key.replace('_', ' ')}", BY_ROW),

@@ -324,10 +324,7 @@ def _declared_signals(
 
 
 def _declared_numbers(
-    name: str,
-    constants: Numbers,
-    parameters: Numbers,
-    bounds: Mapping[str, tuple[float, float]],
+    name: str, constants: Numbers, parameters: Numbers, bounds: Mapping[str, tuple[float, float]]
 ) -> dict[str, tuple[Parameter, ...]]:
     """Return the constants and the free parameters of a declaration."""
     declared = {

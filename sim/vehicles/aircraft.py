@@ -97,10 +97,7 @@ FURTHER: Mapping[str, str] = MappingProxyType({"psi": "rad", "altitude": "m"})
 OUTPUTS: Mapping[str, str] = MappingProxyType({**STATES, "ax": "m/s2", "ay": "m/s2", "az": "m/s2"})
 # Columns of the wind, m/s, by the axes in which it is recorded: where the air moves to.
 WIND: Mapping[str, tuple[str, str, str]] = MappingProxyType(
-    {
-        "earth": ("wind_north", "wind_east", "wind_down"),
-        "body": ("wind_u", "wind_v", "wind_w"),
-    }
+    {"earth": ("wind_north", "wind_east", "wind_down"), "body": ("wind_u", "wind_v", "wind_w")}
 )
 SENSORS = ("airspeed", "alpha", "beta", "accelerometer")
 BIASED = ("p", "q", "r")

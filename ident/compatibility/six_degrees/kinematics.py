@@ -508,7 +508,7 @@ _CHANGES: dict[str, Callable[[KinematicSignals, _CorrectedMotion, Values], np.nd
         "alpha": _alpha,
         "beta": _beta,
         "airspeed": _airspeed,
-    },
+    }
 }
 
 

@@ -270,11 +270,7 @@ def _mapped(
         what = error.what.replace(
             repr(channel), f"{choice.column!r}, which the channel map names for {channel}", 1
         )
-        raise RecordError(
-            what,
-            where=error.where,
-            remedy=f"correct the channel map: {near}",
-        )
+        raise RecordError(what, where=error.where, remedy=f"correct the channel map: {near}")
     if len(result) > 1:
         raise RecordError(
             f"{len(result)} columns are headed {choice.column!r}",

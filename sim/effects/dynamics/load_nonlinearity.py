@@ -361,7 +361,4 @@ def _weight_lift(mass: Any, wing_area: Any, airspeed: Any, density: Any) -> Any:
 SEPARATION_VARIANTS: tuple[Traceable, ...] = (FlowSeparation(), FlowSeparation(total=True))
 
 
-VARIANTS: tuple[Traceable, ...] = (
-    *CURVE_VARIANTS,
-    *SEPARATION_VARIANTS,
-)
+VARIANTS: tuple[Traceable, ...] = (*CURVE_VARIANTS, *SEPARATION_VARIANTS)

@@ -413,15 +413,9 @@ def term_made_for(equations: Equations) -> tuple[Traceable, ...]:
     return tuple(result)
 
 
-VARIANTS: tuple[Traceable, ...] = (
-    *CURVE_VARIANTS,
-    *TERM_VARIANTS,
-)
+VARIANTS: tuple[Traceable, ...] = (*CURVE_VARIANTS, *TERM_VARIANTS)
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
     """The instances of every effect in this file that none of ``VARIANTS`` is for."""
-    return (
-        *curve_made_for(equations),
-        *term_made_for(equations),
-    )
+    return (*curve_made_for(equations), *term_made_for(equations))

@@ -566,15 +566,9 @@ def limits_made_for(equations: Equations) -> tuple[Traceable, ...]:
     return for_inputs(equations, sized(ActuatorRateLimit, 3.0), sized(ActuatorSaturation, 0.5))
 
 
-VARIANTS: tuple[Traceable, ...] = (
-    *DYNAMICS_VARIANTS,
-    *LIMITS_VARIANTS,
-)
+VARIANTS: tuple[Traceable, ...] = (*DYNAMICS_VARIANTS, *LIMITS_VARIANTS)
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
     """The instances of every effect in this file that none of ``VARIANTS`` is for."""
-    return (
-        *dynamics_made_for(equations),
-        *limits_made_for(equations),
-    )
+    return (*dynamics_made_for(equations), *limits_made_for(equations))

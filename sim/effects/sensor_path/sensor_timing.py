@@ -400,15 +400,9 @@ class TimeBase:
 SAMPLING_VARIANTS: tuple[Traceable, ...] = (*HOLD_VARIANTS, TimeBase())
 
 
-VARIANTS: tuple[Traceable, ...] = (
-    *DELAY_VARIANTS,
-    *SAMPLING_VARIANTS,
-)
+VARIANTS: tuple[Traceable, ...] = (*DELAY_VARIANTS, *SAMPLING_VARIANTS)
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
     """The instances of every effect in this file that none of ``VARIANTS`` is for."""
-    return (
-        *delay_made_for(equations),
-        *sampling_made_for(equations),
-    )
+    return (*delay_made_for(equations), *sampling_made_for(equations))
