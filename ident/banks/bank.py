@@ -58,13 +58,12 @@ def run_pass(
     *,
     in_rows: bool = False,
 ) -> BankPass:
-    """Filter all runs once. A run that breaks down keeps the mean and covariance of its last sound
-    sample.
+    """Filter all runs once.
 
-    ``about (n, N, B)`` is a trajectory to linearise about instead of the filter's own; ``trace`` is
-    filled where given. ``in_rows`` asks for `ident.banks.row_kernel` where the equations have a
-    table: from a hundred runs on the faster way, and below the slower one, by which no run's
-    numbers depend on which others there are.
+    A run that diverges keeps the mean and covariance of its last finite sample. ``about (n, N,
+    B)``: trajectory to linearise about; None: about the mean. ``trace``: history to fill.
+    ``in_rows``: use `ident.banks.row_kernel` if the equations have a table; it is faster from a
+    hundred runs on, and no result then depends on the number of runs.
     """
     if in_rows and about is None and trace is None:
         plain = pass_side_by_side(problem, settings, runs, keep)
@@ -107,8 +106,8 @@ def run_pass(
 
 
 def worth(innovation: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Log-likelihood gained and normalised square, ``(K, B)`` each, of innovations ``(K, B, m, 1 +
-    m)`` as in ``Stretch``; ``valid (m, K)``.
+    """Log-likelihood and normalised square, ``(K, B)`` each, of innovations ``(K, B, m, 1 + m)`` as
+    in ``PassStretch``; ``valid (m, K)``.
     """
     rows = innovation.copy()
     variance = decorrelated(rows)
@@ -118,8 +117,8 @@ def worth(innovation: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def sound_so_far(done: PassStretch, squared: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """Which runs hold numbers that serve up to each sample, finite and no negative variance: ``(K,
-    B)``, from ``before (B,)``.
+    """Whether runs are finite, without a negative variance, up to each sample: ``(K, B)``, given
+    ``before (B,)``.
     """
     variance = np.diagonal(done.covariance, axis1=2, axis2=3)
     # What is not finite stays so: the last sample tells of all. Sums of squares are the cheapest
@@ -141,8 +140,8 @@ def sound_so_far(done: PassStretch, squared: np.ndarray, before: np.ndarray) -> 
 def _last_sound(
     done: PassStretch, good: np.ndarray, x: np.ndarray, P: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean ``(n, B)`` and covariance ``(B, n, n)`` of each run after its last sound sample; ``x``
-    and ``P`` are those before the stretch.
+    """Mean ``(n, B)`` and covariance ``(B, n, n)`` of each run after its last finite sample; ``x``
+    and ``P``: before the first one.
     """
     if good[-1].all():
         return done.mean[-1].T, done.covariance[-1]
@@ -162,7 +161,7 @@ def _keep(
     good: np.ndarray,
     before: tuple[np.ndarray, np.ndarray],
 ) -> None:
-    """Write a stretch into the history; runs that broke down stay where they were."""
+    """Write samples into the history; runs that have diverged keep their last values."""
     mean, variance = done.mean, np.diagonal(done.covariance, axis1=2, axis2=3)
     if not good.all():
         count = np.count_nonzero(good, axis=0)
@@ -296,7 +295,7 @@ def run_bank(
 def bank_estimate(
     problem: FilterProblem, result: BankPass, iterations: np.ndarray, *, sound: np.ndarray
 ) -> BankEstimate:
-    """A pass as an estimate; a run that is not ``sound`` has a likelihood of zero."""
+    """A pass as an estimate; the likelihood of a run that is not ``sound`` is zero."""
     kept = result.history
     log_likelihood = np.where(sound, result.log_likelihood, -np.inf)
     estimate = (
@@ -324,7 +323,7 @@ def bank_runs(
     fixed_values: Mapping[str, np.ndarray] | None = None,
     start: np.ndarray | None = None,
 ) -> tuple[FilterProblem, BankRuns]:
-    """What a bank filters, from the arguments of ``run_bank``."""
+    """Return the runs of a bank, from the arguments of ``run_bank``."""
     problem = filter_problem(record, system, settings.max_step)
     n = len(problem.names)
     p: list = list(problem.p)
@@ -403,10 +402,10 @@ def filter_alone(
     settings: FilterSettings | None = None,
     about: np.ndarray | None = None,
 ) -> Estimate:
-    """One pass of one filter by the own kernel, with everything a smoother or a report asks for.
+    """Filter one run with the batched kernel, with the history for a smoother or a report.
 
-    ``about (n, N)`` is a trajectory at the samples to linearise about, instead of the filter's own
-    estimate.
+    ``about (n, N)``: trajectory at the samples to linearise about, instead of the mean.
+
 
     Raises
     ------
@@ -422,10 +421,9 @@ def filter_batched(
     start: np.ndarray | None = None,
     about: np.ndarray | None = None,
 ) -> Estimate:
-    """``filter_by_filterpy`` by the own kernel: by the table of the equations, else by a bank of
-    one run. Arguments as there.
+    """Run ``filter_by_filterpy`` with the batched kernel, same arguments.
 
-    A filter that breaks down is left to ``filter_by_filterpy``, which says how.
+    A filter that diverges is passed on to ``filter_by_filterpy``, which reports how.
     """
     by_table = filter_by_table(problem, settings, start, about)
     if by_table is not None:
@@ -520,7 +518,8 @@ def run_iterated_bank(
     iterations: int = ITERATIONS,
     tolerance: float = SETTLED,
 ) -> tuple[BankEstimate, np.ndarray]:
-    """Run B filters, each linearised anew about its own smoothed result until none moves further.
+    """Run B filters, each linearised about its own smoothed trajectory, until they converge.
+
 
     Parameters
     ----------
@@ -572,7 +571,7 @@ def run_iterated_bank(
 
 
 def smoothed(trace: BankTrace) -> np.ndarray:
-    """Means given all samples, ``(n, N, B)``, of the linear problem that a pass solved.
+    """Smoothed means, ``(n, N, B)``, of the linearised problem of a pass.
 
     lambda[k] = l - H^T S^-1 (H P l + y) with l = Phi[k+1]^T lambda[k+1] and zero at the end; x_s =
     x - P_filtered l.

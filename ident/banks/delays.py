@@ -70,7 +70,9 @@ def run_one_by_one(
     *,
     fixed_values: Mapping[str, np.ndarray],
 ) -> BankEstimate:
-    """Run ``run_bank`` by B calls of ``run_ekf`` with filterpy, for ``fixed_values (B,)`` by name."""
+    """Run ``run_bank`` by B calls of ``run_ekf`` with filterpy; ``fixed_values``: ``(B,)`` by
+    name.
+    """
     estimates = [
         run_ekf(record, each, settings, by=filter_by_filterpy)
         for each in _systems(system, fixed_values)

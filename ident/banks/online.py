@@ -47,7 +47,8 @@ class Rows(NamedTuple):
 
 
 class BankState(NamedTuple):
-    """The bank after a row; nothing in it is ever changed.
+    """State of the bank after a row; immutable.
+
 
     Attributes
     ----------
@@ -73,12 +74,12 @@ class BankState(NamedTuple):
 
     @property
     def time(self) -> float:
-        """Of the row, s."""
+        """Time of the row, s."""
         return float(self.past_time[-1])
 
     @property
     def best(self) -> int:
-        """The most likely filter."""
+        """Index of the most likely filter."""
         return int(self.log_likelihood.argmax())
 
     def std(self, run: int) -> np.ndarray:
@@ -88,12 +89,12 @@ class BankState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class OnlineBank:
-    """What stays the same from row to row: the System with ``p`` (the delays in it), tables of its
-    equations, and the start.
+    """Constants of an on-line bank: the System with ``p`` (the delays in it), its tables, and the
+    start.
 
-    ``names`` are the ``n`` states and free parameters, ``units`` those of the parameters; ``start``
-    is ``(n,)`` for all filters or ``(n, B)``; ``gate`` is in standard deviations, ``interval`` in
-    s; ``memory`` (s) is how far back the recent inputs are kept.
+    ``names``: the ``n`` states and free parameters, ``units`` those of the parameters. ``start``:
+    ``(n,)`` for all filters or ``(n, B)``. ``gate``: of spikes, in standard deviations;
+    ``interval``: s. ``memory``: s of inputs that are kept.
     """
 
     system: System
@@ -205,8 +206,8 @@ def online_bank(
 def with_delays(
     bank: OnlineBank, delays: np.ndarray, start: np.ndarray | None = None
 ) -> OnlineBank:
-    """The bank with other delays ``(B,)`` (s, in any order, a delay may stand several times), and
-    starts ``(n,)`` or ``(n, B)`` where given.
+    """The bank with other delays ``(B,)`` (s, in any order), and starts ``(n,)`` or ``(n, B)`` if
+    given.
     """
     # The delays are the only held value that is an array.
     p = [delays if np.ndim(value) else value for value in bank.p]
@@ -220,7 +221,7 @@ def with_delays(
 
 
 def begin(bank: OnlineBank, rows: Rows) -> BankState:
-    """The state after the first row, the only one in ``rows``."""
+    """Return the state after the first row, the only one in ``rows``."""
     B, m, n_u = len(bank.delays), len(bank.R), len(bank.system.inputs)
     x = np.array(
         np.broadcast_to(
@@ -247,7 +248,7 @@ def begin(bank: OnlineBank, rows: Rows) -> BankState:
 
 
 def advance(bank: OnlineBank, state: BankState, rows: Rows) -> list[BankState]:
-    """The states after each of ``rows``, which follow the state's in time."""
+    """Return the states after each of ``rows``, which follow the state in time."""
     if rows.time.size == 0:
         return []
     known = state.past_time.size
@@ -272,9 +273,12 @@ def advance(bank: OnlineBank, state: BankState, rows: Rows) -> list[BankState]:
 
 
 class _Nodes(NamedTuple):
-    """Nodes to go through: all times and inputs, the past's among them; the steps between nodes
-    that lead to each row, their sizes (s) and inputs at the vehicle ``(M, B, n_u)``; and for each
-    row the oldest node that is still needed, and its own."""
+    """Nodes of the integration.
+
+    All times and inputs, with those of the past; the steps between nodes that lead to each row,
+    their sizes (s) and inputs at the vehicle ``(M, B, n_u)``; and for each row the oldest node that
+    is still needed, and its own.
+    """
 
     time: np.ndarray
     inputs: np.ndarray
@@ -304,7 +308,7 @@ def _nodes(bank: OnlineBank, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _through(
     bank: OnlineBank, state: BankState, way: _Nodes, outputs: np.ndarray
 ) -> list[BankState]:
-    """The states after the rows of a way with their samples ``(m, K)``, NaN where missing."""
+    """States after the rows of ``way`` with their samples ``(m, K)``, NaN where missing."""
     z, count = outputs.copy(), outputs.shape[1]
     states: list[BankState] = []
     first, length = 0, count
@@ -325,9 +329,7 @@ def _through(
 
 
 class _Assessed(NamedTuple):
-    """What was found of one row's samples before spikes were left out, ``(m,)`` each as in
-    ``BankState``.
-    """
+    """Test of one row's samples for spikes, ``(m,)`` each as in ``BankState``."""
 
     innovation: np.ndarray
     expected: np.ndarray
@@ -343,8 +345,9 @@ def _filtered(
     z: np.ndarray,
     judged: _Assessed | None,
 ) -> tuple[list[BankState], _Assessed | None]:
-    """The states after ``rows`` up to the first with a new spike, and what was found of that one.
-    The first row is not judged again.
+    """States after ``rows`` up to the first with a new spike, and the test of that row.
+
+    The first row is not tested again.
     """
     valid = ~np.isnan(z)
     missing = [None if column.all() else np.flatnonzero(~column) for column in valid.T]
@@ -407,7 +410,7 @@ def _filtered(
 
 
 def bank_estimate(bank: OnlineBank, state: BankState) -> BankEstimate:
-    """The state in the terms of ``run_bank``; no row's nis is kept."""
+    """The state as a result of ``run_bank``, without normalised squares of the rows."""
     P = 0.5 * (state.covariance + np.swapaxes(state.covariance, 1, 2))
     log_likelihood = np.where(state.sound, state.log_likelihood, -np.inf)
     B = len(bank.delays)
@@ -429,8 +432,9 @@ MEDIAN_SQUARE = 0.454936
 
 
 class FinalStates(NamedTuple):
-    """Where K starts have come to after each of N rows: ``mean (N, K, n)`` and ``delay (N, K)`` (s)
-    of the most likely filter of each; ``sound (N, K)``."""
+    """Results of K starts after each of N rows: ``mean (N, K, n)`` and ``delay (N, K)`` (s) of the
+    most likely filter of each; ``sound (N, K)``.
+    """
 
     mean: np.ndarray
     delay: np.ndarray
@@ -438,9 +442,11 @@ class FinalStates(NamedTuple):
 
 
 class StartSpread(NamedTuple):
-    """Of each of N rows: standard deviations ``std (N, n)`` that the start and the grid of delays
-    add to those of the most likely filter, and ``delay (N,)`` (s) to the delay's; infinite where
-    half of the starts broke down. ``differences (N, K, n)`` from the declared start."""
+    """Uncertainty after each of N rows that comes from the start and the grid of delays.
+
+    ``std (N, n)`` and ``delay (N,)`` (s) add to the standard deviations of the most likely filter;
+    infinite if half of the starts diverged. ``differences (N, K, n)`` from the declared start.
+    """
 
     std: np.ndarray
     delay: np.ndarray
@@ -470,8 +476,8 @@ def moved_starts(bank: OnlineBank, factors: Sequence[str]) -> np.ndarray:
 
 
 def bank_of_starts(bank: OnlineBank, starts: np.ndarray) -> OnlineBank:
-    """All delays of a bank from each start ``(n, K)``, start by start. It looks for no spikes: they
-    are taken out by the bank beside it.
+    """All delays of a bank from each start ``(n, K)``, start by start, without a test for
+    spikes.
     """
     count = starts.shape[1]
     return replace(
@@ -481,7 +487,7 @@ def bank_of_starts(bank: OnlineBank, starts: np.ndarray) -> OnlineBank:
 
 
 def final_states_of(bank: OnlineBank, states: Sequence[BankState], delays: int) -> FinalStates:
-    """The most likely filter of each start in states of a ``bank_of_starts`` with so many delays a
+    """Most likely filter of each start in states of a ``bank_of_starts`` with ``delays`` delays a
     start.
     """
     K, n = len(bank.delays) // delays, len(bank.names)
@@ -495,7 +501,7 @@ def final_states_of(bank: OnlineBank, states: Sequence[BankState], delays: int) 
 
 
 def spread_of(bank: OnlineBank, states: Sequence[BankState], ends: FinalStates) -> StartSpread:
-    """How far the starts end from the declared one, whose bank has these ``states``, with what lies
+    """Spread of the starts about the declared one, whose bank has these ``states``, with that
     between the points of its grid of delays.
     """
     likely = np.array([np.where(state.sound, state.log_likelihood, -np.inf) for state in states])
@@ -529,7 +535,7 @@ def spread_covariance(std: np.ndarray, differences: np.ndarray) -> np.ndarray:
 
 
 def _typical(differences: np.ndarray, sound: np.ndarray) -> np.ndarray:
-    """Variances by the median square over the starts, the second axis; a start that broke down is
-    infinitely far.
+    """Variances by the median square over the starts, the second axis; of a diverged start
+    infinite.
     """
     return np.median(np.where(sound, np.square(differences), np.inf), axis=1) / MEDIAN_SQUARE

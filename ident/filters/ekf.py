@@ -55,7 +55,8 @@ _FEW = 6  # states and parameters below which column by column is the cheaper Ja
 
 @dataclass(frozen=True)
 class FilterSettings:
-    """How a filter integrates.
+    """Integration and linearisation of a filter.
+
 
     Attributes
     ----------
@@ -170,8 +171,8 @@ def filter_by_complex_step(
     start: np.ndarray | None = None,
     about: np.ndarray | None = None,
 ) -> Estimate:
-    """``filter_by_filterpy`` with matrices from complex steps, also where the equations have a
-    table: the reference for tables.
+    """Run ``filter_by_filterpy`` with matrices from complex steps also for bilinear equations: the
+    reference of the tables.
     """
     return _filtered(problem, _by_complex_step(problem, settings), start, about)
 
@@ -214,7 +215,8 @@ def _filtered(
 
 @dataclass(frozen=True, eq=False)
 class _Linearised:
-    """The equations of one record as filterpy needs them.
+    """Equations of one record in the form that filterpy needs.
+
 
     Attributes
     ----------
@@ -228,7 +230,7 @@ class _Linearised:
 
 
 def _linearised(problem: FilterProblem, settings: FilterSettings) -> _Linearised:
-    """By the table of the equations where they have one, else by complex steps."""
+    """Equations by their table if they are bilinear, else by complex steps."""
     equations = table_equations(problem, settings.step, settings.transition)
     return (
         _by_complex_step(problem, settings) if equations is None else _by_table(problem, equations)
@@ -284,7 +286,7 @@ def _by_complex_step(problem: FilterProblem, settings: FilterSettings) -> _Linea
 
 
 def _predict(ekf: Any, equations: _Linearised, s: int, point: np.ndarray | None) -> None:
-    """filterpy's prediction over one sub-step, the mean integrated in its ``predict_x``; ``point
+    """Prediction over one sub-step with filterpy, the mean integrated in its ``predict_x``; ``point
     (n,)`` to linearise at moves along.
     """
     before = ekf.x[:, 0]
@@ -314,8 +316,8 @@ def _update(
     keeper: HistoryKeeper,
     point: np.ndarray | None,
 ) -> Outcome | None:
-    """filterpy's update (Joseph's form) with the channels that have a sample; how it broke down, if
-    it did.
+    """Update (Joseph's form) with filterpy, of channels that have a sample; returns how it
+    diverged, if so.
     """
     at = ekf.x[:, 0] if point is None else point
     expected, slopes = equations.look(k, at)
@@ -362,8 +364,9 @@ def run_iterated_ekf(
     first: System | None = None,
     by: OnePass = filter_by_filterpy,
 ) -> Estimate:
-    """Estimate states and free parameters by a filter that is linearised anew about its own
-    smoothed result.
+    """Estimate states and free parameters by a filter linearised about its own smoothed trajectory,
+    iterated to convergence.
+
 
     Parameters
     ----------
@@ -393,7 +396,7 @@ def run_iterated_ekf(
 def settled(
     estimate: Estimate, further: Callable[[SmoothedHistory], Estimate], iterations: int
 ) -> Estimate:
-    """Passes about the smoothed result of the one before, until no parameter moves by more than a
+    """Repeat passes about the last smoothed trajectory until no parameter changes by more than a
     hundredth of its sigma.
     """
     if estimate.outcome is not Outcome.CONVERGED:

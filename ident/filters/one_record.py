@@ -1,16 +1,16 @@
 """One pass of the extended Kalman filter over one record, with transition matrices and process
 noise.
 
-Eq. 8 of the simulated-flight-data paper (Taylor series of exp(F T)) and its eq. 13,
-Q_k = integral over the step of Phi(tau) Q Phi(tau)^T, solved in closed form for each choice.
+Eq. 8 of the simulated-flight-data paper (Taylor series of exp(F T)) and its eq. 13, Q_k = integral
+over the step of Phi(tau) Q Phi(tau)^T, solved in closed form for each choice.
 
-The same filter as filterpy's in `ident.filters.ekf`, Joseph's update in two products: with G = [H,
--I, y] and W of P and R side by side, H P and S come from G W, and P becomes B W B^T with B = [I - K
-H, K]. Every product lands in the history, and what broke down is looked for once, at the end.
+The filter equals filterpy's in `ident.filters.ekf`, with Joseph's update in two products: with G =
+[H, -I, y] and W of P and R side by side, H P and S come from G W, and P becomes B W B^T with B = [I
+- K H, K]. Results are written into the history, which is checked once at the end.
 
-At this size a call costs more than its arithmetic. All that is linear in w = (1, states,
-parameters, inputs) stands side by side in one table: the Jacobian, the halves of the values, the
-factors of the Runge-Kutta step and of the fundamental matrix.
+For such small matrices a call costs more than its arithmetic. So one table, times w = (1, states,
+parameters, inputs), gives all terms that are linear in w: the Jacobian, the halves of the values,
+the factors of the Runge-Kutta step and of the fundamental matrix.
 """
 
 from __future__ import annotations
@@ -89,11 +89,11 @@ class Taylor:
 def noise_of_series(
     r: int, density: np.ndarray, terms: int
 ) -> Callable[[list[np.ndarray], np.ndarray, float], np.ndarray | None]:
-    """Prepare the first r rows of Q_k for ``Phi = I + M_1 + ... `` of so many terms, M_k = F^k dt^k
-    / k!, F zero below its first r rows.
+    """Prepare the first r rows of Q_k for ``Phi = I + M_1 + ...`` with ``terms`` terms, M_k = F^k
+    dt^k / k!, F zero below its first r rows.
 
-    The function takes the same rows of the M_k ``(..., r, n)``, an array of their shape and the
-    step, and gives None where nothing drives.
+    The returned function takes the same rows of the M_k ``(..., r, n)``, an array of their shape
+    and the step (s); it gives None without process noise.
     """
     driven = np.flatnonzero(density)
     walking, width, walks = driven >= r, driven.size, bool(np.any(driven >= r))
@@ -180,8 +180,9 @@ def log_gaussian(y: np.ndarray, S: np.ndarray) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class FilterEquations:
-    """The equations of one filter, evaluated at a point that they keep (n states and free
-    parameters, n_x states, m outputs).
+    """Equations of one filter at its point of linearisation (n states and free parameters, n_x
+    states, m outputs).
+
 
     Attributes
     ----------
@@ -208,11 +209,11 @@ def filter_one(
     about: np.ndarray | None,
     buffers: FilterBuffers,
 ) -> bool:
-    """Filter a record from ``start (n,)``, linearised about the trajectory ``about (n, N)`` where
-    given; fills ``buffers``.
+    """Filter a record from ``start (n,)`` and fill ``buffers``; ``about (n, N)``: trajectory to
+    linearise about.
 
-    False where an innovation's covariance is not positive definite. Other numbers may be infinite
-    or NaN: the caller looks.
+    Returns False if the covariance of an innovation is not positive definite. Other results may be
+    infinite or NaN; the caller checks them.
     """
     from scipy.linalg.lapack import dposv
 
@@ -278,8 +279,8 @@ def filter_one(
 
 
 def _left_out(gone: np.ndarray, G: np.ndarray, W: np.ndarray) -> np.ndarray:
-    """Make the channels ``gone`` ones that say nothing: no slopes, no innovation, one in S. Returns
-    ``G`` as it was.
+    """Remove the channels ``gone`` from an update: zero slopes and innovation, one in S. Returns
+    the old ``G``.
     """
     n, whole = len(W) - len(G) - 1, G.copy()
     G[gone, :n] = G[gone, -1] = 0.0
@@ -293,8 +294,8 @@ def _prediction(
     about: np.ndarray | None,
     transition: np.ndarray,
 ) -> Callable[[int, np.ndarray, np.ndarray, np.ndarray], None]:
-    """Moves the mean in place and the covariance into its place over the sub-steps to sample k, and
-    fills their fundamental matrix.
+    """Function that moves mean and covariance over the sub-steps to sample k, and fills the
+    fundamental matrix.
     """
     move, point, n = equations.move, equations.point, len(problem.names)
     n_x, dot = len(problem.system.states), np.dot
@@ -335,8 +336,8 @@ _TERMS = {Taylor(2): 2, Taylor(3): 3}
 def table_equations(
     problem: FilterProblem, step: Step, transition: Transition
 ) -> FilterEquations | None:
-    """None where the equations are not bilinear, an input changes within a step, or integrator or
-    transition are none of those written here.
+    """Equations from the table; None if they are not bilinear, an input changes within a step, or
+    there is no closed form for integrator or transition.
     """
     if step not in _ORDERS or transition not in _TERMS or not constant_within_steps(problem.drive):
         return None
@@ -354,8 +355,8 @@ def table_equations(
 def _motion(
     f: Bilinear, w: np.ndarray, problem: FilterProblem, steps: int, terms: int
 ) -> Callable[[int, np.ndarray], np.ndarray | None]:
-    """``Equations.move``: moves the states in ``w`` and fills the state rows of the fundamental
-    matrix.
+    """``FilterEquations.move``: moves the states in ``w`` and fills the state rows of the
+    fundamental matrix.
     """
     width, n, n_x = len(w), f.n, len(problem.system.states)
     coefficients = f.table.reshape(width, n_x, n + width)
@@ -414,8 +415,8 @@ def _motion(
 def _stages(
     A: np.ndarray, none: np.ndarray, one: np.ndarray, steps: int
 ) -> list[tuple[list[list[np.ndarray]], list[list[np.ndarray]]]]:
-    """Matrices that lead from f to (I + A/2 (I + A/3 (I + A/4))) f one after the other, f carried
-    along in between; none for a single step.
+    """Matrices that lead from f to (I + A/2 (I + A/3 (I + A/4))) f one after the other; none for a
+    single step.
     """
     if steps == 1:
         return []
@@ -426,8 +427,8 @@ def _stages(
 
 
 def _feeding(w: np.ndarray, n: int, rows: Sequence[np.ndarray]) -> Callable[[int], None]:
-    """Writes the inputs of a step into the end of ``w``, after one and ``n`` more; a single one,
-    the usual case, as a number.
+    """Function that writes the inputs of a step into the end of ``w``, after one and ``n``
+    entries.
     """
     inputs = w[1 + n :]
     if not len(inputs):
@@ -450,10 +451,10 @@ def _feeding(w: np.ndarray, n: int, rows: Sequence[np.ndarray]) -> Callable[[int
 def _noise(
     problem: FilterProblem, half: np.ndarray, slopes: np.ndarray, terms: int
 ) -> Noise | None:
-    """Q_k of the step that was made last, None where nothing drives: sum over i, j of M_i Q M_j^T
-    dt / (i + j + 1), M_i the terms of Phi.
+    """Q_k of the last step, None without process noise: sum over i, j of M_i Q M_j^T dt / (i + j +
+    1), M_i the terms of Phi.
 
-    ``half (n_x, n_x)`` is I + A/2, ``slopes (n_x, n)`` F, both with the step in them.
+    ``half (n_x, n_x)``: I + A/2; ``slopes (n_x, n)``: F; both times the step.
     """
     driven, order = np.flatnonzero(problem.density), np.arange(terms)
     if not driven.size:

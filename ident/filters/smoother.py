@@ -73,7 +73,7 @@ def smooth(history: FilterHistory) -> SmoothedHistory:
 
 def _backwards(history: FilterHistory) -> tuple[np.ndarray, np.ndarray]:
     """r and W at every sample but the last, ``(N - 1, n)`` and ``(N - 1, n, n)``: r <- c + M^T r, W
-    <- D + M^T W M with what each sample brings.
+    <- D + M^T W M, with c, D and M of each sample.
     """
     H, G, later = history.sensitivity[1:], history.transition[1:], slice(1, None)
     N, n = len(G), len(history.names)
@@ -116,7 +116,8 @@ _ROUNDING = 1e-9  # of a covariance, below which a difference of two is no proce
 
 @dataclass(frozen=True, eq=False)
 class ColouredInnovations:
-    """What coloured innovations do to the standard deviations of a filter's parameters.
+    """Corrections of a filter's standard deviations for coloured innovations.
+
 
     Attributes
     ----------
@@ -201,8 +202,8 @@ def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
 
 
 def with_coloured_covariance(estimate: Estimate) -> Estimate:
-    """The estimate with its covariance corrected for coloured innovations; unchanged where there is
-    no correction.
+    """The estimate with its covariance corrected for coloured innovations, if there is a
+    correction.
     """
     result = coloured_innovations(estimate)
     return (
@@ -213,11 +214,11 @@ def with_coloured_covariance(estimate: Estimate) -> Estimate:
 
 
 def _whitened(history: FilterHistory, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals ``(m, N)`` and their slopes ``(m, N, n)`` with the initial state and the parameters
-    at their smoothed values, of unit variance.
+    """Residuals ``(m, N)`` and slopes ``(m, N, n)`` at the smoothed initial state and parameters,
+    scaled to unit variance.
 
-    The history is a linear filter: what it predicted, its matrices and its innovations give the
-    same filter from another start, whose covariance is that of the process noise alone.
+    The history is that of a linear filter: its predictions, matrices and innovations give the same
+    filter from another start, whose covariance is that of the process noise alone.
     """
     H, Phi, n, N = history.sensitivity, history.transition, len(history.names), len(history.time)
     noise = _process_noise(history)
@@ -242,9 +243,7 @@ def _whitened(history: FilterHistory, variance: np.ndarray) -> tuple[np.ndarray,
 
 
 def _process_noise(history: FilterHistory) -> np.ndarray | None:
-    """Q_k ``(N, n, n)`` of each step, what a prediction added to the covariance; None where that is
-    rounding alone.
-    """
+    """Q_k ``(N, n, n)`` that each prediction added to the covariance; None if that is rounding."""
     Phi, after = history.transition[1:], history.covariance[:-1]
     before = history.predicted_covariance[1:]
     added = before - Phi @ after @ Phi.transpose(0, 2, 1)

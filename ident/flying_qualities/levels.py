@@ -54,7 +54,7 @@ SIGMAS = 2.0
 
 @dataclass(frozen=True)
 class Quality:
-    """One quantity: value and standard deviation by linearisation, in ``unit``."""
+    """A flying-qualities parameter: value and standard deviation (by linearisation) in ``unit``."""
 
     name: str
     value: float
@@ -64,11 +64,11 @@ class Quality:
 
 @dataclass(frozen=True)
 class LevelCriterion:
-    """Ranges ``(low, high)`` of levels 1, 2 and 3 of a quantity for a flight-phase category, and
-    where they stand.
+    """Ranges ``(low, high)`` of levels 1, 2 and 3 of a parameter in one flight-phase category.
 
-    ``classes`` of aircraft that they hold for. ``raised_by``: of a Dutch roll, by how much the low
-    ends rise with each (rad/s)^2 by which its squared frequency times |phi/beta| exceeds 20.
+    ``source``: paragraph of the specification; ``classes`` of aircraft it applies to.
+    ``raised_by``: increase of the low ends of a Dutch roll for each (rad/s)^2 by which its squared
+    frequency times |phi/beta| exceeds 20.
     """
 
     quantity: str
@@ -81,7 +81,8 @@ class LevelCriterion:
 
 @dataclass(frozen=True)
 class QualityLevel:
-    """A quantity held against a criterion.
+    """A parameter compared with a criterion.
+
 
     Attributes
     ----------
@@ -150,9 +151,7 @@ def qualities(
 
 
 def criteria(aircraft_class: str = "IV") -> tuple[LevelCriterion, ...]:
-    """The boundaries of the data file for a class of ``CLASSES``; a fighter's when none is
-    named.
-    """
+    """Return the boundaries for an aircraft class of ``CLASSES``; class IV if none is given."""
     return tuple(criterion for criterion in _every() if aircraft_class in criterion.classes)
 
 
@@ -177,7 +176,7 @@ def _every() -> tuple[LevelCriterion, ...]:
 def levels(
     quality_values: Sequence[Quality], against: Sequence[LevelCriterion] | None = None
 ) -> tuple[QualityLevel, ...]:
-    """Every quantity against every criterion for it, in the order of the criteria."""
+    """Compare every parameter with every criterion for it, in the order of the criteria."""
     by_name = {quality.name: quality for quality in quality_values}
     out = []
     for criterion in criteria() if against is None else against:
@@ -201,7 +200,7 @@ def levels(
 
 
 def level_of(value: float, criterion: LevelCriterion) -> int:
-    """The best level whose range holds the value, 4 when none does."""
+    """Return the best level whose range contains the value, 4 if none does."""
     for number, (low, high) in enumerate(criterion.levels, start=1):
         if low <= value <= high:
             return number
@@ -259,9 +258,7 @@ MODES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 @dataclass(frozen=True)
 class FlightPhase:
-    """An aircraft's class and the category of its flight phase; ``assumed`` are those of the two
-    that nobody declared.
-    """
+    """Aircraft class and flight-phase category; ``assumed`` names those that nobody declared."""
 
     aircraft_class: str = "II-L"
     category: str = "B"
@@ -290,18 +287,19 @@ class ModeLevel:
 
     @property
     def probability(self) -> float:
-        """Of the most probable level."""
+        """Probability of the most probable level."""
         return self.probabilities[self.level - 1]
 
     @property
     def determined(self) -> bool:
-        """Whether these data tell the level."""
+        """Whether one level is clearly the most probable."""
         return self.probability >= DETERMINED
 
 
 def flight_phase_of(aircraft_class: str | None, category: str | None) -> FlightPhase:
-    """A declared class (II stands for II-L, from land) and category; what is None is assumed.
-    Raises DeclarationError for what does not exist.
+    """Return a declared class (II means II-L, land-based) and category, assumed where None.
+
+    Raises DeclarationError for an unknown one.
     """
     assumed = tuple(
         name for name, given in (("class", aircraft_class), ("category", category)) if given is None
@@ -328,8 +326,9 @@ def flight_phase_of(aircraft_class: str | None, category: str | None) -> FlightP
 
 
 def mode_levels(characteristics: Characteristics, flown: FlightPhase) -> tuple[ModeLevel, ...]:
-    """The level of each mode that the model has, in the order of ``MODES``; the same
-    characteristics give the same numbers.
+    """Return the level of each mode of a model, in the order of ``MODES``.
+
+    The random samples of the characteristics are the same at every call.
     """
     rules = [
         rule for rule in criteria(flown.aircraft_class) if rule.category in (flown.category, "all")
@@ -372,7 +371,7 @@ def _level(
 
 
 def _reached(rule: LevelCriterion, quantities: Mapping[str, np.ndarray]) -> np.ndarray:
-    """The best level that each draw meets."""
+    """Best level that each random sample ``(N,)`` meets."""
     value = quantities[rule.quantity]
     reached = np.full(value.shape, WORST)
     for number in range(len(rule.levels), 0, -1):
@@ -392,7 +391,7 @@ def _range(
 
 
 def _draws(characteristics: Characteristics) -> np.ndarray:
-    """``(k, DRAWS)`` of a Gaussian, the same each time; each draw has its mirror image."""
+    """Random samples ``(k, DRAWS)`` of a Gaussian, the same at every call, in antithetic pairs."""
     scale = np.sqrt(np.maximum(np.diag(characteristics.covariance), 0.0))
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
     values, vectors = np.linalg.eigh(characteristics.covariance * np.outer(inverse, inverse))
@@ -402,7 +401,7 @@ def _draws(characteristics: Characteristics) -> np.ndarray:
 
 
 def _quantities(names: Sequence[str], draws: np.ndarray) -> dict[str, np.ndarray]:
-    """What the limits speak of, for each draw ``(k, N)`` of the characteristics ``names``."""
+    """Parameters of the limits for each sample ``(k, N)`` of the characteristics ``names``."""
     values = dict(zip(names, draws, strict=True))
     out: dict[str, np.ndarray] = {}
     for mode, prefix in (
@@ -439,8 +438,8 @@ def _quantities(names: Sequence[str], draws: np.ndarray) -> dict[str, np.ndarray
 
 
 def _of_pair(rate: np.ndarray, stiffness: np.ndarray) -> dict[str, np.ndarray]:
-    """Of the roots of s^2 + rate s + stiffness; a pair with a root above zero and one below has no
-    frequency, and less than no damping.
+    """Frequency and damping of the roots of s^2 + rate s + stiffness; a pair with real roots of
+    opposite sign has no frequency and negative damping.
     """
     frequency = np.sqrt(np.maximum(stiffness, 0.0))
     damping = np.divide(
@@ -481,7 +480,9 @@ Values = Mapping[str, float]
 def form_qualities(
     function: FittedResponse, airspeed: float | None = None, *, dutch_roll: bool = True
 ) -> tuple[Quality, ...]:
-    """Quantities of a fitted form with standard deviations by linearisation; none of plain orders.
+    """Parameters of a fitted low-order form with standard deviations by linearisation; none for
+    transfer functions given by their orders.
+
 
     Parameters
     ----------
@@ -501,7 +502,7 @@ def form_qualities(
 def form_levels(
     quality_values: tuple[Quality, ...], aircraft_class: str, category: str
 ) -> tuple[QualityLevel, ...]:
-    """Quantities against the limits of a class of aircraft and a category of flight phase."""
+    """Compare parameters with the limits for an aircraft class and a flight-phase category."""
     chosen = [each for each in criteria(aircraft_class) if each.category in (category, EVERY)]
     return levels(quality_values, chosen)
 
@@ -538,7 +539,7 @@ def _quantities_of_form(
 def _propagated(
     function: FittedResponse, value: Callable[[Values], float]
 ) -> tuple[float, float] | None:
-    """Value and standard deviation; None where it is not finite."""
+    """Value and standard deviation of a function of estimates; None if not finite."""
     p = dict(function.values)
     slopes = []
     try:

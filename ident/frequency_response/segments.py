@@ -46,7 +46,8 @@ _SMALLEST = np.finfo(float).tiny
 
 @dataclass(frozen=True, eq=False)
 class Regression:
-    """Coefficients of one output.
+    """Complex coefficients of one output, from ``regress``.
+
 
     Attributes
     ----------
@@ -172,10 +173,10 @@ class Segments:
     overlap: csr_array
 
     def usable(self, frequency: np.ndarray, shorter: float = SHORTER) -> np.ndarray:
-        """Whether a row's window is long enough for a frequency in Hz, bool ``(R, F)``.
+        """Whether the window of a row is long enough for a frequency in Hz, bool ``(R, F)``.
 
-        The longest window of those that are there serves down to ``LOWEST`` periods, shorter ones
-        to ``shorter``, where what their derivatives leave of the bias is small.
+        The longest window is used down to ``LOWEST`` periods, shorter ones down to ``shorter``
+        periods, where the bias left by the derivatives is small.
         """
         lengths = np.array(self.lengths)[self.windows]
         least = np.where(lengths < lengths.max() * (1.0 - 1e-9), shorter, LOWEST)
@@ -287,8 +288,9 @@ def _hann_rows(
 def hann_of_blocks(
     parts: np.ndarray, step: float, hop: int, frequency: np.ndarray, derivatives: int
 ) -> np.ndarray:
-    """Transforms ``(S, D, B - 3, F)`` under Hann windows of four blocks in a row, each from its own
-    first sample.
+    """Transforms ``(S, D, B - 3, F)`` under Hann windows of four successive blocks; times count
+    from the first sample of each window.
+
 
     Parameters
     ----------
@@ -314,16 +316,18 @@ def hann_of_blocks(
 
 
 def unit_rows(step: float, hop: int, frequency: np.ndarray, derivatives: int) -> np.ndarray:
-    """Transforms ``(2, D, F)`` of one and of the centred sample numbers under a Hann window of four
-    blocks."""
+    """Transforms ``(2, D, F)`` of a constant one and of the centred sample numbers under a Hann
+    window of four blocks.
+    """
     size = OVERLAP * hop
     line = np.stack([np.ones(size), np.arange(size) - 0.5 * (size - 1)])
     return _hann_rows(line, step, hop, 1, frequency, derivatives)[:, :, 0]
 
 
 def overlap_of(spans: np.ndarray, owner: np.ndarray) -> csr_array:
-    """Inner products ``(R, R)`` of unit Hann windows from their starts and lengths, s; not to be
-    changed, since windows at the same places are given the same array again.
+    """Inner products ``(R, R)`` of unit Hann windows from their starts and lengths, s.
+
+    Do not change the result: windows at the same places share one array.
     """
     spans, owner = np.ascontiguousarray(spans, float), np.ascontiguousarray(owner, np.int64)
     return _overlap(spans.tobytes(), owner.tobytes())
@@ -404,10 +408,11 @@ def estimate_response(
 ) -> SingleInputResponse:
     """Estimate the response by averaging cross spectra over sine tapers.
 
-    Averaging over the tapers' bandwidth flattens a response that turns quickly with frequency, and
-    a low-order fit reads that as damping. Each output is therefore aligned with the input by its
-    lag beforehand (the lag is put back); what bias remains falls with fewer tapers and longer
+    Averaging over the bandwidth of the tapers flattens a response whose phase changes quickly with
+    frequency; a low-order fit reads that as damping. So each output is first aligned with the input
+    by its lag, which is restored afterwards. The remaining bias falls with fewer tapers and longer
     records.
+
 
     Parameters
     ----------
@@ -470,8 +475,8 @@ def estimate_response(
 
 
 def _lag(u: np.ndarray, y: np.ndarray, latest: int) -> int:
-    """By how many samples the output follows the input: where the size of their correlation is
-    largest, up to ``latest``.
+    """Lag of the output behind the input in samples, at most ``latest``: the largest absolute
+    cross-correlation.
     """
     sums = [abs(float(u[: len(u) - k] @ y[k:])) for k in range(min(latest, len(u) - 1) + 1)]
     return int(np.argmax(sums))
@@ -479,8 +484,11 @@ def _lag(u: np.ndarray, y: np.ndarray, latest: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class ResponseFit:
-    """A model fitted to a frequency response: parameter values by name, mismatch as the weighted
-    mean of (error in dB)^2 + 0.01745 (error in deg)^2, whether the search ended at a minimum."""
+    """A model fitted to a frequency response.
+
+    ``values``: parameters by name. ``mismatch``: weighted mean of (error in dB)^2 + 0.01745 (error
+    in deg)^2. ``converged``: whether the search ended at a minimum.
+    """
 
     values: Mapping[str, float]
     mismatch: float

@@ -471,7 +471,7 @@ ANSWERED = 0.9  # share of the bends at changes of an input: the vehicle answers
 
 @dataclass(frozen=True, eq=False)
 class _Pattern:
-    """Samples ``(n,)`` that were measured, their mean spacing, and the interpolation of the others."""
+    """Measured samples ``(n,)``, their mean spacing, and the interpolation of the others."""
 
     fresh: np.ndarray
     period: float

@@ -1,4 +1,4 @@
-"""Records and results as files, and the study folder that holds them."""
+"""Write records and results as files, and study folders as a whole."""
 
 from __future__ import annotations
 
@@ -96,7 +96,8 @@ def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
     """Write strict JSON: keys sorted, lists of plain values on one line, the same bytes for the
     same content.
 
-    NumPy numbers and arrays, tuples, enums and paths are written as what they hold.
+    NumPy numbers and arrays, tuples, enums and paths are written as their values.
+
 
     Raises
     ------
@@ -145,10 +146,10 @@ _DEVICES = frozenset(
 
 
 def unportable(name: str) -> str:
-    """Why a file or folder cannot have this name on every system, as the end of a sentence; empty
-    where it can.
+    """Return why a file or folder cannot have this name on every system, as the end of a sentence;
+    empty if it can.
 
-    Windows refuses some characters, names of devices, and an end of a point or a space.
+    Windows refuses some characters, names of devices, and a final point or space.
     """
     refused = next((letter for letter in name if letter in '<>:"/\\|?*' or ord(letter) < 32), "")
     if refused:
@@ -236,8 +237,8 @@ _ENDING = tuple(
 
 
 class _Scratch:
-    """A temporary folder, and two open files set aside: where all others are used up, removing the
-    folder needs them.
+    """A temporary folder, and two spare open files, which its removal needs if all others are used
+    up.
     """
 
     def __init__(self, beside: Path, name: str) -> None:
@@ -344,7 +345,7 @@ def files_together(named: Path) -> Iterator[Path]:
 
 
 def _refuse_strangers(scratch: Path, named: Path) -> None:
-    """Raise FlightidError where a file beside the named one is there already and none of ours."""
+    """Raise FlightidError if a file beside the named one exists and is not ours."""
     beside = [named.parent / name for name in sorted(os.listdir(scratch)) if name != named.name]
     ours = {path for path in beside if path.suffix == ".json" and _is_ours(path)}
     for path in (named, *beside):
@@ -370,9 +371,7 @@ def _is_ours(path: Path) -> bool:
 
 @contextmanager
 def _uninterrupted(path: str | Path) -> Iterator[None]:
-    """What would end the process waits until the files are in their place, and then says so: a
-    study is there whole or not at all.
-    """
+    """Delay signals until the files are in their place, so that a study is complete or absent."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -394,7 +393,7 @@ def _uninterrupted(path: str | Path) -> Iterator[None]:
 
 
 def listed_files(main: Path) -> frozenset[str]:
-    """The files that a study's JSON lists as ours; none if it is not a study's or lists nothing."""
+    """Files that a study's JSON lists; empty for any other file."""
     content = json_or_none(main)
     if not isinstance(content, dict) or not str(content.get("schema", "")).startswith("flightid/"):
         return frozenset()
@@ -437,9 +436,7 @@ def _move_in(scratch: Path, target: Path, main: str, made: list[Path]) -> None:
 
 
 def _refuse_unportable(names: Sequence[str]) -> None:
-    """Raise ValueError where a study's files cannot all have their names on every system; free
-    names are refused when they are read.
-    """
+    """Raise ValueError if a name of a study's file is not allowed on every system."""
     for name in names:
         if why := unportable(name):
             raise ValueError(f"the name of the file {name!r} {why}")
@@ -460,7 +457,7 @@ def _rename(source: Path, target: Path) -> None:
 
 
 def _make(folder: Path, made: list[Path]) -> None:
-    """Make a folder and its parents, and note those that were not there."""
+    """Create a folder and its parents, and append those that were missing to ``made``."""
     missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     for parent in reversed(missing):
         parent.mkdir(exist_ok=True)
@@ -468,19 +465,19 @@ def _make(folder: Path, made: list[Path]) -> None:
 
 
 def _unmake(made: list[Path]) -> None:
-    """Remove folders that were made and are empty."""
+    """Remove folders that were created and are empty."""
     for folder in reversed(made):
         with contextlib.suppress(OSError):
             folder.rmdir()
 
 
 def _is_bare_name(name: str) -> bool:
-    """True for a file's bare name: nothing outside the folder may be named by a file in it."""
+    """Whether a name has no folder in it: a study's list may only name files inside its folder."""
     return name not in ("", ".", "..") and "/" not in name and "\\" not in name and "\0" not in name
 
 
 def unwritable(path: str | Path, error: OSError) -> FlightidError:
-    """The error for a place that cannot be written, with what the operating system says of it."""
+    """Return the error for a place that cannot be written, with the operating system's reason."""
     remedy = (
         "make room, or name a place on another disk"
         if error.errno in _FULL

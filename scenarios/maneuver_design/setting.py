@@ -125,10 +125,10 @@ MOST_HARMONICS = 60  # of all inputs together
 class ManeuverLimits:
     """Time and bandwidth available to maneuvers.
 
-    ``time (N,)`` in s; ``pulse`` (s), from the eigenvalues; number of ``inputs``. The first and
-    last two pulses are rest, which shows the trim and the decay of the motion. ``corners``: rad/s
-    of each input, above which a sine of full amplitude exceeds its rate limit; empty without a rate
-    limit. ``band``: rad/s, of sweeps and multisines; ``longest_sweep`` in s.
+    ``time (N,)`` in s; ``pulse`` (s), from the eigenvalues; number of ``inputs``; ``rest`` (s)
+    between maneuvers. The first and last two pulses are rest, which shows the trim. ``corners``:
+    rad/s of each input, above which a sine of full amplitude exceeds its rate limit. ``band``:
+    rad/s, of sweeps and multisines; ``longest_sweep`` in s.
     """
 
     time: np.ndarray
@@ -173,7 +173,7 @@ def steps_in_turn(
     single: Callable[[float, float, float], Maneuver],
     units: float,
 ) -> Shapes:
-    """A maneuver of ``units`` paces on each input in turn, with alternating sign, while time lasts."""
+    """A maneuver of ``units`` paces on each input in turn, with alternating sign."""
     length, gap = units * pace, max(2.0 * limits.pulse, pace, limits.rest)
     out = np.zeros((limits.inputs, len(limits.time)))
     at, count = limits.lead, 0

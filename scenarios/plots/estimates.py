@@ -163,8 +163,9 @@ def figure_watched(
 
 
 def figure_poles(poles: np.ndarray, draws: np.ndarray, title: str = "") -> Figure:
-    """Poles of an identified model in the upper half of the complex plane, with the cloud of what
-    the covariance of the estimates allows.
+    """Plot the poles of an identified model in the upper half of the complex plane, with samples
+    from the covariance of the estimates.
+
 
     Parameters
     ----------
@@ -208,9 +209,7 @@ def figure_poles(poles: np.ndarray, draws: np.ndarray, title: str = "") -> Figur
 
 
 def _unit(history: FilterHistory, name: str, unit: str, true: float) -> DisplayUnit:
-    """The unit with the power of a thousand that suits the largest of truth, later estimates and
-    their bands.
-    """
+    """Unit whose power of a thousand suits true value, later estimates and bands."""
     base, path = display_unit(unit, name), course(history, name)
     later = slice(len(history.time) // 2, None)
     reached = np.abs(path.mean[later]) + 2.0 * path.std[later]
@@ -387,7 +386,7 @@ def figure_correlation(
 
 
 def _short(value: float) -> str:
-    """A correlation in as few characters as tell it: ``.87``, ``−.95``."""
+    """A correlation in few characters: ``.87``, ``−.95``."""
     return f"{value:.2f}".replace("-", "−").replace("0.", ".")
 
 
@@ -483,16 +482,14 @@ def _innovations(panel: Axes, time: np.ndarray, innovation: np.ndarray, std: np.
 
 
 def _limit(innovation: np.ndarray, std: np.ndarray) -> float:
-    """Where the axis ends: the first bounds come from the prior and may dwarf all others, and so
-    may innovations within them.
-    """
+    """Limit of the axis. Early bounds come from the prior and would dwarf all later ones."""
     usual = float(np.quantile(std, 0.9))
     of_prior = std > OF_PRIOR * usual
     return 1.15 * max(float(np.abs(innovation[~of_prior]).max()), 2.0 * usual)
 
 
 def _autocorrelation(panel: Axes, normalised: np.ndarray, valid: np.ndarray, lags: int) -> None:
-    """Missing samples are zero in ``normalised``, so they add to no sum; the band follows the
+    """Plot the autocorrelation. Missing samples are zero in ``normalised``; the band uses the
     number of pairs at each lag.
     """
     n, used = len(normalised), int(np.count_nonzero(valid))

@@ -1,4 +1,4 @@
-"""Columns of a comparison of studies, read from their folders."""
+"""Read studies from their folders and arrange their estimates in columns."""
 
 from __future__ import annotations
 
@@ -34,11 +34,10 @@ SIMULATED = "simulated_"  # prefix of simulated outputs
 
 @dataclass(frozen=True, eq=False)
 class StudyResponses:
-    """Outputs of one study over ``time (N,)`` s, each ``(N,)`` in SI by name, NaN where there is
-    nothing.
+    """Outputs of one study over ``time (N,)``, s: ``(N,)`` each, SI, by name, NaN where missing.
 
-    ``predicted`` is what the estimate says; ``true`` is empty where nobody knows it. ``units`` of
-    the channels, those that are known; ``simulated``: a program made the record.
+    ``predicted``: of the estimate; ``true``: empty if unknown. ``units`` of the channels;
+    ``simulated``: whether the record is simulated.
     """
 
     time: np.ndarray
@@ -51,9 +50,7 @@ class StudyResponses:
 
 
 def read_responses(folder: Path, method: str = "") -> StudyResponses | None:
-    """Responses of a study's main method, or of another by its name; None where the folder has none
-    that can be read.
-    """
+    """Return the responses of a study's main method or of a named one; None if there are none."""
     stems = (f"{RESPONSE}_{method}",) if method else (RESPONSE, SIMULATION)
     path = next(
         (folder / f"{stem}.csv" for stem in stems if (folder / f"{stem}.csv").is_file()), None
@@ -86,8 +83,8 @@ def read_responses(folder: Path, method: str = "") -> StudyResponses | None:
 
 
 def _channel_units(folder: Path) -> tuple[dict[str, str], bool]:
-    """Units of channels, those of the folder's record where it tells them, and whether that record
-    is simulated.
+    """Units of the channels, from the folder's record if it states them, and whether that record is
+    simulated.
     """
     result = json_or_none(folder / "record.json")
     content = result if isinstance(result, dict) else {}
@@ -101,9 +98,7 @@ def _channel_units(folder: Path) -> tuple[dict[str, str], bool]:
 
 
 def _columns(path: Path) -> dict[str, np.ndarray]:
-    """Columns of numbers by heading, NaN for an empty cell; none where the file is no such
-    table.
-    """
+    """Columns of numbers by heading, NaN for an empty cell; empty if the file is no such table."""
     try:
         with path.open(encoding="utf-8", newline="") as file:
             head, *rows = list(csv.reader(file))
@@ -124,11 +119,10 @@ def _columns(path: Path) -> dict[str, np.ndarray]:
 
 @dataclass(frozen=True)
 class Value:
-    """What one study says of one parameter, all in ``unit``.
+    """Estimate of one parameter in one study, all numbers in ``unit``.
 
-    ``std`` is zero where the study states none. ``condensed`` is what the study's model should find
-    where the aircraft has modes that it lacks. ``published`` has a deviation of zero where none is
-    printed.
+    ``std``: 0 if not stated. ``condensed``: reference value of a model that lacks modes of the
+    aircraft. ``published``: with a standard deviation of 0 if none is printed.
     """
 
     estimate: float
@@ -140,14 +134,12 @@ class Value:
 
     @property
     def reference(self) -> float | None:
-        """What the estimate is held against: the condensed value where there is one, else the true
-        one.
-        """
+        """Reference value of the error: the condensed value if there is one, else the true one."""
         return self.true if self.condensed is None else self.condensed
 
     @property
     def percent(self) -> float | None:
-        """Error in percent of the reference; None where there is none or it is zero."""
+        """Error in per cent of the reference; None without a reference or if it is zero."""
         return (
             None
             if not self.reference
@@ -156,7 +148,7 @@ class Value:
 
     @property
     def sigmas(self) -> float | None:
-        """Error in the study's own standard deviations; None without a reference or a deviation."""
+        """Error in standard deviations of the estimate; None without reference or deviation."""
         return (
             None
             if self.reference is None or not self.std > 0.0
@@ -164,7 +156,7 @@ class Value:
         )
 
     def in_unit(self, factor: float, unit: str) -> Value:
-        """The same, all numbers times ``factor``, in another ``unit``."""
+        """All numbers times ``factor``, in another ``unit``."""
         true, condensed = (
             factor * each if each is not None else None for each in (self.true, self.condensed)
         )
@@ -177,7 +169,7 @@ class Value:
 
     @property
     def published_value(self) -> Value | None:
-        """The published number as a value of its own, held against the same."""
+        """The published number as a value with the same reference."""
         return (
             None
             if self.published is None
@@ -218,12 +210,12 @@ FEWEST = 2
 
 @dataclass(frozen=True, eq=False)
 class SideBySide:
-    """Studies beside each other.
+    """Several studies, parameter by parameter.
 
-    ``names``: parameters that at least two of them estimate, in the order of the equations;
+    ``names``: parameters that at least two studies estimate, in the order of the equations;
     ``units`` of these; ``derived``: derived quantities likewise; ``single``: parameters that only
-    one estimates, by name of its column; ``apart``: what has the same name in several studies and
-    another unit in each, which is not compared.
+    one study estimates, by label of its column; ``apart``: names with different units in different
+    studies, which are not compared.
     """
 
     columns: tuple[StudyColumn, ...]
@@ -233,22 +225,23 @@ class SideBySide:
     apart: tuple[str, ...]
 
     def value(self, name: str, column: StudyColumn) -> Value | None:
-        """What a column says of a parameter or derived quantity; None where it says nothing."""
+        """Value of a parameter or derived quantity in a column; None if missing."""
         return column.values.get(name) if name in self.names else column.derived.get(name)
 
     def words(self, name: str) -> str:
-        """How a row is called: a parameter by its name, a derived quantity in words."""
+        """Heading of a row: name of a parameter, words for a derived quantity."""
         return name if name in self.names else name.replace("_", " ")
 
     def unit(self, name: str) -> str:
-        """The one unit of a parameter or derived quantity."""
+        """Unit of a parameter or derived quantity."""
         return next(
             value.unit for column in self.columns if (value := self.value(name, column)) is not None
         )
 
 
 def compare_columns(columns: Sequence[StudyColumn]) -> SideBySide:
-    """Studies side by side.
+    """Compare columns parameter by parameter.
+
 
     Raises
     ------
@@ -309,7 +302,7 @@ def _few(names: Sequence[str]) -> str:
 
 
 def _ordered(names: set[str]) -> tuple[str, ...]:
-    """In the order of the equations; what these do not know after it by name, numbers in it as
+    """Names in the order of the equations; other names after them, numbers in names sorted as
     numbers.
     """
     known = [
@@ -340,7 +333,8 @@ OWN = "own"  # the name of a closed-loop study's main method among its methods
 
 
 def read_columns(studies: Sequence[str], every: bool = False) -> tuple[StudyColumn, ...]:
-    """The columns of studies in the order given, each with a label of its own.
+    """Read the columns of studies in the given order, each with a unique label.
+
 
     Parameters
     ----------
@@ -365,7 +359,7 @@ def read_columns(studies: Sequence[str], every: bool = False) -> tuple[StudyColu
 
 
 def _reading_columns(text: str, every: bool) -> list[StudyColumn]:
-    """The columns that one argument asks for."""
+    """Columns of one argument of the command."""
     path, method = Path(text), ""
     if not path.exists() and ":" in text:
         before, _, method = text.rpartition(":")
@@ -392,7 +386,7 @@ def _reading_columns(text: str, every: bool) -> list[StudyColumn]:
 
 
 def _study_file(path: Path, text: str) -> Path:
-    """The JSON of a study by its folder or its own path."""
+    """JSON file of a study, by its folder or its own path."""
     result = (
         [path / name for name in STUDIES if (path / name).is_file()]
         if path.is_dir()
@@ -413,7 +407,7 @@ def _study_file(path: Path, text: str) -> Path:
 
 
 def _content(file: Path) -> dict[str, Any]:
-    """A study's JSON."""
+    """Content of a study's JSON file."""
     content = read_json(file, wanted=WRITERS.removeprefix("name "))
     if not isinstance(content, dict) or content.get("schema") != STUDIES[file.name]:
         raise DeclarationError(f"it is no {STUDIES[file.name]}", where=str(file), remedy=WRITERS)
@@ -441,7 +435,7 @@ def _methods(content: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 def _column(
     table: Mapping[str, Any], file: Path, method: str, content: Mapping[str, Any]
 ) -> StudyColumn:
-    """One method of a study whose JSON is ``content``; ``table`` is its part of it."""
+    """One method of a study; ``content``: of its JSON file, ``table``: the part of this method."""
     folder = file.parent
     parameters, derived = table.get("parameters"), table.get("derived")
     estimator = table.get("method", table.get("label", ""))
@@ -467,7 +461,7 @@ def _column(
 
 
 def _values(table: Any, where: str) -> dict[str, Value]:
-    """Name -> Value of a table of a study; an entry without an estimate says nothing."""
+    """Values by name of a table of a study; entries without an estimate are left out."""
     if table is None:
         return {}
     if not isinstance(table, dict):
@@ -507,8 +501,8 @@ def _number(value: Any) -> float | None:
 
 
 def _distinct_labels(columns: Sequence[StudyColumn]) -> tuple[StudyColumn, ...]:
-    """Labels by folder, with as many of the folders above as it takes, and by method where a study
-    stands there with several.
+    """Unique labels from the folders, with parent folders as needed, and the method where a study
+    has several.
     """
     paths = [resolved(column.folder) for column in columns]
     depth = 1

@@ -1,4 +1,4 @@
-"""A comparison of studies in the terminal, as JSON, CSV, figures and page."""
+"""Reports of a comparison of studies: terminal, JSON, CSV, figures and page."""
 
 from __future__ import annotations
 
@@ -67,8 +67,8 @@ PUBLISHED = ("published", "published_std", "published_error_percent", "published
 
 
 def compared_content(compared: SideBySide) -> dict[str, Any]:
-    """Content of ``compared.json``: the studies in order, and of each shared quantity what every
-    study says.
+    """Return the content of ``compared.json``: the studies in order, and the value of each shared
+    parameter in every study.
     """
     return {
         "schema": SCHEMA,
@@ -82,8 +82,8 @@ def compared_content(compared: SideBySide) -> dict[str, Any]:
 
 
 def compared_csv(compared: SideBySide) -> str:
-    """The same as a table, a row for each parameter and study; a cell is empty where there is
-    nothing.
+    """Return the same as CSV text, a row for each parameter and study, empty cells for missing
+    values.
     """
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
@@ -158,7 +158,7 @@ TITLE = "studies side by side"
 
 
 def compared_figures(compared: SideBySide) -> Iterator[Named]:
-    """The figures of a comparison: the stem of each file, and what draws it."""
+    """Return the figures of a comparison: stem of each file and function that draws it."""
     from scenarios.plots.side_by_side import (
         figure_studies_errors,
         figure_studies_estimates,
@@ -230,7 +230,7 @@ LIMIT = 3.0  # combined sigmas from which two studies are said to disagree
 
 
 def compared_page(compared: SideBySide, figure_files: Sequence[Drawn] = ()) -> Page:
-    """The page of a comparison with the figures ``figure_files``."""
+    """Return the page of a comparison with its figures."""
     labels = [column.label for column in compared.columns]
     sigmas, told = _farthest(compared)
     shared = (
@@ -284,8 +284,8 @@ def _studies(columns: Sequence[Study]) -> Table:
 
 
 def compared_tables(compared: SideBySide) -> list[Table]:
-    """What the studies share, a column a study: estimates, what each model should find where that
-    differs, errors, and published values where there are any.
+    """Return tables of the shared parameters, a column for each study: estimates, reference values
+    where they differ, errors, and published values.
     """
     names = (*compared.names, *compared.derived)
     result = [
@@ -310,7 +310,9 @@ def _table_of(
     *,
     true: bool = False,
 ) -> Table:
-    """Rows and studies that say nothing are left out; ``true`` adds what all studies agree on."""
+    """A table without empty rows and columns; ``true`` adds the true value common to all
+    studies.
+    """
 
     def told(name: str, column: StudyColumn) -> Cell:
         value = _shown(compared, name, column)
@@ -336,13 +338,13 @@ def _table_of(
 
 
 def _shown(compared: SideBySide, name: str, study: StudyColumn) -> Value | None:
-    """What a study says of a parameter, in the unit in which it is shown."""
+    """Value of a parameter in a study, in the unit that is shown."""
     value = compared.value(name, study)
     return value.in_unit(*shown_in(value.unit, name)) if value is not None else None
 
 
 def _common(compared: SideBySide, name: str) -> float | None:
-    """The true value where all studies that state one state the same."""
+    """The true value if all studies that state one agree."""
     true_values = {
         value.true
         for column in compared.columns
@@ -352,7 +354,7 @@ def _common(compared: SideBySide, name: str) -> float | None:
 
 
 def _differs(compared: SideBySide, name: str) -> bool:
-    """Whether what is to be found is another number in another study, or not the true one."""
+    """Whether the reference value differs between studies, or from the true one."""
     result = [
         value
         for study in compared.columns
@@ -389,8 +391,8 @@ def _published_error(value: Value) -> Cell:
 
 
 def _farthest(compared: SideBySide) -> tuple[float | None, str]:
-    """The two studies that are farthest apart in one parameter, in their combined sigmas; None
-    where no two have sigmas.
+    """The two studies that differ most in one parameter, in combined sigmas; None without
+    sigmas.
     """
     best: tuple[float, str, str, str] | None = None
     for name in compared.names:
@@ -424,9 +426,7 @@ FIXED = 40  # terminal columns of parameter, unit and true value
 
 
 def print_compared(compared: SideBySide, out: Console | None = None) -> None:
-    """What each study is, then tables of what they share: estimates, errors and published values
-    where there are any.
-    """
+    """Print the studies, then tables of estimates, errors and published values."""
     out = out or console()
     numbered = (
         sum(len(GAP) + max(len(column.label), CELL) for column in compared.columns)
@@ -471,12 +471,12 @@ MAIN = "compared.json"  # a study's own JSON is comparison.json: what compares s
 
 
 def write_compared(compared: SideBySide, folder: str | Path, *, figures: Formats = USUAL) -> Path:
-    """Write a comparison into ``folder``, whole or not at all; returns the folder.
+    """Write a comparison into ``folder``, completely or not at all; return the folder.
 
-    Files: ``compared.csv``, in the formats ``figures`` the figures ``compared_estimates``,
-    ``compared_errors`` where some truth is known and ``compared_responses`` where outputs over time
-    are; ``report.html`` and ``report.json``; ``compared.json`` last. The folder may hold the
-    studies' own folders.
+    Files: ``compared.csv``; the figures ``compared_estimates``, ``compared_errors`` if a true value
+    is known and ``compared_responses`` if there are outputs over time, in the formats ``figures``;
+    ``report.html`` and ``report.json``; ``compared.json`` last. The studies' own folders may be
+    inside.
     """
     with study_folder(folder, MAIN) as scratch:
         write_text(scratch / "compared.csv", compared_csv(compared))
