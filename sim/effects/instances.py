@@ -112,26 +112,24 @@ def for_outputs(
 
 
 def large_input(unit: str) -> float:
-    """What is a large deflection in a unit; one where nothing is known of it: such an effect takes
-    the record's own (``input_peak``).
+    """Typical large deflection in a unit; 1 if unknown: such an effect uses the record's
+    (``input_peak``).
     """
     return _LARGE_INPUT.get(unit, 1.0)
 
 
 def has_size(unit: str) -> bool:
-    """Whether it is known beforehand what is large in the unit of an input."""
+    """Whether ``large_input`` knows the unit."""
     return unit in _LARGE_INPUT
 
 
 def has_output_size(unit: str) -> bool:
-    """Whether it is known beforehand what is large in the unit of an output."""
+    """Whether ``large_output`` knows the unit."""
     return unit in _LARGE_OUTPUT
 
 
 def in_its_unit(effect: object, equations: Equations) -> bool:
-    """Whether the input, output and ports that an effect acts on are counted in the units that it
-    is written for.
-    """
+    """Whether the input, output and ports of an effect have the units that it is written for."""
     units = {signal.name: signal.unit for signal in (*equations.inputs, *equations.outputs)}
     name = (
         effect.signal
@@ -149,7 +147,7 @@ def in_its_unit(effect: object, equations: Equations) -> bool:
 
 
 def large_output(unit: str) -> float:
-    """What is a large reading in a unit; one where nothing is known of it."""
+    """Typical large reading in a unit; 1 if unknown."""
     return _LARGE_OUTPUT.get(unit, 1.0)
 
 
@@ -164,12 +162,12 @@ def per_square(unit: str) -> str:
 
 
 def load_ports(equations: Equations) -> tuple[Signal, ...]:
-    """Ports that take loads."""
+    """Return the ports that take loads."""
     return tuple(port for port in equations.ports if port.name not in AIR)
 
 
 def ports_without(listed: Iterable[Traceable], equations: OwnEquations) -> tuple[Signal, ...]:
-    """Ports of a user's own model that take loads and on which none of some listed effects acts."""
+    """Load ports of a user model on which none of the effects ``listed`` acts."""
     parameter_names, ports = {*equations.parameter_names}, {port.name for port in equations.ports}
     acting = (
         effect
@@ -182,9 +180,7 @@ def ports_without(listed: Iterable[Traceable], equations: OwnEquations) -> tuple
 
 
 def per_unit(port: str, *signals: str) -> str:
-    """The unit of a slope by the product of some signals: what a port is counted in over their
-    units, ``m/s2/(m/s)/N``.
-    """
+    """Unit of a slope of a port by the product of some signals, as ``m/s2/(m/s)/N``."""
     below = (f"({unit})" if "/" in unit or " " in unit else unit for unit in signals if unit != "1")
     return "/".join((port, *below))
 
@@ -215,8 +211,8 @@ BEYOND_PRODUCTS = (
 
 @dataclass(frozen=True)
 class LateralControl:
-    """A control surface: its signal, the derivative of what it is for and of the side force, the
-    ports of both, and the third pair.
+    """A lateral control surface: its signal, its main derivative and its side force, the ports of
+    both, and the third pair.
     """
 
     control: str
@@ -326,7 +322,7 @@ class NonlinearControl:
         return max(abs(low - middle), abs(high - middle)), middle
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """The slope where there is none, lift and moment from one force."""
+        """Probe the slope at absence, with lift and moment from one force."""
         return (Probe({**self.absent, "lift_share": 1.0}, (self.bend.name,)),)
 
 
@@ -365,17 +361,17 @@ ABSENT: Mapping[str, float] = MappingProxyType({"half_width": 0.0})
 
 
 def half_width(typical: float, unit: str) -> tuple[Parameter, ...]:
-    """The one parameter, not negative."""
+    """Return the one parameter, which is not negative."""
     return (Parameter("half_width", typical, unit, bounds=(0.0, 1e9)),)
 
 
 def believed(typical: float) -> Mapping[str, tuple[float, float]]:
-    """Up to ten times the typical value: for an elevator some degrees."""
+    """Plausible range: up to ten times the typical value."""
     return {"half_width": (0.0, 10.0 * typical)}
 
 
 def tried(context: SearchContext, signal: str) -> Sequence[Probe]:
-    """From a small share of the input's peak to more than half of it."""
+    """Values to probe, from a small share of the input's peak to more than half of it."""
     return [
         Probe({"half_width": size})
         for size in shares_of_peak(context, signal, (0.04, 0.12, 0.3, 0.6))

@@ -88,8 +88,8 @@ def effects_for(equations: Equations) -> tuple[Effect, ...]:
 
 
 def _with_places(module: ModuleType, effects: Sequence[Effect]) -> list[tuple[str, Effect]]:
-    """Each effect of a file with the name under which its station lists it: that of the file, or
-    of the effect where the file has several.
+    """Each effect of a file with its name in the list of its station: the name of the file, or of
+    the effect if the file has several.
     """
     stems = {effect.name.partition(":")[0] for effect in getattr(module, "VARIANTS", ())}
     file = module.__name__.rpartition(".")[2]
@@ -107,8 +107,8 @@ def _in_order(effects: Sequence[tuple[str, Effect]]) -> tuple[Effect, ...]:
 
 
 def other_names(equations: Equations) -> dict[str, str]:
-    """Names under which some effects of a vehicle may be asked for as well, each with that effect's
-    own: a module's ``other_names(equations)``.
+    """Further names of some effects of a vehicle, each with the effect's own: from
+    ``other_names(equations)`` of a module.
     """
     names: dict[str, str] = {}
     for module in effect_modules():
@@ -171,11 +171,10 @@ def effect_names() -> tuple[str, ...]:
 
 
 def traits_of(name: str) -> Traits:
-    """What is known of the library's effect of that name, or of its first instance
+    """Return the traits of the library's effect of that name, or of its first instance
     (``elastic-mode`` for ``elastic-mode#2``).
 
-    Of a name that the library lacks nothing is known; instances made from a declaration carry their
-    own traits.
+    An unknown name has empty traits; instances made from a declaration carry their own.
     """
     effects = [effect for effect in library() if isinstance(effect, Traceable)]
     first = [effect for effect in effects if effect.name == name.partition("#")[0]]

@@ -83,18 +83,18 @@ SLOW_WIDTH = 0.1  # s, for bodies that are tracked over minutes
 
 
 def risen(time: Any, at: Any, width: float) -> Any:
-    """0 before the event at time ``at``, 1 after it, a straight ramp of ``width`` s centred on it
-    between.
+    """Smooth step: 0 before the time ``at``, 1 after it, a straight ramp of ``width`` s centred on
+    it.
 
-    Integrated in sub-steps of which ``width`` is a whole multiple, its area does not depend on how
-    ``at`` lies between them.
+    Integrated in sub-steps of which ``width`` is a whole multiple, its area does not depend on the
+    position of ``at`` between them.
     """
     return once_for_alike(lambda at: clip((time - at) / width + 0.5, 0.0, 1.0), at)
 
 
 def edge_width(interval: float, usual: float = WIDTH) -> float:
-    """The whole fraction of a sampling interval that is nearest below ``usual``: the sub-step of a
-    fit that steps by at most that.
+    """Largest whole fraction of a sampling interval that is at most ``usual``: the sub-step of a
+    fit.
     """
     return interval / max(1, math.ceil(interval / usual - 1e-6)) if interval > 0 else usual
 
@@ -156,7 +156,7 @@ def gust_parameters(fine: bool) -> tuple[Parameter, ...]:
 
 
 def calm_air(fine: bool) -> Mapping[str, float]:
-    """Values at which there is no gust."""
+    """Parameter values without a gust."""
     return MappingProxyType(dict.fromkeys(("peak", *(SHAPES if fine else ())), 0.0))
 
 
@@ -189,8 +189,8 @@ def gust_speed(time: Any, p: Any, lasting: bool, fine: bool) -> Any:
 
 
 def gust_probes(context: SearchContext, fine: bool) -> Sequence[Probe]:
-    """Slope by the peak of a gust at the record's begin, for some durations; a later start only
-    shifts it.
+    """Probe the peak of a gust at the begin of the record, for some durations; a later start only
+    shifts the response.
     """
     durations = [
         duration
@@ -222,8 +222,8 @@ LOADS = ("lift", "moment")
 
 
 class SizedOnPorts:
-    """What terms share that have one size for each port that they load: a parameter of the port's
-    name, absent where all are zero.
+    """Base of terms with one size for each port that they load; the parameter has the name of the
+    port, and the term is absent if all sizes are zero.
     """
 
     ports: tuple[str, ...]
@@ -392,15 +392,15 @@ class LoadCurve:
         return ()
 
     def fitted_to(self, context: SearchContext) -> LoadCurve:
-        """The same over the range of angles that the record flew."""
+        """Return the effect over the range of angles of the record."""
         low, high = context.flown_range(self.flown) or (self.low, self.high)
         middle = 0.5 * (low + high) if self.total else 0.0
         return replace(self, low=low, high=high, middle=middle)
 
     def finer(self) -> LoadCurve:
-        """The same with five finer shapes."""
+        """Return the refined form, with five more shapes."""
         return replace(self, fine=True)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by all shapes where there is none."""
+        """Probe the slopes by all shapes at absence."""
         return (Probe(self.absent, shape_names(self.fine)),)

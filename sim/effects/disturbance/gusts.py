@@ -1,6 +1,4 @@
-"""Gusts: a single one of one-minus-cosine shape across the flight path or from ahead, and
-continuous turbulence with the spectrum of Dryden.
-"""
+"""Gusts: a single one-minus-cosine gust, vertical or from ahead, and Dryden turbulence."""
 
 from __future__ import annotations
 
@@ -84,7 +82,7 @@ class GustDiscrete:
         }
 
     def finer(self) -> GustDiscrete:
-        """The same with a freer course."""
+        """Return the refined form, with a more general course."""
         return replace(self, fine=True)
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
@@ -155,7 +153,7 @@ class GustHorizontal:
         return {"headwind": gust_speed(s.time, p, self.lasting, self.fine)}
 
     def finer(self) -> GustHorizontal:
-        """The same with a freer course."""
+        """Return the refined form, with a more general course."""
         return replace(self, fine=True)
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
@@ -244,9 +242,7 @@ class GustTurbulence:
         return density, 0.0 * density
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Starts for a fit with process noise: three lengths, of which the record shows a few at
-        least.
-        """
+        """Probe three scale lengths; a record shows at least some of them."""
         far = max(50.0, context.airspeed * context.duration / 6.0)
         return tuple(
             Probe({"sigma": 1.0, "length": length})

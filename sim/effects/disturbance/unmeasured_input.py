@@ -1,6 +1,4 @@
-"""Lift and moment that nobody recorded, from one time to another, and a random history of each load
-that no term of the model gives.
-"""
+"""Unmeasured loads: a pulse or step of lift and moment, and a random process on each load."""
 
 from __future__ import annotations
 
@@ -30,7 +28,7 @@ class UnmeasuredInput(SizedOnPorts):
     Attributes
     ----------
     lasting : a step without ``duration``. width : of the edges, s. units, sizes : of lift and
-    moment. needs_constants : those of the equations it is written for. ports : that it loads, and
+    moment. needs_constants : constants that the equations must have. ports : that it loads, and
     the names of these parameters. label : of the name,
         where it is one port of several. sized : whether it is known what is large there; else any
         size is believed.
@@ -110,12 +108,12 @@ class UnmeasuredInput(SizedOnPorts):
         return ()
 
     def fitted_to(self, context: SearchContext) -> UnmeasuredInput:
-        """The same with edges of one sub-step of that record."""
+        """Return the effect with edges of one sub-step of the record."""
         return replace(self, width=edge_width(context.interval))
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by all loads at the record's begin, for some durations; a later start only shifts
-        them.
+        """Probe all loads at the begin of the record, for some durations; a later start only shifts
+        the response.
         """
         start = {"start": context.begin + self.width, **self.absent}
         if self.lasting:
@@ -142,7 +140,7 @@ VARIANTS: tuple[Traceable, ...] = (
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """A pulse and a step on each port for loads that none of the above is for."""
+    """Return a pulse and a step on each load port without one in ``VARIANTS``."""
     ports, parameter_names = load_ports(equations), {*equations.parameter_names}
     covered = {
         port
@@ -220,7 +218,8 @@ class ModelDiscrepancy(SizedOnPorts):
 
 
 def discrepancy_for(effects: Sequence[Effect]) -> ModelDiscrepancy | None:
-    """A discrepancy of each load that an unmeasured input can act on; None where none can.
+    """A discrepancy of each load that an unmeasured input can act on; None if there is none.
+
 
     Parameters
     ----------

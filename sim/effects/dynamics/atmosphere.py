@@ -1,6 +1,4 @@
-"""The air of a falling body: its density over altitude, and drag that depends on the Mach
-number.
-"""
+"""The atmosphere of a falling body: density over altitude, and drag over the Mach number."""
 
 from __future__ import annotations
 
@@ -18,10 +16,10 @@ from sim.maths import Shapes, absolute, asinh, combine, maximum, natural_shapes,
 
 @dataclass(frozen=True)
 class DensityScaleHeight:
-    """rho = rho0 exp(-altitude / (H (1 + change))): the true scale height as a share above the
-    declared H; rho0 stays.
+    """Scale height of the density: rho = rho0 exp(-altitude / (H (1 + change))).
 
-    It acts on the logarithm of the drag, the only place where a falling body feels the density.
+    H and rho0 are the declared values; ``change`` is a share of H. The effect acts on the logarithm
+    of the drag, the only place where the density acts on a falling body.
     """
 
     name: ClassVar[str] = "density-scale-height"
@@ -62,7 +60,7 @@ class DensityScaleHeight:
         return ()
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """The slope where there is none."""
+        """Probe the slope at absence."""
         return (Probe(self.absent, ("change",)),)
 
 
@@ -151,8 +149,8 @@ class DragMach:
         return ()
 
     def fitted_to(self, context: SearchContext) -> DragMach:
-        """The same over the Mach numbers that the record's speeds reach: a fall is slowest where it
-        is lowest.
+        """Return the effect over the Mach numbers of the record; a fall is slowest where it is
+        lowest.
         """
         recorded_range, heights = (
             context.flown_range("velocity"),
@@ -170,11 +168,11 @@ class DragMach:
         return replace(self, low=low, high=max(high, low + 0.1))
 
     def finer(self) -> DragMach:
-        """The same with five finer shapes."""
+        """Return the refined form, with five more shapes."""
         return replace(self, fine=True)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by all shapes where there is none."""
+        """Probe the slopes by all shapes at absence."""
         return (Probe(self.absent, shape_names(self.fine, flat=False)),)
 
 

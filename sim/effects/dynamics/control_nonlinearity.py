@@ -1,5 +1,5 @@
-"""Control surface whose effect is no straight line of its deflection: a smooth curve, and two plain
-forms of it, unequal to both sides and weakening with the deflection.
+"""Nonlinear control effectiveness: a smooth curve, and two base forms of it, with different slopes
+to both sides or less effect at large deflections.
 """
 
 from __future__ import annotations
@@ -155,10 +155,9 @@ class ControlNonlinearity:
         return ()
 
     def fitted_to(self, context: SearchContext) -> ControlNonlinearity:
-        """The same over the range of deflections that the record used, in units of the derivatives
-        fitted so far.
+        """Return the effect over the deflections of the record, sized by the present derivatives.
 
-        A pseudo-control goes no further than the stick.
+        The range of a pseudo-control is that of the stick.
         """
         low, high = (
             context.flown_range(self.control)
@@ -170,11 +169,11 @@ class ControlNonlinearity:
         return replace(self, low=low, high=high, middle=middle, by=by if by[0] != 0.0 else ())
 
     def finer(self) -> ControlNonlinearity:
-        """The same with five finer shapes."""
+        """Return the refined form, with five more shapes."""
         return replace(self, fine=True)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by all shapes where there is none, lift and moment from one force."""
+        """Probe the slopes by all shapes at absence, with lift and moment from one force."""
         return (Probe({**self.absent, "lift_share": 1.0}, shape_names(self.fine)),)
 
 
@@ -252,7 +251,7 @@ class ControlUnevenness(NonlinearControl):
         return p.unevenness * (sqrt(d * d + self.width * self.width) - self.width)
 
     def fitted_to(self, context: SearchContext) -> ControlUnevenness:
-        """The same with a kink as narrow as the deflections of the record ask."""
+        """Return the effect with a kink as narrow as the deflections of the record require."""
         widest, middle = self.used(context)
         return replace(self, width=ROUNDED * widest or self.width, middle=middle)
 
@@ -300,7 +299,7 @@ class ControlWeakening(NonlinearControl):
         return -p.loss * d * (d / self.widest) ** 2
 
     def fitted_to(self, context: SearchContext) -> ControlWeakening:
-        """The same with the largest deflection of the record."""
+        """Return the effect with the largest deflection of the record."""
         widest, middle = self.used(context)
         return replace(self, widest=widest or self.widest, middle=middle)
 

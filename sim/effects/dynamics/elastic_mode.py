@@ -1,5 +1,5 @@
-"""One elastic mode that the declared model lacks, as a record can show it: an oscillator driven by
-control and angle of attack.
+"""An elastic mode that the declared model lacks: an oscillator driven by control and angle of
+attack.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class ElasticMode:
         and ``moment_rate`` times eta_dot/frequency, ``pitch_gain`` q in the forcing, nz +
         ``accelerometer`` eta_ddot.
     control : the signal that drives it; ``angle`` its unit; ``loads`` units, ``sizes`` starts of
-    lift, moment, gyro. needs_constants : those of the equations it is written for. fastest : rad/s,
+    lift, moment, gyro. needs_constants : constants that the equations must have. fastest : rad/s,
     that the records resolve. ports : that it loads, and the names of these parameters. read_as :
     the angle that drives it, the rate that its gyro adds to, the
         accelerometer's channel. total : whether control and angle are totals; ``trim``, what they
@@ -201,14 +201,14 @@ class ElasticMode:
         )
 
     def finer(self) -> ElasticMode:
-        """The same mode with all its couplings."""
+        """Return the refined form, with all couplings."""
         return replace(self, fine=True)
 
     def fitted_to(self, context: SearchContext) -> ElasticMode:
-        """The mode kept to frequencies that the records resolve, driven by the angle not far beyond
-        what the aircraft is turned by it.
+        """Return the mode with frequencies that the records resolve, driven by the angle of attack
+        at most a little more than the aircraft turns.
 
-        Where deflections are totals, about the middle of them.
+        Deflections that are totals count from the middle of their range.
         """
         low, high = (context.flown_range(self.control) if self.total else None) or (
             self.middle,
@@ -221,8 +221,8 @@ class ElasticMode:
         return replace(self, fastest=_resolved(context), middle=0.5 * (low + high), angle_std=std)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by the couplings at the peaks of the residual's spectrum, then over a grid up to
-        four fifths of the sampling limit.
+        """Probe the couplings at the peaks of the residual's spectrum, then over a grid up to four
+        fifths of the sampling limit.
         """
         slowest = max(2.0, 4.0 * math.pi / max(context.duration, 1.0))
         fastest = min(_resolved(context), FASTEST)

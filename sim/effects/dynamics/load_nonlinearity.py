@@ -1,6 +1,5 @@
-"""Forces and moments that are no straight line of the angle of attack or of sideslip, one effect
-for each axis; and flow that leaves the wing near stall and returns, both late: lift and moment
-with hysteresis.
+"""Nonlinear forces and moments over the angle of attack or sideslip, one effect for each axis; and
+flow separation near stall with hysteresis of lift and moment.
 """
 
 from __future__ import annotations
@@ -304,7 +303,7 @@ class FlowSeparation:
         return ((where(real(beyond) <= ATTACHED, 0.0, share) - s.separated_flow) / p.tau1,)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Whole changes over a grid about the largest angle flown; none where no wing would stall
+        """Probe whole changes over a grid about the largest angle; none if no wing would stall
         there.
         """
         recorded_range = context.flown_range("alpha")
@@ -338,8 +337,8 @@ class FlowSeparation:
         )
 
     def _from_zero_lift(self, values: Mapping[str, float]) -> float:
-        """Angle (rad) from zero lift to where the model counts alpha from; so large that it forbids
-        nothing where that is not known.
+        """Angle (rad) from zero lift to the reference of alpha; very large if unknown, so that it
+        forbids nothing.
         """
         if not set(self.needs_constants) <= set(values) or values["CL_alpha"] <= 0.0:
             return NO_STALL_BELOW

@@ -1,8 +1,7 @@
-"""One declared mode of a flexible aircraft, numbered, coupled to the rigid motion and to the other
-modes.
+"""One declared mode of a flexible aircraft, coupled to the rigid motion and to the other modes.
 
-It belongs to the vehicle: its data file gives the coefficients. A mode that a record shows and the
-model lacks is `elastic_mode`.
+It belongs to the vehicle: the vehicle's data file gives the coefficients. `elastic_mode` is for a
+mode that the declared model lacks.
 """
 
 from __future__ import annotations

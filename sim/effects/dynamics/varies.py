@@ -180,8 +180,8 @@ class Varies:
         return combine(self.shapes, at + getattr(s, self.gust) if self.gust else at, p)
 
     def fitted_to(self, context: SearchContext) -> Varies:
-        """The same over the range that the records flew; one that is larger than usual may change
-        by more, and a guess gives way to its size.
+        """Return the effect over the range of the records; a parameter larger than usual may change
+        by more, and a default size gives way to the parameter's own.
         """
         low, high = context.flown_range(self.over) or (self.low, self.high)
         if not high > low:
@@ -196,11 +196,11 @@ class Varies:
         )
 
     def finer(self) -> Varies:
-        """The same in the next form, with further shapes."""
+        """Return the next refined form, with more shapes."""
         return replace(self, count=min((n for n in FORMS if n > self.count), default=FORMS[-1]))
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by all shapes where there is none."""
+        """Probe the slopes by all shapes at absence."""
         return (Probe(self.absent, self._names),)
 
 
@@ -210,8 +210,8 @@ def name_of(parameter: str, signal: str) -> str:
 
 
 def curve_made_for(equations: Equations) -> tuple[Varies, ...]:
-    """An instance for each parameter that multiplies a signal over each state, control and recorded
-    airspeed, but for those of a named curve.
+    """Return an instance for each parameter that multiplies a signal, over each state, control and
+    recorded airspeed, unless a named effect has this curve.
     """
     if isinstance(equations, OwnEquations) and equations.terms:
         return ()  # missing terms say it
@@ -224,7 +224,7 @@ def curve_made_for(equations: Equations) -> tuple[Varies, ...]:
 
 
 def other_names(equations: Equations) -> Mapping[str, str]:
-    """Names of instances that are what a named curve bends, with the name of that curve."""
+    """Names of instances that equal a named effect, with the name of that effect."""
     ports, parameter_names = {port.name for port in equations.ports}, {*equations.parameter_names}
     curves = [
         *(((derivative, signal), curve) for curve in CURVES for derivative, signal in _bent(curve)),
@@ -242,7 +242,7 @@ def other_names(equations: Equations) -> Mapping[str, str]:
 
 
 def _bent(curve: Traceable) -> tuple[tuple[str, str], ...]:
-    """Derivatives that a named curve bends, each with the signal over which."""
+    """Derivatives that a named effect makes nonlinear, each with the signal."""
     if isinstance(curve, LoadCurve):
         return ((curve.needs_constants[0], curve.flown),)
     return (
@@ -292,8 +292,8 @@ def _every(equations: Equations) -> Iterator[Varies]:
 
 
 def _same_product(parameter: str, signal: str, factors: Mapping[str, str]) -> str:
-    """The instance that has the same product of two signals: of ``Cl_p(beta)`` it is
-    ``Cl_beta(p)``; empty where there is none.
+    """Name of the instance with the same product of two signals: of ``Cl_p(beta)`` it is
+    ``Cl_beta(p)``; empty if there is none.
     """
     axis, _, by = parameter.partition("_")
     known = {other.partition("_")[2]: other for other in factors if other.partition("_")[0] == axis}
@@ -319,9 +319,10 @@ SHARE = 0.1
 
 @dataclass(frozen=True)
 class MissingTerm:
-    """The coefficient has ``size`` times a term more.
+    """One more term of an aerodynamic coefficient: coefficient += size term.
 
     ``size`` of either sign, per radian, rates non-dimensional.
+
 
     Attributes
     ----------
@@ -355,7 +356,7 @@ class MissingTerm:
 
     @cached_property
     def parsed(self) -> Term:
-        """The term."""
+        """The term as an object."""
         return parse_term(self.term, (*FLOW, *self.surfaces))
 
     @property
@@ -374,7 +375,7 @@ class MissingTerm:
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slope by the size where there is none."""
+        """Probe the slope by the size at absence."""
         return (Probe(self.absent, ("size",)),)
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
@@ -389,10 +390,10 @@ TERM_VARIANTS: tuple[Traceable, ...] = (MissingTerm("Cm", "alpha^3"),)
 
 
 def term_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Terms that a coefficient may lack by the symmetry of an aircraft: linear ones, squares and
-    products of two signals, cubes of the air's angles.
+    """Return terms that the symmetry of an aircraft allows in a coefficient: linear ones, squares
+    and products of two signals, cubes of the air angles.
 
-    A surface belongs to the motion in whose coefficients the vehicle file has it.
+    A surface belongs to the motion whose coefficients have it in the vehicle file.
     """
     if not isinstance(equations, OwnEquations) or not equations.terms:
         return ()
@@ -417,5 +418,5 @@ VARIANTS: tuple[Traceable, ...] = (*CURVE_VARIANTS, *TERM_VARIANTS)
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """The instances of every effect in this file that none of ``VARIANTS`` is for."""
+    """Return the instances of this file that ``VARIANTS`` lacks."""
     return (*curve_made_for(equations), *term_made_for(equations))

@@ -1,5 +1,5 @@
-"""Loads that follow a state late, swing at one frequency or grow with the product of two signals;
-and a vane behind the centre of gravity, the other reading of an accelerometer ahead of it.
+"""Catch-all terms: loads that lag a state, oscillate at one frequency, or are products of two
+signals; and a vane behind the centre of gravity, also read as an accelerometer ahead of it.
 """
 
 from __future__ import annotations
@@ -31,16 +31,17 @@ LOOKS_LATE = ("actuator-lag", "input-delay")
 
 @dataclass(frozen=True)
 class LaggedLoads(SizedOnPorts):
-    """late_dot = (angle - late)/``lag``, lift += ``lift`` (angle - late), moment += ``moment``
-    (angle - late).
+    """Loads that lag an angle: late_dot = (angle - late)/``lag``, lift += ``lift`` (angle - late),
+    moment += ``moment`` (angle - late).
 
-    The first term of unsteady aerodynamics: loads that overshoot or build up with time constant
-    ``lag``, s. For a short lag it is a derivative by alpha_dot, which the declared derivatives hold
-    already.
+    That is the first-order model of unsteady aerodynamics: loads overshoot or build up with the
+    time constant ``lag``, s. For a short lag it equals a derivative by alpha_dot, which the
+    declared derivatives contain already.
+
 
     Attributes
     ----------
-    units, sizes : of lift and moment. needs_constants : those of the equations it is written for.
+    units, sizes : of lift and moment. needs_constants : constants that the equations must have.
     ports : that it loads, and the names of these parameters. angle : the signal that is followed
     late. aliases : effects that look like it. total : whether the signal is one; it then counts
     from ``middle``, that of the values flown, so that the loads do not begin with a jump. flown,
@@ -74,7 +75,7 @@ class LaggedLoads(SizedOnPorts):
 
     @property
     def _late(self) -> str:
-        """Of several each has its own, under a name that no user's signal can have."""
+        """Name of the state; for one of several states a name that no user's signal can have."""
         return f"{self.of}, late" if self.of else "late_angle"
 
     @property
@@ -105,7 +106,7 @@ class LaggedLoads(SizedOnPorts):
         return angle - self.middle if self.total else angle
 
     def fitted_to(self, context: SearchContext) -> LaggedLoads:
-        """The same; a total counts from the middle of the values that the record flew."""
+        """Return the effect; total angles count from the middle of the record's range."""
         recorded_range = context.flown_range(self.flown)
         return (
             replace(self, middle=0.5 * (recorded_range[0] + recorded_range[1]))
@@ -114,7 +115,7 @@ class LaggedLoads(SizedOnPorts):
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by all loads at some lags."""
+        """Probe all loads at some lags."""
         return tuple(
             Probe({"lag": lag, **self.absent}, self.ports) for lag in LAGS if lag > context.interval
         )
@@ -144,7 +145,7 @@ LAGGED_LOADS: tuple[Traceable, ...] = (
 
 
 def lagged_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """One for each state of a user's own model, on the ports where an estimated parameter
+    """Return one for each state of a user model, on the ports where an estimated parameter
     multiplies it.
     """
     if not isinstance(equations, OwnEquations):
@@ -181,15 +182,16 @@ TOGETHER = 2
 
 @dataclass(frozen=True)
 class PeriodicLoads:
-    """lift += ``lift_cos`` cos(w t) + ``lift_sin`` sin(w t), moment alike, w the ``frequency`` in
-    rad/s.
+    """Loads at one frequency: lift += ``lift_cos`` cos(w t) + ``lift_sin`` sin(w t), moment
+    likewise, with w the ``frequency`` in rad/s.
 
-    A rotor, a limit cycle of the control system, somebody who pumps the stick: forcing that does
-    not depend on the state.
+    Causes are a rotor, a limit cycle of the control system or a periodic input that was not
+    recorded: forcing that does not depend on the state.
+
 
     Attributes
     ----------
-    units, sizes : of lift and moment. needs_constants : those of the equations it is written for.
+    units, sizes : of lift and moment. needs_constants : constants that the equations must have.
     ports : that it loads; they name the parameters. label : of the name, where there are several.
     """
 
@@ -253,7 +255,9 @@ class PeriodicLoads:
         return ()
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by all four sizes at the peaks of the residual's spectrum, then over a grid."""
+        """Probe all sizes at the peaks of the residual's spectrum, then over a grid of
+        frequencies.
+        """
         slowest = max(1.0, 6.0 * math.pi / max(context.duration, 1.0))
         fastest = min(0.5 * math.pi / context.interval, FASTEST)
         count = max(2, math.ceil(math.log(max(fastest / slowest, 1.1)) / math.log(SPACING)))

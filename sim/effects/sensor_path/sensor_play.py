@@ -1,4 +1,4 @@
-"""A vane with play in its bearing; a gyro that shows nothing below a threshold."""
+"""Backlash in the bearing of a vane, and the threshold of a gyro."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class SensorBacklash:
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Shares of half the range of the readings."""
+        """Probe shares of half the range of the readings."""
         recorded_range = context.flown_range(self.channel)
         half = (
             0.5 * (recorded_range[1] - recorded_range[0])
@@ -153,7 +153,7 @@ class SensorDeadband:
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Shares of the largest reading."""
+        """Probe shares of the largest reading."""
         recorded_range = context.flown_range(self.channel)
         peak = max(map(abs, recorded_range)) if recorded_range is not None else 10.0 * self.typical
         return [Probe({"half_width": share * peak}) for share in SHARES_OF_LARGEST]
@@ -167,7 +167,7 @@ VARIANTS: tuple[Traceable, ...] = (SensorBacklash("alpha"), SensorDeadband("q"))
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """A play for each vane, a threshold for each rate, that has none yet."""
+    """Return a backlash for each vane and a threshold for each rate that ``VARIANTS`` lacks."""
     further = further_outputs(equations)
     return (
         *(SensorBacklash(s.name, s.unit) for s in further if s.name in VANES and s.unit == "rad"),

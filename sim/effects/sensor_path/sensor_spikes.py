@@ -1,4 +1,4 @@
-"""Isolated samples of one channel that are wrong."""
+"""Wrong single samples (spikes) of one channel."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ EXPLANATION = (
 
 @dataclass(frozen=True)
 class Bursts:
-    """Where spikes stand: ``count`` moments, one in each equal part of the record, and their signs,
+    """Times of spikes: ``count`` moments, one in each equal part of the record, with random signs,
     drawn from ``seed``.
     """
 
@@ -197,7 +197,7 @@ VARIANTS: tuple[Traceable, ...] = (
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """One for each output that has none yet."""
+    """Return one for each output that ``VARIANTS`` lacks."""
     return (
         *(
             SensorSpikes(each.name, each.unit, 0.5 * large_output(each.unit))

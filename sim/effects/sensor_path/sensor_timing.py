@@ -1,5 +1,5 @@
-"""Times of one output channel: a pure delay, a first-order lag, a lower rate than that of the
-record; and a recorder whose clock runs fast or slow.
+"""Timing errors of one output channel: a pure delay, a first-order lag, a lower sample rate; and a
+recorder whose clock runs fast or slow.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class SensorDelay:
 
 
 def _delayed_edges(edges: np.ndarray, delay: Any) -> Any:
-    """The time that shows at each edge."""
+    """Time at which each edge was true."""
     return edges - delay
 
 
@@ -207,7 +207,7 @@ DELAY_VARIANTS: tuple[Traceable, ...] = tuple(
 
 
 def delay_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Both for each output that has none yet."""
+    """Return a delay and a lag for each output that ``VARIANTS`` lacks."""
     return for_outputs(equations, lambda s: SensorDelay(s.name), lambda s: SensorLag(s.name))
 
 
@@ -292,8 +292,8 @@ class SensorHold:
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """The whole change at periods of whole samples and that of the residual, at every phase: a
-        fit moves no update from sample to sample.
+        """Probe periods of whole samples and that of the residual, at every phase; a fit cannot
+        move an update from sample to sample.
         """
         interval = context.interval
         periods = [every * interval for every in EVERY if 0 < every * interval <= LONGEST]
@@ -308,7 +308,7 @@ class SensorHold:
         return [Probe({"period": period, "phase": phase}) for period, phase in tried]
 
     def fitted_to(self, context: SearchContext) -> SensorHold:
-        """The same for that record's sampling interval."""
+        """Return the effect with the sampling interval of the record."""
         return replace(self, interval=context.interval if context.interval > 0 else self.interval)
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
@@ -326,7 +326,7 @@ class SensorHold:
         return 0.25 * p.period, -1.0
 
     def _updated(self, edges: np.ndarray, period: Any, phase: Any) -> Any:
-        """The time of the update that shows at each edge."""
+        """Time of the last update at each edge."""
         if period.real <= self.interval:
             return edges
         number = np.floor((edges + 0.5 * self.interval - phase.real) / period.real)
@@ -339,7 +339,7 @@ HOLD_VARIANTS: tuple[Traceable, ...] = tuple(
 
 
 def sampling_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """One for each output that has none yet."""
+    """Return one for each output that ``VARIANTS`` lacks."""
     return tuple(SensorHold(signal.name) for signal in further_outputs(equations))
 
 
@@ -404,5 +404,5 @@ VARIANTS: tuple[Traceable, ...] = (*DELAY_VARIANTS, *SAMPLING_VARIANTS)
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """The instances of every effect in this file that none of ``VARIANTS`` is for."""
+    """Return the instances of this file that ``VARIANTS`` lacks."""
     return (*delay_made_for(equations), *sampling_made_for(equations))
