@@ -44,7 +44,7 @@ class Factor:
 
     @property
     def text(self) -> str:
-        """As a vehicle file has it."""
+        """Text of the factor in a vehicle file."""
         if self.knot is not None:
             return f"spline({self.signal}, {self.knot:g}, {self.power})"
         if self.absolute:
@@ -53,7 +53,7 @@ class Factor:
 
     @property
     def label(self) -> str:
-        """As part of a parameter's name: letters, digits and underscores."""
+        """Part of a parameter's name: letters, digits and underscores."""
         if self.knot is not None:
             number = f"{self.knot:g}".replace("-", "m").replace(".", "p").replace("+", "")
             return f"{self.signal}_above_{number}" + (f"_{self.power}" if self.power != 1 else "")
@@ -101,12 +101,12 @@ class Term:
 
     @property
     def text(self) -> str:
-        """As a vehicle file has it."""
+        """Text of the term in a vehicle file."""
         return "*".join(factor.text for factor in self.factors) or "1"
 
     @property
     def label(self) -> str:
-        """As part of a parameter's name; ``0`` of the constant."""
+        """Part of a parameter's name; ``0`` for the constant."""
         return "_".join(factor.label for factor in self.factors) or "0"
 
     @property
@@ -351,7 +351,7 @@ def is_linear(term: Term, axis: str) -> bool:
 
 
 def _others_even(powers: Mapping[str, int], name: str, power: int) -> bool:
-    """Whether what multiplies a signal is the same in a mirrored motion."""
+    """Whether the factors that multiply a signal are unchanged in a mirrored motion."""
     return power % 2 == 1 and not _odd({n: other for n, other in powers.items() if n != name})
 
 
@@ -360,7 +360,8 @@ def _odd(powers: Mapping[str, int]) -> bool:
 
 
 def allowed_terms(along: Sequence[str], across: Sequence[str], *, symmetric: bool) -> list[Term]:
-    """Terms that are even in what lies across the plane of symmetry, or odd.
+    """Terms that are even, or odd, in the variables of the lateral motion.
+
 
     Parameters
     ----------

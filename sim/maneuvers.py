@@ -257,9 +257,8 @@ _LEVELS = (0.75, 0.99)  # of the peak, at which the first and the last clipping 
 class Multisine:
     """A sum of harmonics of one period, repeated a whole number of times.
 
-    u = sum_i amplitudes_i cos(2 pi harmonics_i (t - start) / period + phases_i) on
-    ``[start, start + cycles period]``, zero outside. Disjoint harmonics are orthogonal over a
-    period.
+    u = sum_i amplitudes_i cos(2 pi harmonics_i (t - start) / period + phases_i) on ``[start, start
+    + cycles period]``, zero outside. Disjoint harmonics are orthogonal over a period.
     """
 
     period: float
@@ -496,7 +495,7 @@ def _multisine_bad(where: str, what: str, remedy: str) -> ModelError:
 
 
 class Spacing(Enum):
-    """How a sweep passes through its frequencies."""
+    """Spacing of the frequencies of a sweep over time."""
 
     LINEAR = "equal time for equal frequency differences"
     LOGARITHMIC = "equal time for equal frequency ratios"

@@ -29,9 +29,7 @@ _WIDE = 64
 
 
 def plus(x: Any, port: Any) -> Any:
-    """``x + port``; a port on which nothing acts is a plain zero, and an array is spared that
-    addition.
-    """
+    """``x + port``; a port without effects is the number zero, and the addition is skipped."""
     return x if type(port) is float and port == 0.0 else x + port
 
 
@@ -55,7 +53,7 @@ def add_product(total: Any, factor: Any, x: Any) -> Any:
 
 
 def times(factor: Any, x: Any) -> Any:
-    """``factor * x``; a factor that is a plain one costs nothing."""
+    """``factor * x``; a factor of one is skipped."""
     return x if type(factor) is float and factor == 1.0 else factor * x
 
 

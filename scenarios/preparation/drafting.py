@@ -173,7 +173,7 @@ def recognised(file: RecordFile, channels: Iterable[str]) -> Mapping[str, str]:
 
 
 def map_text(draft: Draft) -> str:
-    """The draft as a channel map in TOML, a reason beside each line."""
+    """The draft as a channel map in TOML, with a reason beside each line."""
     lines = [
         f"# Draft of a channel map for {draft.file.path.name}. Check every line: names do not say "
         "signs, and seldom units."
@@ -214,8 +214,8 @@ def map_text(draft: Draft) -> str:
 
 
 def _sweep_words(file: RecordFile) -> list[str]:
-    """How to analyse the sweep of ArduPilot's SYSID mode: its target and the rate or acceleration
-    that it moves most; nothing for any other file.
+    """Options for the sweep of ArduPilot's SYSID mode: its target and the rate or acceleration that
+    it moves most; empty for other files.
     """
     for topic in _topics_of(file):
         known = {name: at for at, name in enumerate(topic.table.header)}
@@ -267,7 +267,7 @@ def _topics_of(file: RecordFile) -> Sequence[Topic]:
 def _guesses(
     channels: Iterable[str], topics: Sequence[Topic], degrees: Collection[str]
 ) -> list[Guess]:
-    """The best columns of channels, those left out that what flies has not."""
+    """The best columns for the channels that the vehicle can have."""
     absent = (*SURFACES, "airspeed") if _is_multirotor(topics) else COMMANDS
     result = (_guess(channel, topics, degrees) for channel in channels if channel not in absent)
     return [guess for guess in result if guess is not None]
@@ -312,8 +312,7 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
 
 
 def _says_unit(topic: Topic, index: int, channel: str) -> bool:
-    """Whether the file states a unit of a column that can be the channel's; any will do for a
-    clock, whose rate tells."""
+    """Whether the file states a unit that suits the channel; any unit suits a clock."""
     said = stated_unit(topic.table, index)
     return channel == TIME or (said is not None and _converts(said, CHANNEL_UNITS[channel]))
 

@@ -41,9 +41,7 @@ STILL = 0.3
 
 
 def of_totals(model: Model) -> bool:
-    """Whether the equations are of totals, not of perturbations about a trim: a user's own, those
-    that say so, and those that know the airspeed.
-    """
+    """Whether the equations describe total motion, not perturbations about a trim."""
     if isinstance(model.equations, OfTotals):
         return model.equations.totals
     return is_own(model) or any(state.name == "airspeed" for state in model.equations.states)
@@ -70,9 +68,7 @@ def about_trim(record: Record) -> tuple[Record, dict[str, float]]:
 
 
 def trim_sentence(record: Record, name: str) -> str:
-    """What it means that no trim of an input was found although it stands off zero; empty where it
-    does not.
-    """
+    """Sentence if no trim of an input was found although it is not zero; else empty."""
     values, unit = record[name].values, record[name].unit
     middle = float(np.median(values))
     if abs(middle) <= OFF * float(np.ptp(values)):
@@ -213,8 +209,8 @@ class Flow:
 
 
 def able(model: Model) -> tuple[str, ...]:
-    """Which of ``MEASURED`` the model's equations can use; none that a user's own does not declare
-    itself.
+    """Members of ``MEASURED`` that the equations can use; for a user model only those that it
+    declares.
     """
     ports = {port.name for port in model.equations.ports}
     if is_own(model) or not {SPEED, LIFT} <= ports or "airspeed" not in model.parameters:
@@ -263,8 +259,8 @@ def with_flow(
 
 
 def measured_flow(record: Record, model: Model) -> Flow | None:
-    """Speed and density from what the record measures, wrong samples and gaps bridged, smoothed;
-    None where it measures nothing.
+    """Smoothed speed and density of a record, without wrong samples and gaps; None if it measures
+    neither.
     """
     usable = [name for name in able(model) if name in record.output_names]
     if not usable:
@@ -281,7 +277,7 @@ def measured_flow(record: Record, model: Model) -> Flow | None:
 
 
 def flow_sentence(record: Record, model: Model) -> str:
-    """What the measured flow is and how far from the declared one; empty where none is measured."""
+    """Sentence on the measured flow and its difference from the declared one; empty without one."""
     flow = measured_flow(record, model)
     if flow is None:
         return ""
@@ -297,8 +293,8 @@ def flow_sentence(record: Record, model: Model) -> str:
 
 
 def flow_doubts(records: Sequence[Record], model: Model) -> list[str]:
-    """Where measured airspeed or air density are far from those of the vehicle file: what, in which
-    records, and how to mend it.
+    """Records whose measured airspeed or air density is far from the vehicle file's, and the
+    remedy.
     """
     flows = [
         (record.name, flow)
@@ -375,8 +371,8 @@ def _carrying(record: Record, flow: Flow | None, model: Model, added: Sequence[S
 
 
 def interval_means(values: np.ndarray, hold: Hold) -> np.ndarray:
-    """Samples that stand for straight lines between ``values``: where inputs are held, the mean
-    over each interval.
+    """Samples that stand for straight lines between ``values``; of held inputs the mean over each
+    interval.
     """
     return (
         values if hold is Hold.LINEAR else np.append(0.5 * (values[:-1] + values[1:]), values[-1])

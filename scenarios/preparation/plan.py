@@ -1,8 +1,4 @@
-"""What a user asks of measured records: files, model, parts, filter, and how inputs are read.
-
-``maneuvers.toml``: parts of one record by number and name, and the plan that uses some of
-them.
-"""
+"""A user's request for measured records: files, model, parts, filter, and how inputs are read."""
 
 from __future__ import annotations
 
@@ -47,7 +43,8 @@ WHOLE = (Segment(),)
 
 @dataclass(frozen=True)
 class Plan:
-    """How records are prepared; the same for all of a call.
+    """Preparation of records; the same for all records of a call.
+
 
     Attributes
     ----------
@@ -119,7 +116,7 @@ def plan_of(
 
 
 def options_of(plan: Plan) -> list[str]:
-    """The words of a command line that ask for a plan; segments of maneuvers as their times."""
+    """Options of the command line that give a plan; segments of maneuvers by their times."""
     words = []
     for segment in plan.segments:
         for option, value in (("--from", segment.start), ("--to", segment.stop)):
@@ -210,8 +207,9 @@ class Request:
 
 
 def declared_phase(request: Request, vehicle: VehicleFile) -> FlightPhase:
-    """Class and category by which levels of flying qualities are told: the request's, else the
-    vehicle file's, else assumed.
+    """Aircraft class and flight-phase category for levels of flying qualities: from the request,
+    else the vehicle file, else assumed.
+
 
     Raises
     ------
@@ -274,15 +272,13 @@ class Part:
 
     @property
     def sentence(self) -> str:
-        """What messages call it, ``"maneuver 3 (pitch-doublet-1), 119.2 to 127.5 s"``."""
+        """Name of the part in messages, ``"maneuver 3 (pitch-doublet-1), 119.2 to 127.5 s"``."""
         return f"maneuver {self.number} ({self.name}), {self.start:g} to {self.stop:g} s"
 
 
 @dataclass(frozen=True)
 class DeclaredParts:
-    """The parts that a file declares, and the record that they are of: its name and hash, each
-    empty where the file does not say it.
-    """
+    """Parts that a file declares, with name and hash of their record, empty if not stated."""
 
     where: str
     record: str
@@ -322,7 +318,8 @@ def read_parts(path: str | Path) -> DeclaredParts:
 
 
 def chosen_parts(parts: DeclaredParts, requested: Sequence[str | int]) -> tuple[Part, ...]:
-    """The parts that are asked for by number or name, in the order of their times.
+    """The parts with the given numbers or names, in the order of their times.
+
 
     Raises
     ------

@@ -158,8 +158,8 @@ def refuse_unpredictable(
 
 
 def why_unpredictable(record: Record, model: Model) -> str:
-    """Why the prediction of a record would say nothing of a model: a stuck channel, too few
-    samples, no motion; empty where it would.
+    """Why a prediction of a record would not test a model: a stuck channel, too few samples, no
+    motion; else empty.
     """
     biases = [channel for channel in record.outputs if channel.name in model.biases]
     unknown = len(model.initial) + len(biases)
@@ -354,8 +354,8 @@ def _cut(record: Record) -> int:
 
 
 def _trim(values: np.ndarray) -> float:
-    """Where a control stands as the record begins: its median would be the step itself where one is
-    held for most of the record.
+    """Value of a control at the begin of the record; the median would be the step itself if held
+    for most of it.
     """
     return float(np.median(values[: max(FIRST, round(BEGINNING * len(values)))]))
 

@@ -1,5 +1,6 @@
-"""From record files to records that a model is fitted to: parts, units, gaps, filter, trim; and
-records that no fit of model `aircraft` should start from.
+"""Prepare records for a fit: parts, units, gaps, filter, trim.
+
+Also refuses records that no fit of model `aircraft` should start from.
 """
 
 from __future__ import annotations
@@ -159,7 +160,8 @@ def refuse_moving_together(
 
 
 def commanded(aircraft: Aircraft) -> tuple[str, ...]:
-    """Surfaces and mixes whose effects a user wants apart: parts of a mix stand in the mix.
+    """Surfaces and mixes whose effects are estimated separately; parts of a mix are not.
+
 
     Parameters
     ----------
@@ -192,7 +194,7 @@ def surface_motion(records: Sequence[Record], aircraft: Aircraft) -> Mapping[str
 
 
 def _surfaces_of(term: Term, aircraft: Aircraft) -> set[str]:
-    """The surface or mix that stands alone in a term; products with the air's angles differ."""
+    """The surface or mix that a term has as its only control; products with air angles differ."""
     names = term.signals & {*aircraft.surfaces, *aircraft.mixes}
     return set(names) if len(term.factors) == 1 and term.factors[0].power == 1 else set()
 
@@ -213,7 +215,7 @@ STEADY = 0.01  # of the pressure, within which its change is no evidence of anyt
 
 @dataclass(frozen=True)
 class Decided:
-    """How other records were read where no file said it: hold of the inputs, and whether the trim
+    """How other records were read if no file states it: hold of the inputs, and whether the trim
     lift follows a measured pressure.
     """
 
@@ -223,7 +225,8 @@ class Decided:
 
 @dataclass(frozen=True, eq=False)
 class PreparedData:
-    """What a fit starts from.
+    """Model and records from which a fit starts.
+
 
     Attributes
     ----------
@@ -246,7 +249,7 @@ class PreparedData:
 
     @property
     def predicted(self) -> tuple[Record, ...]:
-        """The records that are predicted, each whole."""
+        """The records that are predicted, each complete."""
         return tuple(
             put_together(one, self.validation[span], ())[0]
             for one, span in parts_of(self.parted, self.validation)

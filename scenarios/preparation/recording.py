@@ -30,7 +30,7 @@ BEYOND = 1e50  # squares of larger numbers leave the range of finite ones
 
 @dataclass(frozen=True, eq=False)
 class HandledFinding:
-    """One finding in a record, by the record's name, and what was done about it."""
+    """A finding in a record, with the record's name and how it was handled."""
 
     record: str
     finding: RecordFinding
@@ -45,8 +45,9 @@ class HandledFinding:
 
 @dataclass(frozen=True, eq=False)
 class RecordCheck:
-    """What was seen in the raw columns of all records of a call. ``trusted``: only warned of,
-    nothing set aside or refused.
+    """Findings in the raw columns of all records of a call.
+
+    ``trusted``: findings are only warnings; no sample is masked and no record refused.
     """
 
     records: tuple[str, ...] = ()
@@ -55,17 +56,17 @@ class RecordCheck:
 
     @property
     def doubts(self) -> list[str]:
-        """What is likely to be wrong, and the remedy, one sentence each."""
+        """Probable errors with their remedies, one sentence each."""
         return [_with_remedy(one) for one in self.seen if one.done == WARNED]
 
     @property
     def set_aside(self) -> list[str]:
-        """What samples do not count, and why, one sentence each."""
+        """Masked samples and the reasons, one sentence each."""
         return [f"{one.sentence}; {one.done}" for one in self.seen if one.masked]
 
     @property
     def lines(self) -> list[str]:
-        """What was set aside or is worth knowing, one sentence each."""
+        """Masked samples and further notes, one sentence each."""
         return [
             f"{one.sentence}; {one.done}" if one.masked else one.sentence
             for one in self.seen
@@ -77,8 +78,8 @@ NOTHING_SEEN = RecordCheck()
 
 
 def expectations_of(model: Model) -> Expectations:
-    """What a declared model lets one expect of its record: airspeed, gravity, and the pitch
-    acceleration that its first input makes.
+    """Expected properties of a record of a declared model: airspeed, gravity, and the pitch
+    acceleration by its first input.
     """
     if is_own(model):
         return Expectations(aircraft=False)
@@ -103,7 +104,7 @@ def expectations_of(model: Model) -> Expectations:
 
 
 def joined(looks: Sequence[RecordCheck], *, trusted: bool) -> RecordCheck:
-    """What was seen in records that were looked at one by one."""
+    """The findings of records that were checked one by one."""
     return RecordCheck(
         tuple(dict.fromkeys(name for look in looks for name in look.records)),
         tuple(one for look in looks for one in look.seen),
@@ -114,8 +115,9 @@ def joined(looks: Sequence[RecordCheck], *, trusted: bool) -> RecordCheck:
 def checked_records(
     records: Sequence[Record], expected: Expectations, plan: Plan
 ) -> tuple[list[Record], RecordCheck]:
-    """Records less their samples that carry no information, and what was seen; a record with
-    nothing to mask comes back itself.
+    """Records without samples that carry no information, and the findings; a record without masked
+    samples is returned as it is.
+
 
     Raises
     ------
@@ -206,8 +208,8 @@ SHOWN = 3  # places of one finding that a table has room for
 
 
 def record_content(look: RecordCheck) -> dict[str, Any]:
-    """The entry ``record`` of a study: which records were looked at, what was seen, how many
-    samples of which channel were set aside.
+    """The entry ``record`` of a study: names of the records, findings, and masked samples by
+    channel.
     """
     masked: dict[str, dict[str, int]] = {}
     for one in look.seen:
@@ -223,12 +225,12 @@ def record_content(look: RecordCheck) -> dict[str, Any]:
 
 
 def record_lines(look: RecordCheck) -> list[str]:
-    """What a terminal shows beside the warnings: what was set aside and what is worth knowing."""
+    """Lines of a terminal beside the warnings: masked samples and notes."""
     return [f"record: {line}" for line in look.lines]
 
 
 def record_rows(look: RecordCheck) -> list[tuple[str, str, str, str, str]]:
-    """Record, channel, what is seen, when, what was done: the rows of a page's table."""
+    """Rows of a page's table: record, channel, finding, time, handling."""
     return [
         (
             one.record,
@@ -242,7 +244,7 @@ def record_rows(look: RecordCheck) -> list[tuple[str, str, str, str, str]]:
 
 
 def record_table(look: RecordCheck) -> Table:
-    """The same as a page's table; without rows where nothing is seen."""
+    """The findings as a table of a page."""
     columns = tuple(map(Column, ("record", "channel", "seen", "when", "done")))
     caption = (
         "What the raw columns show, before any fit; samples that were set aside count in no fit "

@@ -136,7 +136,7 @@ def survey_figures(survey: SurveyResult) -> Iterator[Named]:
 
 
 def _condition(each: Derivative, usual: str) -> str:
-    """The condition that a derivative is drawn over: that with which it changes."""
+    """The condition that a derivative is drawn over: the one with which it changes."""
     return each.drifts[0] if each.drifts is not None else usual
 
 

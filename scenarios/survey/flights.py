@@ -40,7 +40,7 @@ def changed(content: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str,
 
 
 def toml_text(content: Mapping[str, Any]) -> str:
-    """TOML of what a TOML file held: a line a key, tables inline."""
+    """TOML text of the content of a TOML file: one line a key, tables inline."""
     return "".join(f"{_text(key)} = {_inline(value)}\n" for key, value in content.items())
 
 
@@ -115,7 +115,7 @@ class SurveyFlight:
         return None if self.vehicle else vehicle_next_to(self.records[0])
 
     def request(self) -> Request:
-        """What a diagnosis of this flight is asked."""
+        """Request of the diagnosis of this flight."""
         raw = self.vehicle.encode()
         identity = InputFile(self.vehicle_name, hashlib.sha256(raw).hexdigest())
         vehicle = Source(Path(self.vehicle_name), raw, identity) if raw else None
@@ -199,7 +199,7 @@ def read_flights(path: str | Path) -> Flights:
 
 
 def _listed(entry: SurveyEntry, root: Path, where: str) -> list[FlightEntry]:
-    """Flights of the records that stand at the top of the file, in the order of their names."""
+    """Flights of the records that the top of the file lists, sorted by name."""
     from scenarios.files.schemas import FlightEntry
 
     patterns = [entry.records] if isinstance(entry.records, str) else entry.records or []
@@ -335,8 +335,8 @@ def _with_maneuvers(
 def _refuse_unreadable(
     flights: Sequence[SurveyFlight], vehicle: str, shared: str, where: str
 ) -> None:
-    """Raise DeclarationError for what would fail in every flight: a map or file of effects that is
-    not there, a vehicle that is none.
+    """Raise DeclarationError for an error common to all flights: a missing map or file of effects,
+    a wrong vehicle.
     """
     for flight in flights:
         for path in (flight.channels, flight.effects):
@@ -516,7 +516,7 @@ def diagnosed(flight: SurveyFlight, folder: Path, figures: Formats) -> dict[str,
 
 
 def kinematics_of(flight: SurveyFlight) -> dict[str, Any]:
-    """What the kinematics say of a flight's sensors, or why they say nothing."""
+    """Kinematic check of a flight's sensors, or why there is none."""
     from scenarios.compatibility.check import check_files
     from scenarios.compatibility.report import finding_lines
 
@@ -531,8 +531,8 @@ def kinematics_of(flight: SurveyFlight) -> dict[str, Any]:
 
 
 def kept_diagnosis(flight: SurveyFlight, folder: Path) -> dict[str, Any] | None:
-    """What is kept of a flight where it is still of this record, vehicle, model, options and
-    version; else None.
+    """Stored diagnosis of a flight if record, vehicle, model, options and version are unchanged;
+    else None.
     """
     content = json_or_none(folder / FOLDER / flight.name / KEPT)
     sound = (

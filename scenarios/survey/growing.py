@@ -70,9 +70,7 @@ class PooledFits:
         return {"digests": [self.digest(number) for number in range(len(self.flights))]}
 
     def digest(self, number: int) -> str:
-        """Of everything that a flight's fits depend on; not of the starts, from which every fit
-        goes to its end.
-        """
+        """Hash of everything that a flight's fits depend on, without the starting values."""
         content = [
             SCHEMA,
             self.flights[number].digest,
@@ -214,7 +212,9 @@ class _EffectSetFits:
     def sets(
         self, names: Sequence[str], beside: Sequence[str]
     ) -> dict[frozenset[str], FittedModel | None]:
-        """Every set of ``names``, with the effects ``beside`` in each; the whole one last."""
+        """Fits with every subset of ``names``, with the effects ``beside`` in each; the full set
+        last.
+        """
         result: dict[frozenset[str], FittedModel | None] = {}
         for size in range(len(names) + 1):
             for chosen in combinations(names, size):

@@ -94,7 +94,7 @@ def effects_of_one_flight(
 
 
 def starts_of(diagnoses: DiagnosesByFlight, names: Sequence[str]) -> dict[str, float]:
-    """Where each effect's parameters begin: the median over the flights that name it."""
+    """Starting values of each effect's parameters: the median over the flights that name it."""
     seen: dict[str, list[float]] = {}
     for flight in diagnoses.values():
         for each in flight["effects"]:
@@ -153,8 +153,8 @@ class Recurring:
 def evidence_of(
     fits: Sequence[Mapping[str, Any]], name: str, beside: Sequence[frozenset[str]]
 ) -> tuple[Evidence, np.ndarray]:
-    """What each flight says of an effect added to the sets ``beside``, and which flights can say
-    anything ``(n,)``.
+    """Evidence of each flight for an effect added to the sets ``beside``, and which flights can be
+    used ``(n,)``.
     """
     gain: list[float] = []
     value: list[np.ndarray] = []
@@ -270,8 +270,8 @@ def _preferred(
 
 
 def _differences(fits: Sequence[Mapping[str, Any]], sets: Sequence[frozenset[str]]) -> float:
-    """By how much the derivatives of all flights differ from one value each: Cochran's statistic,
-    summed.
+    """Difference of the derivatives of all flights from common values: the sum of Cochran's
+    statistics.
     """
     seen: dict[str, list[tuple[float, float]]] = {}
     for each, taken in zip(fits, sets, strict=True):
@@ -288,7 +288,7 @@ def _differences(fits: Sequence[Mapping[str, Any]], sets: Sequence[frozenset[str
 def recurrence_of_effect(
     fits: Sequence[Mapping[str, Any]], name: str, sets: Sequence[frozenset[str]]
 ) -> Recurrence | None:
-    """An effect over the flights that can tell it; None with fewer than two."""
+    """Pool an effect over the flights that can be used; None with fewer than two."""
     evidence, able = evidence_of(fits, name, sets)
     if able.sum() < 2:
         return None
@@ -305,9 +305,7 @@ def recurrence_of_effect(
 def assigned(
     fits: Sequence[Mapping[str, Any]], taken: Sequence[str], sets: Sequence[frozenset[str]]
 ) -> list[frozenset[str]]:
-    """Of each flight the effects that it is likelier to have than not, asked in turn until none
-    changes.
-    """
+    """Effects of each flight that are more likely present than not, iterated until none changes."""
     now = list(sets)
     for _ in range(4):
         before = list(now)
@@ -397,9 +395,7 @@ def recurring_with_other_effects(
 
 
 def _needless(fitted: Mapping[str, Any], taken: frozenset[str]) -> bool:
-    """Whether a flight's own effects are not needed beside the effects ``taken``, of which it may
-    have any.
-    """
+    """Whether a flight's own effects are unnecessary beside the effects ``taken``."""
 
     def most(sets: Mapping[str, Any]) -> float:
         return max(

@@ -95,7 +95,9 @@ def values_of(each: Recurring) -> list[str]:
 
 
 def belongs_phrase(each: Recurring, survey: SurveyResult) -> str:
-    """Whose it is, and whether its value is one, or changes with a condition."""
+    """In which flights an effect is present, and whether its value is constant or changes with a
+    condition.
+    """
     text = f"{len(each.has)} have it, {len(each.has_not)} do not, {len(each.untold)} are undecided"
     whose = (
         f"it belongs to the aircraft: no flight excludes it ({text})"
@@ -125,7 +127,7 @@ def _effect_change(survey: SurveyResult, each: Recurring, local: str) -> str:
 
 
 def rivals_phrase(each: Recurring) -> str:
-    """What it was told from, and what not."""
+    """Effects that the evidence excludes, and those that it does not."""
     equal = [name for name, margin in each.rivals.items() if margin < EQUAL]
     margins = {name: margin for name, margin in each.rivals.items() if margin >= EQUAL}
     out = []
@@ -178,7 +180,7 @@ def drifts(survey: SurveyResult) -> list[str]:
 
 
 def hints(survey: SurveyResult) -> list[str]:
-    """What a change with a condition may mean other than what it says."""
+    """Other possible causes of a change with a condition."""
     forces = [
         each.name
         for each in survey.derivatives
@@ -194,7 +196,7 @@ def hints(survey: SurveyResult) -> list[str]:
 
 
 def outlying(survey: SurveyResult) -> list[tuple[str, str, float]]:
-    """Flights that stand out: flight, derivative, standard deviations."""
+    """Outlying flights: flight, derivative, standard deviations."""
     return [
         (flight, each.name, float(far))
         for each in survey.derivatives
@@ -204,7 +206,7 @@ def outlying(survey: SurveyResult) -> list[tuple[str, str, float]]:
 
 
 def news(survey: SurveyResult) -> str:
-    """What this survey computed, and what is new, failed or removed since the last one."""
+    """Counts of this survey: computed, new, failed and removed flights."""
     grown = survey.survey_files
     parts = [
         f"{len(grown.diagnoses)} flights",
@@ -229,7 +231,7 @@ def single_phrases(survey: SurveyResult) -> list[str]:
 
 
 def fresh(survey: SurveyResult) -> list[str]:
-    """What is new: each flight by itself, and what it has of what recurs."""
+    """The new flights, each with its own verdict and the recurring effects that it has."""
     out = []
     for name in survey.survey_files.new:
         diagnosis = survey.survey_files.diagnoses[name]
@@ -251,7 +253,7 @@ def listed(names: Sequence[str], most: int = 6) -> str:
 
 
 def state(each: Recurring, flight: str) -> str:
-    """What is told of an effect in one flight."""
+    """Status of an effect in one flight."""
     if flight not in each.flights:
         return "–"
     return HAS if flight in each.has else HAS_NOT if flight in each.has_not else UNTOLD
@@ -271,7 +273,7 @@ def newest_first(survey: SurveyResult) -> list[str]:
 
 
 def effects_table(survey: SurveyResult) -> Table:
-    """What recurs."""
+    """Table of the recurring effects."""
     some = survey.recurs
 
     def counts(flights: Callable[[Recurring], Sequence[str]]) -> list[Cell]:
@@ -325,7 +327,7 @@ def derivatives_table(survey: SurveyResult) -> Table:
 
 
 def outlying_table(survey: SurveyResult) -> Table:
-    """Flights that stand out beyond the scatter of the others."""
+    """Table of flights that lie outside the scatter of the others."""
     far = outlying(survey)
     return table(
         "flights that stand out",
@@ -370,8 +372,8 @@ def flights_table(survey: SurveyResult, linked: Collection[str] = ()) -> Table:
 
 
 def kinematics(diagnosis: Mapping[str, Any]) -> str:
-    """What stands of a flight's sensors by kinematics alone: the first, and how many would do as
-    well or stand beside it.
+    """Sensor faults of a flight from kinematics: the first one, and the number of alternatives and
+    further ones.
     """
     if not diagnosis["check"]["done"]:
         return "not possible"
@@ -418,7 +420,7 @@ def survey_content(survey: SurveyResult, created: str) -> dict[str, Any]:
 
 
 def effect_content(each: Recurring, survey: SurveyResult) -> dict[str, Any]:
-    """One effect that recurs."""
+    """JSON content of one recurring effect."""
     result = each.recurrence
     sigmas = np.sqrt(np.diag(result.covariance))
     common = zip(each.parameters.items(), result.value, sigmas, strict=True)
@@ -464,7 +466,7 @@ def effect_content(each: Recurring, survey: SurveyResult) -> dict[str, Any]:
 
 
 def derivative_content(each: Derivative, survey: SurveyResult) -> dict[str, Any]:
-    """One derivative over the flights."""
+    """JSON content of one derivative over the flights."""
     common = each.common
     return {
         "unit": each.unit,
@@ -554,7 +556,7 @@ def derivatives_text(survey: SurveyResult) -> str:
 
 
 def survey_text(survey: SurveyResult, width: int = WIDTH, details: str = BELOW) -> str:
-    """What a terminal of this width shows."""
+    """Text of the survey for a terminal of this width."""
     lines = [*summary_lines(summary_of(survey, details), width), ""]
     lines += table_as_lines(effects_table(survey), width)
     for each in survey.recurs:
@@ -577,7 +579,7 @@ def survey_text(survey: SurveyResult, width: int = WIDTH, details: str = BELOW) 
 
 
 def summary_of(survey: SurveyResult, details: str = BELOW) -> Summary:
-    """The survey; what recurs; what changes; flights that stand out."""
+    """Summary: the survey, recurring effects, changes with a condition, outlying flights."""
     word, rest = verdict_of(survey)
     changes = "; ".join(drifts(survey)) or "no derivative changes with a condition beyond chance"
     far = outlying(survey)

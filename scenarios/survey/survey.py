@@ -1,4 +1,4 @@
-"""A survey: its flights grown, what recurs, derivatives over the condition."""
+"""A survey of several flights: diagnoses, recurring effects, derivatives over flight conditions."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class SurveyResult:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Flights that say nothing, or nothing of what recurs, each with the reason."""
+        """Flights without information on the recurring effects, each with the reason."""
         failed = [f"{name} failed: {reason}" for name, reason in self.survey_files.failed.items()]
         return (
             *failed,
@@ -84,7 +84,7 @@ class SurveyResult:
 
     @property
     def verdicts(self) -> Mapping[str, int]:
-        """How often each verdict stands over single flights."""
+        """Number of single flights with each verdict."""
         return dict(
             Counter(
                 str(each["verdict"]) for each in self.survey_files.diagnoses.values()

@@ -122,7 +122,7 @@ SHOWN = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "d
 
 
 def loop_figures(study: LoopStudy) -> Iterator[Named]:
-    """A study's figures: the stem of each file, and what draws it."""
+    """Return the figures of a study: stem of each file and function that draws it."""
     from scenarios.plots.estimates import figure_correlation, figure_innovations
     from scenarios.plots.low_order import figure_side_by_side, figure_states
     from scenarios.plots.signals import figure_fit, figure_record, units_of
@@ -295,8 +295,8 @@ def _printed(study: LoopStudy) -> list[dict[str, float]]:
 
 
 def _margins(study: LoopStudy, found: OpenMargins) -> Figure:
-    """Every point that has the paper's equivalents, the declared airframes, and what each open
-    value does.
+    """Margins at every point that has the paper's equivalents, of the declared airframes, and the
+    effect of each unpublished value.
     """
     from scenarios.plots.low_order import figure_open_margins
 
@@ -364,7 +364,7 @@ def write_loop(study: LoopStudy, folder: str | Path, *, figures: Formats = USUAL
 
 
 def truth_content(study: LoopStudy) -> dict[str, Any]:
-    """What was flown: airframe, stick, noise. No parameter of the low-order model is true for a
+    """The true flight: airframe, stick, noise. No parameter of the low-order model is true for a
     loop of higher order.
     """
     simulated, flight = study.result.simulated, study.scenario.flight

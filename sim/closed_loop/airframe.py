@@ -54,11 +54,11 @@ class ShortPeriodAirframe:
 
 @dataclass(frozen=True)
 class Actuator:
-    """One surface: its share of the command, its servo and its ram.
+    """Actuator of one surface.
 
     The command ``mixing * u_p`` (deg, about trim) is limited to the travel, passes a second-order
-    servo, then a ram of first order whose rate is limited and which stops at the ends of the
-    travel.
+    servo, then a first-order ram with a rate limit and end stops.
+
 
     Attributes
     ----------
@@ -116,8 +116,9 @@ class ControlLaw:
 
 @dataclass(frozen=True)
 class StickShaping:
-    """From stick to reference: r = z^-N wp/(s + wp) { K e (1 + curvature |e|) }, e the stick beyond
-    its break-out.
+    """Reference from the stick: r = z^-N wp/(s + wp) { K e (1 + curvature |e|) }, with e the stick
+    beyond its break-out.
+
 
     Attributes
     ----------
@@ -139,8 +140,8 @@ class StickShaping:
 
 @dataclass(frozen=True)
 class Telemetry:
-    """What is recorded: ``rate`` in 1/s, ``vane_arm`` in m ahead of the centre of gravity, noise as
-    1 sigma in rad, rad/s, g.
+    """Recording: ``rate`` in 1/s, ``vane_arm`` in m ahead of the centre of gravity, noise as 1
+    sigma in rad, rad/s, g.
     """
 
     rate: float
@@ -152,9 +153,7 @@ class Telemetry:
 
 @dataclass(frozen=True)
 class X29:
-    """One complete aircraft: an airframe with its surfaces, sensors, control law, stick and
-    telemetry.
-    """
+    """A complete aircraft: airframe with surfaces, sensors, control law, stick and telemetry."""
 
     name: str
     airframe: ShortPeriodAirframe

@@ -153,8 +153,8 @@ def shape_stick(stick: np.ndarray, shaping: StickShaping) -> np.ndarray:
 
 
 def shaping_matrices(shaping: StickShaping, frame: float) -> Matrices:
-    """From the geared stick (g) to the reference r (g): N frames of delay, then the lag by Tustin's
-    rule; sampled.
+    """Sampled system from the geared stick (g) to the reference r (g): N frames of delay, then a
+    lag by Tustin's rule.
     """
     a, b0, b1 = _tustin(1.0, 0.0, 1.0, 1.0 / shaping.lag, frame)
     n = shaping.delay_frames
@@ -209,7 +209,7 @@ _SLACK = 1e-10
 
 
 class RamMode(IntEnum):
-    """What moves a ram."""
+    """State of a ram: moving freely, at its rate limit or at a stop."""
 
     FREE = 0
     RATE_UP = 1
@@ -445,8 +445,8 @@ def _at(block: StateSpace, z: np.ndarray) -> np.ndarray:
 
 
 def _delayed_plant(x29: X29, delay: float) -> StateSpace:
-    """From u_p to ``OUTPUT_NAMES``; states: the plant's, then the commands of the frames before,
-    the latest first.
+    """Sampled system from u_p to ``OUTPUT_NAMES``; states: the plant's, then the commands of
+    earlier frames, the latest first.
     """
     import control
 

@@ -112,7 +112,7 @@ def control_law(x29: X29) -> StateSpace:
 
 
 def stick_shaping(x29: X29) -> StateSpace:
-    """From ``stick`` to ``r`` for a stick beyond no break-out: gain K, N frames of delay, lag."""
+    """System from ``stick`` to ``r`` without break-out: gain K, N frames of delay, lag."""
     shaping = shaping_matrices(x29.stick, x29.frame)
     gained = Matrices(shaping.A, x29.stick.gain * shaping.B, shaping.C, x29.stick.gain * shaping.D)
     return _named(gained, ["stick"], ["r"], "shaping", x29.frame)
@@ -208,7 +208,8 @@ LOOP_TEST_NAMES = ("sweep", "command", "returned", "q", "nz")
 
 @dataclass(frozen=True)
 class LoopNoise:
-    """What disturbs a test of the loop, standard deviations.
+    """Standard deviations of the noise in a test of the loop.
+
 
     Attributes
     ----------
@@ -422,9 +423,7 @@ def _from_near(
     gravity: float,
     L_q: float,
 ) -> EquivalentSystem | None:
-    """The same fit by Gauss-Newton steps from an equivalent nearby, all slopes in one call; None
-    where it does not settle.
-    """
+    """The same fit by Gauss-Newton steps from a near equivalent; None if it does not converge."""
     p, nudge = np.array([getattr(near, name) for name in FITTED_NAMES]), 1e-7 * _SCALE
 
     def errors(columns: np.ndarray) -> np.ndarray:

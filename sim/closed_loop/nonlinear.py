@@ -1,9 +1,4 @@
-"""The sampled closed loop flown with its limits and break-out, under the pilot's stick, and
-recorded as telemetry.
-
-What comes near a limit is left to be stepped by ``sim.closed_loop.equations``, frame by frame,
-which is exact there.
-"""
+"""Simulation of the sampled closed loop with limits and break-out, from stick to telemetry."""
 
 from __future__ import annotations
 
@@ -92,7 +87,7 @@ def three_two_one_one(
 
 
 def doublet(amplitude: float = 1.0, unit: float = 1.0, start: float = 1.0) -> SteppedStick:
-    """One unit (s) of + ``amplitude`` (in), one of -, then 0."""
+    """``unit`` s of + ``amplitude`` (in), ``unit`` s of - ``amplitude``, then 0."""
     return alternating((1.0, 1.0), amplitude, unit, start)
 
 
@@ -272,7 +267,7 @@ _WAIT = 8  # frames that are stepped one by one after one that was limited
 
 
 class FlightOutcome(Enum):
-    """How a simulated flight ended."""
+    """End of a simulated flight."""
 
     COMPLETED = "completed"
     DEPARTED = "departed"
@@ -280,8 +275,8 @@ class FlightOutcome(Enum):
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoopTruth:
-    """What really happened, at the F frames of the control computer (80 Hz); nothing of it is in
-    the record.
+    """True histories at the F frames of the control computer (80 Hz); not in the record.
+
 
     Attributes
     ----------
@@ -466,7 +461,7 @@ def _fly(x29: X29, reference: np.ndarray, pieces: int) -> _FrameStates:
 
 
 def _steppers(x29: X29, pieces: int) -> tuple[Stepper, ...]:
-    """One stepper a frame, or two that meet where a skewed record takes its outputs."""
+    """One stepper a frame, or two if a skewed record samples its outputs in between."""
     system, rest = plant(x29), math.fmod(x29.stick.recorded_skew, x29.frame)
     if rest == 0.0:
         return (prepare(x29, system, x29.frame, pieces),)

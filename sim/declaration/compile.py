@@ -131,8 +131,8 @@ def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> Effec
 
 
 def _following(model: Model, protocol: Any) -> list[Any]:
-    """The effects of a model that follow a protocol: asked once for each class and names of its
-    attributes, since the answer looks at all of them.
+    """Effects of a model that follow a protocol; cached by class and attribute names, since the
+    check inspects all attributes.
     """
     result = []
     for effect in model.effects:
@@ -225,8 +225,8 @@ Measured = Callable[[Signals, Any, Rows], dict[str, Any]]
 
 
 def signals_of(parts: EffectStages) -> Bus:
-    """All signals by name at one time, with what the effects add, and the vehicle's own parameters
-    as they are then.
+    """All signals by name at one time, with the contributions of effects, and the vehicle's
+    parameters at that time.
     """
     equations, own, slices = parts.model.equations, parts.own, parts.slices
     moved_in = parts.moved_in
@@ -294,7 +294,7 @@ def signals_of(parts: EffectStages) -> Bus:
 
 
 def measured_of(parts: EffectStages) -> Measured:
-    """All outputs by name as sensors without memory read them."""
+    """All outputs by name, as sensors without memory measure them."""
     equations, own, readings = parts.model.equations, parts.own, parts.readings
     base_outputs = tuple(signal.name for signal in equations.outputs)
     rates = (
@@ -511,9 +511,7 @@ def compile_model(
 
 
 def _initial(parts: EffectStages) -> ParameterSet:
-    """Initial values in the order of the states; states of effects start at zero where the model
-    does not say.
-    """
+    """Initial values in the order of the states; undeclared states of effects start at zero."""
     model = parts.model
     given = {item.name for item in model.initial}
     added = [
@@ -531,8 +529,8 @@ def _names_of(effects: Sequence[Effect]) -> frozenset[str]:
 
 
 def tied_system(system: System, ties: Sequence[Tie]) -> System:
-    """The System with every function seeing each tied parameter at what its tie gives; the same
-    object where there are no ties.
+    """The System with every tied parameter replaced by its tie's value; the same object without
+    ties.
 
     A parameter that others follow counts as acting wherever one of these does.
     """
@@ -567,9 +565,7 @@ def tied_system(system: System, ties: Sequence[Tie]) -> System:
 def _followed(
     places: Sequence[tuple[int, list[tuple[int, float]], float]], p: Sequence[Any]
 ) -> list[Any]:
-    """The parameters with those that are tied worked out from the others; entries are numbers or
-    arrays.
-    """
+    """The parameters with tied ones computed from the others; entries are numbers or arrays."""
     out = list(p)
     for place, terms, constant in places:
         value: Any = constant

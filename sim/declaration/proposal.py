@@ -21,11 +21,11 @@ _NO_MANEUVERS: Mapping[str, str] = MappingProxyType({})
 
 @dataclass(frozen=True)
 class Traits:
-    """What a search and its reports ask of an effect; each file states what is special about its
-    own.
+    """Properties of an effect for searches and reports; each effect file states its own.
 
-    Names of other effects in ``separating`` stand without their part after a colon:
-    ``"sensor-lag"`` is that of every channel.
+    Names of other effects in ``separating`` are without the part after a colon: ``"sensor-lag"`` is
+    that of every channel.
+
 
     Attributes
     ----------
@@ -110,7 +110,8 @@ _proposal_NO_RANGES: Mapping[str, tuple[float, float]] = MappingProxyType({})
 
 @dataclass(frozen=True)
 class SearchContext:
-    """What a record offers before any effect is tried.
+    """Properties of a record that a search uses before any effect is fitted.
+
 
     Attributes
     ----------
@@ -141,8 +142,8 @@ class SearchContext:
         return self.end - self.begin
 
     def flown_range(self, name: str) -> tuple[float, float] | None:
-        """Lowest and highest value of a signal, by its peak to both sides where no more is known;
-        None where nothing is.
+        """Lowest and highest value of a signal in the record; plus and minus its peak if only that
+        is known, None if nothing is.
         """
         if name in self.flown:
             return self.flown[name]
@@ -150,15 +151,16 @@ class SearchContext:
         return (-peak, peak) if peak > 0 else None
 
     def onsets(self, count: int = 36) -> tuple[float, ...]:
-        """Times spread evenly over the record, its ends left out: an event at the very edge cannot
-        be told from a bias.
+        """Times spread evenly over the record without its ends, where an event looks like a
+        bias.
         """
         return tuple(self.begin + self.duration * (i + 0.5) / count for i in range(count))
 
 
 @dataclass(frozen=True)
 class Probe:
-    """One place where a search evaluates an effect.
+    """A point at which a search evaluates an effect.
+
 
     Attributes
     ----------
@@ -179,9 +181,7 @@ class Probe:
 
 @runtime_checkable
 class Traceable(Effect, Protocol):
-    """An effect that a search can propose: its ``traits`` say how, ``probes`` where to look for it
-    in a record.
-    """
+    """An effect that a search can propose, with its ``traits`` and its ``probes`` of a record."""
 
     @property
     def traits(self) -> Traits: ...
@@ -199,9 +199,7 @@ class FittedToRecord(Protocol):
 
 @runtime_checkable
 class RangedCurve(Protocol):
-    """A curve over a range: ``low`` and ``high``, in the unit of its argument, are what the records
-    of ``fitted_to`` flew.
-    """
+    """A curve over the range of the records: ``low`` and ``high``, in the unit of its argument."""
 
     @property
     def low(self) -> float: ...
@@ -238,8 +236,8 @@ def delays_to_try(context: SearchContext) -> tuple[float, ...]:
     """Delays and time constants to try, s, a factor of two apart, from a share of the sampling
     interval upward.
 
-    None is a multiple of a usual sampling interval: there a held input's jump meets a sample, and
-    slopes are one-sided.
+    None is a multiple of a usual sampling interval: a step of a held input would then meet a
+    sample, and slopes would be one-sided.
     """
     return tuple(
         time for time in (0.0173, 0.0373, 0.0831, 0.1773) if time > 0.3 * context.interval

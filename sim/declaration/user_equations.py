@@ -89,10 +89,10 @@ def locked(array: np.ndarray) -> np.ndarray:
 
 
 class WatchedTime(NDArrayOperatorsMixin):
-    """Time zero that serves as a number or as an array without axes, and records in ``used``
-    whether anything was done with it.
+    """Time zero, as a number or an array without axes, that records in ``used`` whether a function
+    used it.
 
-    A function of the time is found by it even where its value changes at one instant only.
+    That also finds functions of time whose value changes at one instant only.
     """
 
     __array_priority__ = 1000.0
@@ -184,7 +184,7 @@ class OwnEquations:
 
     @property
     def resting_inputs(self) -> dict[str, float]:
-        """Inputs about which the functions are tried, by name; zero where it says nothing."""
+        """Inputs at which the functions are tried, by name; zero where not declared."""
         return dict(self.resting)
 
     def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
@@ -233,8 +233,8 @@ class OwnEquations:
     def _check_all(
         self, what: str, function: Answer, answers: Iterable[tuple[str, Any]], s: Any, p: Any
     ) -> None:
-        """Check each answer; plain numbers, and arrays of floats in the shape of the first state,
-        need no second look.
+        """Check each answer; numbers, and float arrays in the shape of the first state, pass at
+        once.
         """
         shape = getattr(getattr(s, self.states[0].name), "shape", ())
         known: set[tuple[int, ...]] = set()
@@ -292,10 +292,9 @@ NO_COMPLEX = (
 def fault(
     model: str, what: str, function: Answer, error: BaseException, s: Any, p: Any
 ) -> FlightidError:
-    """One line on an error that a user's function raised: what, in which function, file and line.
+    """One line on an error of a user's function: problem, function, file and line.
 
-    What asks the program to stop is raised again: an interrupt from the keyboard, and what is no
-    error of the function.
+    Requests to stop the program, such as Ctrl-C, are raised again.
     """
     if not raised_by(error, getattr(getattr(function, "__code__", None), "co_filename", "")):
         raise error
@@ -382,7 +381,7 @@ SLOPE = 1e-3
 
 @dataclass(frozen=True)
 class Starts:
-    """Where a model is tried: every signal on the bus but those of ``flow``, and every
+    """Point at which a model is tried: every signal except those of ``flow``, and every
     parameter.
     """
 
@@ -391,8 +390,9 @@ class Starts:
 
 
 def try_model(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
-    """Evaluate a model's functions at the starts, beside them with complex steps, and with arrays;
-    the names that ``flow`` forms.
+    """Evaluate a model's functions at the starts, with complex steps beside them, and with arrays;
+    return the names that ``flow`` forms.
+
 
     Raises
     ------
@@ -502,7 +502,8 @@ def _parameter_class(names: tuple[str, ...]) -> Any:
 
 
 def evaluated(equations: OwnEquations, starts: Starts) -> dict[tuple[str, str], Any]:
-    """All answers at some signals and parameters by function and name, checked for names and kinds.
+    """All answers at a point by function and name, checked for names and types.
+
 
     Raises
     ------
@@ -598,7 +599,7 @@ def _answer_label(what: str, name: str) -> str:
 
 
 def neighbouring_point(starts: Starts, side: float) -> Starts:
-    """A point beside the starts, each value moved by another amount."""
+    """A point near the starts, each value moved by a different amount."""
 
     def moved(some: Mapping[str, Any], first: int) -> dict[str, Any]:
         amounts = (1.0 + 0.1 * math.sin(first + i) for i in range(len(some)))
@@ -611,8 +612,8 @@ def neighbouring_point(starts: Starts, side: float) -> Starts:
 
 
 def _compare_slopes(equations: OwnEquations, at: Starts) -> None:
-    """Complex steps against differences, one signal and parameter after the other; nothing where
-    the functions have no finite values there.
+    """Compare complex steps with differences, by one signal or parameter at a time; skipped where
+    the functions are not finite.
     """
     names = [(True, name) for name in at.signals if name != "time"] + [
         (False, name) for name in at.parameters
@@ -658,7 +659,7 @@ def _compare_slopes(equations: OwnEquations, at: Starts) -> None:
 
 
 def changed(at: Starts, of_signal: bool, name: str, value: Any) -> Starts:
-    """The same with another value of one signal, or of one parameter."""
+    """The point with another value of one signal or parameter."""
     return (
         Starts({**at.signals, name: value}, at.parameters)
         if of_signal
@@ -667,9 +668,7 @@ def changed(at: Starts, of_signal: bool, name: str, value: Any) -> Starts:
 
 
 def _finite(equations: OwnEquations, at: Starts) -> np.ndarray | None:
-    """All answers at a point beside the starts, None where one is not finite or cannot be
-    formed.
-    """
+    """All answers at a point near the starts, None if one is not finite or fails."""
     try:
         values: Sequence[Any] = list(evaluated(equations, at).values())
     except FlightidError as error:

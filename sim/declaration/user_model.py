@@ -413,9 +413,7 @@ def _refuse_uncallable(model: str, functions: Mapping[str, object]) -> None:
 
 
 def _refuse_other_arguments(model: str, what: str, function: Callable[..., object]) -> None:
-    """Raise ModelError where a function cannot be called with ``s`` and ``p``; one that does not
-    say what it takes is left to the trial.
-    """
+    """Raise ModelError if a function cannot be called with ``s`` and ``p``."""
     try:
         taken = signature(function)
     except (TypeError, ValueError):

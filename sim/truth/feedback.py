@@ -1,6 +1,4 @@
-"""Flies a model whose inputs are moved by what its sensors say: a pilot or a flight control system
-holds the aircraft.
-"""
+"""Simulation of a model in closed loop: a pilot or a flight control system moves the inputs."""
 
 from __future__ import annotations
 
@@ -109,8 +107,8 @@ def fly_with_feedback(
 
 @dataclass(frozen=True, eq=False)
 class _Loop:
-    """A compiled model with what moves its inputs; refuses what a loop closed sample by sample
-    cannot have.
+    """A compiled model with its controller; refuses what a loop closed sample by sample cannot
+    have.
     """
 
     system: System
@@ -155,7 +153,7 @@ class _Loop:
         ]
 
     def command(self, t: float) -> list[float]:
-        """What the maneuvers give every input."""
+        """Values of the maneuvers for every input."""
         return [float(self.maneuvers.get(key, Sum())(t)) for key in self.system.input_names]
 
     def closed(

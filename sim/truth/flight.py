@@ -149,7 +149,7 @@ def drive_from_maneuvers(
 
 
 def _without_break(maneuver: Maneuver, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Which sub-steps hold no switch strictly inside."""
+    """Whether sub-steps have no switch strictly inside."""
     if not maneuver.breakpoints:
         return np.ones(a.shape, dtype=bool)
     breaks = np.asarray(maneuver.breakpoints)
@@ -210,8 +210,8 @@ def _between(by_input: tuple[Maneuver, ...], begin: float, end: float) -> Inputs
 
 
 class Distance(Enum):
-    """How far a truth is from the model that will be fitted to it: the nearer, the easier the test
-    ("inverse crime").
+    """Difference between the truth and the model that will be fitted: the smaller, the easier the
+    test ("inverse crime").
     """
 
     SAME_EQUATIONS = "same equations and step"
@@ -225,7 +225,8 @@ class Distance(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What really happened; for scoring only, never for an estimator.
+    """The true simulation; for scoring only, never for an estimator.
+
 
     Attributes
     ----------
@@ -357,8 +358,8 @@ def _recorded_inputs(
 
 @dataclass(frozen=True, eq=False)
 class _GridStates:
-    """States and random walks at the edges of a grid, where the samples are among them, outputs
-    without noise at these, and how it was flown.
+    """States and random walks at the edges of a grid that contains the samples, noise-free outputs
+    there, and the integration method.
     """
 
     states: Sequence[Any]
@@ -419,8 +420,8 @@ def _propagated(
 def remeasure(
     record: Record, truth: Truth, rng: np.random.Generator, measurement: Measurement | None = None
 ) -> Record:
-    """The same flight measured again with fresh noise, at no cost of simulation; None repeats white
-    noise of the truth's ``noise_std``.
+    """The same flight with fresh measurement noise, without a new simulation; None: white noise of
+    the truth's ``noise_std``.
     """
     again = measurement or Measurement()
     std = truth.noise_std if again.std is None else again.std

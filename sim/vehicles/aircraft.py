@@ -159,12 +159,12 @@ class Aircraft:
 
     @property
     def signals(self) -> tuple[str, ...]:
-        """Names that may stand in terms."""
+        """Names that may occur in terms."""
         return (*FLOW, *dict.fromkeys((*self.surfaces, *self.mixes)))
 
     @property
     def angles(self) -> frozenset[str]:
-        """Signals by which derivatives are told per radian."""
+        """Signals whose derivatives are per radian."""
         mixed = {
             name
             for name, parts in self.mixes.items()
@@ -209,7 +209,7 @@ class Aircraft:
         }
 
     def with_values(self, values: Mapping[str, float]) -> Aircraft:
-        """The same with other values of some parameters."""
+        """Return the declaration with other values of some parameters."""
         sensors = {name: list(place) for name, place in self.sensors.items()}
         for each, (old, _) in self.positions.items():
             name, axis = each.rsplit("_", 1)
@@ -385,7 +385,7 @@ def _start(item: Parameter, attitude: str) -> Parameter:
 
 
 def declaration_of(model: Model) -> Aircraft | None:
-    """What a model was made of, with its present values; None of any other model."""
+    """Declaration of a model with its present values; None for any other model."""
     motion = getattr(getattr(model.equations, "rates", None), "__self__", None)
     if not isinstance(motion, _AircraftEquations):
         return None
@@ -487,7 +487,7 @@ class _AircraftEquations:
         return {name: result[name] for name in self.moving}
 
     def readings(self, s: Any, p: Any) -> Mapping[str, Any]:
-        """What the sensors read where they are."""
+        """Readings of the sensors at their positions."""
         c = self._constants(s, p)
         (X, Y, Z), (L, M, N) = self._loads(s, c)
         angles = self.turned.angles(s, self.headed)
@@ -514,7 +514,9 @@ class _AircraftEquations:
         return result
 
     def _place(self, name: str, p: Any) -> tuple[Any, Any, Any]:
-        """Of a sensor, from the centre of gravity, m; estimated coordinates are parameters."""
+        """Position of a sensor from the centre of gravity, m; estimated coordinates are
+        parameters.
+        """
         x, y, z = (
             getattr(p, parameter) if parameter else value
             for value, parameter in zip(self.places[name], self.free[name], strict=True)
@@ -526,7 +528,7 @@ class _AircraftEquations:
         return {name: getattr(s if name in varying else p, name) for name in CONSTANTS}
 
     def _alpha(self, s: Any) -> Any:
-        """Of the centre of gravity; a recorded one is brought there from its vane."""
+        """Angle of attack at the centre of gravity; a recorded one is corrected from its vane."""
         if "alpha" in self.moving or "alpha" not in self.away:
             return s.alpha
         x, y, _ = self.places["alpha"]
@@ -534,7 +536,7 @@ class _AircraftEquations:
         return arctan(sin(s.alpha) / cos(s.alpha) - across)
 
     def _beta(self, s: Any) -> Any:
-        """Of the centre of gravity; a recorded one is brought there from its vane."""
+        """Sideslip at the centre of gravity; a recorded one is corrected from its vane."""
         if "beta" in self.moving:
             return s.beta
         x, _, z = self.places["beta"]
@@ -547,7 +549,7 @@ class _AircraftEquations:
         return across * cos(alpha), s.airspeed * sin(beta), across * sin(alpha)
 
     def _wind(self, s: Any) -> tuple[Any, Any, Any]:
-        """In body axes, m/s."""
+        """Wind in body axes, m/s."""
         parts = tuple(getattr(s, name) for name in WIND[self.aircraft.wind])
         return parts if self.aircraft.wind == "body" else self.turned.to_body(s, *parts)
 

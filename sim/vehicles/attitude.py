@@ -150,7 +150,7 @@ class Quaternion:
 
     @staticmethod
     def _course(s: Any) -> tuple[Any, Any]:
-        """East and north of the nose, the heading at the start apart."""
+        """East and north components of the nose direction, relative to the initial heading."""
         e0, e1, e2, e3 = _unit(s)
         return 2.0 * (e1 * e2 + e0 * e3), e0 * e0 + e1 * e1 - e2 * e2 - e3 * e3
 

@@ -1,4 +1,4 @@
-"""From a vehicle's numbers to its Model, and a Model about rest or trim as a linear system."""
+"""Models from the numbers of a vehicle, and their linear systems about rest or trim."""
 
 from __future__ import annotations
 
@@ -217,7 +217,7 @@ def whole_axis_model(data: VehicleData, noise: Noise | None = None) -> Model:
 
 
 def _with_motors(data: VehicleData, model: Model) -> Model:
-    """The model with what a set gives of the path from commands to motors."""
+    """The model with the path from commands to motors of a set."""
     given = {name: _checked(data, name, "s") for name in (LAG, DELAY) if name in data}
     model = model.with_effects(*motor_path(lag=LAG in given, delay=DELAY in given))
     items = (

@@ -18,7 +18,7 @@ from sim.errors import DeclarationError
 
 
 class Origin(Enum):
-    """Where a number comes from, by the mark it carries in a data file."""
+    """Source of a number, by its mark in a data file."""
 
     PUBLISHED = "pub"
     PAPER = "pap"
@@ -29,7 +29,7 @@ class Origin(Enum):
 
     @property
     def words(self) -> str:
-        """What the mark means, for everything that shows the number."""
+        """Meaning of the mark in words."""
         return _WORDS[self]
 
 
@@ -45,7 +45,8 @@ _WORDS = {
 
 @dataclass(frozen=True)
 class SourcedNumber:
-    """One number of a vehicle.
+    """A number of a vehicle with its unit and source.
+
 
     Attributes
     ----------
@@ -111,7 +112,7 @@ class VehicleData:
 
     @property
     def parameters(self) -> ParameterSet:
-        """All numbers as parameters with their source text, none of them free."""
+        """All numbers as fixed parameters with their source."""
         return ParameterSet(
             tuple(
                 Parameter(n.name, n.value, n.unit, free=False, source=n.source)
@@ -122,7 +123,7 @@ class VehicleData:
 
 @dataclass(frozen=True)
 class NumberDifference:
-    """A number that two sets do not share; None where a set lacks it."""
+    """A number that differs between two sets; None where a set lacks it."""
 
     name: str
     first: SourcedNumber | None
@@ -165,10 +166,9 @@ def vehicle_names() -> tuple[str, ...]:
 
 
 def read_parameter_set(name: str) -> VehicleData:
-    """A built-in vehicle's numbers, those of the set it is based on included.
+    """Read a built-in vehicle's numbers, with those of the set it is based on.
 
-    Raises DeclarationError for a name that is not there and for a file that breaks the rules,
-    naming the key.
+    Raises DeclarationError for an unknown name and for a wrong file, naming the key.
     """
     entry = next((entry for entry in _folder().iterdir() if entry.name == f"{name}.toml"), None)
     if entry is None or "equations" not in _document(entry):
@@ -233,9 +233,7 @@ def _read(entry: Traversable, above: tuple[str, ...]) -> VehicleData:
 def _over(
     base: tuple[SourcedNumber, ...], own: tuple[SourcedNumber, ...]
 ) -> tuple[SourcedNumber, ...]:
-    """Numbers of the base set in their order, replaced by our own where we have them, then the rest
-    of ours.
-    """
+    """Numbers of the base set, replaced by our own where we have them, then the rest of ours."""
     mine = {number.name: number for number in own}
     merged = tuple(mine.pop(number.name, number) for number in base)
     return merged + tuple(mine.values())
