@@ -1,4 +1,4 @@
-"""What an estimator returns: parameters with covariance, histories, likelihood, an outcome code."""
+"""Result of an estimator: parameters with covariance, histories, likelihood, outcome."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LARGEST = 1e100  # beyond it squares and sums leave the range of finite numbers
 
 
 class Outcome(Enum):
-    """How an estimation ended; the value is the sentence to print."""
+    """Outcome of an estimation; the value is the sentence to print."""
 
     CONVERGED = "converged"
     AT_BOUND = "converged, with a parameter at its bound"
@@ -34,7 +34,7 @@ class Outcome(Enum):
 
     @property
     def hint(self) -> str:
-        """What a user can do about it; empty where nothing has to be done."""
+        """Advice to the user; empty if none is needed."""
         return _HINTS.get(self.name, "")
 
 
@@ -65,7 +65,8 @@ _HINTS = {
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FilterHistory:
-    """What a filter did, sample by sample (N samples, n states and free parameters, m outputs).
+    """History of a filter (N samples, n states and free parameters, m outputs).
+
 
     Attributes
     ----------
@@ -167,7 +168,7 @@ class Estimate:
         return float(self.std[self.names.index(name)])
 
     def only(self, names: Collection[str]) -> Estimate:
-        """The same without the parameters that are not among ``names``."""
+        """Return the estimate of the parameters ``names`` only."""
         at = [i for i, name in enumerate(self.names) if name in names]
         kept, units = tuple(self.names[i] for i in at), tuple(self.units[i] for i in at)
         return replace(
@@ -197,8 +198,8 @@ def quiet_numerics() -> Iterator[None]:
 
 @contextmanager
 def counted_numerics() -> Iterator[None]:
-    """No warnings from a computation that leaves out what overflows: whoever set a function to be
-    called (``np.errstate(call=...)``) counts.
+    """Suppress NumPy warnings of a computation that leaves out overflows; a function set by
+    ``np.errstate(call=...)`` still counts them.
     """
     with np.errstate(all="ignore" if np.geterrcall() is None else "call", under="ignore"):
         yield

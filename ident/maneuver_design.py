@@ -107,7 +107,8 @@ PASSES = 12  # of Newton's method on the trajectory, which doubles the digits
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """A maneuver as a record would have it, and what would measure it.
+    """A planned maneuver as a record, with its sensors.
+
 
     Attributes
     ----------
@@ -124,7 +125,7 @@ class Planned:
     settings: FitSettings = field(default_factory=FitSettings)
 
     def measuring(self, y: np.ndarray) -> Planned:
-        """The same maneuver, its record holding outputs ``(m, N)`` without noise."""
+        """The maneuver with outputs ``(m, N)`` without noise in its record."""
         rows = zip(self.outputs, y, strict=True)
         return replace(
             self,
@@ -261,8 +262,8 @@ class RivalDecision:
 
     @property
     def right(self) -> float:
-        """Probability that the loop prefers the effect that acts, by more than what it calls
-        ambiguous.
+        """Probability that the search prefers the acting effect by more than the ambiguous
+        margin.
         """
         return self._above(CLEAR)
 
@@ -297,10 +298,10 @@ def decision_of(
 
 
 def detection_probability(gain: float, own: int, price: float, accept: float) -> float:
-    """Probability that an effect raises twice the log likelihood by what its prior odds cost.
+    """Probability that an effect raises twice the log likelihood by more than its prior odds cost.
 
-    ``gain`` : expected, of the log likelihood over the declared model. ``own``, ``price`` : its
-    free parameters and what is charged for them.
+    ``gain``: expected gain of the log likelihood over the declared model. ``own``, ``price``: its
+    free parameters and their cost; ``accept``: threshold of an addition.
     """
     mean = 2.0 * gain + own
     return normal_above(mean - price - accept, math.sqrt(8.0 * gain + 2.0 * own))
@@ -351,15 +352,15 @@ class Contest:
 
     @property
     def chance(self) -> float:
-        """Probability, at least, that the true effect is found and preferred to the rival by more
-        than what is called ambiguous.
+        """Lower bound of the probability that the true effect is found and preferred to the
+        rival.
         """
         return max(0.0, self.shown + self.decision.right - 1.0)
 
 
 def declared_fit(planned: Planned, true: Acting) -> tuple[Planned, FittedModel]:
-    """The flight under an effect without noise, and the declared model alone fitted to it: half the
-    squares that this leaves is what finds it.
+    """The noise-free flight with an effect, and the declared model fitted to it: half the sum of
+    squares is the expected gain of the effect.
     """
     simulated_fit = simulated(planned, (true.effect,), true.full_values, slopes=False)
     measured = planned.measuring(simulated_fit.fit.lines[0].y)
@@ -400,8 +401,8 @@ def contest(
 def best_fit(
     measured: Planned, base: FittedModel, rival: Traceable, hint: Mapping[str, float] | None = None
 ) -> FittedModel | None:
-    """The rival fitted to a flight from where a search would begin, and from ``hint``; the best of
-    all, None where it can explain nothing.
+    """Best fit of the rival to a flight, from the starts of a search and from ``hint``; None if it
+    explains nothing.
     """
     known = base.values.shared
     places = starts_at(base, rival, search_context(base))
@@ -442,14 +443,12 @@ def _squares(best: FittedModel) -> np.ndarray:
 
 
 def _prior_cost(best: FittedModel) -> float:
-    """What the priors take of a fit's cost."""
+    """Cost of a fit from its priors."""
     return best.fit.cost - 0.5 * float(_squares(best).sum())
 
 
 def _own_cost(measured: Planned, true: Acting) -> float:
-    """Cost of the true effect fitted to its own flight: nothing but what its priors hold against
-    it.
-    """
+    """Cost of the true effect fitted to its own flight: that of its priors."""
     there = simulated(measured, (true.effect,), true.full_values, slopes=False)
     if there.fit.layout.prior is None or there.fit.cost < 1e-9:
         return there.fit.cost
@@ -462,8 +461,8 @@ def _free(effect: Traceable) -> int:
 
 
 def price(effect: Traceable, counts: np.ndarray) -> float:
-    """About what an effect's parameters and place cost of twice the log evidence, in a record of so
-    many samples (Schwarz's limit of it).
+    """Approximate cost of an effect's parameters in twice the log evidence, for ``counts`` samples
+    (Schwarz).
     """
     return _free(effect) * float(np.log(counts.sum())) + 2.0 * math.log(PLACES) * is_event(effect)
 
@@ -473,7 +472,7 @@ def _form(best: FittedModel, rival: Traceable) -> Traceable:
 
 
 def _values(best: FittedModel, rival: Traceable) -> dict[str, float]:
-    """The rival's values as fitted; those at which it vanishes where it explains nothing."""
+    """Fitted values of the rival; those of its absence if it explains nothing."""
     effect = _form(best, rival)
     initial_values = {item.name: item.value for item in effect.parameters}
     if not best.effects:

@@ -275,10 +275,10 @@ SETTLED = 1e-4  # log likelihood, below which a gain ends them
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What each of n flights says of one effect with k parameters.
+    """Evidence of each of n flights for one effect with k parameters.
 
-    ``gain (n,)``: of the log likelihood by the effect at its best; ``value (n, k)`` there,
-    ``covariance (n, k, k)`` of it.
+    ``gain (n,)`` of the log likelihood by the effect at its best values ``value (n, k)``, with
+    ``covariance (n, k, k)``.
     """
 
     gain: np.ndarray
@@ -326,7 +326,7 @@ class Recurrence:
 
     @property
     def belongs(self) -> Literal["aircraft", "some flights", "no flight"]:
-        """Whose it is: the aircraft's where no flight excludes it."""
+        """Whether the effect is the aircraft's: no flight excludes it."""
         if not self.recurs:
             return "no flight"
         return "some flights" if np.any(self.has_not) else "aircraft"
@@ -385,8 +385,8 @@ def recurrence(evidence: Evidence, candidates: int = 1) -> Recurrence:
 
 
 def _best(evidence: Evidence, scatters: tuple[float, ...] = SCATTERS) -> _Mixture:
-    """The likeliest common value: from the values of the flights that say most, and their mean,
-    with each scatter.
+    """Most likely common value: started from the values of the flights with most evidence, and
+    their mean, with each scatter.
     """
     largest = np.argsort(-evidence.gain)[:4]
     starts = np.array(
@@ -430,8 +430,8 @@ def _maximised(evidence: Evidence, value: np.ndarray, scatter: np.ndarray) -> _M
 def _at(
     evidence: Evidence, value: np.ndarray, scatter: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What each flight's log likelihood gains ``(c, n)`` where it has the effect about common
-    values ``(c, k)``, and inverses ``(c, n, k, k)``.
+    """Gain of each flight's log likelihood ``(c, n)`` with the effect about common values ``(c,
+    k)``, and inverses ``(c, n, k, k)``.
     """
     added = (scatter[:, None] * value)[:, :, None] ** 2 * np.eye(value.shape[1])
     wide = evidence.covariance + added[:, None]

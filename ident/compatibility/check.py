@@ -1,6 +1,4 @@
-"""Data compatibility of records: what the kinematics alone say of the sensors, without any
-aerodynamics.
-"""
+"""Data compatibility of records: check of the sensors by kinematics alone, without aerodynamics."""
 
 from __future__ import annotations
 
@@ -202,8 +200,9 @@ def _result(search_result: FaultSearch, biases: tuple[SensorEstimate, ...]) -> C
 def _by_itself(
     base: KinematicFit, joint: FaultSearch, settings: CompatibilitySettings, count: int
 ) -> CheckResult:
-    """One record of several: each fault beside the same others as in all, and drifts, which belong
-    to one record, beside all that stands.
+    """Faults from one record of several: each one beside the same others as in all records.
+
+    Drifts belong to one record and are added to all accepted faults.
     """
     current = with_more_faults(base, joint.fit.faults, joint.fit.sizes)
     by_fault: dict[SensorFault, FaultTrial] = {}
@@ -259,7 +258,7 @@ def _reconstructions(base: KinematicFit, final: KinematicFit) -> tuple[Reconstru
 
 
 def _closed_by(channels: Sequence[str], joined: dict[str, tuple[str, ...]]) -> tuple[str, ...]:
-    """Channels that no relation reaches, and what would close one."""
+    """Channels without a kinematic relation, and the channel that would give one."""
     reached = {name for names in joined.values() for name in names}
     out = []
     for name in channels:

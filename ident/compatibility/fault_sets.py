@@ -153,8 +153,8 @@ def grow(
 
 
 def chosen(sets: Sequence[FaultSet], charge: float) -> FaultSet:
-    """The set of greatest likelihood less ``charge`` for each of its faults; a load ahead of its
-    time has to do better than what can be.
+    """The set of greatest likelihood minus ``charge`` for each fault; a negative delay of a load
+    must be better than any possible fault.
     """
     misfit = misfits([each.fit for each in sets])
     widening = sets[int(np.argmin(misfit))].widening
@@ -262,7 +262,7 @@ def clocks(signals: Sequence[KinematicSignals]) -> tuple[str, ...]:
 
 
 def delayed_channels(faults: Iterable[SensorFault]) -> set[str]:
-    """Channels that these faults make late."""
+    """Channels that these faults delay."""
     return {
         fault.channel for fault in faults if fault.kind in (DELAY, LAG) and fault.channel in _TIMED
     }
@@ -280,9 +280,7 @@ def leaves_a_reference(faults: Sequence[SensorFault], timed: Sequence[str]) -> b
 
 
 def reference_sentence(faults: Sequence[SensorFault], timed: Sequence[str]) -> str:
-    """Which of the clocks ``timed`` the times of these faults count from; nothing where no channel
-    is late.
-    """
+    """Which of the clocks ``timed`` the times of these faults refer to; empty without a delay."""
     delayed = delayed_channels(faults)
     on_time = [name for name in timed if name not in delayed]
     if not delayed or not on_time:
@@ -301,8 +299,8 @@ ALIKE = ((BOOM, PACKAGE), ("alpha", "nz", "az"), ("beta", "ny", "ay"))
 
 @dataclass(frozen=True, eq=False)
 class Slot:
-    """One place of a set: every fault tried in it beside the ``others``, the best first; ``losses
-    (k,)`` of log likelihood against the best.
+    """One position of a set: every fault tried in it beside the ``others``, the best first;
+    ``losses (k,)`` of log likelihood against the best.
     """
 
     others: KinematicFit
@@ -310,7 +308,7 @@ class Slot:
     losses: np.ndarray
 
     def within(self, chance: float) -> list[FaultTrial]:
-        """The best and those that are not told from it: sound faults that lose no more than
+        """The best fault and those not distinguished from it: sound faults that lose at most
         ``chance``.
         """
         pairs = list(zip(self.trials, self.losses.tolist(), strict=True))
@@ -362,8 +360,8 @@ def slots_of(
     faults: Sequence[SensorFault],
     singles: Sequence[FaultTrial],
 ) -> tuple[FaultSet, list[Slot]]:
-    """The places of a set, each with all faults in it; where another does better in one, it takes
-    the place, and all is looked at again.
+    """Positions of a set, each with all faults tried in it; a better fault replaces the present
+    one, and the search repeats.
 
     ``singles`` : every fault tried beside ``base`` alone.
     """
@@ -399,7 +397,7 @@ def slots_of(
 
 
 def same_lateness(one: SensorFault, other: SensorFault) -> bool:
-    """Whether both make the same channel late, in different ways."""
+    """Whether both delay the same channel, in different ways."""
     return (
         one.channel == other.channel
         and {one.kind, other.kind} <= {DELAY, LAG, ARM}
@@ -601,8 +599,8 @@ def _searched(
 def _in_place(
     slots: Sequence[Slot],
 ) -> tuple[dict[SensorFault, float], dict[SensorFault, FaultTrial]]:
-    """Of each fault what it loses in the place of what stands, and its trial there, where it loses
-    least.
+    """For each fault the position where it loses least in place of an accepted one: loss and
+    trial.
     """
     lost: dict[SensorFault, float] = {}
     instead: dict[SensorFault, FaultTrial] = {}

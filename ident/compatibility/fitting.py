@@ -1,6 +1,4 @@
-"""Fits of the kinematics, estimates of faults by both methods, and what the channels cannot
-determine.
-"""
+"""Fits of the kinematics, estimates of faults by both methods, and unobservable faults."""
 
 from __future__ import annotations
 
@@ -253,8 +251,8 @@ def least_misfit(
 
 
 def positions(kinematic_fit: KinematicFit) -> list[np.ndarray]:
-    """For each record, where the columns of its jacobian stand in the vector of all unknowns: own
-    ones first, then the faults.
+    """Positions of the columns of each record's Jacobian in the vector of all unknowns: own ones
+    first, then the faults.
     """
     total, out, at = sum(len(own) for own in kinematic_fit.own), [], 0
     for own in kinematic_fit.own:
@@ -315,8 +313,8 @@ _PASSES = 4
 
 @dataclass(frozen=True, eq=False)
 class Sigmas:
-    """Of a smoother fit: covariance of all unknowns under its noise, and by how much the colour of
-    what is left widens each variance.
+    """Uncertainty of a smoother fit: covariance of all unknowns under its noise, and the factor of
+    each variance for coloured residuals.
     """
 
     covariance: np.ndarray
@@ -457,8 +455,8 @@ def unobservable_sentences(
 def unobservable_faults(
     information: np.ndarray, faults: Sequence[SensorFault], channels: Sequence[str]
 ) -> tuple[str, ...]:
-    """What ``information (k, k)`` on ``faults`` of ``channels``, in units of their plausible sizes,
-    leaves open, in sentences.
+    """Sentences on combinations of ``faults`` that ``information (k, k)`` does not determine, in
+    units of plausible sizes.
     """
     silent = np.diag(information) < 1.0
     out = []
@@ -526,7 +524,7 @@ def fault_information(
 
 
 def _simple_rows(rows: np.ndarray, named: Sequence[SensorFault]) -> list[np.ndarray]:
-    """The same space by rows of few members: Gauss-Jordan, drifts expressed by biases."""
+    """The same space by rows with few members: Gauss-Jordan, drifts expressed by biases."""
     rows, out, done = rows.copy(), [], np.zeros(len(rows), dtype=bool)
     order = sorted(range(len(named)), key=lambda i: named[i].kind != DRIFT)
     for column in order:
@@ -549,8 +547,8 @@ def _simple_rows(rows: np.ndarray, named: Sequence[SensorFault]) -> list[np.ndar
 def _alike(
     information: np.ndarray, faults: Sequence[SensorFault], seen: Sequence[int]
 ) -> list[list[SensorFault]]:
-    """Groups of faults of which each looks like each other one; biases and drifts are told by their
-    combinations.
+    """Groups of faults that cannot be distinguished from each other; biases and drifts are told by
+    their combinations.
     """
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     left, out = [i for i in seen if faults[i].kind not in (BIAS, DRIFT)], []

@@ -253,8 +253,8 @@ class RelationNoise:
 
 
 def walking_inputs(outputs: Sequence[str]) -> tuple[str, ...]:
-    """Inputs whose noise can be told apart: where alpha alone is integrated, q stands for nz
-    too.
+    """Inputs whose noise can be estimated; if alpha alone is integrated, q includes the noise of
+    nz.
     """
     if tuple(outputs) == ("alpha",):
         return ("q",)
@@ -271,8 +271,8 @@ def inputs_of(output: str) -> tuple[str, ...]:
 
 
 def first_noise(all_signals: Sequence[KinematicSignals]) -> RelationNoise:
-    """A start from the roughness of the channels: third differences hold noise, and of a smooth
-    motion next to nothing.
+    """Starting values of the noise from third differences, which contain little of a smooth
+    motion.
     """
     outputs = all_signals[0].outputs
     inputs = walking_inputs(outputs)
@@ -318,7 +318,7 @@ def roughness(x: np.ndarray) -> float:
 
 
 def walk_gains(s: KinematicSignals, noise: RelationNoise) -> np.ndarray:
-    """How each input's noise moves each output's walk over one second, ``(m, n)``."""
+    """Effect of each input's noise on each output's walk over one second, ``(m, n)``."""
     out = np.zeros((len(noise.outputs), len(noise.inputs)))
     for i, output in enumerate(noise.outputs):
         for j, name in enumerate(noise.inputs):
@@ -340,8 +340,8 @@ def _gain(s: KinematicSignals, output: str, name: str) -> float:
 
 @dataclass(frozen=True, eq=False)
 class RelationWhitener:
-    """Cholesky factor of the differences' covariance; ``log_determinant`` without what missing
-    samples add.
+    """Cholesky factor of the differences' covariance; ``log_determinant`` without missing
+    samples.
     """
 
     band: np.ndarray
@@ -357,7 +357,7 @@ class RelationWhitener:
         )
 
     def of_differences(self, flat: np.ndarray) -> np.ndarray:
-        """The same of ``differences`` of columns ``(N m, c)``, in their order."""
+        """Whiten ``differences`` of columns ``(N m, c)``, in their order."""
         from scipy.linalg.lapack import dtbtrs
 
         # SciPy 1.17's dtbtrs writes beyond its memory for no right-hand side
@@ -527,7 +527,7 @@ def instruments_of(record: Record, every: int = 1) -> np.ndarray:
 
 
 def instrumented(signals: Sequence[KinematicSignals]) -> bool:
-    """Whether every record has controls that tell a gust from a fault."""
+    """Whether every record has controls, which distinguish a gust from a fault."""
     return all(s.instruments.shape[1] for s in signals)
 
 
@@ -548,9 +548,7 @@ def weigher(s: KinematicSignals, noise: RelationNoise) -> Weigher:
 
 @lru_cache(maxsize=24)
 def shortened(s: KinematicSignals, noise: RelationNoise) -> Callable[[np.ndarray], np.ndarray]:
-    """What ``weigher`` makes of columns ``(m, N, c)``, in fewer rows ``(K, c)`` of the same
-    products.
-    """
+    """Columns ``(m, N, c)`` after ``weigher``, as fewer rows ``(K, c)`` with the same products."""
     white = whitener(s, noise)
     if not s.instruments.shape[1]:
         return lambda columns: white.of_differences(differences(columns))
@@ -578,7 +576,7 @@ def _projection(basis: np.ndarray) -> Weigher:
 
 
 def _orthonormal(flat: np.ndarray) -> np.ndarray:
-    """Orthonormal columns ``(m N, r)`` that span what columns ``(m N, c)`` span."""
+    """Orthonormal basis ``(m N, r)`` of the columns ``(m N, c)``."""
     gram = flat.T @ flat
     scale = 1.0 / np.sqrt(np.where(np.diag(gram) > 0, np.diag(gram), 1.0))
     values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))

@@ -164,7 +164,7 @@ class Compatibility:
 
     @property
     def findings(self) -> tuple[SensorFinding, ...]:
-        """Those of all records together, the standing ones first."""
+        """Findings of all records together, accepted ones first."""
         return self.joint.findings
 
 
@@ -177,8 +177,8 @@ _DEMANDED = 3.0  # standard deviations
 
 @dataclass(frozen=True, eq=False)
 class FaultTrial:
-    """A fault fitted beside others: the fit, its variance (white noise and corrected), gain and
-    p-value over the colour of what is left.
+    """A fault fitted beside others: the fit, its variance (white and coloured residuals), gain and
+    p-value.
     """
 
     fault: SensorFault
@@ -195,9 +195,7 @@ class FaultTrial:
 
 
 def tried(base: KinematicFit, faults: Sequence[SensorFault]) -> list[FaultTrial]:
-    """Each fault beside those of ``base``: to first order, and fitted in full where it may come to
-    matter.
-    """
+    """Each fault added to those of ``base``: linearised, and fitted in full if it may matter."""
     out = []
     for fault, quick in zip(faults, one_step(base, faults), strict=True):
         first = _trial(base, fault, quick)
@@ -295,13 +293,13 @@ def bias_estimates(base: KinematicFit) -> tuple[SensorEstimate, ...]:
 def with_more_faults(
     base: KinematicFit, faults: Sequence[SensorFault], sizes: np.ndarray
 ) -> KinematicFit:
-    """The fit of one record with faults that stand in all."""
+    """Fit one record with the faults of all records."""
     return fit(base.signals, faults, base, sizes) if faults else base
 
 
 def replicates(bases: Sequence[KinematicFit], current: KinematicFit, trial: FaultTrial) -> bool:
-    """Whether the records by themselves agree on a fault, beside those that stand, and demand it
-    together with the sign that it has in all.
+    """Whether the records agree on a fault one by one, beside the accepted ones, and together
+    require it with the common sign.
     """
     from scipy.special import chdtrc
 
@@ -321,9 +319,7 @@ def replicates(bases: Sequence[KinematicFit], current: KinematicFit, trial: Faul
 
 
 def one_step(base: KinematicFit, faults: Sequence[SensorFault]) -> list[KinematicFit]:
-    """For each fault the fit in which it is added to ``base``, to first order and with the noise of
-    ``base``: one linear solve each.
-    """
+    """For each fault the linearised fit with it added to ``base``, with the noise of ``base``."""
     white, at, slopes = whitened(base), positions(base), []
     information = np.diag(prior_information(base))
     gradient = np.zeros(sum(len(own) for own in base.own) + len(base.faults))

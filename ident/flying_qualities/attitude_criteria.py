@@ -210,8 +210,9 @@ def _crossing(
     extra: float,
     before: float | None = None,
 ) -> BandwidthQuantity | None:
-    """Where a curve falls through a level whose own deviation is ``extra``: for the first time, or
-    for the last time before a frequency."""
+    """Frequency where a curve falls through a level whose own deviation is ``extra``: the first
+    one, or the last one before a frequency.
+    """
     below = np.flatnonzero((values[:-1] > level) & (values[1:] <= level))
     if before is not None:
         below = below[curve.omega[below] < before][::-1]
@@ -319,7 +320,7 @@ _GRID = 69  # compensations that are tried
 
 @dataclass(frozen=True)
 class PilotDemand:
-    """What is asked of the pilot: closed-loop ``bandwidth``, rad/s, and own ``delay``, s."""
+    """Task of the pilot: closed-loop ``bandwidth``, rad/s, and own ``delay``, s."""
 
     bandwidth: float
     delay: float = PILOT_DELAY

@@ -134,7 +134,7 @@ def _roots(
 
 
 def _pairs(roots: np.ndarray) -> list[complex]:
-    """One root of each oscillation, the slowest first."""
+    """One root of each oscillation, sorted by frequency."""
     return sorted((complex(root) for root in roots if root.imag > 1e-9), key=abs)
 
 
@@ -238,7 +238,7 @@ def propagated(
 def _modes_of(
     system: System, fixed_states: Collection[str]
 ) -> Callable[[np.ndarray], dict[str, float]]:
-    """From all parameters to the modes of the system."""
+    """Function from all parameters to the modes of the system."""
     states = {state.name for state in system.states}
     if states.issuperset(LATERAL_STATES):
         return lambda p: lateral_modes(system, p)
@@ -304,7 +304,7 @@ def characteristics(
 def characteristics_at(
     system: System, p: np.ndarray, fixed_states: Collection[str] = ()
 ) -> dict[str, float]:
-    """The same numbers for all parameters ``p`` of the System, without their covariance."""
+    """The characteristics at parameters ``p`` of the System, without covariance."""
     states = {state.name for state in system.states}
     if states.issuperset(LATERAL_STATES):
         out = _lateral(system, p)
@@ -322,7 +322,7 @@ def characteristics_at(
 
 
 def _without(found: dict[str, float], estimate: Estimate) -> dict[str, float]:
-    """Less a delay that was not estimated: what a file starts from is no knowledge of it."""
+    """The characteristics without a delay that was not estimated."""
     return {
         name: value for name, value in found.items() if name != "delay" or name in estimate.names
     }
@@ -407,7 +407,7 @@ def _load_factor_slope(
 def _slopes(
     system: System, x: list[float], u: list[float], p: np.ndarray, names: Collection[str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of the rates of ``names``: by these states, and by all inputs."""
+    """Slopes of the rates of ``names``: by these states, and by all inputs."""
     values, at = p.tolist(), [system.state_names.index(name) for name in names]
     F = complex_step_jacobian(lambda state: system.f(0.0, state, u, values), x)[np.ix_(at, at)]
     return F, complex_step_jacobian(lambda inputs: system.f(0.0, x, inputs, values), u)[at]
@@ -456,7 +456,7 @@ class StateSpace:
 
     @property
     def eigenvalues(self) -> np.ndarray:
-        """Of A (1/s), the slowest first."""
+        """Eigenvalues of A (1/s), sorted by magnitude."""
         return np.array(sorted(np.linalg.eigvals(self.A), key=lambda root: (abs(root), root.imag)))
 
 

@@ -404,5 +404,5 @@ def worst_margins(maneuvers: Sequence[StabilityMargins]) -> tuple[WorstMargin, .
 
 
 def turned(target: ResponseTarget) -> ResponseTarget:
-    """The target with its sign turned: of a loop that adds what returns."""
+    """The target with its sign reversed, for a loop with positive feedback."""
     return replace(target, response=-target.response)

@@ -118,7 +118,8 @@ class Sums:
 
 @dataclass(frozen=True, eq=False)
 class OnlineEstimate:
-    """What the sums say of the parameters.
+    """Parameters from the sums.
+
 
     Attributes
     ----------
@@ -223,7 +224,7 @@ def _unmixed(system: System, positions: Sequence[int], sources: Sequence[int]) -
 
 
 def begin(equations: OnlineEquations) -> Sums:
-    """Sums over nothing."""
+    """Empty sums."""
     e, q = len(equations.states) + len(equations.readings), len(equations.names)
     n, f = len(equations.system.states), equations.omega.size
     watched = n + len(equations.readings)
@@ -355,7 +356,7 @@ def _with_steps(
     states: np.ndarray,
     held: np.ndarray,
 ) -> Sums:
-    """With the increments of the states between the rows, and the integrals of their rates."""
+    """Sums with the increments of the states between the rows, and the integrals of their rates."""
     if times.size < 2:
         return sums
     step = np.diff(times)
@@ -408,7 +409,7 @@ def _with_readings(
     u: np.ndarray,
     outputs: np.ndarray,
 ) -> Sums:
-    """With the outputs that are no states, sample by sample."""
+    """Sums with the outputs that are no states, sample by sample."""
     if not equations.readings:
         return sums
     known, slopes = points.of(equations.system.h, time, x, u)
@@ -436,8 +437,8 @@ def _with_noise(
     held: np.ndarray,
     came: np.ndarray,
 ) -> Sums:
-    """With the noise of the samples that ``came`` ``(n + m, N)``, by their third differences, and
-    the states' share of the regressors and of the known side.
+    """Sums with the noise of the new samples ``came`` ``(n + m, N)``, by their third differences,
+    and the states' share of the regressors and of the known side.
     """
     rows = np.concatenate([sums.recent, came], axis=1)
     third = np.diff(rows, 3, axis=1)
@@ -614,8 +615,9 @@ class SensorLevels:
 def _sensor_levels(
     equations: OnlineEquations, sums: Sums, theta: np.ndarray, count: float
 ) -> SensorLevels:
-    """What white noise of the samples, with the variances of their third differences, leaves in the
-    residuals: of a state its increments and its share of the rates, of a reading itself."""
+    """Variance of the residuals from white noise of the samples: of a state its increments and its
+    share of the rates, of an output itself.
+    """
     noise, e, n = sums.noise_variance, len(equations.states), sums.noisy.shape[1]
     step = (sums.time - sums.first) / count
     turned = np.abs(1.0 - np.exp(-1j * equations.omega * step)) ** 2

@@ -180,7 +180,7 @@ def _at(
 
 
 def _slopes(equations: OnlineEquations) -> np.ndarray:
-    """How the regressors of every equation go with the pseudo-control, ``(e, q)``."""
+    """Slopes of every equation's regressors by the pseudo-control, ``(e, q)``."""
     system, points = equations.system, Points(equations, None)
     n, at = len(system.states), np.zeros(1)
     unit = np.zeros((n, 1))
@@ -196,8 +196,8 @@ def _slopes(equations: OnlineEquations) -> np.ndarray:
 
 
 def _transforms(stream: LagStream, time: float, delay: float) -> np.ndarray:
-    """Of the pseudo-control ``(e, F)``: its integrals from row to row for rates, itself for
-    readings.
+    """Transforms of the pseudo-control ``(e, F)``: its integrals over the rows for rates, itself
+    for outputs.
     """
     delta, whole = pseudo_control(stream.times, stream.stick, 1.0 / time, delay)
     recorded = np.abs(stream.turns[:, 0]) > 0.0

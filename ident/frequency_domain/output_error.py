@@ -92,7 +92,9 @@ class FrequencyProblem:
         )
 
     def columns(self, r: int) -> np.ndarray:
-        """Positions in theta of what record ``r`` sees: the shared parameters and its own ends."""
+        """Positions in theta of the unknowns of record ``r``: the shared parameters and its own
+        ends.
+        """
         q, n = len(self.names), len(self.system.states)
         return np.concatenate([np.arange(q), q + r * n + np.arange(n)])
 
@@ -125,7 +127,7 @@ class FrequencyFit:
 
     @property
     def log_likelihood(self) -> float:
-        """Of the transforms within the band."""
+        """Log likelihood of the transforms within the band."""
         return -self.cost - float(self.counts.sum()) * (1.0 + np.log(np.pi))
 
     def weight(self, r: int) -> np.ndarray:
@@ -260,7 +262,7 @@ def _delay(problem: FrequencyProblem, name: str, p: np.ndarray) -> Delay:
 
 
 def with_bands(problem: FrequencyProblem, bands: Sequence[np.ndarray]) -> FrequencyProblem:
-    """The same problem with other bands of the noise."""
+    """The problem with other noise bands."""
     return replace(problem, bands=tuple(bands))
 
 

@@ -77,8 +77,8 @@ class TransformedRecord:
 def usual_band(
     records: Sequence[Record], inputs: Sequence[str], fewest: int
 ) -> tuple[float, float]:
-    """From the first harmonic to where 95 % of every input's power lies, Hz, and as far as
-    ``fewest`` harmonics of all records need.
+    """Band from the first harmonic to where 95 % of every input's power lies, Hz, and up to
+    ``fewest`` harmonics of all records.
     """
     high, steps, spans = 0.0, [], []
     for record in records:
@@ -276,8 +276,8 @@ NEIGHBOURS = (-1, 0, 1)
 
 @dataclass(frozen=True)
 class Delay:
-    """``seconds`` late, and the position of that parameter among the wanted ones, None where it is
-    held.
+    """Delay of an input: ``seconds``, and the position of its parameter among the wanted ones, None
+    if fixed.
     """
 
     seconds: float = 0.0
@@ -298,7 +298,7 @@ class TransformedResponse:
 def response(
     model: LinearModel, record: TransformedRecord, delays: Mapping[int, Delay], ends: np.ndarray
 ) -> TransformedResponse:
-    """Response to a record's inputs, those at the positions in ``delays`` late; ``ends (n,)`` is
+    """Response to a record's inputs, with ``delays`` by position of the input; ``ends (n,)`` is
     x[0] - x[N].
     """
     n, q = len(model.A), len(model.dA)
@@ -323,8 +323,8 @@ def response(
 def _stepped(
     model: LinearModel, record: TransformedRecord, delays: Mapping[int, Delay]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Phi ``(n, n)``, its slopes ``(q, n, n)``, what the inputs do to the state ``(f, n)`` and its
-    slopes ``(f, n, q)``.
+    """Phi ``(n, n)``, its slopes ``(q, n, n)``, the effect of the inputs on the state ``(f, n)``
+    and its slopes ``(f, n, q)``.
     """
     n, q = len(model.A), len(model.dA)
     width = max(q, 1)
@@ -386,8 +386,8 @@ def _times(Phi: np.ndarray, rows: np.ndarray) -> np.ndarray:
 def _transition(
     A: np.ndarray, b: np.ndarray, time: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Over ``time (q,)``: the transition ``(q, n, n)``, and what an input of one and one that grows
-    as the time do, ``(q, n)``.
+    """Over ``time (q,)``: the transition ``(q, n, n)``, and the effects of a constant input and of
+    a ramp, ``(q, n)``.
     """
     from scipy.linalg import expm
 

@@ -306,7 +306,7 @@ def _filtered(series: Series, rows: np.ndarray, masked: np.ndarray | None) -> np
 
 
 def _weights(length: int) -> np.ndarray:
-    """Of samples at 0.5, 1.5, ... in the value at 0 of the straight line through them."""
+    """Weights of samples at 0.5, 1.5, ... in the value at 0 of the straight line through them."""
     position = np.arange(length) + 0.5
     matrix = np.stack([np.ones(length), position])
     return np.asarray(np.linalg.solve(matrix @ matrix.T, matrix)[0])
@@ -320,7 +320,9 @@ def _jumps(values: np.ndarray, length: int) -> np.ndarray:
 
 
 def _unexplained(jump: np.ndarray, others: Sequence[np.ndarray]) -> np.ndarray:
-    """What other channels' jumps do not explain, by least squares without the largest."""
+    """Step minus the part that steps of other channels explain by least squares, without the
+    largest.
+    """
     moving = [other for other in others if np.any(other)]
     if not moving:
         return jump

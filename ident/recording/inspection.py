@@ -168,8 +168,8 @@ LARGE = 0.6  # rad, of an angle of attack from end to end
 
 
 def misread(record: Record, expected: Expectations) -> list[RecordFinding]:
-    """Columns that are certainly, or likely, not what they are called; empty where all fit together
-    or nothing joins them.
+    """Columns that are certainly or probably mislabelled; empty if all are consistent or no
+    relation exists.
     """
     far = [
         one
@@ -207,8 +207,8 @@ def _of_columns(columns: KinematicColumns, expected: Expectations) -> list[Recor
 
 
 def _of_az(finding: RecordFinding) -> RecordFinding:
-    """What was found of nz, told of the column that it comes from: in m/s2 for nz is a factor of
-    g0, that of g for az.
+    """The finding on nz in terms of its source column: in m/s2 for nz is a factor of g0, that of g
+    for az.
     """
     if finding.kind is Kind.UNIT and finding.channel == "nz":
         return replace(finding, channel="az", remedy="check the unit of az: m/s2 is meant")
@@ -243,9 +243,7 @@ def _far(channel: Channel) -> RecordFinding | None:
 
 
 def _gravity(channel: Channel) -> RecordFinding | None:
-    """A load factor whose middle is 9.8: nothing flies at that for half a record, and level flight
-    reads that in m/s2.
-    """
+    """A load factor with a median of 9.8: level flight in m/s2."""
     middle = float(np.median(channel.values[channel.valid]))
     if not LEVEL[0] < abs(middle) < LEVEL[1]:
         return None
@@ -261,8 +259,8 @@ def _gravity(channel: Channel) -> RecordFinding | None:
 
 
 def _of_lift(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
-    """nz against alpha, which lift ties to each other: of turned sign, or exchanged with the
-    control, where the kinematics say so too.
+    """Sign of nz from its correlation with alpha, or exchange with the control, if the kinematics
+    agree.
     """
     y = columns.outputs
     if not {"alpha", "q", "nz"} <= set(y):
@@ -272,7 +270,7 @@ def _of_lift(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
     shifts = sorted({min(round(shift / step), len(alpha) // 4) for shift in SHIFTS})
 
     def goes_with_alpha(values: np.ndarray) -> float:
-        """The largest correlation of changes, either column up to ``SHIFTS`` late."""
+        """Largest correlation of changes, with shifts up to ``SHIFTS`` of either column."""
         other = change(values, lag)
         with np.errstate(invalid="ignore"):
             result = [
@@ -326,9 +324,7 @@ def _of_lift(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
 
 
 def _of_angles(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
-    """All angles in degrees at once: they agree with each other, but not with nz, and move further
-    than any aircraft's in radians.
-    """
+    """All angles in degrees: consistent with each other, not with nz, and too large for radians."""
     names = [name for name in columns.outputs if name in UNITS]
     if (
         "alpha" not in names
@@ -428,8 +424,8 @@ def _implausible_as_read(
 def _pitching(
     columns: KinematicColumns, expected: Expectations
 ) -> tuple[bool | None, ControlPower | None]:
-    """Whether the control has the power that the vehicle's data say, None where it cannot be relied
-    on; and that power.
+    """Whether the control power agrees with the vehicle file, None if unreliable; and that
+    power.
     """
     power = control_power(columns)
     if power is None or not sure(power) or not expected.control_power:
@@ -446,8 +442,8 @@ def _fits(power: float, expected: Expectations) -> bool:
 
 
 def _likelier(before: tuple[float, float] | None, after: tuple[float, float] | None) -> bool:
-    """Whether the second share of what is left is smaller beyond chance; with each the number of
-    independent stretches.
+    """Whether the second unexplained share is significantly smaller; each with its number of
+    independent parts.
     """
     if before is None or after is None:
         return False
@@ -457,8 +453,8 @@ def _likelier(before: tuple[float, float] | None, after: tuple[float, float] | N
 
 
 def _right(reading: ColumnReading, columns: KinematicColumns) -> float:
-    """What a reading may leave; less where the control takes part, which a feedback makes look like
-    what it feeds back.
+    """Largest unexplained share of a correct reading; smaller where a control takes part, since
+    feedback makes it resemble the output.
     """
     return (
         RIGHT_WITH_CONTROL
@@ -470,8 +466,8 @@ def _right(reading: ColumnReading, columns: KinematicColumns) -> float:
 def _by_control(
     rivals: Sequence[ColumnReading], expected: Expectations
 ) -> tuple[ColumnReading, list[ColumnReading]]:
-    """Of readings that the kinematics cannot tell apart, those that give the control the power that
-    the vehicle's data say.
+    """Of readings that the kinematics do not distinguish, those whose control power agrees with the
+    vehicle file.
     """
     if expected.control_power is None:
         return rivals[0], list(rivals[1:])
@@ -529,9 +525,7 @@ def _of_control(columns: KinematicColumns, expected: Expectations) -> list[Recor
 
 
 def _contradicted(columns: KinematicColumns, power: float) -> bool:
-    """Whether a control power has the other sign with nz in the place of alpha: a vane that is very
-    late bends it so far.
-    """
+    """Whether the control power has the other sign with nz in place of alpha."""
     without = replace(
         columns,
         outputs={name: values for name, values in columns.outputs.items() if name != "alpha"},
@@ -550,7 +544,8 @@ ORDER = (Certainty.CERTAIN, Certainty.LIKELY, Certainty.COSTS_INFORMATION, Certa
 
 
 def inspect(record: Record, expected: Expectations | None = None) -> tuple[RecordFinding, ...]:
-    """What the raw columns of a record show, the certain first; empty where nothing is wrong.
+    """Return the findings in the raw columns of a record, the certain ones first.
+
 
     Parameters
     ----------
@@ -616,7 +611,7 @@ def _samples(
     count: int,
     masked: dict[str, np.ndarray],
 ) -> list[RecordFinding]:
-    """What masks samples of one channel; a sample is masked once."""
+    """Findings that mask samples of one channel; a sample is masked once."""
     taken = np.zeros(count, dtype=bool)
     out = dropouts(series, count)
     for one in out:

@@ -53,7 +53,7 @@ class KinematicColumns:
     gravity_over_speed: float | None
 
     def times(self, factors: Mapping[str, float]) -> KinematicColumns:
-        """The same with some channels multiplied; ``control`` and ``time`` are names, too."""
+        """The columns with some channels multiplied; ``control`` and ``time`` are names, too."""
         outputs = {name: values * factors.get(name, 1.0) for name, values in self.outputs.items()}
         control = (
             None if self.control is None else self.control * factors.get(self.control_name, 1.0)
@@ -63,7 +63,7 @@ class KinematicColumns:
         )
 
     def exchanged(self, first: str, second: str) -> KinematicColumns:
-        """The same with two channels in each other's place."""
+        """The columns with two channels exchanged."""
         held = dict(self.outputs)
         if self.control is not None and self.control_name in (first, second):
             other = second if first == self.control_name else first
@@ -107,8 +107,8 @@ def columns_of(record: Record, expected: Expectations) -> KinematicColumns | Non
 
 
 def disagreement(columns: KinematicColumns) -> dict[str, float]:
-    """For each relation the share of its power that it does not explain: 0 where it holds, 1 where
-    its sides are unrelated, up to 2.
+    """For each relation the unexplained share of its power: 0 if it holds, 1 if its sides are
+    unrelated, up to 2.
     """
     lag = lag_of(columns)
     sides = relations(columns, lag)
@@ -180,8 +180,8 @@ def unexplained_lift(columns: KinematicColumns) -> tuple[float, float] | None:
 
 
 def _share_of_lift(load: np.ndarray, flow: np.ndarray, surface: np.ndarray) -> float:
-    """What the best lift leaves of a load: of sums and differences of both angles with factors that
-    are not negative.
+    """Unexplained share of a load by the best lift: sums and differences of both angles with
+    non-negative factors.
     """
     load, flow, surface = (values - np.mean(values) for values in (load, flow, surface))
     power = float(load @ load)
@@ -201,9 +201,7 @@ def _share_of_lift(load: np.ndarray, flow: np.ndarray, surface: np.ndarray) -> f
 
 
 def lag_of(columns: KinematicColumns) -> int:
-    """Rows over which the motion changes most of what it changes at once: where its autocorrelation
-    has halved.
-    """
+    """Rows over which the motion changes most: where its autocorrelation has halved."""
     name = next((name for name in ("q", "alpha", "nz", "theta") if name in columns.outputs), None)
     if name is None:
         return 1
@@ -221,8 +219,8 @@ def lag_of(columns: KinematicColumns) -> int:
 
 
 def _share(left: np.ndarray, right: np.ndarray, along: np.ndarray) -> float:
-    """What is left, over the power of both sides, once a late or an offset sensor (a multiple of
-    the change of ``along``) is allowed for.
+    """Unexplained share of the power of both sides, after a delayed or offset sensor (a multiple of
+    the change of ``along``) is fitted.
     """
     power = float(left @ left + right @ right)
     if power <= FLOOR:
@@ -273,8 +271,8 @@ NZ_REMEDY = "name the column nz [m/s2], or say its unit in a channel map"
 
 @dataclass(frozen=True, eq=False)
 class ColumnReading:
-    """One way to read the columns: what it would mean, the columns so, and the share of the motion
-    that the kinematics then leave unexplained.
+    """One interpretation of the columns: its meaning, the columns in it, and the share of the
+    motion that kinematics do not explain.
     """
 
     kind: Kind

@@ -428,7 +428,7 @@ def _catches_up(series: Series, inputs: Sequence[Series], begin: int, end: int) 
 
 
 def _alive(others: Sequence[Series], begin: float, end: float) -> bool:
-    """Whether no other channel stands still as well, or there is none."""
+    """Whether some other channel changes meanwhile, or there is none."""
     for other in others:
         inside = other.values[(other.time >= begin) & (other.time <= end)]
         if len(inside) > 1 and float(np.ptp(inside)) == 0.0:
@@ -514,7 +514,7 @@ def interpolated(
 
 
 def _rounding(series: Series) -> float:
-    """By how much a sample may be off for its digits."""
+    """Largest rounding error of a sample from its printed digits."""
     return max(0.51 * exact_step(series.values), SINGLE * float(np.max(np.abs(series.values))))
 
 

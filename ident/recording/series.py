@@ -1,6 +1,4 @@
-"""One channel as it was sampled: valid samples, least bit, noise; and the findings of the record
-check.
-"""
+"""One sampled channel: valid samples, resolution, noise; and the findings of the record check."""
 
 from __future__ import annotations
 
@@ -20,7 +18,7 @@ NO_ROWS = np.zeros(0, dtype=bool)
 
 
 class Kind(Enum):
-    """What may be wrong with a recording."""
+    """Kind of a recording error."""
 
     HELD = "held"
     INTERPOLATED = "interpolated"
@@ -41,8 +39,8 @@ class Kind(Enum):
 
 
 class Certainty(Enum):
-    """What follows: a record is refused, the reader is warned, samples are set aside, or it is only
-    said.
+    """Consequence of a finding: the record is refused, the user is warned, samples are masked, or
+    it is only noted.
     """
 
     CERTAIN = "certain"
@@ -61,7 +59,8 @@ class FindingQuantity:
 
 @dataclass(frozen=True, eq=False)
 class RecordFinding:
-    """One thing that the raw columns show.
+    """A finding in the raw columns.
+
 
     Attributes
     ----------
@@ -83,14 +82,14 @@ class RecordFinding:
 
     @property
     def count(self) -> int:
-        """How many samples the mask names."""
+        """Number of masked samples."""
         return int(np.count_nonzero(self.mask))
 
 
 @dataclass(frozen=True)
 class Expectations:
-    """What a record is compared with beside itself; all of it plain numbers, None where it is not
-    known.
+    """Values that a record is compared with, None if unknown.
+
 
     Attributes
     ----------
@@ -189,7 +188,7 @@ class Series:
 
 
 def series_of(record: Record, channel: Channel) -> Series:
-    """A channel's valid samples with what they say of its resolution and noise."""
+    """Valid samples of a channel, with its resolution and noise."""
     rows = np.flatnonzero(channel.valid)
     time, values = record.time[rows], channel.values[rows]
     noise, white = _noise(time, values)
@@ -480,9 +479,7 @@ def _roughness(other: Series, begin: float, end: float) -> float:
 
 
 def _beyond_inputs(quiet: _NoisePart, loud: _NoisePart) -> float:
-    """Ratio of two levels, less the ratio by which an input was rougher: a linear system makes no
-    more of it. Zero where the motion made it.
-    """
+    """Ratio of two noise levels, reduced by that of an input; zero if the motion explains it."""
     if not loud.slow and quiet.motion < loud.motion:
         return 0.0
     more = 1.0
@@ -571,7 +568,7 @@ def _between_parts(
 
 
 def _inside(time: np.ndarray, parts: Sequence[_NoisePart]) -> np.ndarray:
-    """Which times lie in one of the parts."""
+    """Whether times lie in one of the parts."""
     inside = np.zeros(len(time), dtype=bool)
     for one in parts:
         inside |= (time >= one.times[0]) & (time <= one.times[1])
@@ -579,7 +576,7 @@ def _inside(time: np.ndarray, parts: Sequence[_NoisePart]) -> np.ndarray:
 
 
 def _loud(fourth: np.ndarray, above: float, count: int) -> np.ndarray:
-    """Which of ``count`` samples lie where the noise, over a short window, is above a level."""
+    """Samples, of ``count``, at which the noise over a short window is above a level."""
     finite = np.isfinite(fourth)
     padded = np.pad(np.where(finite, np.abs(fourth), np.nan), WINDOW, mode="reflect")
     local = ROBUST * np.nanmedian(

@@ -20,7 +20,7 @@ FAR_ABOVE = 2.0  # chosen: of a channel's own noise, from which a residual is no
 
 @dataclass(frozen=True)
 class ResidualTest:
-    """One test: its statistic, the p-value under white Gaussian noise, and what it looked at."""
+    """A test: statistic, p-value under white Gaussian noise, and the residuals it used."""
 
     name: str
     channel: str

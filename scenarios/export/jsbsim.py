@@ -228,7 +228,7 @@ def _factor(product: XML.Element, factor: Factor, name: str) -> None:
 
 
 def _spline(product: XML.Element, factor: Factor, name: str) -> None:
-    """What exceeds the knot, raised to the power, times one above the knot and zero below."""
+    """(x - knot)^power above the knot, zero below it."""
     knot = repr(float(factor.knot or 0.0))
     comparison = XML.SubElement(product, "gt")
     XML.SubElement(comparison, "property").text = name

@@ -61,7 +61,8 @@ class ExportedModel:
         return text if text and not text[0].isdigit() else f"model_{text}".rstrip("_")
 
     def aircraft_for(self, target: str, holds: str) -> Aircraft:
-        """The declaration of the aircraft, for a format that holds nothing else.
+        """Aircraft declaration of the model, for a format that only supports aircraft.
+
 
         Parameters
         ----------
@@ -212,7 +213,8 @@ Key = tuple[Any, ...]
 
 @dataclass(frozen=True)
 class Operation:
-    """One step of an evaluation.
+    """One operation of an evaluation.
+
 
     Attributes
     ----------
@@ -254,9 +256,7 @@ class OperationTrace:
         return self.note(Operation("number", (), float(value))).place
 
     def apply(self, name: str, *values: Any) -> Any:
-        """The result of an operation on symbols and numbers; plain sums and products are
-        shortened.
-        """
+        """Result of an operation on symbols and numbers; sums and products are simplified."""
         numbers = [self._number(value) for value in values]
         if name in _FOLDED and all(number is not None for number in numbers):
             return _FOLDED[name](*numbers)
@@ -335,7 +335,7 @@ class Symbol(NDArrayOperatorsMixin):
 
 
 class _Undecided(TypeError):
-    """What keeps an equation from being written as a formula."""
+    """Error: an equation cannot be written as a formula."""
 
 
 @dataclass(frozen=True, eq=False)

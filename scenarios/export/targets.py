@@ -1,6 +1,4 @@
-"""What writes the model of a study for each target, and its form as a Python module that needs
-NumPy and nothing else.
-"""
+"""Export targets, and the export as a Python module that needs only NumPy."""
 
 from __future__ import annotations
 
@@ -118,7 +116,7 @@ def python_module(model: ExportedModel) -> str:
 
 
 def _printable(text: str) -> str:
-    """A name that may stand in a docstring."""
+    """The name in a form that a docstring can hold."""
     return "".join(c if c.isprintable() and c not in '"\\' else "?" for c in text)
 
 

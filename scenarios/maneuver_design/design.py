@@ -1,14 +1,4 @@
-"""A maneuver made as large as its limits allow, and what the aircraft does in it.
-
-Frequency responses that a designed maneuver would give: coherence and random error, before
-flight.
-
-The maneuver as the model flies it, with drawn sensor noise, goes through the estimate of
-``flightid response``; what it says is averaged over the draws.
-
-The search for a maneuver: every kind as large as its limits allow, compared at equal amplitude
-and time.
-"""
+"""Scale a maneuver up to its limits and simulate the response of the aircraft."""
 
 from __future__ import annotations
 
@@ -134,7 +124,7 @@ def _extremes(setting: Setting, motion: FittedModel) -> dict[str, tuple[float, f
 
 
 def used_shares(setting: Setting, extremes: Mapping[str, tuple[float, float]]) -> dict[str, float]:
-    """The excursion from rest over what its limit allows, of each output that has a limit."""
+    """Excursion from rest divided by its limit, of each output with a limit."""
     shares = {}
     for name, (low, high) in extremes.items():
         least, most = setting.limits.outputs.get(name, (-np.inf, np.inf))
@@ -217,7 +207,8 @@ HALVINGS = 24
 
 
 def rivals_of(request: DesignRequest, model: Model) -> tuple[Traceable, ...]:
-    """The effects named by ``--tell``.
+    """Effects named by ``--tell``.
+
 
     Raises
     ------
@@ -433,9 +424,7 @@ def design(
 
 
 def _over_the_band(setting: Setting, kind: str) -> tuple[float, np.ndarray, LimitedManeuver] | None:
-    """Pace, shapes and flight of one kind over the band that is asked for; None where it has no
-    room.
-    """
+    """Pace, shapes and flight of one kind over the requested band; None if there is no time."""
     assert setting.maneuver_limits.band is not None
     pace = np.pi / setting.maneuver_limits.band[1]
     shapes = KINDS[kind](setting.maneuver_limits, pace)
@@ -449,9 +438,7 @@ def _rank(maneuver: DesignedManeuver) -> tuple[float, float, float]:
 
 
 def _reference(setting: Setting) -> LimitedManeuver:
-    """A 3-2-1-1 as the roots ask for, in which sizes are found that look alike; slower ones may
-    have no room.
-    """
+    """A 3-2-1-1 with the pace of the eigenvalues, which defines equal sizes of effects."""
     for share in (1.0, 0.63, 0.4, 0.25):
         shapes = KINDS[REFERENCE](setting.maneuver_limits, _sampled(setting, share))
         if shapes is not None:
@@ -476,7 +463,7 @@ def _acting(
 
 
 def _sampled(setting: Setting, share: float) -> float:
-    """A pace that is a whole number of samples and no shorter than can be flown, s."""
+    """A pace that is a whole number of samples and not too short to fly, s."""
     interval = setting.maneuver_limits.interval
     least = math.ceil(setting.flyer.shortest_step / interval - 1e-9)
     return max(1, least, round(share * setting.maneuver_limits.pulse / interval)) * interval
@@ -485,9 +472,7 @@ def _sampled(setting: Setting, share: float) -> float:
 def _best_pace(
     setting: Setting, kind: str, acting: Sequence[Acting]
 ) -> tuple[float, np.ndarray, LimitedManeuver] | None:
-    """Pace, shapes and flight of one kind that serves best by the quick criterion; None where none
-    has room.
-    """
+    """Pace, shapes and flight of one kind with the best criterion; None if there is no time."""
     best, least = None, np.inf
     for pace in dict.fromkeys(_sampled(setting, share) for share in PACES):
         shapes = KINDS[kind](setting.maneuver_limits, pace)
@@ -527,8 +512,8 @@ def _weighed(
 
 
 def _criterion(flight: LimitedManeuver) -> float:
-    """Geometric mean of sigma over value of what is determined to better than its value: the lower,
-    the better.
+    """Geometric mean of sigma over value, of parameters with a sigma below their value: lower is
+    better.
     """
     sigmas = sigmas_of(flight.motion.fit)
     parameters = flight.motion.model.parameters

@@ -1,4 +1,4 @@
-"""What a maneuver must not exceed: limits of the motion, of a pilot and of an actuator."""
+"""Limits of a maneuver: of the motion, of a pilot and of an actuator."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ ENGINE_RISE = 1.0  # s, from the trim to the largest thrust; chosen
 
 @dataclass(frozen=True)
 class Flyer:
-    """Who moves the controls, and what they can do.
+    """Pilot or computer that moves the controls, with its limits.
+
 
     Attributes
     ----------
@@ -96,15 +97,16 @@ class Limits:
 
 
 def offset_of(model: Model, output: str) -> float:
-    """What is added to an output of the model to have the total: of a load factor of perturbations
-    the weight.
+    """Difference of the total from the model's output: the weight for a load factor of
+    perturbations.
     """
     return 1.0 if output == "nz" and not of_totals(model) else 0.0
 
 
 def usual_limits(model: Model, rest: Mapping[str, float]) -> Limits:
-    """Limits where nobody names any. ``rest`` : outputs in trim. A user's own model has those of
-    channels that it calls the same.
+    """Default limits.
+
+    ``rest`` : outputs in trim. A user model has those of channels with the same names.
     """
     outputs: dict[str, tuple[float, float]] = {}
     for signal in model.equations.outputs:
@@ -181,7 +183,7 @@ def limits_of(given: Path | Mapping[str, Any] | None, model: Model, usual: Limit
 
 
 def _keys(model: Model) -> dict[str, tuple[str, str, str]]:
-    """Key -> channel, what it limits, and its unit."""
+    """Key -> channel, limited quantity, and unit."""
     out: dict[str, tuple[str, str, str]] = {}
     for signal in model.equations.outputs:
         out |= {f"{signal.name}_{end}": (signal.name, end, signal.unit) for end in ("min", "max")}
@@ -221,8 +223,8 @@ def with_usual_rates(limits: Limits, model: Model, flown: Flyer) -> Limits:
 
 
 def no_faster(rows: np.ndarray, rate: np.ndarray, interval: float) -> np.ndarray:
-    """Samples ``(inputs, N)`` that follow ``rows`` and change by no more than ``rate (inputs,)`` in
-    a second.
+    """Samples ``(inputs, N)`` that follow ``rows`` with a rate of at most ``rate (inputs,)`` per
+    second.
     """
     out = rows.copy()
     if not np.any(np.isfinite(rate)):

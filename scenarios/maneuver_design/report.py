@@ -61,7 +61,7 @@ LEAST = 0.05  # chance, below which no maneuver is said to decide
 
 
 def design_text(design: DesignResult, width: int = WIDTH, details: str = BELOW) -> str:
-    """What a terminal of this width shows."""
+    """Text of the design for a terminal of this width."""
     lines = [*summary_lines(summary_of(design, details), width), ""]
     lines += table_as_lines(replace(maneuvers_table(design), caption=_title(design)), width)
     if design.setting.limits.outputs:
@@ -84,7 +84,7 @@ def design_text(design: DesignResult, width: int = WIDTH, details: str = BELOW) 
 
 
 def summary_of(design: DesignResult, details: str = BELOW) -> Summary:
-    """Vehicle and limits; the best maneuver; what it tells and how far it goes."""
+    """Summary: vehicle and limits; the best maneuver; its sigmas and peaks."""
     setting, best = design.setting, design.best
     seconds = setting.maneuver_limits.time[-1]
     count = len(design.maneuvers)
@@ -191,7 +191,7 @@ def design_content(design: DesignResult) -> dict[str, Any]:
 
 
 def maneuver_content(design: DesignResult, maneuver: DesignedManeuver) -> dict[str, Any]:
-    """One kind: pace, peaks, expected sigmas (those that are finite), and what it says of the
+    """JSON content of one maneuver: pace, peaks, expected sigmas (finite ones), and results on the
     effects.
     """
     content: dict[str, Any] = {
@@ -398,7 +398,7 @@ def input_of(maneuver: DesignedManeuver) -> Record:
 
 
 def write_maneuver(folder: Path, maneuver: DesignedManeuver, stem: str = FLOWN) -> None:
-    """Write the inputs of a maneuver as ``stem.csv`` and what they mean as ``stem.json``."""
+    """Write the inputs of a maneuver as ``stem.csv`` and their meaning as ``stem.json``."""
     write_record(folder, input_of(maneuver), stem, simulated=True)
 
 

@@ -87,7 +87,7 @@ class DesignRequest:
     command_names: Mapping[str, str] = field(default_factory=dict)
 
     def command(self) -> str:
-        """What is typed for it."""
+        """Command line of the request."""
         words = ["flightid", "design", "--model", self.command_names.get("model", str(self.model))]
         vehicle = self.command_names.get(
             "vehicle", str(self.vehicle) if isinstance(self.vehicle, Path) else ""
@@ -459,7 +459,7 @@ def _frequency(model: Model, rest: Mapping[str, float]) -> float:
 
 
 def _refuse_band(request: DesignRequest) -> None:
-    """Raise DeclarationError for a band that is none, or for effects beside it."""
+    """Raise DeclarationError for a wrong band, or for a band together with effects."""
     if request.band is None:
         return
     low, high = request.band

@@ -51,7 +51,7 @@ def peaks_of(design: DesignResult, maneuver: DesignedManeuver) -> dict[str, floa
 
 
 def notes_of(design: DesignResult) -> list[str]:
-    """What the design rests on: noise, limits, trim, sizes."""
+    """Assumptions of the design: noise, limits, trim, sizes."""
     setting = design.setting
     noise = [f"{name} {_shown(design, name, value)}" for name, value in setting.noise.items()]
     limits = [
@@ -98,7 +98,7 @@ def extremes_text(design: DesignResult, maneuver: DesignedManeuver) -> str:
 
 
 def who_flies_text(design: DesignResult) -> str:
-    """Who moves the controls, and what the margins are."""
+    """Sentence on pilot or computer, and on the margins."""
     flown = design.setting.flyer
     text = (
         f"flown by {flown.name} (--computer for a flight computer): {flown.text}"
@@ -172,7 +172,7 @@ def maneuvers_table(design: DesignResult) -> Table:
 
 
 def contest_table(design: DesignResult, caption: str) -> Table:
-    """What each effect's flight says against the other, of the best maneuver."""
+    """Table of the effects of the best maneuver: each against its rival."""
     some = [(each, each.decision) for each in design.best.contests]
 
     def percent(heading: str) -> Column:
@@ -211,7 +211,7 @@ def sigmas_table(design: DesignResult, caption: str) -> Table:
 
 
 def responses_table(design: DesignResult, caption: str) -> Table:
-    """What each maneuver would give of every response over the band."""
+    """Table of expected responses over the band, for each maneuver."""
     kinds = [(each.kind, each.responses) for each in design.maneuvers if each.responses is not None]
     first = kinds[0][1]
     places = [
@@ -236,7 +236,7 @@ def responses_table(design: DesignResult, caption: str) -> Table:
 
 
 def margins_table(design: DesignResult, caption: str) -> Table:
-    """What the best maneuver reaches, its limits, and by how much the motion may be larger."""
+    """Table of peaks of the best maneuver, their limits, and the margins."""
     setting, best = design.setting, design.best
     names = [name for name in best.flight.margins if name in setting.limits.outputs]
     ends = {name: setting.limits.outputs[name] for name in names}

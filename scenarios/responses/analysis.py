@@ -1,4 +1,4 @@
-"""Frequency responses from record files: what is estimated, how, and what a user should know."""
+"""Frequency responses from record files: options, estimates and cautions."""
 
 from __future__ import annotations
 
@@ -66,7 +66,8 @@ LEAST_APART = 0.25
 
 @dataclass(frozen=True)
 class ResponseOptions:
-    """How responses are estimated.
+    """Options of frequency-response estimates.
+
 
     Attributes
     ----------
@@ -256,7 +257,7 @@ def _windows(
 
 
 def _refuse_proportional(estimated_responses: FrequencyResponses, names: Names) -> None:
-    """Raise RecordError where an input says nothing that the other inputs do not."""
+    """Raise RecordError if an input is a combination of the other inputs."""
     if estimated_responses.joint or len(names.inputs) < 2:
         return
     for one, coherence in zip(names.inputs, estimated_responses.input_coherence, strict=True):
@@ -326,7 +327,7 @@ def _without(responses: FrequencyResponses, between: np.ndarray) -> FrequencyRes
 def cautions_of(
     estimated_responses: FrequencyResponses, direct: FrequencyResponses | None, names: Names
 ) -> tuple[str, ...]:
-    """What a user should know of an estimate, one sentence each."""
+    """Cautions on an estimate, one sentence each."""
     out = []
     for row, output in enumerate(names.outputs):
         for column, one in enumerate(names.inputs):
@@ -350,8 +351,7 @@ def cautions_of(
 
 
 def _leaks(responses: FrequencyResponses, names: Names) -> list[str]:
-    """Frequencies at which an input has no power of its own: a coherence there is that of what
-    leaks through the windows from elsewhere."""
+    """Frequencies at which an input has no power of its own: the coherence there is leakage."""
     out = []
     excitations = names.references if responses.joint else names.inputs
     for column, leaked in enumerate(responses.leaked):

@@ -50,7 +50,8 @@ INSENSITIVE = 0.1  # limit of the insensitivity, share of a value (Tischler and 
 
 @dataclass(frozen=True)
 class FitOptions:
-    """Which transfer functions are fitted.
+    """Options of transfer-function fits.
+
 
     Attributes
     ----------
@@ -101,13 +102,13 @@ class Mismatch:
 
     @property
     def piloted(self) -> np.ndarray:
-        """Where the envelopes of unnoticeable dynamics are judged, bool."""
+        """Whether frequencies are in the range of the envelopes of unnoticeable dynamics, bool."""
         omega = 2.0 * math.pi * self.frequency
         return np.asarray((omega >= PILOTED[0]) & (omega <= PILOTED[1]))
 
     @property
     def outside(self) -> np.ndarray:
-        """Where the mismatch is beyond the envelopes by more than its 95 % band, bool."""
+        """Whether the mismatch exceeds the envelopes by more than its 95 % band, bool."""
         limits = unnoticeable(2.0 * math.pi * self.frequency)
         gain = (self.gain - self.gain_error > limits.high_gain) | (
             self.gain + self.gain_error < limits.low_gain
@@ -241,7 +242,7 @@ def cost_sentence(function: FittedResponse) -> str:
 
 
 def envelope_sentence(function: FittedResponse, mismatch: Mismatch) -> str:
-    """Whether the mismatch of a low-order form would be noticed; empty for plain orders."""
+    """Whether a pilot would notice the mismatch of a low-order form; empty for plain orders."""
     if function.form.name not in FORMS or not mismatch.piloted.any():
         return ""
     outside = mismatch.outside
@@ -278,7 +279,7 @@ def _polynomial(coefficients: np.ndarray) -> str:
 
 
 def fit_cautions(fits: Fits | None) -> tuple[str, ...]:
-    """What a user should know of the fits, one sentence each."""
+    """Cautions on the fits, one sentence each."""
     if fits is None:
         return ()
     out = [] if fits.fit.converged else ["the search for the transfer functions did not end"]
@@ -334,8 +335,9 @@ DELAY = "delay"
 
 @dataclass(frozen=True)
 class ModelOptions:
-    """Which model is fitted: ``model`` its name or file, None fits none; ``vehicle`` its constants
-    and starting values; ``fixed`` parameters that are held."""
+    """Options of a model fit: ``model`` its name or file, None for no fit; ``vehicle`` its
+    constants and starting values; ``fixed`` parameters.
+    """
 
     model: str | None = None
     vehicle: Path | None = None
@@ -367,7 +369,7 @@ class FittedResponseModel:
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """What a user should know, one sentence each."""
+        """Cautions on the fit, one sentence each."""
         fit, out = self.fit, []
         if not fit.converged:
             out.append(f"the search for the parameters of {self.model} did not end")
@@ -472,7 +474,7 @@ def model_fit_of(
 
 
 def _fitted(model: str, vehicle: VehicleFile, about: str, count: int) -> str:
-    """Which model of which vehicle was fitted to how many responses."""
+    """Sentence on the model, the vehicle and the number of responses that were fitted."""
     named = vehicle_with_file(vehicle.name, vehicle.identity)
     responses = f"{count} response{'s' * (count != 1)}"
     return f"{model} model of {named}, linearised about {about}, fitted to {responses}"
@@ -481,7 +483,7 @@ def _fitted(model: str, vehicle: VehicleFile, about: str, count: int) -> str:
 def _starts(
     system: System, fixed: Mapping[str, float]
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Starting values of what is free, a delay of all inputs included, and what is held."""
+    """Starting values of the free parameters, with a delay of all inputs, and the fixed ones."""
     free = [name for name in system.parameters.free_names if not name.startswith("bias_")]
     known = [*free, *([] if DELAY in free else [DELAY])]
     for name in fixed:

@@ -226,7 +226,7 @@ def interval_text(margin: Margin) -> str:
 
 
 def margin_lines(loop: LoopMargins) -> list[str]:
-    """How the margins compare with the required ones, and what is not known."""
+    """Comparison of the margins with the required ones, and what is undetermined."""
     out = []
     named = loop.margins.named
     sizes = [

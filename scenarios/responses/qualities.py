@@ -75,7 +75,7 @@ class LevelOptions:
         return head, tail
 
     def refuse_unused(self, fits: Fits | None) -> None:
-        """Raise DeclarationError where nothing is fitted that the options are for."""
+        """Raise DeclarationError if no fit uses these options."""
         forms = [each.form.name for each in fits.fit.functions] if fits is not None else []
         if self.flown is not None and not any(name in FORMS for name in forms):
             remedy = f"add --fit with one of {', '.join(FORMS)}"
@@ -92,8 +92,10 @@ NO_LEVELS = LevelOptions()
 
 
 def pilot_demand(bandwidth: float | None, delay: float | None) -> PilotDemand | None:
-    """What is asked of a pilot; None without a bandwidth. Raises DeclarationError for numbers that
-    are none, or for a delay without a bandwidth."""
+    """Task of the pilot; None without a bandwidth.
+
+    Raises DeclarationError for wrong numbers, or for a delay without a bandwidth.
+    """
     if bandwidth is None:
         if delay is not None:
             remedy = "add --pilot RAD/S, the closed-loop bandwidth"
@@ -158,7 +160,7 @@ class Qualities:
 
     @property
     def lines(self) -> list[str]:
-        """The levels that are reached, and what is not known, one sentence each."""
+        """Levels and undetermined quantities, one sentence each."""
         out = []
         for level in self.levels:
             said = quality_name(level.quality.name)
@@ -182,7 +184,7 @@ _QUALITY_NAMES = {
 
 
 def quality_name(name: str) -> str:
-    """How tables and sentences call a quantity of ``Qualities.numbers``."""
+    """Name of a quantity of ``Qualities.numbers`` in tables and sentences."""
     return _QUALITY_NAMES.get(name, name.replace("_", " "))
 
 
@@ -231,7 +233,7 @@ def chart_levels(one: Qualities) -> list[ChartLevel]:
 
 
 def _chart_lines(one: Qualities) -> list[str]:
-    """Levels of criteria with two quantities, and what is said of the pilot."""
+    """Levels of criteria with two quantities, and the pilot's compensation."""
     out = [
         f"{each.words}: {level_text(each.level, each.best, each.worst)} ({each.source})"
         for each in chart_levels(one)
@@ -252,7 +254,7 @@ def level_text(level: int, best: int, worst: int) -> str:
 
 
 def refuse_kind(kind: str | None) -> None:
-    """Raise DeclarationError for what is no kind of output."""
+    """Raise DeclarationError for an unknown kind of output."""
     if kind not in (None, RATE, ATTITUDE):
         remedy = f"say {RATE} or {ATTITUDE}, what the outputs are"
         raise DeclarationError(f"there is no kind {kind!r}", where="--bandwidth", remedy=remedy)
@@ -346,7 +348,7 @@ def quality_tables(qualities: Sequence[Qualities]) -> list[Table]:
 
 
 def quality_lines(qualities: Sequence[Qualities]) -> list[str]:
-    """Levels that are reached and what is not known of flying qualities, one sentence each."""
+    """Levels and undetermined flying qualities, one sentence each."""
     return [line for each in qualities for line in each.lines]
 
 

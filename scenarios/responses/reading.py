@@ -30,7 +30,7 @@ FEWEST = 64  # samples of a record
 
 @dataclass(frozen=True)
 class Names:
-    """Names of inputs, outputs and references, as they were asked for."""
+    """Names of inputs, outputs and references, as requested."""
 
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
@@ -231,7 +231,9 @@ def _unit(file: RecordFile, name: str) -> str | None:
 
 
 def _even(record: Record, step: float) -> tuple[Record, list[str]]:
-    """A record at even steps of ``step`` without missing samples, and what was done for it."""
+    """The record at even steps of ``step`` without missing samples, and a sentence on the
+    changes.
+    """
     notes = []
     time = record.time
     for channel in record.outputs:

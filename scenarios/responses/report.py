@@ -99,7 +99,7 @@ def name_pair(estimates: ResponseEstimates, row: int, column: int) -> tuple[str,
 
 
 def responses_summary(estimates: ResponseEstimates, details: str = BELOW) -> Summary:
-    """The records, what was estimated, and the usable bands."""
+    """Summary: the records, the estimate, and the usable bands."""
     whole = sum(estimates.durations)
     some = ", ".join(estimates.parts[:3]) + (", ..." if len(estimates.parts) > 3 else "")
     number = len(pairs(estimates))
@@ -307,7 +307,7 @@ SCHEMA = "flightid/responses/1"
 def write_responses(
     estimates: ResponseEstimates, folder: str | Path, *, figures: Formats = USUAL
 ) -> Path:
-    """Write an estimate into ``folder``, whole or not at all; returns the folder."""
+    """Write an estimate into ``folder``, completely or not at all; return the folder."""
     with study_folder(folder, MAIN) as scratch:
         figure_files: tuple[Drawn, ...] = ()
         if figures:

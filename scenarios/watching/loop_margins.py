@@ -63,7 +63,7 @@ class LoopNames:
 
     @property
     def signals(self) -> StreamSignals:
-        """What a stream is read for; units of columns stay as they are."""
+        """Channels to read from a stream; units of columns stay as they are."""
         inputs = (self.command, *([self.excitation] if self.excitation else []))
         known = {name: CHANNEL_UNITS.get(name, "") for name in (*inputs, self.returned)}
         return StreamSignals(inputs, (self.returned,), {TIME: "s", **known})
@@ -77,7 +77,10 @@ class LoopNames:
 def loop_names(
     sign: str, inputs: Sequence[str], outputs: Sequence[str], excitation: str | None
 ) -> LoopNames:
-    """Names as they were asked for. Raises DeclarationError where they are no single loop."""
+    """Names of a loop's signals.
+
+    Raises DeclarationError if they are no single loop.
+    """
     references = (excitation,) if excitation else ()
     refuse_loop(sign, Names(tuple(inputs), tuple(outputs), references))
     return LoopNames(sign, inputs[0], outputs[0], excitation)
@@ -304,7 +307,7 @@ def margins_of(session: MarginSession) -> LoopMargins | None:
 
 
 def _contradicted(session: MarginSession) -> bool:
-    """Whether the stream says that the loop has the other sign."""
+    """Whether the stream shows that the loop has the opposite sign."""
     sums = session.moments
     if not sums[0, 0] > 0.0:
         return False

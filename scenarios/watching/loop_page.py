@@ -1,6 +1,4 @@
-"""Stability margins of a watched loop: what is printed at the end, the study folder, its page and
-the live page.
-"""
+"""Stability margins of a watched loop: final print, study folder, its page and the live page."""
 
 from __future__ import annotations
 
@@ -47,7 +45,7 @@ from scenarios.watching.session import Watch
 
 
 def print_loop_end(watch: Watch, session: MarginSession) -> None:
-    """The margins over the whole stream in a table, and how they compare with the required ones."""
+    """Print the margins over the whole stream in a table, compared with the required ones."""
     out, loop = console(), margins_of(session)
     gaps = f", {session.gaps} gap{'s' * (session.gaps != 1)}" if session.gaps else ""
     out.print(f"{watch.reason}; {session.rows} rows{gaps}:", highlight=False)
@@ -79,8 +77,9 @@ class PlottedLoop:
 def write_loop(
     out: Path, watch: Watch, session: MarginSession, name: str, source: Path | None = None
 ) -> None:
-    """Write the study of a loop in a stream, whole or not at all; ``source`` is the file of its
-    rows, None of a pipe."""
+    """Write the study of a loop, completely or not at all; ``source`` is the file of its rows, None
+    for a pipe.
+    """
     from scenarios.plots.drawing import draw_for_page
     from scenarios.plots.flying_qualities import figure_margin_history, figure_margins
     from scenarios.report.figure_formats import USUAL
@@ -146,7 +145,7 @@ def loop_page(
 
 
 class FollowLoop:
-    """Tells a feed what a watch of a loop does: rows, margins, and how the stream stands."""
+    """Callable that puts rows, margins and status of a watched loop into a feed."""
 
     def __init__(self, watch: Watch, session: MarginSession, feed: Feed) -> None:
         self._watch, self._session, self._feed = watch, session, feed
@@ -220,7 +219,7 @@ class FollowLoop:
 
 @contextmanager
 def served_loop(watch: Watch, session: MarginSession, port: int | None) -> Iterator[FollowLoop]:
-    """Gives what feeds the live page of a loop, which is served while the body runs."""
+    """Context manager that serves the live page of a loop and gives the callable that feeds it."""
     with served_feed(port) as feed:
         yield FollowLoop(watch, session, feed)
 

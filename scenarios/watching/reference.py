@@ -120,7 +120,7 @@ def vehicle_to_watch(vehicle: Path | None, reference: Reference | None) -> Vehic
 
 
 def vehicle_sentence(vehicle: VehicleFile) -> str:
-    """Which vehicle, and which file, gave constants and starting values."""
+    """Sentence on the vehicle file that gave constants and starting values."""
     named = vehicle_with_file(vehicle.name, vehicle.identity)
     return f"constants and starting values: {named}"
 
@@ -159,7 +159,7 @@ def _pairs(content: Mapping[str, Any], key: str, file: Path) -> dict[str, tuple[
 
 
 def _numbers(table: Any, key: str) -> dict[str, float]:
-    """Name -> number under ``key`` of each entry that has one; none of what is no table."""
+    """Number under ``key`` of each entry by name, if it has one."""
     entries = table.items() if isinstance(table, dict) else ()
     result: dict[str, Any] = {
         name: entry.get(key) for name, entry in entries if isinstance(entry, dict)
@@ -214,8 +214,11 @@ class CrossValidation:
 
 @dataclass(frozen=True)
 class View:
-    """One moment of a watch: ``time`` (s), rows and what was left out so far, quantities, weights
-    by delay (s), which are probabilities where the estimate is ``refined``, else likelihoods."""
+    """State of a watch at one time.
+
+    ``time`` (s), counts of rows and left-out cells, quantities, and weights by delay (s), which are
+    probabilities if the estimate is ``refined``, else likelihoods.
+    """
 
     name: str
     time: float
@@ -300,7 +303,7 @@ def live_table(view: View) -> Group:
 
 
 def line(view: View) -> str:
-    """The same in one line, for a log."""
+    """The view in one line, for a log."""
     by_name = {item.name: item for item in view.standings}
     shown = []
     for name, word in WORDS.items():
@@ -342,7 +345,7 @@ def against(outside: Sequence[str], compared: int, name: str, hanging: Sequence[
 
 
 def against_items(items: Sequence[CrossValidation], name: str) -> str:
-    """The same of compared quantities."""
+    """Agreement of compared quantities with the reference."""
     return against(
         [item.name for item in items if item.beyond],
         sum(item.z is not None for item in items),

@@ -1,4 +1,4 @@
-"""From a stream's lines to rows in SI units and in order of time."""
+"""Rows in SI units and in order of time, from the lines of a stream."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ Read = Callable[[], bytes | None]
 
 
 class Lines(NamedTuple):
-    """What came: whole lines without their ends, and at the end of the stream the beginning of a
-    line that never ended.
+    """Complete lines without their ends, and at the end of the stream the beginning of an
+    incomplete line.
     """
 
     whole: list[bytes]
@@ -55,7 +55,8 @@ class Lines(NamedTuple):
 
 
 def lines_of(read: Read, idle: float | None, name: str) -> Iterator[Lines]:
-    """Lines as a source gives them, an empty list whenever it has nothing new.
+    """Yield lines from a source, an empty list whenever it has nothing new.
+
 
     Parameters
     ----------
@@ -130,10 +131,10 @@ def growing_file(path: Path, until_end: bool) -> Iterator[Read]:
 
 
 def standard_input(descriptor: int = 0) -> Read:
-    """A source that reads what is piped in; it ends where the pipe does.
+    """Source of piped input, which ends with the pipe.
 
-    A thread waits for the pipe, since Windows waits for sockets alone. It reads a few pieces ahead,
-    no more.
+    A thread waits for the pipe, since Windows can only wait for sockets; it reads a few pieces
+    ahead.
     """
     pieces: queue.Queue[bytes | OSError] = queue.Queue(AHEAD)
     ended = False
@@ -198,7 +199,8 @@ LOES = StreamSignals(INPUTS, OUTPUTS)
 
 @dataclass(frozen=True)
 class Header:
-    """How the rows of a stream are read.
+    """Columns and units of a stream's rows.
+
 
     Attributes
     ----------
@@ -230,8 +232,8 @@ class Header:
 
 
 class Fault(NamedTuple):
-    """A line that was left out, or a cell that was mended: the row as the user counts it (the
-    header is row 1), and what is wrong.
+    """A line that was left out, or a cell that was corrected: its row (the header is row 1), and
+    the reason.
     """
 
     row: int
@@ -549,9 +551,7 @@ def at_end(order: Order, height: int = 2 + len(OUTPUTS)) -> tuple[np.ndarray, li
 
 
 def _goes_on(table: np.ndarray, order: Order) -> bool:
-    """Whether all rows simply go on from ``order``, nothing to wait for or to mend; a NaN in time
-    or an input says no.
-    """
+    """Whether all rows simply continue from ``order``, without missing times or inputs."""
     if table.shape[1] == 0 or order.waiting is not None or order.lost is not None:
         return False
     steps = np.diff(table[0], prepend=order.time)
@@ -581,8 +581,8 @@ def _accept(
 
 
 def _plain_numbers(line: bytes, places: Sequence[int], width: int) -> list[float] | None:
-    """The numbers of a line that holds nothing else, None for any other: nearly all lines are of
-    this sort, and it is three times as fast.
+    """Numbers of a line that has only numbers, None for any other; nearly all lines do, and this is
+    three times as fast.
     """
     cells = line.split(b",")
     if len(cells) != width or b'"' in line or b"_" in line or not line.isascii():
@@ -595,8 +595,8 @@ def _plain_numbers(line: bytes, places: Sequence[int], width: int) -> list[float
 
 
 def _careful(line: bytes, places: Sequence[int], width: int) -> list[float]:
-    """The numbers of a line, NaN where a cell is empty, none of an empty line; ValueError or
-    csv.Error says what else it is.
+    """Numbers of a line, NaN for an empty cell, empty for an empty line; ValueError or csv.Error
+    otherwise.
     """
     if not line.strip():
         return []
@@ -608,7 +608,7 @@ def _careful(line: bytes, places: Sequence[int], width: int) -> list[float]:
 
 
 def _number(cell: str) -> float:
-    """A cell as a number, NaN where a sample is missing; ValueError says what else it is."""
+    """A cell as a number, NaN if empty; ValueError otherwise."""
     try:
         value = float(cell)
     except ValueError:

@@ -144,7 +144,8 @@ def take(session: Session, rows: np.ndarray) -> list[WatchStep]:
 
 
 def start(session: Session) -> list[WatchStep]:
-    """Start the filter with what has come, however little.
+    """Start the filter with the rows so far.
+
 
     Raises
     ------
@@ -301,8 +302,8 @@ def _linearised(session: Session, state: BankState, elsewhere: np.ndarray) -> Re
 
 
 def onset(record: Record, first: int) -> int:
-    """The row a second's worth before the stick first moves from ``first`` on by a twentieth of
-    what it ever does.
+    """Row one second before the stick first moves, from ``first`` on, by a twentieth of its largest
+    motion.
     """
     stick = record["stick"].values[first:]
     away = np.abs(stick - np.median(stick))
@@ -464,7 +465,7 @@ def session_of(watch: Watch) -> Session:
 
 
 def report(watch: Watch, faults: list[Fault]) -> None:
-    """Count faults, and say the first of each sort in one line."""
+    """Count faults, and print the first of each kind in one line."""
     for fault in faults:
         if fault.left_out:
             if not watch.left_out:

@@ -1,5 +1,5 @@
-"""What a watch shows while a stream arrives, a live table or a line a second, what it ends with,
-and the study folder of a watch in the frequency domain.
+"""Display of a watch, as a live table or a line a second, its final print, and the study folder of
+a watch in the frequency domain.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def items_of(
 
 
 def print_spectral_end(watch: Watch, session: SpectralSession) -> None:
-    """The last estimate in a table, what is not determined, and the reference."""
+    """Print the last estimate in a table, undetermined parameters, and the reference."""
     out, found = console(), last_estimate(session)
     items = items_of(session, found, watch.reference)
     out.print(
@@ -155,7 +155,7 @@ def beside_lines(session: SpectralSession | None, bank: Estimate) -> list[str]:
 
 
 def write_spectral(out: Path, watch: Watch, session: SpectralSession, name: str) -> None:
-    """Write the study of a stream in the frequency domain, whole or not at all."""
+    """Write the study of a stream in the frequency domain, completely or not at all."""
     estimate = last_estimate(session)
     items = items_of(session, estimate, watch.reference)
     with study_folder(out, "comparison.json") as scratch:
@@ -241,7 +241,7 @@ def spectral_page(
 
 
 def estimate_blocks(content: Mapping[str, Any]) -> list[Block]:
-    """Tables of the parameters and of what follows from them."""
+    """Tables of the parameters and of derived quantities."""
     if not content["parameters"]:
         return []
     rows = [
@@ -318,16 +318,16 @@ class Show:
 
 @contextmanager
 def display(watch: Watch) -> Iterator[Show]:
-    """Gives what shows the stream's states; on a terminal its live table stands while the body
-    runs.
-    """
+    """Context manager that gives the display; on a terminal a live table."""
     show = Show(watch)
     with show.live if show.live is not None else nullcontext():
         yield show
 
 
 def print_end(watch: Watch, session: Session, end: WatchOutcome) -> None:
-    """The last table, why the stream ended, and what lies outside the reference's bounds."""
+    """Print the last table, the reason of the end, and quantities outside the reference's
+    bounds.
+    """
     from scenarios.report.quantities import console
 
     terminal = console()

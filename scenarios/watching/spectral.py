@@ -1,5 +1,7 @@
-"""A stream identified in the frequency domain: an estimate for every second, for models whose
-states are measured, and beside the bank of the low-order equivalent system."""
+"""On-line identification in the frequency domain, with an estimate every second.
+
+For models whose states are measured, and beside the filter bank of the low-order equivalent system.
+"""
 
 from __future__ import annotations
 
@@ -41,8 +43,9 @@ BEFORE = 1e-9  # s, by which a row may lie before a second and still begin it
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """The estimate after a second of the stream: ``time`` s, values and standard deviations
-    ``(q,)``, infinite where nothing is determined."""
+    """Estimate after a second of the stream: ``time`` s, values and standard deviations ``(q,)``,
+    infinite if undetermined.
+    """
 
     time: float
     values: np.ndarray
@@ -148,7 +151,7 @@ def take(session: SpectralSession, rows: np.ndarray) -> list[Point]:
 
 
 def regress(session: SpectralSession) -> list[Point]:
-    """Regress the rows that wait; the estimate after them, none where nothing is determined yet."""
+    """Regress the rows that wait and return the estimate; None if nothing is determined yet."""
     if not session.waiting:
         return []
     block = np.concatenate(session.waiting, axis=1)
@@ -199,7 +202,7 @@ def record_of(session: SpectralSession) -> Record:
 
 
 def last_estimate(session: SpectralSession) -> Estimate | None:
-    """The last estimate of what is determined; None where nothing is."""
+    """The last estimate of the determined parameters; None without any."""
     result, names = session.last, session.names
     if result is None:
         return None
@@ -223,7 +226,7 @@ def last_estimate(session: SpectralSession) -> Estimate | None:
 
 
 def undetermined(session: SpectralSession) -> list[str]:
-    """Parameters of which the stream says nothing."""
+    """Parameters that the stream does not determine."""
     latest = last_estimate(session)
     return [name for name in session.names if latest is None or name not in latest.names]
 

@@ -1,4 +1,4 @@
-"""Results of a watch: estimates, history, comparison, page, and what is shown while it runs."""
+"""Results of a watch: estimates, history, comparison, page, and the values shown on line."""
 
 from __future__ import annotations
 
@@ -101,9 +101,7 @@ def nearest(delays: np.ndarray, value: float, std: float) -> np.ndarray:
 
 
 def first_pass_so_far(session: Session, step: WatchStep | None = None) -> SoFar:
-    """The most likely plain filter's estimate; its deviations hold what other starts end apart
-    by.
-    """
+    """Estimate of the most likely filter; its deviations include the differences between starts."""
     bank, step = session.bank, session.last if step is None else step
     assert bank is not None and step is not None
     estimate, weights, (delay, std) = likely_estimate(bank, step.state)
@@ -165,8 +163,8 @@ def likely_estimate(
 def _at_start(
     session: Session, estimate: Estimate
 ) -> tuple[Estimate, Mapping[str, tuple[float, float]], np.ndarray]:
-    """The declared start as an estimate, what is derived of it, and how far the other starts began
-    from it ``(K, n)``.
+    """The declared start as an estimate, derived quantities, and the differences of the other
+    starts ``(K, n)``.
     """
     bank = session.bank
     assert bank is not None
@@ -231,7 +229,7 @@ class History:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Leave nothing behind that is not whole."""
+        """Remove an incomplete file."""
         if self._file is not None:
             self._file.close()
             self.path.unlink(missing_ok=True)
@@ -267,7 +265,7 @@ class History:
             ) from None
 
     def finish(self) -> str:
-        """The whole text."""
+        """Close the file and return its text."""
         if self._file is not None:
             self._file.close()
             self._file = None
@@ -488,7 +486,7 @@ class WatchOutcome:
 
     @property
     def weights(self) -> np.ndarray:
-        """Of the declared delays, as in ``SoFar``, by what counts."""
+        """Weights of the declared delays, as in ``SoFar``, of the final estimate."""
         if self.refinement is None or "delay" not in self.refinement.estimate.names:
             return self.online.weights
         return nearest(
@@ -499,7 +497,7 @@ class WatchOutcome:
 
     @property
     def refined(self) -> bool:
-        """Whether what counts was linearised anew."""
+        """Whether the final estimate is relinearised."""
         return self.refinement is not None or self.online.refined
 
 
@@ -623,7 +621,7 @@ def rows_of(
 
 
 def reference_content(reference: Reference, items: Sequence[CrossValidation]) -> dict[str, Any]:
-    """The reference and what differs from it, for ``comparison.json``."""
+    """The reference and the quantities that differ from it, for ``comparison.json``."""
     compared = [item for item in items if item.reference is not None and item.z is not None]
     return {
         "study": resolved(Path(reference.name)).name,

@@ -50,8 +50,8 @@ def units_of(study: LoopStudy) -> dict[str, str]:
 
 
 def paper_content(study: LoopStudy) -> dict[str, Any]:
-    """Entries of ``comparison.json``: the paper's tables beside its procedure, its checks, the
-    methods and the restarts.
+    """Entries of ``comparison.json``: the paper's tables beside its procedure, checks, methods and
+    restarts.
     """
     column = study.scenario.published[0] if study.scenario.published else ""
     out: dict[str, Any] = {}
@@ -163,7 +163,7 @@ def _correlation(P: np.ndarray, names: tuple[str, ...], a: str, b: str) -> float
 
 
 def _without_missing(row: dict[str, dict[str, float | None]]) -> dict[str, dict[str, float]]:
-    """A row without what there is not."""
+    """The row without missing values."""
     finite_pairs = {
         key: {side: value for side, value in pair.items() if value is not None}
         for key, pair in row.items()
@@ -341,7 +341,7 @@ def _against(study: LoopStudy) -> dict[str, Any]:
 
 
 def _further(study: LoopStudy) -> dict[str, Any]:
-    """Estimates besides the main one, where the scenario asks for them."""
+    """Further estimates that the scenario declares."""
     out: dict[str, Any] = {}
     if study.together:
         out["together"] = {
@@ -367,7 +367,7 @@ def _further(study: LoopStudy) -> dict[str, Any]:
 
 
 def _over_seeds(statistics: OverSeeds) -> dict[str, Any]:
-    """How often each delay is chosen, and means and standard deviations of the parameters over the
+    """Counts of the chosen delays, and means and standard deviations of the parameters over the
     seeds.
     """
 

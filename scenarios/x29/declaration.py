@@ -78,9 +78,7 @@ class StickPlan:
 
 @dataclass(frozen=True)
 class Spike:
-    """One sample of the recorded stick that is wrong: its time (s) and what the record says there
-    (in).
-    """
+    """A wrong sample of the recorded stick: its time (s) and recorded value (in)."""
 
     time: float
     size: float
@@ -88,7 +86,8 @@ class Spike:
 
 @dataclass(frozen=True)
 class LoopFlight:
-    """How the closed loop is flown.
+    """Simulation of the closed loop.
+
 
     Attributes
     ----------
@@ -117,7 +116,8 @@ class LoopFlight:
 
 @dataclass(frozen=True)
 class LoopEstimation:
-    """How the record is estimated.
+    """Estimation from a closed-loop record.
+
 
     Attributes
     ----------
@@ -158,9 +158,9 @@ class Against:
 
 @dataclass(frozen=True)
 class MarginPlan:
-    """How much is varied of what the paper leaves open of the margins: ``samples`` points of a
-    Latin hypercube (none: the study is left out), their ``seed``, and an airframe to show
-    ``beside`` the two."""
+    """Variation of unpublished values for the margins: ``samples`` points of a Latin hypercube (0:
+    none), their ``seed``, and an airframe to show ``beside`` the two.
+    """
 
     samples: int
     seed: int = 1
@@ -169,7 +169,7 @@ class MarginPlan:
 
 @dataclass(frozen=True)
 class Variant:
-    """The same scenario flown or estimated differently, to see what an observation hangs on."""
+    """The scenario with another flight or estimation, to show the sensitivity of a result."""
 
     name: str
     label: str
@@ -231,8 +231,8 @@ class Printed:
 
 @dataclass(frozen=True)
 class Range:
-    """What the text tells of the flight: between which values the EKF had it, and what the
-    frequency response gave.
+    """Published values in the text: range of the EKF's estimates, and value from the frequency
+    response.
     """
 
     low: float
@@ -270,12 +270,15 @@ def printed_noise(name: str) -> dict[str, float]:
 
 
 def printed_density(name: str) -> dict[str, float]:
-    """Q of Table 1 or 2 as it stands there. Raises DeclarationError when there is none."""
+    """Q of Table 1 or 2 as printed.
+
+    Raises DeclarationError if there is none.
+    """
     return {key: float(row["value"]) for key, row in _table("process_noise", name).items()}
 
 
 def printed_checks(name: str) -> dict[str, Range]:
-    """Delay (s) and damping ratio that the text tells of a column, empty where it tells nothing."""
+    """Delay (s) and damping ratio that the text gives for a column; empty if none."""
     return {key: Range(**row) for key, row in _document()["checks"].get(name, {}).items()}
 
 
@@ -330,9 +333,7 @@ NO_LIMIT = 1e6  # deg/s, a rate that no ram reaches
 
 @dataclass(frozen=True, eq=False)
 class SimulatedLoop:
-    """A flight: the aircraft as it flew, its telemetry, and what really happened (None where a
-    low-order truth was flown).
-    """
+    """A simulated flight: aircraft, record, and truth (None for a low-order truth)."""
 
     x29: X29
     record: Record
@@ -422,7 +423,9 @@ def equivalent_values(equivalent: EquivalentSystem) -> dict[str, float]:
 def _low_order_record(
     x29: X29, record: Record, flight: LoopFlight, rng: np.random.Generator
 ) -> Record:
-    """The same stick flown by the loop's own low-order equivalent, its record's stick held."""
+    """The same stick flown by the loop's low-order equivalent, with the stick held between
+    samples.
+    """
     t = x29.telemetry
     std = {"alpha": t.alpha_noise, "q": t.q_noise, "nz": t.nz_noise} if flight.noise else {}
     model = low_order_model(x29, equivalent_values(equivalent_system(x29)))

@@ -59,7 +59,8 @@ class SetUp:
 
 @dataclass(frozen=True, eq=False)
 class SinglePass:
-    """The paper's own way: one pass of the bank, and the filter of the most likely delay.
+    """Result of the paper's procedure: one pass of the bank, and the filter of the most likely
+    delay.
 
     ``estimate`` has the parameters without the delay.
     """
@@ -124,7 +125,7 @@ def refined(setting: SetUp) -> DelayBank:
 
 
 def single_pass(setting: SetUp) -> SinglePass:
-    """One pass of nine filters, and the estimate of the most likely one."""
+    """Run nine filters over the record once and take the estimate of the most likely one."""
     system, delays = setting.system, np.array(DELAYS)
     bank = setting.engine.run(setting.record, system, fixed_values={"delay": delays})
     best, n_x = int(np.argmax(bank.log_likelihood)), len(system.states)
@@ -201,7 +202,8 @@ LARGE = 0.9  # size of a correlation that is worth a mark
 
 @dataclass(frozen=True)
 class Misfit:
-    """Of a free simulation and of the filter that it came from.
+    """Misfit of a simulation with the estimate, and of its filter.
+
 
     Attributes
     ----------
@@ -226,8 +228,8 @@ class Misfit:
 
     @property
     def peak_percent(self) -> float:
-        """How much of the final peak the free simulation lacks (negative) or exaggerates, percent
-        of the measured one.
+        """Error of the final peak of the simulation, percent of the measured one (negative: too
+        small).
         """
         return (
             100.0 * (abs(self.peak_simulated) / abs(self.peak_measured) - 1.0)
@@ -250,8 +252,8 @@ def misfit(
     stretch: tuple[float, float] | None,
     peak: tuple[float, float] | None,
 ) -> Misfit:
-    """Measure a free simulation ``(3, N)`` and the innovations of its estimate; ``noise_std``
-    ``(3,)`` is what the misfit is held against.
+    """Misfit of a simulation ``(3, N)`` and of the innovations of its estimate, relative to
+    ``noise_std (3,)``.
     """
     names = estimate.output_names
     z, valid = record.output_array(names)
@@ -297,7 +299,7 @@ PASSES = 5  # of plain filters that start again from their own result
 
 @dataclass(frozen=True, eq=False)
 class LoopMethodResult:
-    """What one method found: delay (s), values and sigmas by name of the parameters, its
+    """Result of one method: delay (s), values and sigmas by name of the parameters,
     log-likelihood.
     """
 
@@ -337,8 +339,8 @@ class Restarts:
 
 @dataclass(frozen=True, eq=False)
 class MethodInputs:
-    """What the methods work on: the paper's set-up and its plain bank, ours and its refined bank,
-    and the same record set up anew.
+    """Inputs of the methods: the paper's set-up and its bank, ours and its refined bank, and the
+    record set up again.
     """
 
     paper: SetUp
@@ -354,8 +356,8 @@ def run_methods(names: Sequence[str], ways: MethodInputs) -> tuple[LoopMethodRes
 
 
 def other_side(first_estimate: SinglePass, refined_delay: float) -> int:
-    """Which filter of the plain bank has the grid's delay on the other side of the refined one than
-    its most likely filter.
+    """Index of the filter whose delay is on the other side of the refined delay than the most
+    likely one.
     """
     best = int(np.argmax(first_estimate.bank.log_likelihood))
     step = 1 if first_estimate.delays[best] < refined_delay else -1
@@ -391,7 +393,7 @@ def single_pass_restarts(setting: SetUp, delays: Sequence[float], passes: int = 
 
 
 def between_grid_points(first_estimate: SinglePass) -> float:
-    """Vertex of the parabola through the plain bank's largest log-likelihood and its neighbours,
+    """Vertex of the parabola through the largest log-likelihood of the bank and its neighbours,
     s.
     """
     L, best = first_estimate.bank.log_likelihood, int(np.argmax(first_estimate.bank.log_likelihood))

@@ -344,12 +344,12 @@ MAIN = "comparison.json"
 
 
 def write_loop(study: LoopStudy, folder: str | Path, *, figures: Formats = USUAL) -> Path:
-    """Write a study into ``folder``, whole or not at all; returns the folder.
+    """Write a study into ``folder``, completely or not at all; return the folder.
 
-    Files: ``record.csv`` and ``record.json`` (the flight), ``truth.json``, ``study.txt`` (what the
-    terminal shows), ``history.csv`` of the filter at the refined delay, ``simulation.csv``
-    (measured and freely simulated outputs in the window), figures, the page, ``comparison.json``
-    last. Other scenarios that the study used are named in it, not nested.
+    Files: ``record.csv`` and ``record.json`` (the flight), ``truth.json``, ``study.txt`` (the text
+    of the terminal), ``history.csv`` of the filter at the refined delay, ``simulation.csv``
+    (measured and simulated outputs in the window), figures, the page, ``comparison.json`` last.
+    Other scenarios that the study used are named in it, not nested.
     """
     with study_folder(folder, MAIN) as scratch:
         write_record(scratch, study.result.simulated.record, simulated=True)

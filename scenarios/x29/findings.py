@@ -40,7 +40,7 @@ RULE_HOLDS = 0.05  # of a sigma: three printed digits round by less
 
 
 def paper_sentences(study: LoopStudy) -> tuple[str, ...]:
-    """All that apply to a study, in the order of its tables."""
+    """All findings on a study, in the order of its tables."""
     column = study.scenario.published[0] if study.scenario.published else ""
     out: list[str] = []
     if study.scenario.methods and has_table(column):
@@ -96,7 +96,7 @@ def noise_sentence(column: str) -> str:
 
 
 def density_sentence(study: LoopStudy) -> str:
-    """What the printed process noise may mean."""
+    """Possible meaning of the printed process noise."""
     q = printed_density("flight")["q"]
     out = (
         f"the printed Q of q, {q:.1e}, times the sampling interval, {q / 40.0:.3g} (rad/s2)^2 s, "
@@ -114,7 +114,9 @@ def density_sentence(study: LoopStudy) -> str:
 
 
 def _shift(study: LoopStudy, column: str) -> Iterator[str]:
-    """The bias of the pseudo-control, which no output tells from M_0 and delta_0."""
+    """Sentence on the bias of the pseudo-control, which is not observable beside M_0 and
+    delta_0.
+    """
     printed, estimate = printed_column(column), study.result.estimate
     first = study.single_pass.estimate
     texts = [
@@ -130,7 +132,7 @@ def _shift(study: LoopStudy, column: str) -> Iterator[str]:
 
 
 def _delay(study: LoopStudy, column: str) -> Iterator[str]:
-    """Where the paper's range of delays may come from."""
+    """Possible origin of the paper's range of delays."""
     printed_delay = printed_checks(column).get("delay")
     if printed_delay is None:
         return
@@ -168,7 +170,7 @@ def _delay(study: LoopStudy, column: str) -> Iterator[str]:
 
 
 def _damping(column: str) -> Iterator[str]:
-    """Where the paper's range of damping ratios may come from."""
+    """Possible origin of the paper's range of damping ratios."""
     printed, cells = printed_checks(column).get("damping_ratio"), printed_column(column)
     if printed is None:
         return
@@ -217,7 +219,9 @@ def own_method(study: LoopStudy) -> LoopMethodResult:
 
 
 def _methods(study: LoopStudy, column: str) -> Iterator[str]:
-    """How near the paper's procedure comes to its own table here, and what each refinement adds."""
+    """Difference of the paper's procedure from its own table here, and the effect of each
+    refinement.
+    """
     result = {m.name: m for m in (*study.methods, own_method(study))}
     paper, printed = result.get("paper"), printed_column(column)
     if paper is None:
@@ -253,7 +257,7 @@ def _methods(study: LoopStudy, column: str) -> Iterator[str]:
 
 
 def _reason(methods: dict[str, LoopMethodResult], study: LoopStudy) -> str:
-    """What the grid, the linearisation and P0 each change of 1/tau and M_alpha."""
+    """Effects of the grid, the linearisation and P0 on 1/tau and M_alpha."""
     first, refined, loop = study.single_pass, study.result.bank.refined, study.check.flown
 
     def at(name: str) -> str:
@@ -283,9 +287,7 @@ def _reason(methods: dict[str, LoopMethodResult], study: LoopStudy) -> str:
 
 
 def _restarts(study: LoopStudy) -> Iterator[str]:
-    """Which way plain filters go when they start again from their own result, by the delay that
-    they hold.
-    """
+    """Direction in which repeated passes move, for each fixed delay."""
     if not study.restarts:
         return
     before, after = printed_column("flight"), printed_column("convergence")
@@ -351,8 +353,8 @@ DISAGREE = 0.1  # of a frequency
 
 @dataclass(frozen=True)
 class BiasRow:
-    """An estimate that differs from the loop's low-order equivalent with the flown L_q by more than
-    its sigma tells.
+    """An estimate that differs from the loop's low-order equivalent (with the true L_q) by more
+    than its sigma.
     """
 
     name: str
@@ -397,7 +399,7 @@ def not_identifiable(estimate: Estimate) -> tuple[tuple[str, str, float], ...]:
 
 
 def sentences(study: LoopStudy) -> tuple[str, ...]:
-    """What the tables do not say by themselves, each sentence from the study's own numbers."""
+    """Findings beyond the tables, each sentence with the study's own numbers."""
     bank, out = study.result.bank, []
     sure = (
         f" +- {bank.refined_std:.4f}" if bank.refined_std > 0 else " (no maximum inside the grid)"
@@ -466,7 +468,7 @@ def sentences(study: LoopStudy) -> tuple[str, ...]:
 
 
 def _margins(study: LoopStudy) -> list[str]:
-    """Margins of the two loops and of one more, and what the open values do to them."""
+    """Margins of the two loops and of a third, and the effects of unpublished values on them."""
     if len(study.margins) < 2:
         return []
     (own, mine), (against, theirs), *beside = study.margins.items()

@@ -33,7 +33,8 @@ Change = Callable[[X29], X29]
 
 @dataclass(frozen=True, eq=False)
 class LinearCheck:
-    """Misfits are root mean squares of flown minus linear over that of the linear response.
+    """Relative misfits of the nonlinear from the linear response, as ratios of root mean squares.
+
 
     Attributes
     ----------
@@ -58,7 +59,7 @@ class LinearCheck:
 
     @property
     def same(self) -> bool:
-        """Whether nothing but rounding is left without the departures from linearity."""
+        """Whether only rounding remains without the nonlinearities."""
         return self.apart["none of these"] < ROUNDING
 
 
@@ -128,7 +129,9 @@ def linear_content(check: LinearCheck) -> dict[str, object]:
 
 
 def linear_sentence(check: LinearCheck) -> str:
-    """What the flown loop differs by, what from, and what is left at a small stick."""
+    """Sentence on the differences of the nonlinear loop, their causes, and what remains at a small
+    stick.
+    """
     text = ", ".join(f"{name} {_percent(value)}" for name, value in check.misfit.items())
     apart = ", ".join(f"{label} {_percent(value)}" for label, value in check.apart.items())
     small, free = check.curves["as flown"][0], check.curves["no break-out"][0]
@@ -215,8 +218,8 @@ class Matched:
 
     @property
     def plausible(self) -> bool:
-        """Whether it is stable and has the paper's equivalent within what the paper's own estimates
-        scatter by.
+        """Whether it is stable and has the paper's equivalent within the scatter of the paper's
+        estimates.
         """
         return self.stable and self.misfit <= PLAUSIBLE
 
@@ -254,7 +257,7 @@ def beginning(x29: X29, wanted: Mapping[str, PrintedTarget]) -> Beginning:
 
 
 def beginning_at(matched: Matched, wanted: Mapping[str, PrintedTarget], x29: X29) -> Beginning:
-    """Where a search for a loop nearby begins: at what was found; ``x29`` as it was before."""
+    """Start of a search for a near loop, at a matched one."""
     return Beginning(
         matched.parameters,
         _slopes(x29, matched.delay, wanted, matched.parameters, matched.equivalent),
@@ -302,7 +305,7 @@ def _slopes(
     p: np.ndarray,
     near: EquivalentSystem,
 ) -> np.ndarray:
-    """How the deviations change with what is looked for, ``(5, 4)``, by small steps."""
+    """Slopes of the deviations by the parameters, ``(5, 4)``, by small steps."""
     first, steps = _deviations(near, wanted), 0.05 * np.diag(_SIZE)
     each = [
         (_deviations(equivalent_of(changed(x29, p + step), delay, near), wanted) - first)
@@ -313,14 +316,14 @@ def _slopes(
 
 
 def has_equivalent(x29: X29, wanted: Mapping[str, PrintedTarget]) -> bool:
-    """Whether an aircraft as declared has an equivalent, within what counts as plausible."""
+    """Whether the declared aircraft has the wanted equivalent, within the plausible scatter."""
     result = _deviations(equivalent_of(x29, x29.law.delay_frames * x29.frame), wanted)
     return float(result @ result) <= PLAUSIBLE
 
 
 def changed(x29: X29, p: np.ndarray) -> X29:
-    """The aircraft with what is looked for in place: L_alpha, M_alpha, a factor on the surfaces'
-    moments, the time constant of the stick's lag.
+    """The aircraft with parameters p = (L_alpha, M_alpha, factor on the surfaces' moments, time
+    constant of the stick's lag).
     """
     a, (L_alpha, M_alpha, factor, time) = x29.airframe, p.tolist()
     canard, flaperon, strake = (factor * each for each in a.M_surface)

@@ -36,10 +36,10 @@ from sim.closed_loop.linear import Margins, margins
 
 @dataclass(frozen=True)
 class OpenValue:
-    """One open value: a factor (``ratio``, varied evenly in its logarithm) or a difference, from
-    ``low`` to ``high``.
+    """An unpublished value: a factor (``ratio``, varied evenly in its logarithm) or a difference,
+    from ``low`` to ``high``.
 
-    ``between`` : it tells flight from simulation in what is not the airframe.
+    ``between``: it differs between flight and simulation outside the airframe.
     """
 
     name: str
@@ -149,8 +149,9 @@ LoopOf = Callable[[np.ndarray], tuple[X29, float]]
 
 @dataclass(frozen=True, eq=False)
 class MarginDesign:
-    """One of two readings of the points: ``AIRFRAMES`` leaves surfaces and computing of the flight
-    as the simulation's.
+    """One of two sets of variations; ``AIRFRAMES`` keeps surfaces and computing of the flight equal
+    to the simulation's.
+
 
     Attributes
     ----------
@@ -177,7 +178,8 @@ class MarginDesign:
 
 @dataclass(frozen=True, eq=False)
 class OpenMargins:
-    """What the paper's numbers leave of the sign.
+    """Range of the margins for all unpublished values.
+
 
     Attributes
     ----------
@@ -196,8 +198,8 @@ class OpenMargins:
     explained: float
 
     def turning(self, name: str) -> float | None:
-        """By the straight line, the value that would turn the declared sign by itself; None where
-        it lies outside its range.
+        """Value at which the declared sign would reverse, by linear regression; None outside its
+        range.
         """
         effect = self.effects.get(name, 0.0)
         place = -self.declared / effect if effect else np.inf
@@ -209,7 +211,7 @@ class OpenMargins:
 
 
 def margins_of(airframes: Sequence[str], plan: MarginPlan | None) -> dict[str, Margins]:
-    """Margins of airframes by name, and of the one that a plan shows beside them."""
+    """Margins of airframes by name, and of the further one of a plan."""
     names = [*airframes, *([] if plan is None else [plan.beside])]
     return {name: margins(load_x29(name)) for name in dict.fromkeys(names) if name}
 
@@ -285,9 +287,7 @@ def margins_content(found: OpenMargins) -> dict[str, Any]:
 
 
 def margins_sentence(found: OpenMargins) -> str:
-    """In how many of the loops the flight has the larger margin, what decides it, and what
-    follows.
-    """
+    """Share of the loops in which the flight has the larger margin, and its main cause."""
     words = {
         AIRFRAMES: "the airframes alone differ",
         EVERYTHING: "surfaces and computing differ, too",

@@ -51,7 +51,7 @@ SQUARED = "unit²"  # of a variance whose row names the quantity
 
 
 def paper_blocks(study: LoopStudy) -> list[Block]:
-    """Published tables beside the published method here, all methods, restarts."""
+    """Blocks of the published tables, all methods and restarts."""
     column = study.scenario.published[0] if study.scenario.published else ""
     out: list[Block] = []
     if study.scenario.methods and has_table(column):
@@ -64,7 +64,7 @@ def paper_blocks(study: LoopStudy) -> list[Block]:
 
 
 def _bare(heading: str, unit: str) -> Column:
-    """A column whose unit stands on the page alone."""
+    """A column whose unit is shown on pages only."""
     return Column(heading, unit, printed=heading)
 
 
@@ -256,7 +256,7 @@ def print_loop(study: LoopStudy, out: Console | None = None, details: str = BELO
 
 
 def print_loop_brief(study: LoopStudy, out: Console | None = None, details: str = BELOW) -> None:
-    """What a terminal shows of a study: summary, estimate, findings of its scenario."""
+    """Print a study in brief: summary, estimate, findings."""
     out = out or console()
     print_summary(out, loop_summary(study, rest_of(details)))
     show_blocks(out, _estimate(study))
@@ -266,7 +266,7 @@ def print_loop_brief(study: LoopStudy, out: Console | None = None, details: str 
 
 
 def loop_summary(study: LoopStudy, details: str = BELOW) -> Summary:
-    """Scenario; outcome and delay; frequency and damping; what the fit leaves."""
+    """Summary: scenario; outcome and delay; frequency and damping; residuals."""
     estimate, shown = study.result.estimate, ("natural_frequency", "damping_ratio", "delay")
     result = [
         value_phrase(WORDS[q.name], q.value, q.std, q.unit)

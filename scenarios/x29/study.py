@@ -59,7 +59,7 @@ DEPTH = 4  # scenarios that start from one another
 
 @dataclass(frozen=True, eq=False)
 class LoopResult:
-    """A refined estimate with what follows from it."""
+    """A refined estimate with derived quantities."""
 
     scenario: LoopScenario
     simulated: SimulatedLoop
@@ -72,7 +72,7 @@ class LoopResult:
         return self.bank.estimate
 
     def quality(self, name: str) -> Quality | None:
-        """One of the flying qualities, None where it does not exist."""
+        """A flying-qualities parameter by name, None if it does not exist."""
         return next((item for item in self.qualities if item.name == name), None)
 
 
@@ -285,9 +285,7 @@ def response_check(result: LoopResult) -> ResponseCheck:
 
 
 def starting_values(scenario: LoopScenario, depth: int = 0) -> Mapping[str, float]:
-    """Declared values, or those that the plain bank of another scenario found, as the paper handed
-    them on.
-    """
+    """Declared starting values, or the estimates of another scenario's bank, as in the paper."""
     estimation = scenario.estimation
     if estimation.start:
         return estimation.start
@@ -306,9 +304,7 @@ def starting_values(scenario: LoopScenario, depth: int = 0) -> Mapping[str, floa
 
 
 def _papers_rule(scenario: LoopScenario) -> str:
-    """The printed P0 belongs to the starts that the paper had: where a scenario is held against
-    it.
-    """
+    """Rule of the prior: the printed P0 in scenarios that are compared with the paper."""
     return "printed" if scenario.published else scenario.estimation.prior
 
 

@@ -1,6 +1,4 @@
-"""What a study's numbers say, each as a sentence with what was measured, the bound it is held
-against, and the verdict that follows.
-"""
+"""Verdicts on a study: a sentence each with the measured value, its bound and the conclusion."""
 
 from __future__ import annotations
 
@@ -27,7 +25,7 @@ LEAST_PEAK = 1.0  # percent: smaller peaks count as zero, also without noise
 
 
 def verdicts(study: LoopStudy) -> tuple[str, ...]:
-    """All that apply to a study, in the order of its tables."""
+    """All verdicts on a study, in the order of its tables."""
     return tuple(
         sentence
         for part in (_equivalent, _against, _restarts, _peak, _stretch, _whiteness)
@@ -182,7 +180,7 @@ def _stands_out(misfit: Misfit) -> bool:
 
 
 def _split(yes: str, no: str, off: dict[str, bool], shown: dict[str, str]) -> str:
-    """Which variants are of the one sort and which of the other."""
+    """Words on the variants with and without a property, joined by semicolons."""
     groups = (
         (yes, [shown[label] for label, is_so in off.items() if is_so]),
         (no, [shown[label] for label, is_so in off.items() if not is_so]),
@@ -191,7 +189,7 @@ def _split(yes: str, no: str, off: dict[str, bool], shown: dict[str, str]) -> st
 
 
 def _signed(value: float) -> str:
-    """Two decimals with a sign; what rounds to nothing is positive."""
+    """Two decimals with a sign; a value that rounds to zero is positive."""
     return f"{round(value, 2) + 0.0:+.2f}"
 
 

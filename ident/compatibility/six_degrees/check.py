@@ -147,8 +147,8 @@ def bias_findings(
 
 
 def instead_of(lines: Linear, r: int, channel: str, false_alarm: float) -> tuple[str, ...]:
-    """Faults beside those that stand which leave no more than chance of what record r has for the
-    bias of a channel, that bias being zero.
+    """Faults that explain the bias of a channel of record r as well as the bias, within chance, if
+    added to the accepted ones.
     """
     information, gradient = lines.whole[r]
     own, faults = lines.fit.own[r], lines.faults
@@ -185,7 +185,7 @@ def _least(
 def estimates_and_findings(
     search_result: SixDegreeSearch,
 ) -> tuple[tuple[SensorEstimate, ...], tuple[SensorFinding, ...]]:
-    """Every fault by both methods, and the findings, those that stand first."""
+    """Return every fault by both methods, and the findings, accepted ones first."""
     lines, faults = search_result.lines, search_result.lines.faults
     stood = _stood(search_result)
     by_other = added(search_result.output_error)
@@ -222,8 +222,8 @@ def estimates_and_findings(
 
 
 def _stood(search_result: SixDegreeSearch) -> dict[int, tuple[int, float]]:
-    """For each fault that stands, or would in its place, the one that stands and what is lost; of
-    two such places the first.
+    """For each fault that is accepted, or could replace an accepted one, that accepted fault and
+    the loss; of two the first.
     """
     stood = {
         j: (i, lost)
@@ -238,8 +238,8 @@ def _stood(search_result: SixDegreeSearch) -> dict[int, tuple[int, float]]:
 def _context(
     search_result: SixDegreeSearch, j: int, stood: dict[int, tuple[int, float]]
 ) -> tuple[list[int], float | None]:
-    """The set in which a fault is judged, itself last: in the place of what it could stand for,
-    else beside all; and what is lost in place.
+    """The set in which a fault is tested, itself last, and the loss where it replaces an accepted
+    one.
     """
     faults = search_result.lines.faults
     in_place = [
@@ -333,7 +333,7 @@ def _finding(
 
 
 def by_itself(search_result: SixDegreeSearch, r: int) -> tuple[SensorEstimate, ...]:
-    """Every fault by one record of several, beside the same others as in all."""
+    """Every fault from one record of several, beside the same others as in all records."""
     lines = search_result.lines
     stood = _stood(search_result)
     one, other = lines.smoother[r], search_result.output_error[r]
@@ -346,8 +346,9 @@ def by_itself(search_result: SixDegreeSearch, r: int) -> tuple[SensorEstimate, .
 def drift_of(
     search_result: SixDegreeSearch, r: int, false_alarm: float
 ) -> tuple[SensorFinding, ...]:
-    """The drift that one record of several has, if any, beside all that stands, which this record
-    is asked again for; ``false_alarm``: its own.
+    """The drift of one record of several, if any, beside all accepted faults.
+
+    ``false_alarm``: probability of a false drift.
     """
     lines, faults, members = search_result.lines, search_result.lines.faults, search_result.standing
     drifts = [j for j, fault in enumerate(faults) if fault.kind == DRIFT]
@@ -388,7 +389,7 @@ def _gain_of(
 
 
 def channels_with_delay(faults: Sequence[SensorFault]) -> set[str]:
-    """Channels that some of these faults make late."""
+    """Channels that some of these faults delay."""
     return {fault.channel for fault in faults if fault.kind in (DELAY, LAG)}
 
 
@@ -421,9 +422,7 @@ def has_six_degrees(records: Sequence[Record], settings: CompatibilitySettings) 
 def check(
     records: Sequence[Record], settings: CompatibilitySettings, *, each: bool
 ) -> Compatibility:
-    """As ``ident.compatibility.check.compatibility``, for records of which ``has_six_degrees`` says
-    so.
-    """
+    """Run ``ident.compatibility.check.compatibility`` for records with six degrees of freedom."""
     channels = channels_of(records)
     known_speed = settings.airspeed is not None or "airspeed" in channels
     joined = relations(channels, speed=known_speed)

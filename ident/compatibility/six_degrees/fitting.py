@@ -126,8 +126,8 @@ def _of_output(
     rough: float,
     expected: float,
 ) -> tuple[float, float]:
-    """White variance and walk variance over one second, of one output of all records; what its
-    inputs' roughness makes is ``expected``.
+    """White variance and walk variance over one second, of one output of all records; ``expected``:
+    walk from the noise of its inputs.
     """
     parts = []
     for s, residual, slopes in zip(signals, residuals, columns, strict=True):
@@ -190,7 +190,7 @@ def _cost(
 
 
 def _spanned(columns: np.ndarray) -> np.ndarray:
-    """Orthonormal columns that span what columns ``(N, c)`` span."""
+    """Orthonormal basis of the columns ``(N, c)``."""
     scale = np.linalg.norm(columns, axis=0)
     columns = columns[:, scale > 0] / scale[scale > 0]
     values, vectors = np.linalg.eigh(columns.T @ columns)
@@ -301,7 +301,7 @@ class NormalEquations:
     scatter: np.ndarray
 
     def plus(self, other: NormalEquations) -> NormalEquations:
-        """Of two records together."""
+        """Normal equations of two records together."""
         return NormalEquations(
             self.information + other.information,
             self.gradient + other.gradient,
@@ -330,15 +330,15 @@ class Linear:
 
     @property
     def joint(self) -> NormalEquations:
-        """Of all records together."""
+        """Normal equations of all records together."""
         return added(self.smoother)
 
 
 def linear(
     kinematic_fit: KinematicFit, faults: Sequence[SensorFault], secants: np.ndarray
 ) -> Linear:
-    """All ``faults`` beside a fit; ``secants (k,)``: the size to which the secant of a time is
-    drawn, s.
+    """Linearise all ``faults`` about a fit; ``secants (k,)``: s, over which the slope of a time
+    shift is taken.
     """
     smoother, free, whole, kept = [], [], [], []
     biases: tuple[SensorFault, ...] = ()
@@ -437,7 +437,7 @@ def _linear_normal(
 
 
 def _onto(gram: np.ndarray, prior: np.ndarray) -> np.ndarray:
-    """``(k, n + k)``: the faults' columns less what the own unknowns make of them."""
+    """``(k, n + k)``: the faults' columns after projection onto the record's own unknowns."""
     n = len(prior)
     inverse = bounded_inverse(gram[:n, :n] + np.diag(prior))
     return np.hstack([-gram[n:, :n] @ inverse, np.eye(len(gram) - n)])

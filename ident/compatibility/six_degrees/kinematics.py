@@ -242,9 +242,7 @@ def _bank(
 def _wrong_rates(
     record: Record, rates: Sequence[str], phi: np.ndarray, airspeed: float | None, gravity: float
 ) -> tuple[np.ndarray, ...]:
-    """By what level wings are wrong in the rates of theta and, where an airspeed is known, of
-    alpha.
-    """
+    """Errors of the rates of theta and, with an airspeed, of alpha if wings are taken as level."""
     speed = _speed(record, airspeed)
     q = _filled(record, "q") if "q" in record.output_names else np.zeros(len(record))
     r = (
@@ -286,7 +284,7 @@ _TO_BODY = {"nx": G0, "ny": G0, "nz": -G0}
 
 @dataclass(frozen=True, eq=False)
 class _CorrectedMotion:
-    """What is measured, less the faults: samples ``(P, N)`` of angles and speed, and increments
+    """Measured motion corrected for faults: samples ``(P, N)`` of angles and speed, and increments
     ``(P, N - 1)`` of rates and loads.
     """
 
@@ -372,8 +370,8 @@ def _at_vane(
 def _lever(
     s: KinematicSignals, axis: str, channel: str, value: Values, rates: dict[str, np.ndarray]
 ) -> np.ndarray:
-    """Integral over each interval of what an accelerometer away from the centre of gravity feels
-    more: ``(P, N - 1)``, m/s.
+    """Integral over each interval of the specific force that an accelerometer measures in addition
+    away from the centre of gravity: ``(P, N - 1)``, m/s.
     """
     x, y, z = (value(channel, kind) + value(PACKAGE, kind) for kind in (ARM, RIGHT, BELOW))
     if not (np.any(x) or np.any(y) or np.any(z)):
@@ -522,8 +520,9 @@ _WITHOUT_BIAS = ("psi", *HEIGHTS)  # where it is another start
 
 
 def unknowns_of(s: KinematicSignals) -> tuple[Unknown, ...]:
-    """Starts; a bias of every channel whose bias has a trace at all, and of the wind's climb, each
-    under a loose prior; constants for what is not recorded."""
+    """Initial states; a bias of every observable channel and of the wind's climb, with wide priors;
+    constants for what is not recorded.
+    """
     out = [Unknown(("start", name), 1e-3) for name in s.outputs]
     for name in s.channels:
         if name not in _WITHOUT_BIAS:
@@ -556,8 +555,8 @@ def start_of(s: KinematicSignals, unknowns: Sequence[Unknown]) -> np.ndarray:
 
 
 def faults_of(s: KinematicSignals, chord: float = 0.0) -> tuple[SensorFault, ...]:
-    """All faults that the sensors of a record may have, of an aircraft of that chord (m); biases
-    are unknowns of each record.
+    """All possible faults of a record's sensors, of an aircraft with that chord (m); biases are
+    unknowns of each record.
     """
     channels = tuple(s.channels)
     out = [SensorFault(name, kind) for name in channels for kind in (SCALE, DELAY, LAG, DRIFT)]

@@ -51,15 +51,15 @@ class Sets:
 
     @property
     def variances(self) -> np.ndarray:
-        """Variances over the colour of what is left ``(M, s)``."""
+        """Variances corrected for coloured residuals ``(M, s)``."""
         return self.white * self.widening
 
 
 def fitted(
     normal: NormalEquations, faults: Sequence[SensorFault], members: np.ndarray, *, early: bool
 ) -> Sets:
-    """Sets of faults by their places ``members (M, s)``; ``early``: whether a load ahead of its
-    time is looked for.
+    """Fit sets of faults at positions ``members (M, s)``; ``early``: whether a negative delay of a
+    load is estimated.
     """
     members = np.atleast_2d(members)
     rows, s = members[:, :, None], members.shape[1]
@@ -140,8 +140,8 @@ def best_set(
 def needed(
     normal: NormalEquations, faults: Sequence[SensorFault], members: tuple[int, ...], charge: float
 ) -> tuple[int, ...]:
-    """A set less every fault that gains no more than ``charge`` beside the others, over its own
-    colour.
+    """A set without every fault that gains at most ``charge`` beside the others, under its coloured
+    residuals.
     """
     while members:
         whole = fitted(normal, faults, np.array([members]), early=False)
@@ -194,7 +194,7 @@ def _assessed(
 
 
 def surprises(sets: Sets, faults: Sequence[SensorFault]) -> np.ndarray:
-    """Log likelihood ``(M,)`` that each set loses by what is known of the sizes of its faults."""
+    """Log likelihood ``(M,)`` that each set loses by the priors of its faults' sizes."""
     spread = np.array([fault.spread for fault in faults])[sets.members]
     return np.asarray(np.sum(0.5 * sets.sizes**2 / (spread**2 + sets.variances), axis=1))
 
@@ -259,8 +259,8 @@ def search(
     faults: Sequence[SensorFault],
     settings: CompatibilitySettings,
 ) -> SixDegreeSearch:
-    """The set of faults that the records ask for, each with its group; beside the faults of
-    ``base``, which are none.
+    """Find the set of faults that the records require, each with its group, beside the faults of
+    ``base``.
     """
     # A drift belongs to one record.
     common = [i for i, fault in enumerate(faults) if len(signals) == 1 or fault.kind != DRIFT]
@@ -404,7 +404,7 @@ def _best_delay_exchange(
 
 
 def _secants(lines: Linear, members: Sequence[int]) -> np.ndarray:
-    """The size of each time as it stands, or as it would in the best place of a set."""
+    """Size of each time shift in the set, or in the best position of a set."""
     out, best = np.full(len(lines.faults), SECANT), np.full(len(lines.faults), -math.inf)
     for place in members or (None,):
         rest = [i for i in members if i != place]
@@ -417,7 +417,7 @@ def _secants(lines: Linear, members: Sequence[int]) -> np.ndarray:
 
 
 def _replicates(lines: Linear, members: Sequence[int], i: int) -> bool:
-    """Whether the records by themselves agree on a fault, the others as they stand, and demand it
+    """Whether the records agree on a fault one by one, with the others fixed, and require it
     together.
     """
     from scipy.special import chdtrc
@@ -463,9 +463,7 @@ def _group(
     among: Sequence[int],
     lateness: Mapping[tuple[int, int], float],
 ) -> tuple[tuple[int, float], ...]:
-    """A fault that stands and what does as well in its place: places and losses of log
-    likelihood.
-    """
+    """An accepted fault and those that could replace it: positions and losses of log likelihood."""
     near = alike(lines, members, i, chance * widening, among, lateness)
     return (
         (i, 0.0),
