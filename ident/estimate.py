@@ -67,7 +67,6 @@ _HINTS = {
 class FilterHistory:
     """History of a filter (N samples, n states and free parameters, m outputs).
 
-
     Attributes
     ----------
     time : ``(N,)`` s.

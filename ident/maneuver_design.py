@@ -109,7 +109,6 @@ PASSES = 12  # of Newton's method on the trajectory, which doubles the digits
 class Planned:
     """A planned maneuver as a record, with its sensors.
 
-
     Attributes
     ----------
     record : inputs to be flown; its outputs only say which are measured, and from where a

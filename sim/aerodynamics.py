@@ -362,7 +362,6 @@ def _odd(powers: Mapping[str, int]) -> bool:
 def allowed_terms(along: Sequence[str], across: Sequence[str], *, symmetric: bool) -> list[Term]:
     """Terms that are even, or odd, in the variables of the lateral motion.
 
-
     Parameters
     ----------
     along, across : surfaces of either motion. symmetric : True for even terms, those of lift, drag

@@ -406,7 +406,6 @@ def filter_alone(
 
     ``about (n, N)``: trajectory at the samples to linearise about, instead of the mean.
 
-
     Raises
     ------
     ModelError : as for ``run_bank``.
@@ -519,7 +518,6 @@ def run_iterated_bank(
     tolerance: float = SETTLED,
 ) -> tuple[BankEstimate, np.ndarray]:
     """Run B filters, each linearised about its own smoothed trajectory, until they converge.
-
 
     Parameters
     ----------

@@ -44,7 +44,6 @@ from sim.record import Record
 class BankEngine:
     """Functions of an engine that runs an extended Kalman filter, alone or in a bank of delays.
 
-
     Attributes
     ----------
     name : key in ``ENGINES``; the same in scenario files, on the command line and in study files.
@@ -196,7 +195,6 @@ def against_filterpy(
 ) -> SecondPass | None:
     """Compare the likeliest filter of a batched bank of one pass with filterpy's.
 
-
     Parameters
     ----------
     record, system, settings : as the bank was run with.
@@ -232,7 +230,6 @@ def against_filterpy(
 @dataclass(frozen=True)
 class BankDifferences:
     """Largest differences of two banks over the same delays, of runs that are finite in both.
-
 
     Attributes
     ----------
@@ -313,7 +310,6 @@ FAR = 3.0
 @dataclass(frozen=True, eq=False)
 class DelayBank:
     """Result of a bank of filters with different delays.
-
 
     Attributes
     ----------

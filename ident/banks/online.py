@@ -49,7 +49,6 @@ class Rows(NamedTuple):
 class BankState(NamedTuple):
     """State of the bank after a row; immutable.
 
-
     Attributes
     ----------
     mean : ``(n, B)``, covariance : ``(B, n, n)``, log_likelihood : ``(B,)``, sound : ``(B,)`` as in

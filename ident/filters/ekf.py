@@ -57,7 +57,6 @@ _FEW = 6  # states and parameters below which column by column is the cheaper Ja
 class FilterSettings:
     """Integration and linearisation of a filter.
 
-
     Attributes
     ----------
     step : integrator of the mean (``euler_step`` or ``rk4_step``).
@@ -217,7 +216,6 @@ def _filtered(
 class _Linearised:
     """Equations of one record in the form that filterpy needs.
 
-
     Attributes
     ----------
     move : from sub-step ``s`` and a point ``(n,)``: the states ``(n_x,)`` after it, the fundamental
@@ -366,7 +364,6 @@ def run_iterated_ekf(
 ) -> Estimate:
     """Estimate states and free parameters by a filter linearised about its own smoothed trajectory,
     iterated to convergence.
-
 
     Parameters
     ----------

@@ -183,7 +183,6 @@ class FilterEquations:
     """Equations of one filter at its point of linearisation (n states and free parameters, n_x
     states, m outputs).
 
-
     Attributes
     ----------
     point : ``(n,)`` where they are linearised.

@@ -118,7 +118,6 @@ _ROUNDING = 1e-9  # of a covariance, below which a difference of two is no proce
 class ColouredInnovations:
     """Corrections of a filter's standard deviations for coloured innovations.
 
-
     Attributes
     ----------
     names : the ``s`` parameters that the filter estimates.

@@ -254,7 +254,6 @@ def run_iterated_ukf(
     """Estimate states and free parameters by an unscented filter linearised about its own smoothed
     result, iterated to convergence.
 
-
     Parameters
     ----------
     record, system, settings : as for ``run_ukf``; ``settings.passes`` is not used.

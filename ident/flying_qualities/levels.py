@@ -83,7 +83,6 @@ class LevelCriterion:
 class QualityLevel:
     """A parameter compared with a criterion.
 
-
     Attributes
     ----------
     level : 1 to 3, or 4 for outside all of them.
@@ -482,7 +481,6 @@ def form_qualities(
 ) -> tuple[Quality, ...]:
     """Parameters of a fitted low-order form with standard deviations by linearisation; none for
     transfer functions given by their orders.
-
 
     Parameters
     ----------

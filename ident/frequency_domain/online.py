@@ -120,7 +120,6 @@ class Sums:
 class OnlineEstimate:
     """Parameters from the sums.
 
-
     Attributes
     ----------
     values, covariance : ``(q,)`` and ``(q, q)``, the latter by Student's distribution: two standard

@@ -55,7 +55,6 @@ _ROUNDING = 1e-24  # of an output's mean square, below which it is met exactly
 class FrequencyProblem:
     """A fit of a linear System to transforms of records.
 
-
     Attributes
     ----------
     system : linear. records : their transforms. delays : position of an input -> name of the

@@ -48,7 +48,6 @@ _SMALLEST = np.finfo(float).tiny
 class Regression:
     """Complex coefficients of one output, from ``regress``.
 
-
     Attributes
     ----------
     coefficients : complex ``(F, K)``.
@@ -291,7 +290,6 @@ def hann_of_blocks(
     """Transforms ``(S, D, B - 3, F)`` under Hann windows of four successive blocks; times count
     from the first sample of each window.
 
-
     Parameters
     ----------
     parts : complex ``(3, S, B, F)``, transforms of the blocks from their own first samples, at the
@@ -412,7 +410,6 @@ def estimate_response(
     frequency; a low-order fit reads that as damping. So each output is first aligned with the input
     by its lag, which is restored afterwards. The remaining bias falls with fewer tapers and longer
     records.
-
 
     Parameters
     ----------

@@ -120,7 +120,6 @@ class EvenSegment:
 class Activity:
     """Motion of a control about its trim.
 
-
     Attributes
     ----------
     deviation : ``(N,)``, control minus trim. energy : ``(N,)``, its short-time root mean square.
@@ -281,7 +280,6 @@ class Lobe:
 @dataclass(frozen=True)
 class Shape:
     """Shape of an input.
-
 
     Attributes
     ----------

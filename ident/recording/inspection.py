@@ -546,7 +546,6 @@ ORDER = (Certainty.CERTAIN, Certainty.LIKELY, Certainty.COSTS_INFORMATION, Certa
 def inspect(record: Record, expected: Expectations | None = None) -> tuple[RecordFinding, ...]:
     """Return the findings in the raw columns of a record, the certain ones first.
 
-
     Parameters
     ----------
     record : as it was read, before anything is done to it; SI and radians, nz in g.

@@ -61,7 +61,6 @@ class FindingQuantity:
 class RecordFinding:
     """A finding in the raw columns.
 
-
     Attributes
     ----------
     channel : the channel's name, several joined by " and ", or ``"time"``.
@@ -89,7 +88,6 @@ class RecordFinding:
 @dataclass(frozen=True)
 class Expectations:
     """Values that a record is compared with, None if unknown.
-
 
     Attributes
     ----------

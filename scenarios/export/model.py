@@ -63,7 +63,6 @@ class ExportedModel:
     def aircraft_for(self, target: str, holds: str) -> Aircraft:
         """Aircraft declaration of the model, for a format that only supports aircraft.
 
-
         Parameters
         ----------
         target : of ``--to``. holds : what the format is for, as a sentence begins.
@@ -214,7 +213,6 @@ Key = tuple[Any, ...]
 @dataclass(frozen=True)
 class Operation:
     """One operation of an evaluation.
-
 
     Attributes
     ----------

@@ -98,7 +98,6 @@ def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
 
     NumPy numbers and arrays, tuples, enums and paths are written as their values.
 
-
     Raises
     ------
     FlightidError : a NaN, an infinity, a None, a key that is no text or an object that JSON does

@@ -209,7 +209,6 @@ HALVINGS = 24
 def rivals_of(request: DesignRequest, model: Model) -> tuple[Traceable, ...]:
     """Effects named by ``--tell``.
 
-
     Raises
     ------
     DeclarationError : fewer than two, the same twice, one that cannot act on the model or has no

@@ -28,7 +28,6 @@ ENGINE_RISE = 1.0  # s, from the trim to the largest thrust; chosen
 class Flyer:
     """Pilot or computer that moves the controls, with its limits.
 
-
     Attributes
     ----------
     name : as a sentence has it. kinds : maneuvers that can be flown.

@@ -59,7 +59,6 @@ TYPICAL, JUST_FOUND = "typical", "found"
 class DesignRequest:
     """Request of a maneuver design. Texts are as typed, ``NAME=VALUE``, with units unless SI.
 
-
     Attributes
     ----------
     model, vehicle : as of ``identify``. limits : a TOML file, or its content.
@@ -343,7 +342,6 @@ class Setting:
 def setting_of(request: DesignRequest) -> Setting:
     """Read the files of a request and return the setting.
 
-
     Raises
     ------
     DeclarationError : anything wrong in the files or texts, a model without an input, in one line.
@@ -391,9 +389,8 @@ def setting_of(request: DesignRequest) -> Setting:
 def in_trim(model: Model) -> tuple[Model, dict[str, float]]:
     """The model in trim, and its inputs there.
 
-    Perturbation models and user models stay as they are; models of total motion are trimmed in
-    level flight by Newton's method. Raises DeclarationError if there is no level flight at the
-    reference airspeed.
+    Perturbation models and user models stay as they are; others are trimmed in level flight by
+    Newton's method. Raises DeclarationError without such a flight at the reference airspeed.
     """
     names = [signal.name for signal in model.equations.inputs]
     rest = dict(zip(names, inputs_at_rest(model), strict=True))

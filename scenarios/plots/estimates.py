@@ -166,7 +166,6 @@ def figure_poles(poles: np.ndarray, draws: np.ndarray, title: str = "") -> Figur
     """Plot the poles of an identified model in the upper half of the complex plane, with samples
     from the covariance of the estimates.
 
-
     Parameters
     ----------
     poles : ``(n,)`` complex, 1/s. draws : ``(N, n)``, poles at estimates drawn from the covariance.

@@ -45,7 +45,6 @@ WHOLE = (Segment(),)
 class Plan:
     """Preparation of records; the same for all records of a call.
 
-
     Attributes
     ----------
     segments : each becomes a record of its own.
@@ -210,7 +209,6 @@ def declared_phase(request: Request, vehicle: VehicleFile) -> FlightPhase:
     """Aircraft class and flight-phase category for levels of flying qualities: from the request,
     else the vehicle file, else assumed.
 
-
     Raises
     ------
     DeclarationError : a class or category that there is not, or one asked of what is no aircraft.
@@ -319,7 +317,6 @@ def read_parts(path: str | Path) -> DeclaredParts:
 
 def chosen_parts(parts: DeclaredParts, requested: Sequence[str | int]) -> tuple[Part, ...]:
     """The parts with the given numbers or names, in the order of their times.
-
 
     Raises
     ------

@@ -162,7 +162,6 @@ def refuse_moving_together(
 def commanded(aircraft: Aircraft) -> tuple[str, ...]:
     """Surfaces and mixes whose effects are estimated separately; parts of a mix are not.
 
-
     Parameters
     ----------
     aircraft : what declares them.
@@ -226,7 +225,6 @@ class Decided:
 @dataclass(frozen=True, eq=False)
 class PreparedData:
     """Model and records from which a fit starts.
-
 
     Attributes
     ----------

@@ -118,7 +118,6 @@ def checked_records(
     """Records without samples that carry no information, and the findings; a record without masked
     samples is returned as it is.
 
-
     Raises
     ------
     RecordError : a fault that is certain and would spoil every number, with its remedy; with the

@@ -68,7 +68,6 @@ LEAST_APART = 0.25
 class ResponseOptions:
     """Options of frequency-response estimates.
 
-
     Attributes
     ----------
     band : Hz; None takes it from the longest window and the power of the inputs.

@@ -52,7 +52,6 @@ INSENSITIVE = 0.1  # limit of the insensitivity, share of a value (Tischler and 
 class FitOptions:
     """Options of transfer-function fits.
 
-
     Attributes
     ----------
     forms : ``FORM`` for every response or ``OUTPUT=FORM``; empty fits none.

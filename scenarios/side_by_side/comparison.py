@@ -242,7 +242,6 @@ class SideBySide:
 def compare_columns(columns: Sequence[StudyColumn]) -> SideBySide:
     """Compare columns parameter by parameter.
 
-
     Raises
     ------
     DeclarationError : fewer than two of them, or no parameter that two of them estimate.
@@ -334,7 +333,6 @@ OWN = "own"  # the name of a closed-loop study's main method among its methods
 
 def read_columns(studies: Sequence[str], every: bool = False) -> tuple[StudyColumn, ...]:
     """Read the columns of studies in the given order, each with a unique label.
-
 
     Parameters
     ----------

@@ -57,7 +57,6 @@ class Lines(NamedTuple):
 def lines_of(read: Read, idle: float | None, name: str) -> Iterator[Lines]:
     """Yield lines from a source, an empty list whenever it has nothing new.
 
-
     Parameters
     ----------
     read : new bytes, none if there are none after waiting a tick, None when the source has ended.
@@ -200,7 +199,6 @@ LOES = StreamSignals(INPUTS, OUTPUTS)
 @dataclass(frozen=True)
 class Header:
     """Columns and units of a stream's rows.
-
 
     Attributes
     ----------

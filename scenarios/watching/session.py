@@ -146,7 +146,6 @@ def take(session: Session, rows: np.ndarray) -> list[WatchStep]:
 def start(session: Session) -> list[WatchStep]:
     """Start the filter with the rows so far.
 
-
     Raises
     ------
     RecordError : fewer than two rows, or no number in any output.

@@ -88,7 +88,6 @@ class Spike:
 class LoopFlight:
     """Simulation of the closed loop.
 
-
     Attributes
     ----------
     airframe : ``"P"``, ``"S"``, ``"F"``, ``"D"`` or ``"R"``. duration : s.
@@ -117,7 +116,6 @@ class LoopFlight:
 @dataclass(frozen=True)
 class LoopEstimation:
     """Estimation from a closed-loop record.
-
 
     Attributes
     ----------

@@ -204,7 +204,6 @@ LARGE = 0.9  # size of a correlation that is worth a mark
 class Misfit:
     """Misfit of a simulation with the estimate, and of its filter.
 
-
     Attributes
     ----------
     rms : measured minus simulated over the noise's sigma, by output.

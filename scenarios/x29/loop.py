@@ -35,7 +35,6 @@ Change = Callable[[X29], X29]
 class LinearCheck:
     """Relative misfits of the nonlinear from the linear response, as ratios of root mean squares.
 
-
     Attributes
     ----------
     time : ``(F,)`` s, frames of the control computer.

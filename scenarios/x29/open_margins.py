@@ -152,7 +152,6 @@ class MarginDesign:
     """One of two sets of variations; ``AIRFRAMES`` keeps surfaces and computing of the flight equal
     to the simulation's.
 
-
     Attributes
     ----------
     places : ``(N, open values)``, -1 to 1. simulation, flight : ``(N,)`` phase margins, deg.
@@ -179,7 +178,6 @@ class MarginDesign:
 @dataclass(frozen=True, eq=False)
 class OpenMargins:
     """Range of the margins for all unpublished values.
-
 
     Attributes
     ----------

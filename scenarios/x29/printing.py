@@ -231,7 +231,7 @@ WORDS = {
 
 
 def print_loop(study: LoopStudy, out: Console | None = None, details: str = BELOW) -> None:
-    """Everything of a study: a summary, the estimate, the other tables, the findings."""
+    """Print a study in full: summary, estimate, further tables, findings."""
     out = out or console()
     print_summary(out, loop_summary(study, details))
     scenario, record = study.scenario, study.result.setting.record

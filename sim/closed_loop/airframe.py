@@ -59,7 +59,6 @@ class Actuator:
     The command ``mixing * u_p`` (deg, about trim) is limited to the travel, passes a second-order
     servo, then a first-order ram with a rate limit and end stops.
 
-
     Attributes
     ----------
     mixing : deg of surface per deg of u_p.
@@ -118,7 +117,6 @@ class ControlLaw:
 class StickShaping:
     """Reference from the stick: r = z^-N wp/(s + wp) { K e (1 + curvature |e|) }, with e the stick
     beyond its break-out.
-
 
     Attributes
     ----------

@@ -210,7 +210,6 @@ LOOP_TEST_NAMES = ("sweep", "command", "returned", "q", "nz")
 class LoopNoise:
     """Standard deviations of the noise in a test of the loop.
 
-
     Attributes
     ----------
     gyro, accelerometer : deg/s and g, white from frame to frame, of the sensors that the law reads.

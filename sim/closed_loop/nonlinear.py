@@ -277,7 +277,6 @@ class FlightOutcome(Enum):
 class ClosedLoopTruth:
     """True histories at the F frames of the control computer (80 Hz); not in the record.
 
-
     Attributes
     ----------
     time : ``(F,)``, s.

@@ -209,7 +209,6 @@ class Signal:
 class Effect(Protocol):
     """Declaration common to all effects.
 
-
     Attributes
     ----------
     name : the instance, ``"input-delay"`` or, with a channel, ``"sensor-lag:q"``.
@@ -312,7 +311,6 @@ class SensorMemory:
     with a first-order lag.
 
     A lag has ``direct`` 0. A delay has -1 and half its length: Pade's approximation of first order.
-
 
     Attributes
     ----------

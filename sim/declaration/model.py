@@ -64,7 +64,6 @@ class Tie:
 def with_tied_values(parameters: ParameterSet, ties: Sequence[Tie]) -> ParameterSet:
     """Return the set with each tied parameter fixed at the value of its tie.
 
-
     Raises
     ------
     ModelError : a tie of or to a parameter that there is not, of one that is tied already, to one
@@ -184,7 +183,6 @@ class OfTotals(Protocol):
 @dataclass(frozen=True)
 class Noise:
     """Random inputs and measurement errors of a model.
-
 
     Attributes
     ----------

@@ -26,7 +26,6 @@ class Traits:
     Names of other effects in ``separating`` are without the part after a colon: ``"sensor-lag"`` is
     that of every channel.
 
-
     Attributes
     ----------
     sentences : templates in words, of which the first is taken whose parameters are all there. In
@@ -112,7 +111,6 @@ _proposal_NO_RANGES: Mapping[str, tuple[float, float]] = MappingProxyType({})
 class SearchContext:
     """Properties of a record that a search uses before any effect is fitted.
 
-
     Attributes
     ----------
     begin, end : s, of the record. interval : median sampling interval, s.
@@ -160,7 +158,6 @@ class SearchContext:
 @dataclass(frozen=True)
 class Probe:
     """A point at which a search evaluates an effect.
-
 
     Attributes
     ----------

@@ -393,7 +393,6 @@ def try_model(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
     """Evaluate a model's functions at the starts, with complex steps beside them, and with arrays;
     return the names that ``flow`` forms.
 
-
     Raises
     ------
     ModelError : an answer that is no mapping, lacks a name or has one too many, or is no finite
@@ -503,7 +502,6 @@ def _parameter_class(names: tuple[str, ...]) -> Any:
 
 def evaluated(equations: OwnEquations, starts: Starts) -> dict[tuple[str, str], Any]:
     """All answers at a point by function and name, checked for names and types.
-
 
     Raises
     ------

@@ -227,7 +227,6 @@ class Distance(Enum):
 class Truth:
     """The true simulation; for scoring only, never for an estimator.
 
-
     Attributes
     ----------
     parameters : true values with units, those of effects included; of a random walk the start.

@@ -126,7 +126,6 @@ class Measurement:
     """Properties of the recording; each mapping is by output, and an output that it lacks is
     recorded exactly in that respect.
 
-
     Attributes
     ----------
     std : standard deviation of the noise, unit of the output; None takes the model's.

@@ -109,7 +109,6 @@ _HERE: Point = (0.0, 0.0, 0.0)
 class Thrust:
     """Propulsive force along an axis of the body.
 
-
     Attributes
     ----------
     signal : ``thrust`` in N, ``throttle`` from 0 to 1, or empty for a glider.
@@ -123,7 +122,6 @@ class Thrust:
 @dataclass(frozen=True)
 class Aircraft:
     """Declaration of an aircraft in a vehicle file, in SI.
-
 
     Attributes
     ----------
@@ -269,7 +267,6 @@ def refuse_recorded(
 ) -> None:
     """Raise DeclarationError for an unknown attitude, if recorded states leave no motion, or if a
     wind or a quaternion excludes them.
-
 
     Parameters
     ----------

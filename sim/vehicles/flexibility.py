@@ -31,7 +31,6 @@ def condense_above(values: Mapping[str, float], modes: int, kept: int) -> dict[s
     """Coefficients of an aircraft with ``kept`` modes that is equivalent to one with ``modes``;
     without modes those of ``condense``.
 
-
     Parameters
     ----------
     values : numbers by full name in SI, as ``VehicleData.values`` has them; a coupling that is

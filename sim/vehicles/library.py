@@ -47,7 +47,6 @@ _WORDS = {
 class SourcedNumber:
     """A number of a vehicle with its unit and source.
 
-
     Attributes
     ----------
     name, value, unit : as a Parameter has them, SI.

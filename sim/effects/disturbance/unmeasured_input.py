@@ -220,7 +220,6 @@ class ModelDiscrepancy(SizedOnPorts):
 def discrepancy_for(effects: Sequence[Effect]) -> ModelDiscrepancy | None:
     """A discrepancy of each load that an unmeasured input can act on; None if there is none.
 
-
     Parameters
     ----------
     effects : those that apply to a vehicle's equations.

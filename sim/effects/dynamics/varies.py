@@ -323,7 +323,6 @@ class MissingTerm:
 
     ``size`` of either sign, per radian, rates non-dimensional.
 
-
     Attributes
     ----------
     axis : the coefficient, a port of the equations. term : its text (`sim.aerodynamics`).

@@ -26,7 +26,6 @@ class DampingCurve(SizedOnPorts):
     """Damping that depends on its own size: lift += ``lift`` r |r|, moment += ``moment`` r |r|,
     with r the signal ``rate`` of the equations.
 
-
     Attributes
     ----------
     rate : the signal. units, sizes : of lift and moment. needs_constants : those of the equations
@@ -80,7 +79,6 @@ class DampingCurve(SizedOnPorts):
 class DriftingDerivatives:
     """Derivatives that drift: moment += (t - begin) (``stability`` alpha + ``control`` d), lift +=
     (t - begin) ``slope`` alpha; d is the control signal.
-
 
     Attributes
     ----------

@@ -38,7 +38,6 @@ class LaggedLoads(SizedOnPorts):
     time constant ``lag``, s. For a short lag it equals a derivative by alpha_dot, which the
     declared derivatives contain already.
 
-
     Attributes
     ----------
     units, sizes : of lift and moment. needs_constants : constants that the equations must have.
@@ -187,7 +186,6 @@ class PeriodicLoads:
 
     Causes are a rotor, a limit cycle of the control system or a periodic input that was not
     recorded: forcing that does not depend on the state.
-
 
     Attributes
     ----------
