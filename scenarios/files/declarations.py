@@ -48,8 +48,9 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 
 
 def read_toml_source(path: str | Path | Source) -> Source:
-    """A TOML file as it stands, or as it was read before. Raises DeclarationError where it is
-    missing or unreadable.
+    """Read a TOML file, or return it if already read.
+
+    Raises DeclarationError if it is missing or unreadable.
     """
     if isinstance(path, Source):
         return path
@@ -90,8 +91,7 @@ def named_after(file: str) -> Iterator[None]:
 def checked(
     schema: type[Schema], content: Mapping[str, Any], path: str | Path, inside: str = ""
 ) -> Schema:
-    """The content as an instance of a schema; ``inside`` is the table it stands in, e.g.
-    ``"modes[1]"``.
+    """The content as an instance of a schema; ``inside``: table it is in, e.g. ``"modes[1]"``.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def checked(
 
 
 def closest(word: str, allowed: Iterable[str]) -> str:
-    """``"did you mean 'alpha'?"``, or the whole choice where nothing is near."""
+    """``"did you mean 'alpha'?"``, or all choices if none is similar."""
     choice = list(allowed)
     if not choice:
         return "leave it out"
@@ -355,7 +355,7 @@ def is_clock(name: str) -> bool:
 
 @dataclass(frozen=True)
 class ColumnChoice:
-    """Where one channel is in a file, and what is computed from it.
+    """Column of a channel in a file, and the computation from it.
 
     Attributes
     ----------
@@ -420,7 +420,7 @@ def read_channel_map(
 
 
 def _choice(entry: ColumnEntry) -> ColumnChoice:
-    """What the reader is given: ``bias`` is taken off, ``sign`` turns the scale."""
+    """The entry for the reader: ``bias`` is subtracted, ``sign`` multiplies the scale."""
     from scenarios.files.schemas import ABSENT
 
     if entry.column == ABSENT:

@@ -1,4 +1,4 @@
-"""Vehicles of the library as vehicle files, so that a name serves wherever a file is taken."""
+"""Library vehicles as vehicle files, so that a name can replace a file."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ FILE_KEYS = {"omega": "frequency", "zeta": "damping", "generalized_mass": "gener
 
 
 def is_library_name(given: str | Path | Any) -> bool:
-    """Whether a text can only be a name of the library: a plain word, and no file."""
+    """Whether a text can only be a library name: a plain word, and no existing file."""
     text = str(given)
     return text.isidentifier() and len(text) <= LONGEST and not os.path.lexists(text)
 
 
 def vehicle_source(given: str | Path | Source, model: str = "") -> Source:
-    """A vehicle file as it stands, or the file that a name of the library stands for.
+    """A vehicle file as it is, or the file of a library vehicle.
 
     Parameters
     ----------

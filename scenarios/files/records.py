@@ -171,7 +171,7 @@ def _chosen(
 
 
 def _alone(read: Callable[P, tuple[Record, tuple[str, ...]]]) -> Callable[P, Record]:
-    """A function that takes what ``read`` takes and returns its record alone."""
+    """Function with the arguments of ``read`` that returns the record alone."""
 
     @wraps(read)
     def alone(*arguments: P.args, **keywords: P.kwargs) -> Record:

@@ -40,7 +40,7 @@ _Text = Annotated[str, Field(min_length=1, max_length=500)]
 
 
 class ColumnEntry(BaseModel):
-    """``{column = "AoA1", unit = "deg"}`` and what may be computed from a column or a sum of
+    """A column of a channel map, as ``{column = "AoA1", unit = "deg"}``, or an expression of
     columns.
     """
 
@@ -329,7 +329,9 @@ def mode_schema(number: int, count: int) -> type[BaseModel]:
 
 
 def units_of_starts(model: str, modes: object = None) -> dict[str, str]:
-    """What is estimated of a model, with its unit; ``modes`` is a file's list of elastic modes."""
+    """Estimated parameters of a model with their units; ``modes`` is a file's list of elastic
+    modes.
+    """
     kind = "rigid" if model == "flexible" else model
     count = len(modes) if model == "flexible" and isinstance(modes, list) else 0
     own = {
@@ -344,8 +346,9 @@ def units_of_starts(model: str, modes: object = None) -> dict[str, str]:
 def refuse_unusable(
     model: str, constants: Mapping[str, float], derivatives: Mapping[str, float], path: str | Path
 ) -> None:
-    """What no single key shows. Raises DeclarationError where no derivative is given, and for
-    moments of inertia that no body has.
+    """Check the file as a whole.
+
+    Raises DeclarationError without any derivative, and for impossible moments of inertia.
     """
     if not derivatives:
         _, _, known = WHOLE_AXES[model]
@@ -401,7 +404,7 @@ def _day(value: object) -> object:
 
 
 class Reading(BaseModel):
-    """How records are read; in a flight's table it takes the place of what stands above."""
+    """Options for reading records; those of a flight replace those of the survey."""
 
     model_config = VEHICLES_SCHEMA_STRICT
     channels: Name | None = None

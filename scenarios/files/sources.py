@@ -52,7 +52,7 @@ def escaped(text: str) -> str:
 
 
 class EscapedStream:
-    """A text stream that escapes what is written; everything else is that of ``inner``."""
+    """A text stream that escapes its text; everything else is passed on to ``inner``."""
 
     def __init__(self, inner: Any) -> None:
         self.inner = inner
@@ -73,7 +73,7 @@ class EscapedStream:
 
 @contextmanager
 def escaped_streams() -> Iterator[None]:
-    """Escape what is printed on stdout and stderr while the body runs."""
+    """Context manager that escapes text printed on stdout and stderr."""
     out, err = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = (
         None if each is None else cast(Any, EscapedStream(each)) for each in (out, err)
@@ -85,9 +85,7 @@ def escaped_streams() -> Iterator[None]:
 
 
 def styled_stream(stream: Any) -> Any:
-    """The stream below the escaping, for what writes styles of its own and escapes its texts
-    itself.
-    """
+    """The stream without escaping, for a caller that writes styles and escapes its texts itself."""
     return stream.inner if isinstance(stream, EscapedStream) else stream
 
 
@@ -113,9 +111,7 @@ class InputFile:
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A file as it was read: what is later written under its name changes neither the content here
-    nor the hash.
-    """
+    """Content and hash of a file at the time it was read."""
 
     path: Path
     content: bytes
@@ -170,9 +166,7 @@ def resolved(path: str | Path) -> Path:
 def too_large(
     error: type[FlightidError], where: str, size: str, most: int, remedy: str = ""
 ) -> FlightidError:
-    """The error for a file beyond a limit; ``size`` says how large it is, in words that go before
-    "is more than".
-    """
+    """Error for a file beyond a limit; ``size``: its size in words, before "is more than"."""
     limit = f"{most >> 20} MiB" if most >= 1 << 20 else f"{most} bytes"
     return error(
         f"{size} is more than the {limit} that are read at most",
@@ -235,9 +229,7 @@ _documents_SHOWN = 40  # characters of what is wrong
 
 
 class DocumentError(ValueError):
-    """A text that is no JSON or TOML, or holds what no file of ours does; its text says what, in a
-    few words, and ``key`` where if that is known.
-    """
+    """A text that is no valid JSON or TOML: the reason in a few words, and ``key`` if known."""
 
     def __init__(self, what: str, key: str = "") -> None:
         super().__init__(what)
@@ -267,7 +259,7 @@ def json_value(content: bytes | str) -> Any:
 
 
 def toml_value(text: str) -> dict[str, Any]:
-    """The tables of a TOML text, in which infinite numbers may stand.
+    """Tables of a TOML text, which may have infinite numbers.
 
     Raises
     ------

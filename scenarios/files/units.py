@@ -1,5 +1,6 @@
-"""From the unit that a user's file carries to ours. Products of SI units and degrees need no
-library; pint is imported only for the others.
+"""Convert the units of a user's file to ours.
+
+Products of SI units and degrees need no library; pint is imported only for others.
 """
 
 from __future__ import annotations
@@ -89,7 +90,7 @@ class _Size(NamedTuple):
 def to_si(
     value: Number, unit: str, target: str, where: str, error: type[FlightidError] = RecordError
 ) -> Number:
-    """A value, or an array of any shape with NaN kept, in one of our units.
+    """Convert a value, or an array of any shape with NaN kept, to one of our units.
 
     Parameters
     ----------
@@ -137,8 +138,8 @@ def is_unit(unit: str) -> bool:
 
 
 def _is_tame(text: str) -> bool:
-    """Whether a unit in normal form is short, of small powers, and in plain letters: only such a
-    text is parsed.
+    """Whether a unit is a short product of small powers in plain letters; only such a text is
+    parsed.
     """
     foreign = any(letter.isdecimal() and not letter.isascii() for letter in text)
     return len(text) <= _LONGEST and not foreign and _EXPLOSIVE.search(text) is None
@@ -205,7 +206,7 @@ def _converted(
 
 
 def _si_size(text: str) -> _Size | None:
-    """Exponents of a product of SI units and degrees, None if anything else stands in it."""
+    """Exponents of a product of SI units and degrees, None for any other unit."""
     total, degrees, at = np.zeros(4, dtype=int), 0, 0
     while at < len(text):
         match = _FACTOR.match(text, at)
@@ -247,5 +248,5 @@ def _parsed(units: pint.UnitRegistry[Any], text: str) -> Any:
 
 
 def _angle_power(unit: Any) -> float:
-    """How often an angle stands in a unit; pint counts angles as pure numbers."""
+    """Power of an angle in a unit; pint counts angles as pure numbers."""
     return sum(power for name, power in unit._units.items() if name.endswith(_ANGLES))

@@ -33,8 +33,8 @@ _NO_BOUNDS: Mapping[str, tuple[float, float]] = MappingProxyType({})
 
 @dataclass(frozen=True)
 class Constraints:
-    """``fixed`` parameters stay where the file says, ``bounds`` (low, high) hold in a fit, ``ties``
-    make one follow others; all in SI.
+    """Constraints of a vehicle file, SI: ``fixed`` parameters, ``bounds`` (low, high) of a fit,
+    ``ties`` of parameters to others.
     """
 
     fixed: tuple[str, ...] = ()
@@ -111,7 +111,7 @@ def with_place(
 
 
 def refuse_nothing_left(constraints: Constraints, starts: Iterable[str], path: str | Path) -> None:
-    """Raise DeclarationError where every one of the ``starts`` is fixed or tied to what is."""
+    """Raise DeclarationError if all of the ``starts`` are fixed or tied to fixed parameters."""
     held = {*constraints.fixed, *(tie.name for tie in constraints.ties)}
     if held and held.issuperset(starts):
         remedy = "leave one parameter free at least"
@@ -134,9 +134,7 @@ def side_at(value: float, bounds: tuple[float, float]) -> str:
 
 
 def constrained(model: Model, constraints: Constraints) -> Model:
-    """The model with what the file lays down: parameters held, bounds that are the narrower of the
-    file's and the model's own, ties.
-    """
+    """The model with the constraints of a file; the narrower bounds of file and model apply."""
     if not constraints:
         return model
     parameters = model.parameters.hold(constraints.fixed)
@@ -150,7 +148,7 @@ def constrained(model: Model, constraints: Constraints) -> Model:
 def constraint_sentences(
     constraints: Constraints, starts: Mapping[str, float], units: Mapping[str, str]
 ) -> tuple[str, ...]:
-    """What the vehicle file lays down, a sentence each; nothing where it lays down nothing."""
+    """Constraints of a vehicle file, a sentence each; empty without any."""
     sentences = []
     if constraints.fixed:
         each = [
@@ -336,7 +334,7 @@ def _refuse_unknown(name: Any, units: Mapping[str, str], where: str) -> None:
 
 
 def _once(name: str, starts: ChainMap[str, Any], where: str) -> None:
-    """Refuse what the file says in two places; the last map holds what it need not say."""
+    """Refuse a name that the file declares in two tables."""
     if any(name in table for table in starts.maps[:-1]):
         raise DeclarationError(
             f"given twice, also under {STARTS}", where=where, remedy="keep one of the two"
@@ -378,9 +376,7 @@ def is_model_file(name: str | OwnModel) -> bool:
 
 
 def is_own(model: Model) -> bool:
-    """Whether a model is a user's own: its signals mean what its file says, whatever their
-    names.
-    """
+    """Whether a model is a user model, whose file defines the meaning of its signals."""
     return isinstance(model.equations, OwnEquations)
 
 
@@ -402,15 +398,15 @@ def is_of_aircraft(model: Model) -> bool:
 
 
 def inputs_at_rest(model: Model) -> list[float]:
-    """The inputs about which a model is tried: zero unless its file says otherwise."""
+    """Inputs at which a model is tried: zero unless its file declares others."""
     equations = model.equations
     declared = equations.resting_inputs if isinstance(equations, OwnEquations) else {}
     return [declared.get(signal.name, 0.0) for signal in equations.inputs]
 
 
 def moves_about_rest(model: Model) -> bool:
-    """Whether a natural frequency is asked: not of an own model that starts elsewhere than at rest,
-    about which it need not move.
+    """Whether a model has modes about its start: not a user model that starts elsewhere than at
+    rest.
     """
     return not is_own(model) or not (np.any(model.initial.values()) or any(inputs_at_rest(model)))
 
@@ -431,8 +427,8 @@ def unit_in(model: Model, name: str) -> str:
 
 
 def read_user_model(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnModel:
-    """The ``MODEL`` of a user's Python file, which is run once; what the file says of itself
-    becomes the equations' explanation.
+    """Run a user's Python file once and return its ``MODEL``; the file's docstring becomes the
+    explanation.
 
     Raises
     ------
@@ -457,8 +453,9 @@ def read_user_model(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnMode
 
 
 def model_in_memory(model: object, built_in: tuple[str, ...] = ()) -> OwnModel:
-    """A user's own model that was made in Python and stands in no file. Raises DeclarationError as
-    ``read_user_model``.
+    """A user model that was made in Python without a file.
+
+    Raises DeclarationError as ``read_user_model``.
     """
     own = checked_model(model, "model", built_in)
     numbers = repr(
@@ -470,7 +467,7 @@ def model_in_memory(model: object, built_in: tuple[str, ...] = ()) -> OwnModel:
 
 
 def checked_model(model: object, where: str, built_in: tuple[str, ...] = ()) -> Model:
-    """The model, if it is one of a user's own whose names can serve. Raises DeclarationError."""
+    """The model, if it is a user model with allowed names. Raises DeclarationError otherwise."""
     if not isinstance(model, Model) or not is_own(model):
         raise DeclarationError(
             f"its MODEL is of type {type(model).__name__}",
@@ -492,9 +489,7 @@ def checked_model(model: object, where: str, built_in: tuple[str, ...] = ()) -> 
 
 
 def _refuse_unused(model: Model, equations: OwnEquations, source: Source) -> None:
-    """Raise DeclarationError, with its line, for a parameter that no equation has: none asks for
-    it, and nowhere in the file is it spelt as one.
-    """
+    """Raise DeclarationError, with its line, for a parameter that no equation uses."""
     rest = dict(
         zip((signal.name for signal in equations.inputs), inputs_at_rest(model), strict=True)
     )
@@ -582,8 +577,8 @@ def own_numbers(own: OwnModel, source: Source) -> tuple[str, Model, Constraints]
 
 
 def channel_units(model: Model) -> Mapping[str, str]:
-    """Channel -> unit inside, of all channels that a record for this model may hold: an own model
-    says itself what its names mean.
+    """Unit of every channel that a record for this model may have; a user model declares its
+    own.
     """
     if not is_own(model):
         return CHANNEL_UNITS

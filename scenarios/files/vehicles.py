@@ -67,7 +67,7 @@ OF_TYPICAL = 0.01  # of the largest start, where one is zero
 
 @dataclass(frozen=True)
 class VehicleFile:
-    """What a vehicle file says.
+    """Content of a vehicle file.
 
     Attributes
     ----------
@@ -148,9 +148,7 @@ def files_read_unnamed(records: Sequence[RecordFile], vehicle: Path | None) -> t
 
 
 def refuse_unknown_model(model: str | OwnModel, where: str) -> None:
-    """Raise DeclarationError where there is no such model; whether a user's file declares one is
-    for its reader to say.
-    """
+    """Raise DeclarationError for an unknown model name."""
     if model not in MODELS and not is_model_file(model):
         raise DeclarationError(
             f"there is no model {model!r}",
@@ -361,7 +359,7 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
 
 
 def _refuse_other_model(content: Mapping[str, Any], model: str, path: Path) -> None:
-    """Raise DeclarationError for a file whose keys say that it was written for another model."""
+    """Raise DeclarationError for a file whose keys belong to another model."""
     for other, keys in _WRITTEN_FOR.items():
         if all(key in content for key in keys) and model not in _READERS.get(other, (other,)):
             raise DeclarationError(

@@ -161,8 +161,8 @@ def unportable(name: str) -> str:
 
 
 def file_stems(names: Sequence[str]) -> dict[str, str]:
-    """For each name a part of a file's name of letters, digits and ``_``; no two differ by upper
-    and lower case alone.
+    """Part of a file name for each name, of letters, digits and ``_``; no two differ only in upper
+    and lower case.
     """
     stems: dict[str, str] = {}
     for name in dict.fromkeys(names):

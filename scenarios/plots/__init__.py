@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 def draw_into(
     folder: Path, named: Iterable[tuple[str, Callable[[], Figure]]], formats: Formats
 ) -> tuple[Drawn, ...]:
-    """Figures of a study drawn into its folder, for its page; none where no format is wanted.
+    """Draw the figures of a study into its folder and return them for its page; empty without a
+    format.
 
     Parameters
     ----------

@@ -102,7 +102,7 @@ def words(label: str) -> str:
 
 
 def _plain_panel(panel: Axes) -> bool:
-    """Whether lines, points, bands and spans are all that is drawn in a panel."""
+    """Whether a panel has only lines, points, bands and spans."""
     spans = [patch for patch in panel.patches if _span(panel, patch) is not None]
     bands = [each for each in panel.collections if _is_band(each)]
     drawable = all(line.get_marker() in _MARKS for line in panel.lines)
@@ -158,7 +158,7 @@ def _label(text: object) -> str:
 
 
 def _span(panel: Axes, patch: object) -> Curve | None:
-    """A span along the whole panel as a band; None of any other patch."""
+    """A span along the whole panel as a band; None for any other patch."""
     if not isinstance(patch, Rectangle | Polygon):
         return None
     points = np.asarray(patch.get_path().vertices)
@@ -447,7 +447,7 @@ def _short_numbers(tag: re.Match[str]) -> str:
 
 
 def _decimal(value: float) -> str:
-    """With two decimals at most."""
+    """A number with at most two decimals."""
     return f"{value:.2f}".rstrip("0").rstrip(".")
 
 
@@ -530,9 +530,7 @@ def _diameter(mark: Outline, transform: Transform) -> float:
 
 
 def description(figure: Figure) -> str:
-    """What a figure shows in words: its title, what its panels have at their axes, and what is
-    drawn in them.
-    """
+    """Description of a figure in words: title, axes and content of its panels."""
     title = " ".join(text.get_text() for text in figure.texts).strip()
     panels = [panel for panel in figure.axes if panel.get_visible()]
     across = dict.fromkeys(

@@ -1,5 +1,5 @@
-"""Figures of frequency responses and of what follows from them: models fitted, mismatch, bandwidth,
-margins of a loop and over time, charts with levels of flying qualities, steps.
+"""Figures of frequency responses: fitted models, mismatch, bandwidth, stability margins, charts
+with levels of flying qualities, step responses.
 """
 
 from __future__ import annotations

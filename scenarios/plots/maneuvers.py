@@ -221,7 +221,7 @@ _IN_SIGHT = 1.6  # of what is flown: limits farther off are left out of the pane
 
 @dataclass(frozen=True, eq=False)
 class ManeuverCourse:
-    """One maneuver: inputs and outputs by name, ``(N,)`` each, load factors as totals."""
+    """A maneuver: inputs and outputs by name, ``(N,)`` each, load factors as totals."""
 
     label: str
     inputs: Mapping[str, np.ndarray]
@@ -348,8 +348,8 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class OverCondition:
-    """A derivative of n flights over a condition: values and sigmas ``(n,)``, which flights stand
-    out, and the pooled line.
+    """A derivative of n flights over a condition: values and sigmas ``(n,)``, outlying flights, and
+    the pooled line.
     """
 
     name: str
@@ -479,8 +479,8 @@ def figure_shared(rows: Sequence[Shared], condition: str, unit: str, title: str 
 def figure_effects(
     flights: Sequence[str], probabilities: Mapping[str, np.ndarray], title: str = ""
 ) -> Figure:
-    """A row an effect, a column a flight: filled where the flight has it, open where it has it not,
-    half where it does not tell.
+    """Plot a row for each effect and a column for each flight: filled if present, open if absent,
+    half if undecided.
     """
     names = list(probabilities)
     named = len(flights) <= _FLIGHTS and max(map(len, flights)) <= _LONGEST
@@ -537,7 +537,7 @@ def figure_effects(
 
 
 def _limits(panel: object, values: np.ndarray, sigmas: np.ndarray) -> None:
-    """Room for every value; of error bars what is not longer than the spread of the values."""
+    """Set axis limits for all values, and for error bars up to the spread of the values."""
     reach = 2.0 * float(np.median(sigmas)) + 1e-12
     low, high = float(np.min(values)) - reach, float(np.max(values)) + reach
     panel.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))  # type: ignore[attr-defined]

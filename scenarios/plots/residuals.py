@@ -72,8 +72,8 @@ class ComparisonRow:
 
 @dataclass(frozen=True)
 class EquivalentRow:
-    """One derivative of one flexible aircraft: rigid, statically condensed and estimated value, all
-    in ``unit``.
+    """A derivative of a flexible aircraft: rigid, statically condensed and estimated value, in
+    ``unit``.
     """
 
     aircraft: str
@@ -527,7 +527,7 @@ def spectrum(residual: np.ndarray, interval: float, used: int) -> tuple[np.ndarr
 
 
 def _same(fitted: FittedRecord, rows: Sequence[int]) -> bool:
-    """Whether before and after differ by less than a figure can show: nothing was added."""
+    """Whether before and after differ by less than a figure can show."""
     change, size = (
         np.abs(fitted.before - fitted.after)[rows].max(axis=1, initial=0.0),
         np.abs(fitted.after)[rows].max(axis=1, initial=0.0),
@@ -551,6 +551,6 @@ def _band(panel: Axes, sigma: float) -> None:
 
 
 def _few_ticks(panel: Axes) -> None:
-    """Ticks are most of what drawing costs, and a narrow panel has no room for many."""
+    """Use few ticks, which take most of the drawing time."""
     for axis, bins in ((panel.xaxis, 5), (panel.yaxis, 3)):
         axis.set_major_locator(MaxNLocator(nbins=bins, steps=[1, 2, 2.5, 5, 10]))

@@ -1,4 +1,6 @@
-"""Studies beside each other: estimates of each parameter, their errors, and outputs over time."""
+"""Figures that compare studies: estimates of each parameter, their errors, and outputs over
+time.
+"""
 
 from __future__ import annotations
 
@@ -45,8 +47,8 @@ _LINE = 0.14  # inches, one mark with its number
 
 @dataclass(frozen=True)
 class ParameterColumn:
-    """One parameter in one study, all in one unit; ``std`` is zero where none is stated,
-    ``published`` with its deviation likewise.
+    """A parameter in one study, in one unit; ``std`` is 0 if not stated, likewise that of
+    ``published``.
     """
 
     estimate: float
@@ -57,7 +59,7 @@ class ParameterColumn:
 
     @property
     def reference(self) -> float | None:
-        """What the estimate is held against."""
+        """Reference value of the error."""
         return self.true if self.condensed is None else self.condensed
 
 

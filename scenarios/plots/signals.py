@@ -55,9 +55,7 @@ from sim.truth.flight import Truth
 
 @dataclass(frozen=True, eq=False)
 class MethodOutputs:
-    """What a method says the outputs were: by output name ``(N,)`` at the record's samples, NaN
-    where it says nothing.
-    """
+    """Outputs of a method by name, ``(N,)`` at the record's samples, NaN where missing."""
 
     label: str
     outputs: Mapping[str, np.ndarray]
@@ -191,14 +189,14 @@ def figure_fit(
 
 
 def context(record: Record, shown: Sequence[str]) -> list[Channel]:
-    """What stands above the outputs ``shown``: the inputs, and outputs of which no model speaks,
-    such as the airspeed.
+    """Panels above the outputs ``shown``: inputs, and outputs without a model, such as the
+    airspeed.
     """
     return [*record.inputs, *(each for each in record.outputs if each.name not in shown)]
 
 
 def _alone(panels: Sequence[Axes], record: Record, channels: Sequence[Channel]) -> None:
-    """A panel for each channel that nothing is estimated of, held inputs as steps."""
+    """Draw a panel for each channel without an estimate, held inputs as steps."""
     held = record.hold is Hold.PREVIOUS
     for panel, channel in zip(panels, channels, strict=False):
         unit = display_unit(channel.unit)
@@ -407,7 +405,7 @@ def _errors(
 
 
 def _settled_limit(error: np.ndarray, std: np.ndarray, after: float = 0.5) -> float:
-    """A limit for what an error and its bounds do after this share of the samples."""
+    """Axis limit for an error and its bounds after this share of the samples."""
     if error.size == 0:
         return 1.0
     start = int(after * error.size)

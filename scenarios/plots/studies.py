@@ -1,4 +1,4 @@
-"""Figures of many runs, of what records determine, and of flexibility."""
+"""Figures of many runs, of observability, and of flexibility."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ EXPECTED = 95.45  # % of a Gaussian within two standard deviations
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """One parameter, or all: errors of every run in its own sigmas ``(N,)``; share within two, and
-    the ends of its interval, in per cent.
+    """Errors of every run in its own sigmas ``(N,)``; share within two sigmas with its interval,
+    per cent.
     """
 
     name: str
@@ -121,7 +121,7 @@ MOST_ROWS = 40  # parameters of one figure
 
 @dataclass(frozen=True, eq=False)
 class CoverageRow:
-    """One parameter: share, low and high end in per cent within one, two and three sigmas."""
+    """Share with low and high end in per cent within one, two and three sigmas."""
 
     name: str
     shares: tuple[tuple[float, float, float], ...]
@@ -220,8 +220,8 @@ def figure_errors(names: Sequence[str], sigmas: np.ndarray, title: str = "") -> 
 
 
 def figure_squares(panels: Sequence[SquaresPanel], title: str = "") -> Figure:
-    """NEES, NIS: each run's sum over its degrees of freedom, beside chi-square and the interval
-    that holds 95 % of it.
+    """Plot NEES and NIS of each run over the degrees of freedom, with chi-square and its 95 %
+    interval.
     """
     sheet = make_sheet([2.1], (1.0,) * len(panels), column_gap=0.75, share_x=False)
     for panel, shown in zip(sheet.panels, panels, strict=True):

@@ -1,8 +1,5 @@
-"""The one look of all figures: sizes for print at 100 %, colours that colour-blind readers can tell
-apart, a sheet of panels.
-
-Panels are placed in inches by hand: a layout engine draws every figure twice to learn what is known
-beforehand.
+"""Style of all figures: sizes for print at 100 %, a palette for colour-blind readers, a sheet of
+panels.
 """
 
 from __future__ import annotations
@@ -87,7 +84,7 @@ class Sheet:
 
     @property
     def panels(self) -> tuple[Axes, ...]:
-        """All panels in the order of reading."""
+        """All panels in reading order."""
         return tuple(axes for row in self.axes for axes in row)
 
 
@@ -323,7 +320,7 @@ def cells(panel: Axes, values: np.ndarray, **look: Any) -> QuadMesh:
 
 
 def decades(axis: Axis, multiples: Sequence[float] = (1.0,)) -> None:
-    """Plain numbers at multiples of the powers of ten, nothing between."""
+    """Label an axis with plain numbers at multiples of powers of ten."""
     axis.set_major_locator(LogLocator(subs=multiples, numticks=9))
     axis.set_minor_locator(NullLocator())
     axis.set_major_formatter(FuncFormatter(lambda value, position: f"{value:g}"))
@@ -386,7 +383,7 @@ def _labelled(sheet: Sheet) -> dict[str, Any]:
 
 
 def _legend_columns(labels: Sequence[str], width: float) -> int:
-    """As many columns as fit side by side by an estimate of the labels' length."""
+    """Number of columns that fit beside each other, from the estimated length of the labels."""
     if not labels:
         return 1
     widths = [text_width(label, TICK_SIZE) + _HANDLE for label in labels]

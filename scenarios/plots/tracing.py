@@ -203,7 +203,7 @@ def figure_evidence(
 
 
 def _rounds(candidates: Sequence[Candidate], standing: NamedEffects) -> list[_Round]:
-    """The rounds on the way to what stands; without any the first ones."""
+    """Rounds of the search that led to the final effects; without any the first ones."""
     nodes = list(dict.fromkeys((len(c.within), c.within) for c in candidates))
     path = [node for node in nodes if set(node[1]) <= set(standing.named)] or nodes
     kept = sorted(path, key=lambda node: node[0])[:PANELS]
@@ -281,7 +281,7 @@ def _draw_odds(panel: Axes, each: _Round, standing: NamedEffects) -> None:
 
 
 def _head(panel: Axes, each: _Round, standing: NamedEffects, x: float) -> None:
-    """What the round began from, above the names, and below them how many others there are."""
+    """Write the start of a round above the names, and the number of further candidates below."""
     beside = f"beside {' + '.join(each.within)}" if each.within else "beside the declared model"
     done = (
         "; nothing more was needed"
@@ -396,9 +396,7 @@ def figure_replication(effects: Sequence[Replicated], title: str = "") -> Figure
 
 
 def _shown(quantities: Sequence[Quantity], name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Values and standard deviations in the units of a figure; a sigma that says nothing is as long
-    as the value.
-    """
+    """Values and standard deviations in the units of a figure, sigmas limited to the value."""
     rows = np.array(
         [displayed(quantity, name)[:2] for quantity in quantities], dtype=float
     ).reshape(-1, 2)

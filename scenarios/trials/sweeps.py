@@ -1,8 +1,4 @@
-"""Sweeps of a loop whose response and margins are known: declared, flown, estimated, compared.
-
-The loop flies with a sweep of its command; `flightid response` estimates response and margins from
-its records. A new scenario is a file in `catalog` with ``kind = "sweep"``.
-"""
+"""Sweeps of a loop with known response and margins: simulate, estimate, compare."""
 
 from __future__ import annotations
 
@@ -310,8 +306,9 @@ def _roll(
 
 
 def _frame_delay(loop: RollLoop) -> tuple[int, float, float, float]:
-    """Whole frames of the delay, the decay of p over a frame, and what the commands at its end and
-    one frame before give."""
+    """Whole frames of the delay, the decay of p over a frame, and the gains of the commands at its
+    end and one frame before.
+    """
     step, a = 1.0 / loop.rate, loop.inv_T_roll
     whole = int(loop.delay / step + 1e-9)
     rest = max(loop.delay - whole * step, 0.0)
@@ -368,7 +365,7 @@ MAIN = "comparison.json"
 
 @dataclass(frozen=True, eq=False)
 class SweepStudy:
-    """A sweep that has been flown.
+    """Results of a sweep.
 
     Attributes
     ----------
@@ -455,7 +452,7 @@ def _estimated(
 
 
 def print_sweep(study: SweepStudy, out: Console | None = None, details: str = BELOW) -> None:
-    """Print a study: what was estimated against the truth, the model, the margins."""
+    """Print a study: estimates and truth, the model, the margins."""
     out = out or console()
     print_summary(out, sweep_summary(study, details))
     show_table(out, estimates_table("Against the truth", study.rows))
@@ -471,7 +468,7 @@ def print_sweep(study: SweepStudy, out: Console | None = None, details: str = BE
 
 
 def sweep_summary(study: SweepStudy, details: str) -> Summary:
-    """What was flown, what came of it."""
+    """Summary of the flights and the results."""
     s = study.scenario
     flown = (
         f"{s.flights} flight{'s' * (s.flights > 1)} of {s.duration:g} s, a sweep of the command "
@@ -498,7 +495,7 @@ def model_lines(study: SweepStudy) -> list[str]:
 
 
 def cautions(study: SweepStudy) -> tuple[str, ...]:
-    """What a user should know of the estimates."""
+    """Cautions on the estimates."""
     both = (*(study.response.cautions if study.response is not None else ()), *study.loop.cautions)
     return tuple(dict.fromkeys(both))
 

@@ -1,12 +1,4 @@
-"""A table as it stands in a file: headers, cells, the row numbers that a user sees; and cells as
-numbers.
-
-Where the header of a table is, and whether a row of units follows it: the same for text files
-and spreadsheets.
-
-The interface between readers and everything else: topics, each a table whose columns share one
-clock.
-"""
+"""Tables of files: headers, cells, row numbers; and conversion of cells to numbers."""
 
 from __future__ import annotations
 
@@ -39,7 +31,7 @@ _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+", re.ASCII)
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CellTable:
-    """Columns of one file, nothing interpreted yet.
+    """Columns of one file as texts.
 
     Attributes
     ----------
@@ -74,19 +66,17 @@ class CellTable:
 
 @dataclass(frozen=True, eq=False)
 class Numbers:
-    """One column as numbers, NaN where the cell is empty or holds text, and those texts by
-    position.
-    """
+    """A column as numbers, NaN for empty cells and texts, and the texts by position."""
 
     values: np.ndarray
     texts: Mapping[int, str]
 
 
 def numbers(table: CellTable, index: int) -> Numbers:
-    """A column as floats; what is not a number, by the file's decimal mark, is kept apart with its
+    """Convert a column to floats by the file's decimal mark, and return other texts with their
     position.
 
-    Raises RecordError for a column that holds no sequence of numbers.
+    Raises RecordError for a column without a sequence of numbers.
     """
     if index in table.unreadable:
         where = f"{table.file}, column {table.header[index]!r}"
@@ -113,8 +103,8 @@ def numbers(table: CellTable, index: int) -> Numbers:
 
 
 def number_of_text(text: str, *, comma: bool = False) -> float:
-    """A number of a file; ValueError for what Python alone would take for one (``1_000``, digits of
-    other scripts) and for the other mark.
+    """Convert a text; ValueError for forms that only Python accepts (``1_000``, digits of other
+    scripts) and for the other decimal mark.
     """
     text = text.replace(MINUS, "-")
     if "_" in text or not text.isascii() or (comma and "." in text):
@@ -125,8 +115,8 @@ def number_of_text(text: str, *, comma: bool = False) -> float:
 
 
 def has_decimal_comma(columns: Sequence[Sequence[str]]) -> bool:
-    """Whether a file's commas are decimal marks for certain: one stands where none between
-    thousands can, as in ``0,5``.
+    """Whether the commas of a file are certainly decimal marks: one is where no separator of
+    thousands can be, as in ``0,5``.
     """
     return any("," in cell and certain_comma(cell.strip()) for column in columns for cell in column)
 
@@ -142,9 +132,7 @@ def certain_comma(text: str) -> bool:
 
 
 def mark_fault(table: CellTable, text: str) -> tuple[str, str] | None:
-    """What is wrong with a cell whose points or commas do not go with its file, and the remedy;
-    None where it is something else.
-    """
+    """Error of a cell with the wrong decimal mark, and the remedy; None for another error."""
     if _MARKED.fullmatch(text) is None or not table.separator or not ("," in text or "." in text):
         return None
     if table.separator == "," and "," in text:
@@ -164,7 +152,7 @@ def mark_fault(table: CellTable, text: str) -> tuple[str, str] | None:
 
 
 def first_line(error: Exception) -> str:
-    """The first line of what another library says, short enough for a message."""
+    """First line of another library's message, shortened."""
     text = str(error).strip()
     return text.splitlines()[0][:160] if text else type(error).__name__
 
@@ -336,7 +324,7 @@ def table_of_columns(
     rows: int | None = None,
     unreadable: Mapping[str, str] | None = None,
 ) -> CellTable:
-    """A table of named columns; shorter ones are refused when a channel asks for them.
+    """A table of named columns; a shorter column is refused when a channel needs it.
 
     Parameters
     ----------
@@ -392,7 +380,7 @@ def damaged(fault: BaseException, path: Path, format_name: str) -> RecordError:
 
 
 def no_table(path: Path, seen: Sequence[str], remedy: str) -> RecordError:
-    """The error for a file without a column; ``seen`` are the names of what is in it instead."""
+    """Error for a file without a column; ``seen``: names of the file's other content."""
     listed = ", ".join(seen[:12]) + (", ..." if len(seen) > 12 else "")
     return RecordError(
         f"no column of numbers is in the file{f'; it holds {listed}' if listed else ''}",

@@ -33,7 +33,7 @@ class _Forward(io.BytesIO):
     furthest, idle = 0, 0
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """As ``BytesIO.read``; EOFError where many reads have brought nothing new."""
+        """Read as ``BytesIO``; EOFError after many reads without new bytes."""
         content = super().read(size)
         self.idle = 0 if self.tell() > self.furthest else self.idle + 1
         self.furthest = max(self.furthest, self.tell())

@@ -1,6 +1,4 @@
-"""Which reader takes which file. A new format is one new module in this package; this one finds it
-by itself.
-"""
+"""Readers by file format. A new format is a new module in this package, found by itself."""
 
 from __future__ import annotations
 
@@ -121,8 +119,8 @@ def topics_of(source: Source) -> tuple[Topic, ...]:
 
 @contextlib.contextmanager
 def _silent() -> Iterator[None]:
-    """Libraries print, log and warn of what they find damaged; what matters of it comes back as an
-    error or a note.
+    """Context manager that suppresses output, logs and warnings of libraries; problems are returned
+    as errors or notes.
     """
     level = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
@@ -236,8 +234,8 @@ def _only_file(path: Path, raw: bytes) -> tuple[bytes, Path]:
 
 
 def _unpacked(path: Path, raw: bytes) -> bytes:
-    """What is in a gzip, bzip2 or xz file, read no further than the limit: a few bytes may stand
-    for any number of them.
+    """Content of a gzip, bzip2 or xz file, read up to the limit, since a few bytes may expand to
+    any size.
     """
     if raw.startswith(BZIP2) or path.suffix.lower() == ".bz2":
         name = "a bzip2"

@@ -29,7 +29,7 @@ EXTRA = "spreadsheets"
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """One topic a sheet that holds a table; named only where there are several."""
+    """One topic for each sheet with a table; named if there are several."""
     try:
         from python_calamine import CalamineWorkbook
     except ImportError as error:

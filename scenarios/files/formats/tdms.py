@@ -24,9 +24,7 @@ EXTRA = "recorders"
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """One topic a group, or one for each length of channel in it; ``unit_string`` gives the
-    units.
-    """
+    """One topic for each group and length of channel; ``unit_string`` gives the units."""
     try:
         from nptdms import TdmsFile
     except ImportError as error:

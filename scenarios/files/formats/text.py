@@ -113,8 +113,8 @@ def _long_cells(most: int) -> Iterator[None]:
 
 
 class Layout(NamedTuple):
-    """Where the header or the first row begins (character), the lines above it, what parts the
-    columns, and whether there is a header.
+    """Layout of a text file: first character of the table, lines above it, separator, and whether
+    there is a header.
     """
 
     first: int
@@ -147,9 +147,7 @@ def _layout(path: Path, text: str) -> Layout:
 
 
 def _large(path: Path, raw: bytes) -> Topic | None:
-    """A large plain file, parsed by pyarrow or pandas from its bytes; None where anything in it
-    asks for the careful reading.
-    """
+    """A large plain file, parsed by pyarrow or pandas; None if it needs the careful reader."""
     begin = raw[:BEGINNING]
     try:
         head = begin[: begin.rindex(b"\n") + 1].decode("utf-8-sig")
@@ -165,7 +163,7 @@ def _large(path: Path, raw: bytes) -> Topic | None:
 
 
 def _table(path: Path, text: str, layout: Layout) -> tuple[CellTable, tuple[str, ...]]:
-    """The table in a text, and a sentence where its header stands in a comment."""
+    """The table of a text, and a sentence if its header is in a comment."""
     named, separator, above = layout.named, layout.separator, len(layout.above)
     notes: tuple[str, ...] = ()
     lines = _rows(path, text, separator, above)
@@ -383,15 +381,13 @@ def _detected(text: str) -> tuple[str, int, bool] | None:
 
 
 def _cells(line: str, mark: str) -> list[str]:
-    """A line parted by a mark, without what a closing mark leaves at its end."""
+    """Cells of a line, without an empty one after a final separator."""
     cells = line.split() if mark == BLANKS else next(csv.reader([line], delimiter=mark), [])
     return cells[:-1] if mark == "|" and len(cells) > 1 and not cells[-1].strip() else cells
 
 
 def _fast_table(path: Path, raw: bytes, at: int, begin: str, layout: Layout) -> CellTable | None:
-    """The table that begins at a byte of a plain file; ``begin``: its first lines, the header's
-    first among them.
-    """
+    """The table that begins at a byte of a plain file; ``begin``: its first lines."""
     separator, named = layout.separator, layout.named
     lines = begin.splitlines()[:3]
     body = begin.split("\n", 1)[-1]
@@ -506,7 +502,7 @@ def _marked_columns(raw: bytes, at: int, separator: str, width: int) -> list[np.
 
 
 def _numeric_or_text(cells: np.ndarray) -> np.ndarray:
-    """Cells as numbers where blanks around them are all that kept them from being read as such."""
+    """Cells as numbers if only blanks around them were in the way."""
     try:
         if not all(cell is None or (cell.isascii() and "_" not in cell) for cell in cells):
             return cells
@@ -532,8 +528,8 @@ def _blank_columns(raw: bytes, at: int, width: int) -> list[np.ndarray] | None:
 
 
 def _header_at(text: str) -> tuple[int, list[str]]:
-    """Where the header begins, and the lines above it: comments, empty ones, and a spreadsheet's
-    word on the separator.
+    """Position of the header, and the lines above it: comments, empty lines, and a spreadsheet's
+    separator line.
     """
     above: list[str] = []
     at = 0
@@ -546,7 +542,7 @@ def _header_at(text: str) -> tuple[int, list[str]]:
 
 
 def _rows(path: Path, text: str, separator: str, above: int) -> Rows:
-    """All rows but empty ones."""
+    """All rows without empty ones."""
     if separator == BLANKS:
         parted = [
             (n + above + 1, line.split())
@@ -569,7 +565,7 @@ def _rows(path: Path, text: str, separator: str, above: int) -> Rows:
 
 
 def _separator(path: Path, text: str, above: int) -> str:
-    """What separates the columns; a comma where there is one column."""
+    """Separator of the columns; a comma for a single column."""
     parting = [mark for mark in SEPARATORS if len(_first_row(path, text, mark, above)) > 1]
     if len(parting) > 1:
         fitting = [mark for mark in parting if _even(_rows(path, text, mark, above))]

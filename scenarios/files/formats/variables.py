@@ -91,9 +91,7 @@ def _simplified(value: Any) -> Any:
 
 
 def _with_signals(level: Mapping[str, Any]) -> Mapping[str, Any]:
-    """A struct whose ``signals`` are named vectors beside its clock, where it is one of
-    Simulink's.
-    """
+    """The struct if it is one of Simulink's, with named vectors in ``signals`` beside its clock."""
     name = next((word for word in SIGNALS if word in level), "")
     signals = _structs(level.get(name))
     if (
@@ -147,7 +145,7 @@ def _with_one_struct(variables: Mapping[str, Any]) -> tuple[Mapping[str, Any], d
 
 
 def _fault(value: Any) -> str:
-    """What keeps a variable from being one vector, in a few words; empty where nothing does."""
+    """Why a variable is not one vector, in a few words; empty if it is."""
     shape = (
         "x".join(map(str, np.shape(value)))
         if not hasattr(value, "toarray")

@@ -293,8 +293,8 @@ def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
 
 
 def sorted_rows(time: np.ndarray, repeats: np.ndarray) -> Sorted | None:
-    """Rows put in order and exact repeats dropped; None where too many stand in the wrong place, or
-    a time is left twice.
+    """Sorted rows without exact repeats; None if too many are out of order, or a time remains
+    twice.
 
     Parameters
     ----------
@@ -388,7 +388,7 @@ def _past_midnight(time: np.ndarray) -> tuple[np.ndarray, str]:
 
 
 def _unrolled(values: np.ndarray) -> tuple[np.ndarray, int]:
-    """A counter of 16 or 32 bits that went back by nearly its whole range, made continuous."""
+    """A counter of 16 or 32 bits without its overflows."""
     finite_rows = np.flatnonzero(np.isfinite(values))
     steps = np.diff(values[finite_rows])
     for bits in (16, 32):

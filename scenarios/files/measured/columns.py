@@ -32,7 +32,7 @@ _SECOND = re.compile(r"(\w[\w.]*)\[1\]")
 
 @dataclass(frozen=True)
 class SourceColumn:
-    """One channel's column.
+    """Column of one channel.
 
     Attributes
     ----------
@@ -215,8 +215,8 @@ def column_place(file: str, column: SourceColumn) -> str:
 def _with_unit_under(
     column: SourceColumn, under: Sequence[str], file: str, *, said: bool, lenient: bool
 ) -> SourceColumn:
-    """The column in the unit of the row under its header, where that says one; ``said``: the header
-    says one too, and both must be the same.
+    """The column in the unit of the row under its header; ``said``: the header states a unit too,
+    which must agree.
     """
     text = under[column.index] if under else ""
     if lenient and text and _unit_fault(replace(column, unit=text), file) is not None:
@@ -305,7 +305,7 @@ SIMULATED = "simulated"  # the value of the key ``origin``
 
 @dataclass(frozen=True)
 class Sidecar:
-    """What a record's JSON says.
+    """Content of the JSON file beside a record.
 
     Attributes
     ----------
@@ -505,9 +505,7 @@ def _headers_of(path: Path, topics: Sequence[Topic]) -> CellTable:
 
 
 def read_record_files(records: Iterable[Path | RecordFile]) -> tuple[RecordFile, ...]:
-    """Several record files, in their order, told apart where their names are the same; one that is
-    open already is itself.
-    """
+    """Record files in their order, with unique names; an open file is returned as it is."""
     return with_distinct_names([opened(record) for record in records])
 
 
@@ -519,9 +517,7 @@ def opened(record: Path | RecordFile) -> RecordFile:
 def read_with_validation(
     records: Iterable[Path | RecordFile], validate: Iterable[Path | RecordFile]
 ) -> tuple[tuple[RecordFile, ...], tuple[RecordFile, ...]]:
-    """Record files for a fit and those that are predicted, in their order, all of them told
-    apart.
-    """
+    """Record files to fit and those to predict, in their order, with unique names."""
     first = [opened(record) for record in records]
     both = with_distinct_names([*first, *(opened(record) for record in validate)])
     return both[: len(first)], both[len(first) :]
@@ -547,7 +543,7 @@ def with_distinct_names(files: Sequence[RecordFile]) -> tuple[RecordFile, ...]:
 
 
 def _depth(paths: Sequence[Path]) -> int:
-    """How many parts of paths with the same last one tell them apart."""
+    """Number of path parts that distinguish paths with the same last part."""
     most = max(len(path.parts) for path in paths)
     return next(
         (
@@ -565,12 +561,12 @@ def identities(files: Iterable[RecordFile]) -> tuple[InputFile, ...]:
 
 
 def all_simulated(files: Iterable[RecordFile]) -> bool:
-    """Whether a program made all of them, by what the JSON beside them says."""
+    """Whether the JSON files beside them state that all are simulated."""
     return all(file.sidecar.simulated for file in files)
 
 
 def path_of(record: Path | RecordFile) -> Path | None:
-    """Where a record file is; None of one that never was a file."""
+    """Path of a record file; None if it never was a file."""
     if isinstance(record, RecordFile):
         return None if record.in_memory else record.path
     return record

@@ -96,8 +96,9 @@ def source_columns(
     outputs: Sequence[str],
     channel_units: Mapping[str, str] = CHANNEL_UNITS,
 ) -> tuple[int, ...]:
-    """Columns of a file with one table from which channels are computed; none where each channel is
-    a column as it stands."""
+    """Columns of a file with one table that channels are computed from; empty if each channel is a
+    column.
+    """
     requested = {
         name: choice
         for name, choice in choices.items()
@@ -122,8 +123,9 @@ def _unique(name: str, topics: Sequence[Topic]) -> bool:
 
 
 def _measured(name: str, topics: Sequence[Topic]) -> bool:
-    """Whether a field that nobody mapped is anything but zero: loggers keep fields of sensors that
-    are not there."""
+    """Whether an unmapped field has any value except zero: loggers have fields for absent
+    sensors.
+    """
     topic, index = _places(name, topics)[0]
     values = numbers(topics[topic].table, index).values
     return bool(np.any(np.isfinite(values) & (values != 0.0)))
@@ -173,7 +175,7 @@ def _wanted(
 
 
 def _places(name: str, topics: Sequence[Topic]) -> list[Place]:
-    """Where a column is: ``topic.field`` first, else a field that one topic alone has."""
+    """Positions of a column: ``topic.field``, else a field that only one topic has."""
     places: list[Place] = []
     for number, topic in enumerate(topics):
         for index, cell in enumerate(topic.table.header):

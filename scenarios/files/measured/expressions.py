@@ -254,9 +254,7 @@ def parse(text: str, where: str, allowed: Sequence[str] = ()) -> Expression:
 
 
 def is_plain_name(text: str) -> bool:
-    """Whether a text has nothing of an expression in it, so that it can only be meant as a
-    column.
-    """
+    """Whether a text has no operator, so that it can only be a column."""
     return re.search(r"[-+*/()`]", text) is None
 
 

@@ -127,9 +127,7 @@ def clock_of(table: CellTable, index: int, unit: str | None = None) -> Clock:
 
 
 def stated_unit(table: CellTable, index: int) -> str | None:
-    """The unit that a header, the row under it or a clock's name states; None where nothing
-    does.
-    """
+    """Unit in a header, in the row under it or in a clock's name; None without one."""
     name, unit = split_at(table.header, index)
     under = table.units[index] if table.units else ""
     if unit or under:
@@ -221,9 +219,7 @@ def topic_numbers(
 
 
 def delayed(time: np.ndarray, values: np.ndarray, delay: float) -> np.ndarray:
-    """The values of a column that was recorded late by ``delay``, s, at the times of its rows;
-    constant beyond its ends.
-    """
+    """A column corrected for ``delay``, s, at the times of its rows; constant beyond its ends."""
     finite = np.isfinite(values) & np.isfinite(time)
     return np.interp(time + delay, time[finite], values[finite]) if np.any(finite) else values
 
@@ -405,7 +401,7 @@ def _laid(
     wanted: Wanted,
     hold: str | None,
 ) -> tuple[np.ndarray, float, str]:
-    """One column at the times of the grid, its own sampling interval, and a sentence where it was
+    """A column at the times of the grid, its own sampling interval, and a sentence if it was
     filtered or continued.
     """
     sound = np.isfinite(values)

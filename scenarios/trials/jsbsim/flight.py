@@ -121,8 +121,8 @@ def _refuse_missing_surface(flight: JsbsimFlight) -> None:
 
 
 def units_of(calm: Condition) -> dict[str, float]:
-    """By control the step of a 3-2-1-1 (s), 1.6 over the frequency of the mode that it excites,
-    told by a small motion.
+    """Step of a 3-2-1-1 (s) by control: 1.6 over the frequency of the excited mode, from a small
+    motion.
     """
     time = calm.step * np.arange(round(REHEARSAL / calm.step))
     pitching = fly(calm, rehearsal("elevator", FIRST, 0.5, time), HELD)
@@ -138,7 +138,7 @@ def units_of(calm: Condition) -> dict[str, float]:
 
 
 def _frequency(signals: JsbsimSignals, moment: str, by: tuple[str, ...], inertia: float) -> float:
-    """Root of the stiffness over the inertia, rad/s: what a moment owes to the first of the
+    """Square root of stiffness over inertia, rad/s: slope of a moment by the first of the
     signals.
     """
     matrix = np.stack(
@@ -267,8 +267,8 @@ def vehicle_text(
 
 
 def truth_content(flight: JsbsimFlight, seed: int, truth: JsbsimTruth) -> dict[str, Any]:
-    """Derivatives about trim and over the maneuver by model, what was put in, and how the flight
-    was made.
+    """JSON content: derivatives about trim and over the maneuver by model, inserted errors, and
+    settings of the flight.
     """
     made = {
         key: value

@@ -458,9 +458,7 @@ def thrust_arm(signals: JsbsimSignals) -> float:
 
 
 def _rigid(trim: JsbsimSignals, signals: JsbsimSignals) -> Slopes:
-    """Lift across the path, engines included; what depends on the speed is told apart and left
-    out.
-    """
+    """Lift force across the path with engines; the dependence on speed is fitted and left out."""
     speed, body = float(trim["airspeed"][0]), signals.body
     columns = {
         "alpha": signals["alpha"],
@@ -478,8 +476,8 @@ def _rigid(trim: JsbsimSignals, signals: JsbsimSignals) -> Slopes:
 
 
 def _longitudinal(trim: JsbsimSignals, signals: JsbsimSignals) -> Slopes:
-    """Coefficients of the whole axis at the speed and density of the moment, thrust and its moment
-    taken off.
+    """Coefficients of the whole longitudinal motion at the current speed and density, without
+    thrust and its moment.
     """
     speed, body, alpha = float(trim["airspeed"][0]), signals.body, signals["alpha"]
     slow = {"V": signals["airspeed"] / speed, "alpha": alpha}

@@ -218,7 +218,7 @@ class HiddenTerm:
 
 @dataclass(frozen=True)
 class RecordPlan:
-    """How one record is flown: duration (s) and maneuvers."""
+    """Plan of one record: duration (s) and maneuvers."""
 
     duration: float
     maneuvers: tuple[ManeuverPlan, ...] = ()
@@ -252,14 +252,14 @@ class TraceFlight:
 
     @property
     def test_plan(self) -> RecordPlan:
-        """How the third record is flown."""
+        """Plan of the third record."""
         return self.validate if self.test is None else self.test
 
 
 @dataclass(frozen=True)
 class Expectation:
-    """What the loop should find: any of ``verdicts``, and, where effects are claimed, any of the
-    sets ``effects``.
+    """Expected diagnosis: any of ``verdicts`` and, if effects are claimed, any of the sets
+    ``effects``.
     """
 
     verdicts: tuple[str, ...]
@@ -312,7 +312,7 @@ def own_terms(package_name: str | None = None) -> Mapping[str, Effect]:
 
 
 def true_vehicle(flight: TraceFlight) -> Model:
-    """The vehicle of a flight without what is hidden."""
+    """The vehicle of a flight without hidden effects."""
     from scenarios.studies.estimating import vehicle_model
 
     if flight.own is not None:
@@ -376,7 +376,7 @@ def find_term(
 
 
 def with_hidden(model: Model, hidden: tuple[HiddenTerm, ...], *, validation: bool) -> Model:
-    """The vehicle with what is hidden in one of its two records.
+    """The vehicle with the effects hidden in one of its two records.
 
     Raises
     ------

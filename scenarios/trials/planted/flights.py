@@ -1,6 +1,4 @@
-"""From a tracing scenario to its records, its vehicle file, and the truth that only the scoring
-opens.
-"""
+"""Records, vehicle file and truth of a tracing scenario."""
 
 from __future__ import annotations
 
@@ -107,7 +105,7 @@ def started_file(scenario: TraceScenario, vehicle: Model) -> str:
 
 
 def _derivatives(scenario: TraceScenario, vehicle: Model) -> dict[str, float]:
-    """True values of what the declared model estimates."""
+    """True values of the parameters that the declared model estimates."""
     declared = _declared(scenario, vehicle.parameters.names)
     return {
         item.name: item.value for item in vehicle.parameters if item.free and item.name in declared
@@ -131,14 +129,14 @@ def _fly(
 def simulated_record(
     flight: TraceFlight, plan: RecordPlan, model: Model, rng: np.random.Generator, name: str
 ) -> Record:
-    """One record of a flight's plan, flown by a model, whose noise is in it."""
+    """Simulate one record of a flight's plan, with the noise of the model."""
     return simulated_with_truth(flight, plan, model, rng, name)[0]
 
 
 def simulated_with_truth(
     flight: TraceFlight, plan: RecordPlan, model: Model, rng: np.random.Generator, name: str
 ) -> tuple[Record, Record]:
-    """One record of a flight's plan, and the same record without sensor noise."""
+    """Simulate one record of a flight's plan; return it with and without sensor noise."""
     inputs = {signal.name for signal in model.equations.inputs}
     by_input = maneuvers_by_input(plan.maneuvers, inputs, f"key flight.{name}", resting(model))
     outputs = [signal.name for signal in model.equations.outputs if signal.name in flight.noise_std]
@@ -173,8 +171,9 @@ def fly_loop(
     rng: np.random.Generator,
     curvature: float | None = None,
 ) -> tuple[Record, Record]:
-    """One record of a closed loop, and the same record without sensor noise; ``curvature`` of its
-    gearing in place of its own.
+    """Simulate one record of a closed loop; return it with and without sensor noise.
+
+    ``curvature`` replaces that of the gearing.
 
     Raises
     ------
@@ -245,8 +244,8 @@ def _stick(plans: tuple[ManeuverPlan, ...], where: str) -> Sum:
 def _vehicle_text(
     scenario: TraceScenario, values: Mapping[str, float], derivatives: Mapping[str, float]
 ) -> str:
-    """A vehicle file whose derivatives are off by ``wrong``, the sign by turns; ``start`` replaces
-    what it names.
+    """Vehicle file with derivatives wrong by ``wrong``, of alternate sign; ``start`` replaces
+    values by name.
     """
     _refuse_unknown_starts(scenario, derivatives)
     started = {
@@ -279,9 +278,7 @@ def _vehicle_text(
 
 
 def _own_text(scenario: TraceScenario, model: Model) -> str:
-    """The same for a user's own model: its constants and, off by ``wrong``, its parameters, whose
-    names may be any word.
-    """
+    """Vehicle file of a user model: its constants, and its parameters wrong by ``wrong``."""
     free = {item.name: item for item in model.parameters if item.free}
     _refuse_unknown_starts(scenario, free)
     started = {

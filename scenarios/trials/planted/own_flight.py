@@ -1,8 +1,4 @@
-"""A flight of a user's model as a command line asks it: maneuvers, noise and hidden effects.
-
-What is made is the document of a scenario, as its file would have it, so that everything behind it
-is that of scenarios.
-"""
+"""Flights of a user model from options of the command line: maneuvers, noise and hidden effects."""
 
 from __future__ import annotations
 
@@ -107,8 +103,8 @@ def noise_of(words: Sequence[str], model: Model) -> dict[str, float]:
 
 
 def hidden_of(words: Sequence[str], model: Model) -> list[dict[str, Any]]:
-    """What is hidden, as a scenario's file has it: ``EFFECT.PARAMETER=VALUE``, or ``EFFECT`` alone
-    at its typical values.
+    """Hidden effects in the form of a scenario file, from ``EFFECT.PARAMETER=VALUE`` or ``EFFECT``
+    (typical values).
 
     Raises
     ------
@@ -176,7 +172,7 @@ def _split(word: str) -> list[str]:
 
 
 def _value(text: str) -> Any:
-    """What a value says: a number, a list, or a text with a unit."""
+    """Value of a text: a number, a list, or a text with a unit."""
     try:
         return toml_value(f"value = {text}")["value"]
     except DocumentError:
@@ -245,8 +241,8 @@ FIT_STEP = 0.01  # s, the longest of a fit where an own model does not ask for a
 
 @dataclass(frozen=True)
 class OwnFlight:
-    """What a command line asks: the model's file, the file of its true values, and texts as typed;
-    None and empty leave it to the model.
+    """Options of a command: model file, file of true values, and texts as typed; None and empty use
+    the model's.
     """
 
     model: str
@@ -272,8 +268,8 @@ class _Planned:
 
 
 def trace_document(request: OwnFlight) -> dict[str, Any]:
-    """Two records, the second of maneuvers by a fifth smaller and shorter, with what is hidden in
-    both.
+    """Scenario with two records, the second with maneuvers a fifth smaller and shorter, and hidden
+    effects in both.
 
     Raises
     ------
@@ -307,8 +303,9 @@ def trace_document(request: OwnFlight) -> dict[str, Any]:
 
 
 def study_document(request: OwnFlight) -> dict[str, Any]:
-    """One record estimated by output error from starts that are off. Raises as
-    ``trace_document``.
+    """Scenario with one record, estimated by output error from wrong starts.
+
+    Raises as ``trace_document``.
     """
     plan = _planned(request)
     wrong = {

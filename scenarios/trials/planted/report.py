@@ -55,8 +55,8 @@ THIRD_TITLE = (
 
 
 def trace_text(study: TraceStudy, width: int = WIDTH, details: str = BELOW) -> str:
-    """A summary, before and after as `flightid diagnose` shows them, then what the truth says of
-    it.
+    """Text: a summary, before and after as in `flightid diagnose`, then the comparison with the
+    truth.
     """
     scenario = study.scenario
     blocks = [
@@ -86,7 +86,7 @@ def trace_summary(study: TraceStudy, details: str = BELOW) -> Summary:
 
 
 def scored_sentence(study: TraceStudy) -> str:
-    """What was hidden, what was expected, and what the diagnosis is worth."""
+    """Sentence on the hidden effect, the expectation and the grade of the diagnosis."""
     return (
         f"scored with the truth: {_hidden(study)}; expected: {_expected(study)}; the diagnosis is "
         f"{_verdict(study.grade)}"
@@ -148,14 +148,14 @@ def against_truth(study: TraceStudy) -> Table:
 
 
 def _of_declared(row: Scored) -> Scored:
-    """The estimate of the declared model alone, against what that should find."""
+    """Estimate of the declared model, compared with its reference value."""
     if row.before is None or row.comparable_before is None:
         return row
     return replace(row, after=row.before, comparable=row.comparable_before, open=False)
 
 
 def table_title(study: TraceStudy) -> str:
-    """What the derivatives are compared with."""
+    """Title that names the reference values of the derivatives."""
     if study.scenario.model == "loes":
         return (
             "derivatives; true are those of the equivalent system that fits the linear loop's "
@@ -165,7 +165,7 @@ def table_title(study: TraceStudy) -> str:
 
 
 def comparable_sentences(study: TraceStudy) -> list[str]:
-    """Where the comparable values come from, and why they differ from the true ones."""
+    """Source of the reference values, and why they differ from the true ones."""
     sentences = [
         f"comparable: the value that the fitted model should find, from {study.basis}",
         *study.reasons,
@@ -319,7 +319,7 @@ def write_trial(
 
 
 def _write_records(study: TraceStudy, folder: Path) -> None:
-    """All three records, the vehicle file, and the prediction of the third record,
+    """Write all three records, the vehicle file, and the prediction of the third record,
     ``before_CHANNEL`` and ``after_CHANNEL``.
     """
     write_simulated(study.simulated, folder)
@@ -349,8 +349,8 @@ def truth_content(study: TraceStudy) -> dict[str, Any]:
 
 
 def trace_comparison(study: TraceStudy) -> dict[str, Any]:
-    """Content of ``comparison.json``: the fit with what was found, and under ``methods`` the
-    declared model's.
+    """Content of ``comparison.json``: the fit with the found effects, and under ``methods`` that of
+    the declared model.
     """
     d = study.tracing.diagnosis
     derived = {

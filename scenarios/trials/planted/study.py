@@ -77,7 +77,7 @@ NOISE_SEED = 7  # any draw gives the same sum of squares
 
 @dataclass(frozen=True)
 class Comparable:
-    """What a fitted model should find.
+    """Reference values of the estimates of a fitted model.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ NO_FIT = "the true values: the fit to the training flight without sensor noise f
 
 @dataclass(frozen=True)
 class DeclaredTruth:
-    """What is known of the flight by declaration.
+    """True values that are known by declaration.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ class DeclaredTruth:
 
 
 def comparable_to(tracing: Tracing, simulated: SimulatedTrace, truth: DeclaredTruth) -> Comparable:
-    """What the model with the effects found should find."""
+    """Reference values for the model with the found effects."""
     d = tracing.diagnosis
     assert d.trained_after is not None
     return _comparable(tracing.model, d.trained_after, quantities_of(d), simulated, truth)
@@ -128,7 +128,7 @@ def comparable_to(tracing: Tracing, simulated: SimulatedTrace, truth: DeclaredTr
 def comparable_before(
     tracing: Tracing, simulated: SimulatedTrace, truth: DeclaredTruth
 ) -> Comparable:
-    """What the declared model alone should find."""
+    """Reference values for the declared model."""
     d = tracing.diagnosis
     assert d.trained_before is not None
     return _comparable(tracing.model, d.trained_before, d.before, simulated, truth)
@@ -288,8 +288,8 @@ def reasons_for(
 
 
 def _of_turbulence(tracing: Tracing, simulated: SimulatedTrace) -> list[str]:
-    """How many scale lengths of hidden turbulence a record holds: so many independent gusts its
-    level is estimated from.
+    """Number of scale lengths of hidden turbulence in a record: of independent gusts that its level
+    is estimated from.
     """
     length = simulated.hidden.get(TURBULENCE, {}).get("length", 0.0)
     if not length or "airspeed" not in tracing.model.parameters:
@@ -310,8 +310,8 @@ def _of_the_gearing(
     truth: DeclaredTruth,
     comparable: Comparable,
 ) -> list[str]:
-    """How much of each difference is the gearing of the stick, by a second noise-free fit to a
-    flight with a straight one.
+    """Part of each difference that the stick gearing causes, from a second noise-free fit with
+    linear gearing.
     """
     curvature, d = loop_of(scenario).stick.curvature, tracing.diagnosis
     _, straight = fly_loop(
@@ -426,7 +426,7 @@ def elastic_modes(
 
 
 def true_modes(vehicle: Model) -> dict[str, float]:
-    """The same of a true vehicle by its own equations, without a fit."""
+    """Modes of a true vehicle from its own equations, without a fit."""
     system = compile_model(vehicle)
     p = system.parameters.values()
     short_period = slowest_oscillation(system, p)
@@ -442,7 +442,7 @@ def true_modes(vehicle: Model) -> dict[str, float]:
 
 
 class Grade(Enum):
-    """What a diagnosis is worth once the truth is opened."""
+    """Grade of a diagnosis compared with the truth."""
 
     RIGHT = "right"
     AMBIGUOUS = "the right effects, one of them named as an alternative"
@@ -452,7 +452,7 @@ class Grade(Enum):
 
 @dataclass(frozen=True)
 class Scored:
-    """One derivative, parameter of an effect or modal number: true, comparable, before and after.
+    """A derivative, parameter of an effect or modal quantity: true, reference, before and after.
 
     Attributes
     ----------
@@ -589,7 +589,7 @@ def predicted_test(simulated: SimulatedTrace, tracing: Tracing) -> Predicted:
 
 
 def grade(expect: Expectation, tracing: Tracing) -> Grade:
-    """Verdict and names against what is expected; an honest alternative counts as ambiguous."""
+    """Compare verdict and names with the expectation; a stated alternative counts as ambiguous."""
     verdict = tracing.diagnosis.verdict.value
     claims = [claim for claim in tracing.diagnosis.effects if claim.claimed]
     names = tuple(sorted(claim.name for claim in claims))
@@ -646,7 +646,7 @@ def _derivatives(
 
 
 def _effects(tracing: Tracing, truth: DeclaredTruth, comparable: Comparable) -> tuple[Scored, ...]:
-    """Parameters of the effects in the fitted model, against what it should find."""
+    """Parameters of the found effects, with their reference values."""
     d = tracing.diagnosis
     names = [name for name in quantities_of(d) if name not in d.after and name in comparable.values]
     return tuple(
