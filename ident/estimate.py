@@ -73,17 +73,14 @@ class FilterHistory:
     names : the ``n`` states, then free parameters.
     mean, std : after each update, ``(n, N)``.
     innovation, innovation_std : measured minus predicted and its standard deviation, ``(m, N)``;
-    zero and
-        one where the sample is missing.
+        zero and one where the sample is missing.
     valid : ``(m, N)`` samples used.
     log_likelihood : ``(N,)`` of each sample given its past.
     nis, degrees : ``(N,)`` normalised innovation squared and the number of channels in it.
     predicted_mean, predicted_covariance, covariance, transition : ``(n, N)`` and ``(N, n, n)``, for
-    smoothers;
-        ``transition[k]`` leads from sample ``k - 1`` to ``k``.
+        smoothers; ``transition[k]`` leads from sample ``k - 1`` to ``k``.
     sensitivity, innovation_covariance : ``(N, m, n)`` and ``(N, m, m)``, for smoothers; rows of
-    samples that are missing are
-        zero, and those of the unit matrix.
+        samples that are missing are zero, and those of the unit matrix.
     """
 
     time: np.ndarray
@@ -121,10 +118,10 @@ class Estimate:
     values, covariance : ``(n,)`` and ``(n, n)``; finite whatever the outcome.
     outcome : how the estimation ended.
     log_likelihood : total; of the innovations for a filter, of the residuals for a whole-record
-    fit. output_names, noise_std : outputs used and the measurement noise assumed or estimated.
+        fit.
+    output_names, noise_std : outputs used and the measurement noise assumed or estimated.
     fitted : estimator's output at the samples of each record, ``(m, N)`` each; of a filter its
-    prediction from the past,
-        from the last sound sample on held where it broke down.
+        prediction from the past, from the last sound sample on held where it broke down.
     history : of a filter; None for whole-record methods.
     iterations : passes over the data.
     """

@@ -112,9 +112,10 @@ class Planned:
     Attributes
     ----------
     record : inputs to be flown; its outputs only say which are measured, and from where a
-    simulation begins. model : the declared model with its biases, at the values that it is believed
-    to have. noise : standard deviation of each measured output, ``(m,)`` in the order of
-    ``outputs``. settings : of the fits.
+        simulation begins.
+    model : the declared model with its biases, at the values that it is believed to have.
+    noise : standard deviation of each measured output, ``(m,)`` in the order of ``outputs``.
+    settings : of the fits.
     """
 
     record: Record
@@ -283,9 +284,10 @@ def decision_of(
     Parameters
     ----------
     squares, counts : ``(m,)`` weighted squares that the rival leaves, and samples, by output.
-    gain : weighted squares that the declared model alone leaves. own, other : free parameters of
-    the true effect and of the rival. price : what the loop charges for the rival less what it
-    charges for the true one, in twice the log likelihood.
+    gain : weighted squares that the declared model alone leaves.
+    own, other : free parameters of the true effect and of the rival.
+    price : what the loop charges for the rival less what it charges for the true one, in twice the
+        log likelihood.
     """
     samples = np.maximum(counts, 1)
     share = squares / samples

@@ -33,7 +33,9 @@ class Factor:
 
     Attributes
     ----------
-    signal : its name. power : 1 to 9, of a spline 0 to 9. absolute : of its absolute value.
+    signal : its name.
+    power : 1 to 9, of a spline 0 to 9.
+    absolute : of its absolute value.
     knot : of a spline, in the signal's unit: what exceeds it is raised to the power. None else.
     """
 
@@ -201,7 +203,9 @@ def parse_term(text: str, signals: Collection[str], where: str = "term") -> Term
 
     Parameters
     ----------
-    text : see the module. signals : names that may stand in it. where : for messages.
+    text : see the module.
+    signals : names that may stand in it.
+    where : for messages.
 
     Raises
     ------
@@ -333,8 +337,8 @@ def is_linear(term: Term, axis: str) -> bool:
 
     Parameters
     ----------
-    term : any. axis : the coefficient. Surfaces are allowed in all of them: their symmetry is not
-        known.
+    term : any.
+    axis : the coefficient. Surfaces are allowed in all of them: their symmetry is not known.
 
     Examples
     --------
@@ -364,8 +368,8 @@ def allowed_terms(along: Sequence[str], across: Sequence[str], *, symmetric: boo
 
     Parameters
     ----------
-    along, across : surfaces of either motion. symmetric : True for even terms, those of lift, drag
-        and pitching moment.
+    along, across : surfaces of either motion.
+    symmetric : True for even terms, those of lift, drag and pitching moment.
 
     Returns
     -------

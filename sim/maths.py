@@ -38,7 +38,8 @@ def add_product(total: Any, factor: Any, x: Any) -> Any:
 
     Parameters
     ----------
-    total : a sum that nobody else holds. factor, x : numbers or arrays.
+    total : a sum that nobody else holds.
+    factor, x : numbers or arrays.
     """
     more = factor * x
     if (
@@ -318,10 +319,11 @@ class Shapes:
 
     Attributes
     ----------
-    low, spacing : where the first interval begins and how long each is. intervals : their number.
+    low, spacing : where the first interval begins and how long each is.
+    intervals : their number.
     table : ``(4, n, intervals + 2)`` coefficients of the powers 0 to 3 of the share of an interval
-    passed, by function and
-        interval; the first and the last column are the straight lines below and above.
+        passed, by function and interval; the first and the last column are the straight lines below
+        and above.
     columns : the same for single numbers: by interval, then by function, from the third power down.
     """
 
@@ -346,7 +348,9 @@ def natural_shapes(
     ----------
     low, high : the range; the anchor is taken into it.
     fine : halve the intervals: four functions as before, then five finer ones (six if not
-    ``flat``). anchor : where every function is zero. flat : there the slopes are zero, too.
+        ``flat``).
+    anchor : where every function is zero.
+    flat : there the slopes are zero, too.
 
     Returns
     -------

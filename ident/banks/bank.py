@@ -200,10 +200,13 @@ class BankEstimate:
     mean : ``(n, B)``, covariance : ``(B, n, n)`` after the last sound sample.
     log_likelihood : ``(B,)``; minus infinity for a run that broke down.
     nis : ``(N, B)`` normalised innovation squared at each sample, zero where nothing was measured
-    or a run broke down. sound : ``(B,)`` False where a run broke down. iterations : ``(B,)`` passes
-    over the data of each run. innovation, innovation_std : ``(m, N, B)``, kept when asked for; zero
-    and one where a sample is missing. history, history_std : ``(n, N, B)`` means and standard
-    deviations after each update, kept when asked for.
+        or a run broke down.
+    sound : ``(B,)`` False where a run broke down.
+    iterations : ``(B,)`` passes over the data of each run.
+    innovation, innovation_std : ``(m, N, B)``, kept when asked for; zero and one where a sample is
+        missing.
+    history, history_std : ``(n, N, B)`` means and standard deviations after each update, kept when
+        asked for.
     """
 
     names: tuple[str, ...]
@@ -242,13 +245,14 @@ def run_bank(
     record : time, inputs, and the validity of the outputs, shared by all runs.
     system : compiled with ``online=True``.
     settings : as for ``run_ekf``. With several passes each run stops by itself as ``run_ekf`` does:
-    settled or
-        broken down, it takes no further part, and the bank ends when no run is left.
+        settled or broken down, it takes no further part, and the bank ends when no run is left.
     z : outputs of each run, ``(m, N, B)``; the record's own for all when None.
     fixed_values : fixed parameters, ``(B,)`` each, e.g. ``{"input-delay.delay": delays}``.
     start : starting mean of states and free parameters, ``(n,)`` or ``(n, B)``; the System's when
-    None. covariance : at the start, ``(B, n, n)``, for a single pass; the System's priors for all
-    when None. keep : also return histories of means and innovations.
+        None.
+    covariance : at the start, ``(B, n, n)``, for a single pass; the System's priors for all when
+        None.
+    keep : also return histories of means and innovations.
 
     Raises
     ------

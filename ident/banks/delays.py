@@ -50,8 +50,9 @@ class BankEngine:
     label : for people.
     run : a filter for each value of a held parameter, as ``run_bank``.
     iterated : the same, each linearised anew about its own smoothed result, as
-    ``run_iterated_bank``. alone : one filter with its whole history, as ``filter_alone``. one_pass
-    : one pass over a prepared problem, as ``filter_by_filterpy``.
+        ``run_iterated_bank``.
+    alone : one filter with its whole history, as ``filter_alone``.
+    one_pass : one pass over a prepared problem, as ``filter_by_filterpy``.
     """
 
     name: str
@@ -171,7 +172,8 @@ class SecondPass:
     ----------
     delay : value that the filter was held at, e.g. its delay in s.
     mean, std : largest differences of states and parameters, and of their standard deviations,
-    after the last sample; in sigmas. log_likelihood : relative difference.
+        after the last sample; in sigmas.
+    log_likelihood : relative difference.
     """
 
     delay: float
@@ -199,7 +201,7 @@ def against_filterpy(
     ----------
     record, system, settings : as the bank was run with.
     bank, values : the bank, and the values ``(B,)`` at which its filters hold the parameter
-    ``name``.
+        ``name``.
 
     Returns
     -------
@@ -233,8 +235,10 @@ class BankDifferences:
 
     Attributes
     ----------
-    mean : of states and parameters after the last sample, in sigmas. std : of their sigmas,
-    relative. log_likelihood : relative. sound : whether the same runs are.
+    mean : of states and parameters after the last sample, in sigmas.
+    std : of their sigmas, relative.
+    log_likelihood : relative.
+    sound : whether the same runs are.
     """
 
     mean: float
@@ -314,22 +318,22 @@ class DelayBank:
     Attributes
     ----------
     delays, log_likelihood : ``(B,)`` of the declared grid, s; minus infinity for a filter that
-    broke down. weights : ``(B,)`` likelihoods normalised to a sum of one. bank : the filters of the
-    declared grid. most_likely : the delay of the largest likelihood, s. weighted_mean : the sum of
-    all delays by their weights, s. refined, refined_std : delay between the grid points with its
-    standard deviation, s; the latter is that of white
-        innovations and knows nothing of a model that is wrong.
+        broke down.
+    weights : ``(B,)`` likelihoods normalised to a sum of one.
+    bank : the filters of the declared grid.
+    most_likely : the delay of the largest likelihood, s.
+    weighted_mean : the sum of all delays by their weights, s.
+    refined, refined_std : delay between the grid points with its standard deviation, s; the latter
+        is that of white innovations and knows nothing of a model that is wrong.
     at_edge : no maximum was found inside the grid; the refined delay has no sigma then.
     estimate : the iterated filter at the refined delay, with its history. Where refinement gave a
-    sigma, the delay is the last
-        name and the covariance holds what its uncertainty adds to the others; else the delay is not
-        among the names. Its message tells of contradicted priors.
+        sigma, the delay is the last name and the covariance holds what its uncertainty adds to the
+        others; else the delay is not among the names. Its message tells of contradicted priors.
     contradicted : parameters whose estimate lies more than ``FAR`` sigmas of the prior from the
-    start, with these sigmas. The start
-        holds them back: they hang on it.
+        start, with these sigmas. The start holds them back: they hang on it.
     system : the one that gave ``estimate``, its priors as wide as they were made.
     about : ``(n, N)`` the smoothed trajectory that the refined filters were linearised about; None
-    where none was sound.
+        where none was sound.
     """
 
     delays: np.ndarray
@@ -363,10 +367,11 @@ def run_delay_bank(
     ----------
     record, settings : as for ``run_ekf``.
     system : compiled with ``online=True``; its parameter ``name`` is held, and its value does not
-    matter. delays : at least three, increasing, s. widenings : at most how often the refined bank
-    goes on with priors made wide enough where the record contradicts them, so that the
-        result hangs on no start that is far off; each such prior's sigma becomes the distance from
-        start to estimate. With 0 the declared priors stand.
+        matter.
+    delays : at least three, increasing, s.
+    widenings : at most how often the refined bank goes on with priors made wide enough where the
+        record contradicts them, so that the result hangs on no start that is far off; each such
+        prior's sigma becomes the distance from start to estimate. With 0 the declared priors stand.
     engine : who runs the filters; the result is the same.
 
     Raises

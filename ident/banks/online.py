@@ -52,11 +52,16 @@ class BankState(NamedTuple):
     Attributes
     ----------
     mean : ``(n, B)``, covariance : ``(B, n, n)``, log_likelihood : ``(B,)``, sound : ``(B,)`` as in
-    ``BankEstimate``. innovation : ``(m,)`` of the most likely filter in standard deviations, NaN
-    where nothing was measured. expected : ``(m,)`` what that filter expected of the row's samples,
-    NaN where nothing was measured. skipped : ``(m,)`` samples of this row that were taken for
-    spikes; streak : ``(m,)`` how many in a row. rows_seen : rows so far. past_time, past_inputs :
-    ``(w,)`` and ``(n_u, w)``, the last rows as far back as the longest delay reaches.
+        ``BankEstimate``.
+    innovation : ``(m,)`` of the most likely filter in standard deviations, NaN where nothing was
+        measured.
+    expected : ``(m,)`` what that filter expected of the row's samples, NaN where nothing was
+        measured.
+    skipped : ``(m,)`` samples of this row that were taken for spikes;
+    streak : ``(m,)`` how many in a row.
+    rows_seen : rows so far.
+    past_time, past_inputs : ``(w,)`` and ``(n_u, w)``, the last rows as far back as the longest
+        delay reaches.
     """
 
     mean: np.ndarray
@@ -127,14 +132,15 @@ def online_bank(
     Parameters
     ----------
     system : compiled with ``online=True``, every noise level declared; its parameter ``name`` is
-    held. interval : usual time between rows, s; what is longer is cut into parts of at most one and
-    a half times that. A batch run takes the
-        median of the whole record, and is equal where that leads to the same parts.
+        held.
+    interval : usual time between rows, s; what is longer is cut into parts of at most one and a
+        half times that. A batch run takes the median of the whole record, and is equal where that
+        leads to the same parts.
     delays : increasing, s.
     gate : an innovation beyond so many standard deviations of the most likely filter is a spike,
-    and the sample counts as missing for
-        all filters; after ``LONGEST_SPIKE`` in a row it is believed. The batch pass of the same
-        rows has no gate: it equals this one where those samples are missing.
+        and the sample counts as missing for all filters; after ``LONGEST_SPIKE`` in a row it is
+        believed. The batch pass of the same rows has no gate: it equals this one where those
+        samples are missing.
 
     Raises
     ------

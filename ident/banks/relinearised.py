@@ -84,7 +84,7 @@ def linearise(
     system : for them, as for ``run_delay_bank``.
     first_pass, state : the bank on line after the last row; ``state`` knows the recent inputs.
     elsewhere : means ``(n, K)`` whose parameters are taken as other points to linearise about
-    first.
+        first.
     """
     try:
         bank_result = run_delay_bank(record, system, name=name)

@@ -66,10 +66,12 @@ def compatibility(
     Parameters
     ----------
     records : channels of ``measured_channels``, or of ``six_degrees.channels``; those that all
-    records have are used. settings : constants, limits. each : whether several records are also
-    checked each by itself, which costs as much again; ``single`` is empty where not. six : whether
-    the relations of six degrees of freedom are used; None takes them where one closes that
-    longitudinal motion does not have.
+        records have are used.
+    settings : constants, limits.
+    each : whether several records are also checked each by itself, which costs as much again;
+        ``single`` is empty where not.
+    six : whether the relations of six degrees of freedom are used; None takes them where one closes
+        that longitudinal motion does not have.
 
     Raises
     ------

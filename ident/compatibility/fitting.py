@@ -49,10 +49,13 @@ class KinematicFit:
 
     Attributes
     ----------
-    faults, sizes : what was fitted beside each record's own unknowns. own : values of these, one
-    array a record. noise : of the residual. cost : minus the log likelihood, priors included.
-    residuals : ``(m, N)`` a record, zero where a sample is missing. jacobians : ``(m, N, own +
-    faults)`` a record, of the reconstruction. outputs : ``(m, N)`` what the sensors should read.
+    faults, sizes : what was fitted beside each record's own unknowns.
+    own : values of these, one array a record.
+    noise : of the residual.
+    cost : minus the log likelihood, priors included.
+    residuals : ``(m, N)`` a record, zero where a sample is missing.
+    jacobians : ``(m, N, own + faults)`` a record, of the reconstruction.
+    outputs : ``(m, N)`` what the sensors should read.
     """
 
     signals: tuple[KinematicSignals, ...]

@@ -39,13 +39,18 @@ class KinematicSignals:
 
     Attributes
     ----------
-    name : the record's. channels : those that a relation uses, ``(N,)`` each, gaps bridged by
-    straight lines. outputs : states whose measurement is compared with their reconstruction. valid
-    : ``(m, N)`` samples that count. speed : ``(N,)`` m/s, measured or the constant. gravity : m/s2.
-    vane_arm : m, known beforehand. jumps : ``(N,)`` g, about how far nz may have jumped at the held
-    inputs' switches, summed up; empty without a held input. spikes : number of isolated wrong
-    samples set aside, by channel. instruments : ``(N, L)``, what the recorded controls have moved
-    (``ident.compatibility.signals``); none where no control is recorded.
+    name : the record's.
+    channels : those that a relation uses, ``(N,)`` each, gaps bridged by straight lines.
+    outputs : states whose measurement is compared with their reconstruction.
+    valid : ``(m, N)`` samples that count.
+    speed : ``(N,)`` m/s, measured or the constant.
+    gravity : m/s2.
+    vane_arm : m, known beforehand.
+    jumps : ``(N,)`` g, about how far nz may have jumped at the held inputs' switches, summed up;
+        empty without a held input.
+    spikes : number of isolated wrong samples set aside, by channel.
+    instruments : ``(N, L)``, what the recorded controls have moved
+        (``ident.compatibility.signals``); none where no control is recorded.
     """
 
     name: str

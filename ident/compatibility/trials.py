@@ -148,10 +148,12 @@ class Compatibility:
 
     Attributes
     ----------
-    channels : all that were looked at. relations : by output, the channels that its relation joins.
+    channels : all that were looked at.
+    relations : by output, the channels that its relation joins.
     joint : all records together, sensor faults in common; ``single``: each by itself, empty where
-    that was not asked. cannot_tell : sentences, from the information of the records. notes : what
-    else there is to say.
+        that was not asked.
+    cannot_tell : sentences, from the information of the records.
+    notes : what else there is to say.
     """
 
     channels: tuple[str, ...]

@@ -61,11 +61,12 @@ class FilterSettings:
     ----------
     step : integrator of the mean (``euler_step`` or ``rk4_step``).
     transition : fundamental matrix and process noise (``Taylor(2)``, ``Taylor(3)``,
-    ``Exponential()``). max_step : longest sub-step, s; F is formed anew in each. The sampling
-    interval when infinite. passes : at most how often the record is run through; each pass starts
-    from the parameters that the one
-        before found, with the declared prior covariance, so that F is formed nearer to the truth.
-        It stops when nothing moves by more than a hundredth of a sigma. 1 is the plain filter.
+        ``Exponential()``).
+    max_step : longest sub-step, s; F is formed anew in each. The sampling interval when infinite.
+    passes : at most how often the record is run through; each pass starts from the parameters that
+        the one before found, with the declared prior covariance, so that F is formed nearer to the
+        truth. It stops when nothing moves by more than a hundredth of a sigma. 1 is the plain
+        filter.
     """
 
     step: Step = rk4_step
@@ -89,7 +90,7 @@ def run_ekf(
     system : compiled with ``online=True``; initial state, priors and noise from its declaration.
     settings : integration; RK4 mean and three Taylor terms when None.
     by : what runs a pass; ``filter_by_filterpy`` when None. ``ident.banks.bank.filter_batched`` is
-    the own kernel, equal to rounding.
+        the own kernel, equal to rounding.
 
     Returns
     -------
@@ -155,7 +156,7 @@ def filter_by_filterpy(
     problem, settings : record and System brought together, and how to integrate.
     start : ``(n,)`` mean before the first sample; the declared one when None.
     about : ``(n, N)`` trajectory at the samples to linearise about, instead of the filter's own
-    estimate.
+        estimate.
 
     Returns
     -------
@@ -219,8 +220,8 @@ class _Linearised:
     Attributes
     ----------
     move : from sub-step ``s`` and a point ``(n,)``: the states ``(n_x,)`` after it, the fundamental
-    matrix and Q_k ``(n, n)``. look : from sample ``k`` and a point ``(n,)``: outputs ``(m,)`` and
-    their slopes ``(m, n)``.
+        matrix and Q_k ``(n, n)``.
+    look : from sample ``k`` and a point ``(n,)``: outputs ``(m,)`` and their slopes ``(m, n)``.
     """
 
     move: Callable[[int, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -369,8 +370,10 @@ def run_iterated_ekf(
     ----------
     record, system, settings : as for ``run_ekf``; ``settings.passes`` is not used.
     iterations : limit of passes; it stops when no parameter moves by more than a hundredth of its
-    sigma. first : the same system with another start and narrower priors, for the first pass alone:
-    it gives the first point to linearise at. by : what runs a pass, as for ``run_ekf``.
+        sigma.
+    first : the same system with another start and narrower priors, for the first pass alone: it
+        gives the first point to linearise at.
+    by : what runs a pass, as for ``run_ekf``.
 
     Returns
     -------

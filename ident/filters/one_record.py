@@ -187,11 +187,12 @@ class FilterEquations:
     ----------
     point : ``(n,)`` where they are linearised.
     move : over sub-step ``s``: moves the states of the point, writes the state rows ``(n_x, n)`` of
-    the fundamental matrix into its second
-        argument and returns Q_k ``(n, n)``, None without process noise.
+        the fundamental matrix into its second argument and returns Q_k ``(n, n)``, None without
+        process noise.
     look : at sample ``k``: writes the outputs ``(m,)`` at the point into its second argument and,
-    where ``varying``, their slopes into ``G``. G : ``(m, n + m + 1)``, the slopes, minus the unit
-    matrix, and room for a column. varying : whether the slopes of the outputs change.
+        where ``varying``, their slopes into ``G``.
+    G : ``(m, n + m + 1)``, the slopes, minus the unit matrix, and room for a column.
+    varying : whether the slopes of the outputs change.
     """
 
     point: np.ndarray

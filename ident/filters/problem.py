@@ -149,7 +149,7 @@ def proportional_priors(
     Parameters
     ----------
     engineering : standard deviations by name; it overrides the share, and may name what is not
-    free.
+        free.
 
     Raises
     ------

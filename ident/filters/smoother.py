@@ -124,8 +124,8 @@ class ColouredInnovations:
     covariance : ``(s, s)`` of the parameters, corrected.
     factor : ``(s,)`` corrected standard deviations over those of white noise; at least one.
     lag_one : autocorrelation of the whitened residuals one sample apart, by output that was
-    measured. significant : whether the autocorrelation of some output is more than white noise
-    shows.
+        measured.
+    significant : whether the autocorrelation of some output is more than white noise shows.
     """
 
     names: tuple[str, ...]
@@ -141,7 +141,7 @@ def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
     Parameters
     ----------
     estimate : of an extended or unscented filter, with its history; its parameters are no random
-    walks.
+        walks.
 
     Returns
     -------

@@ -48,7 +48,7 @@ def run_ukf(record: Record, system: System, settings: FilterSettings | None = No
     ----------
     record, system : as for ``run_ekf``.
     settings : ``step``, ``max_step`` and ``passes`` as for ``run_ekf``; ``transition`` serves the
-    process noise only.
+        process noise only.
 
     Returns
     -------
@@ -258,8 +258,9 @@ def run_iterated_ukf(
     ----------
     record, system, settings : as for ``run_ukf``; ``settings.passes`` is not used.
     iterations : limit of passes; it stops when no parameter moves by more than a hundredth of its
-    sigma. first : the same system with narrower priors, for the first pass alone, whose points
-    reach over the prior.
+        sigma.
+    first : the same system with narrower priors, for the first pass alone, whose points reach over
+        the prior.
 
     Returns
     -------

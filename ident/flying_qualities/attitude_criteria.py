@@ -43,8 +43,9 @@ class Bandwidth:
 
     Attributes
     ----------
-    neutral : rad/s, where the phase is -180 deg. phase : rad/s, phase bandwidth, where it is
-        -135 deg. gain : rad/s, gain bandwidth, 6 dB above the gain at ``neutral``.
+    neutral : rad/s, where the phase is -180 deg.
+    phase : rad/s, phase bandwidth, where it is -135 deg.
+    gain : rad/s, gain bandwidth, 6 dB above the gain at ``neutral``.
     delay : s, phase delay, by a straight line between ``neutral`` and twice that.
     notes : why something is None, one sentence each.
     """
@@ -332,10 +333,14 @@ class NealSmith:
 
     Attributes
     ----------
-    demand : what was asked. resonance : dB, the peak of the closed loop. compensation : deg, phase
-        of the pilot's lead (positive) or lag at the bandwidth, without the delay.
-    level : 1, 2 or 3, by the resonance; best, worst : within two standard deviations.
-    droop : dB, the least of the closed loop below the bandwidth. correlation : of both errors.
+    demand : what was asked.
+    resonance : dB, the peak of the closed loop.
+    compensation : deg, phase of the pilot's lead (positive) or lag at the bandwidth, without the
+        delay.
+    level : 1, 2 or 3, by the resonance;
+    best, worst : within two standard deviations.
+    droop : dB, the least of the closed loop below the bandwidth.
+    correlation : of both errors.
     notes : one sentence each.
     """
 

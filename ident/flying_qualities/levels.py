@@ -111,7 +111,7 @@ def qualities(
     ----------
     airspeed, gravity : m/s, m/s2.
     fixed : values of the parameters that were not estimated, e.g. ``{"delay": 0.125}``; they carry
-    no uncertainty.
+        no uncertainty.
 
     Returns
     -------
@@ -271,9 +271,11 @@ class ModeLevel:
     Attributes
     ----------
     mode : one of ``MODES``.
-    level : the most probable, ``WORST`` below level 3. probabilities : of levels 1, 2, 3 and of
-    none of them. decided_by : the quantity that keeps the estimate from the next better level,
-    empty at level 1; ``value`` and ``limit`` are its own. sources : paragraphs of the standard.
+    level : the most probable, ``WORST`` below level 3.
+    probabilities : of levels 1, 2, 3 and of none of them.
+    decided_by : the quantity that keeps the estimate from the next better level, empty at level 1;
+        ``value`` and ``limit`` are its own.
+    sources : paragraphs of the standard.
     """
 
     mode: str

@@ -436,8 +436,10 @@ class StateSpace:
     A, B, C, D : ``(n, n)``, ``(n, m)``, ``(k, n)``, ``(k, m)``.
     states, inputs, outputs : names and units of the n, m and k signals.
     x0, u0, y0 : the point about which it is linearised; ``rates`` are those of the states there,
-    zero in equilibrium. delays : pure delay (s) of each input that has one. left_out : effects with
-    a memory of their own on the way of inputs or outputs, which no matrix here holds.
+        zero in equilibrium.
+    delays : pure delay (s) of each input that has one.
+    left_out : effects with a memory of their own on the way of inputs or outputs, which no matrix
+        here holds.
     """
 
     A: np.ndarray

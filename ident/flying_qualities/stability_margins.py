@@ -44,8 +44,8 @@ class Margin:
     size : the margin and its standard deviation. A gain margin is the change of the loop gain that
         makes the loop unstable: positive where it may rise, negative where it may fall.
     frequency : rad/s, of the crossing.
-    low, high : ends of the 95 % interval. open : the interval reaches an end of the usable band, so
-        that it may be wider.
+    low, high : ends of the 95 % interval.
+    open : the interval reaches an end of the usable band, so that it may be wider.
     """
 
     kind: str
@@ -62,10 +62,11 @@ class StabilityMargins:
 
     Attributes
     ----------
-    gains : at every phase of -180 deg (and whole turns from it). phases : at every gain of one.
-    delay : of the gain crossing that bears the least delay. distance : least distance of the
-        response from -1, the inverse of the peak of the sensitivity; None where it lies at an end
-        of the usable band.
+    gains : at every phase of -180 deg (and whole turns from it).
+    phases : at every gain of one.
+    delay : of the gain crossing that bears the least delay.
+    distance : least distance of the response from -1, the inverse of the peak of the sensitivity;
+        None where it lies at an end of the usable band.
     notes : why something is not known, one sentence each.
     """
 
@@ -366,7 +367,9 @@ class WorstMargin:
 
     Attributes
     ----------
-    name : ``"phase_margin"`` and so on. margin : the least. maneuver : its number, from 0.
+    name : ``"phase_margin"`` and so on.
+    margin : the least.
+    maneuver : its number, from 0.
     half : half width of its interval that holds for all maneuvers together with 95 %.
     values : of every maneuver, None where it does not show the margin.
     p_value : chance that maneuvers of one and the same margin differ as much; one where fewer than

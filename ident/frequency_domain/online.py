@@ -53,12 +53,15 @@ class OnlineEquations:
 
     Attributes
     ----------
-    system : what is identified. names : of its parameters, ``(q,)``; ``positions`` among all.
-    states : rows of the System's states whose equations count. readings : rows of its outputs that
-        are no states. sources : of each state, the row of the output that measures it, -1 where the
-        caller computes it.
-    omega : rad/s, ``(F,)``, evenly spaced. unmixed : ``(n, n)``, states from their outputs: a vane
-        ahead of the centre of gravity reads the pitch rate as well.
+    system : what is identified.
+    names : of its parameters, ``(q,)``; ``positions`` among all.
+    states : rows of the System's states whose equations count.
+    readings : rows of its outputs that are no states.
+    sources : of each state, the row of the output that measures it, -1 where the caller computes
+        it.
+    omega : rad/s, ``(F,)``, evenly spaced.
+    unmixed : ``(n, n)``, states from their outputs: a vane ahead of the centre of gravity reads the
+        pitch rate as well.
     """
 
     system: System
@@ -83,16 +86,19 @@ class Sums:
 
     Attributes
     ----------
-    rows : that counted. time, x, u : of the last, ``(n,)`` and ``(r,)``; None before the first.
-    left : ``(e, F)``, known sides. regressors : ``(e, q, F)``. constant : ``(e, F)``, transform of
-    one. apart, beside : ``(F,)`` and ``(2F - 1,)``, sums of exp(-j omega t) at differences and sums
-    of
+    rows : that counted.
+    time, x, u : of the last, ``(n,)`` and ``(r,)``; None before the first.
+    left : ``(e, F)``, known sides.
+    regressors : ``(e, q, F)``.
+    constant : ``(e, F)``, transform of one.
+    apart, beside : ``(F,)`` and ``(2F - 1,)``, sums of exp(-j omega t) at differences and sums of
         two frequencies.
     noisy : ``(e, n, q + 1, q + 1)``, squares of the slopes by each state of the regressors and,
         last, of the known side, over all samples.
     noise : ``(n + m,)``, sums of the noise deviations of the states and of the outputs that are no
         states, times the samples ``counted``.
-    recent : ``(n + m, 3)``, the last samples of these. first : s, time of the first row.
+    recent : ``(n + m, 3)``, the last samples of these.
+    first : s, time of the first row.
     """
 
     rows: int
@@ -124,8 +130,10 @@ class OnlineEstimate:
     ----------
     values, covariance : ``(q,)`` and ``(q, q)``, the latter by Student's distribution: two standard
         deviations hold 95 %. A parameter that nothing determines has an infinite variance.
-    cost : minus the log likelihood less constants. residuals : ``(e, F)`` complex. levels :
-        ``(e, F)``, their spectrum. degrees : real ones of the noise.
+    cost : minus the log likelihood less constants.
+    residuals : ``(e, F)`` complex.
+    levels : ``(e, F)``, their spectrum.
+    degrees : real ones of the noise.
     """
 
     values: np.ndarray
@@ -154,8 +162,8 @@ def online_equations(
 
     Parameters
     ----------
-    measured : names of the outputs that the stream has. computed : states that the caller computes
-        from the inputs; their equations are left out.
+    measured : names of the outputs that the stream has.
+    computed : states that the caller computes from the inputs; their equations are left out.
 
     Raises
     ------
@@ -261,10 +269,13 @@ def advance(
 
     Parameters
     ----------
-    time : s, ``(N,)``, increasing. inputs : ``(r, N)``, held. outputs : ``(m, N)`` in the System's
-        order, NaN where a sample is missing; a row without one of the states is bridged.
+    time : s, ``(N,)``, increasing.
+    inputs : ``(r, N)``, held.
+    outputs : ``(m, N)`` in the System's order, NaN where a sample is missing; a row without one of
+        the states is bridged.
     values : the last estimate of the parameters, for the curvature within a step; None for the
-    start. computed : ``(n, N)``, states that the caller computes, in their rows.
+        start.
+    computed : ``(n, N)``, states that the caller computes, in their rows.
     """
     n = len(equations.system.states)
     rows = [outputs[source] if source >= 0 else np.zeros(time.size) for source in equations.sources]

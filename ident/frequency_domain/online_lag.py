@@ -45,12 +45,13 @@ class LagStream:
 
     Attributes
     ----------
-    equations : with lag and delay held. sums : of the rows so far, the pseudo-control at zero.
-    times, stick : of the rows, ``(N,)``. turns : ``(N, F)``, exp(-j omega t).
+    equations : with lag and delay held.
+    sums : of the rows so far, the pseudo-control at zero.
+    times, stick : of the rows, ``(N,)``.
+    turns : ``(N, F)``, exp(-j omega t).
     slopes : ``(e, q)``, how the regressors go with the pseudo-control.
     place : the last time constant of the lag and delay, s; ``searched``: rows at the last search
-    from
-        everywhere.
+        from everywhere.
     """
 
     equations: OnlineEquations

@@ -57,10 +57,13 @@ class FrequencyProblem:
 
     Attributes
     ----------
-    system : linear. records : their transforms. delays : position of an input -> name of the
-    parameter by which it is late. names : the shared parameters. start, low, high : of them,
-    ``(q,)``. prior : information on each, ``(q,)``, about the start; zero: none. bands : of each
-    record, the noise band of each frequency.
+    system : linear.
+    records : their transforms.
+    delays : position of an input -> name of the parameter by which it is late.
+    names : the shared parameters.
+    start, low, high : of them, ``(q,)``.
+    prior : information on each, ``(q,)``, about the start; zero: none.
+    bands : of each record, the noise band of each frequency.
     """
 
     system: System
@@ -337,8 +340,9 @@ def fit_frequency_domain(
     Parameters
     ----------
     records : one or more, evenly sampled; each begins and ends as it will. Biases have no part in
-    it. delays : input -> the parameter by which it is late, s; the only effect on the input path
-    that may act.
+        it.
+    delays : input -> the parameter by which it is late, s; the only effect on the input path that
+        may act.
 
     Returns
     -------

@@ -45,10 +45,12 @@ class TransformedRecord:
 
     Attributes
     ----------
-    omega : ``(f,)`` rad/s. ahead : ``(f,)`` exp(j omega dt). bins : ``(f,)`` harmonics that these
-    are. outputs : ``(m, f)`` complex, zero where a channel was not recorded; ``known (m,)``. inputs
-    : ``(r, N)`` samples, of which a delay may shift any. filled : samples of the outputs that were
-    bridged.
+    omega : ``(f,)`` rad/s.
+    ahead : ``(f,)`` exp(j omega dt).
+    bins : ``(f,)`` harmonics that these are.
+    outputs : ``(m, f)`` complex, zero where a channel was not recorded; ``known (m,)``.
+    inputs : ``(r, N)`` samples, of which a delay may shift any.
+    filled : samples of the outputs that were bridged.
     """
 
     record: Record

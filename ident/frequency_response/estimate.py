@@ -47,8 +47,7 @@ class EvenSignals:
     Attributes
     ----------
     step : s. inputs ``(q, N)``, outputs ``(m, N)``, references ``(q or 0, N)``: excitations that
-    the
-        noise does not reach.
+        the noise does not reach.
     """
 
     step: float
@@ -70,8 +69,8 @@ class Spectra:
 
     Attributes
     ----------
-    windows : s, lengths of the Hann windows, the longest first. tapers : sine tapers of each whole
-        record instead; 0 for windows.
+    windows : s, lengths of the Hann windows, the longest first.
+    tapers : sine tapers of each whole record instead; 0 for windows.
     derivatives : of the window, taken along in the regression against the bias of the windows.
     least_coherence : of the usable band.
     """
@@ -99,8 +98,9 @@ class FrequencyResponses:
     input_coherence : ``(q, F)``, of each input with the other inputs, zero with one; of a joint
         estimate of each input with the references.
     usable : bool ``(m, q, F)``, the usable band.
-    averages : ``(m, F)``, number of independent averages. lengths : ``(m, F)``, s, weighted
-        geometric mean of the windows' lengths, by which the errors of neighbours are correlated.
+    averages : ``(m, F)``, number of independent averages.
+    lengths : ``(m, F)``, s, weighted geometric mean of the windows' lengths, by which the errors of
+        neighbours are correlated.
     spectra : how it was estimated.
     joint : whether it is a joint input-output estimate.
     leaked : bool ``(q, F)``, where an input (its reference) has no power of its own: what its

@@ -34,10 +34,13 @@ class ModelFit:
 
     Attributes
     ----------
-    names, values, start : of the free parameters, ``(q,)``. covariance : ``(q, q)``, under the
-        errors of the responses. cramer_rao, insensitivity : ``(q,)``, Tischler's.
-    fixed : values that were held. costs : of each response; ``cost`` their mean.
-    responses : of the fitted model at the targets' frequencies. converged : the search ended.
+    names, values, start : of the free parameters, ``(q,)``.
+    covariance : ``(q, q)``, under the errors of the responses.
+    cramer_rao, insensitivity : ``(q,)``, Tischler's.
+    fixed : values that were held.
+    costs : of each response; ``cost`` their mean.
+    responses : of the fitted model at the targets' frequencies.
+    converged : the search ended.
     """
 
     names: tuple[str, ...]
@@ -79,8 +82,10 @@ def fit_model(
     Parameters
     ----------
     responses : from all parameters the complex responses at the targets' frequencies, in their
-        order. start : of the free parameters; each is searched for from itself, 0.7 and 1.4 times
-        itself. fixed : values that are held. low : least values of some.
+        order.
+    start : of the free parameters; each is searched for from itself, 0.7 and 1.4 times itself.
+    fixed : values that are held.
+    low : least values of some.
 
     Raises
     ------

@@ -66,9 +66,12 @@ class OnlineResponses:
 
     Attributes
     ----------
-    step : s. frequency : Hz, ``(F,)``. spectra : window lengths and least coherence.
+    step : s.
+    frequency : Hz, ``(F,)``.
+    spectra : window lengths and least coherence.
     outputs, inputs : how many; with ``joint`` as many references follow as there are inputs.
-    memory : s. samples : taken so far, those left out counted by their place.
+    memory : s.
+    samples : taken so far, those left out counted by their place.
     """
 
     step: float
@@ -102,9 +105,11 @@ def online_responses(
 
     Parameters
     ----------
-    step : s, between samples. frequency : Hz, ``(F,)``, below half of the rate. lengths : s, of the
-        Hann windows. outputs, inputs : how many signals; ``joint``: with a reference for each
-        input. memory : s, after which a window is forgotten.
+    step : s, between samples.
+    frequency : Hz, ``(F,)``, below half of the rate.
+    lengths : s, of the Hann windows.
+    outputs, inputs : how many signals; ``joint``: with a reference for each input.
+    memory : s, after which a window is forgotten.
 
     Raises
     ------

@@ -52,7 +52,8 @@ class Regression:
     ----------
     coefficients : complex ``(F, K)``.
     covariance : ``(F, K, K)``, of the real and of the imaginary part of each: half of E[|error|^2].
-    noise : ``(F,)``, the noise spectrum S. degrees : ``(F,)``, real degrees of freedom of it.
+    noise : ``(F,)``, the noise spectrum S.
+    degrees : ``(F,)``, real degrees of freedom of it.
     """
 
     coefficients: np.ndarray
@@ -72,8 +73,10 @@ def regress(
 
     Parameters
     ----------
-    output : complex ``(R, F)``. regressors, instruments : complex ``(K, R, F)``.
-    weights : ``(R, F)``, not negative. overlap : ``(R, R)``.
+    output : complex ``(R, F)``.
+    regressors, instruments : complex ``(K, R, F)``.
+    weights : ``(R, F)``, not negative.
+    overlap : ``(R, R)``.
     """
     z = np.moveaxis(regressors, 2, 0)  # (F, K, R)
     left = z if instruments is None else np.moveaxis(instruments, 2, 0)
@@ -158,12 +161,12 @@ class Segments:
 
     Attributes
     ----------
-    transforms : complex ``(S, D, R, F)``: signal, derivative of the window, segment, frequency;
-        the phase counts from the first sample of the record. The windows have unit energy.
+    transforms : complex ``(S, D, R, F)``: signal, derivative of the window, segment, frequency; the
+        phase counts from the first sample of the record. The windows have unit energy.
     windows : ``(R,)``, number of the window length of each row.
     lengths : s, the window lengths.
     overlap : sparse ``(R, R)``, inner products of the windows: the correlation of white noise in
-    two rows.
+        two rows.
     """
 
     transforms: np.ndarray
@@ -194,9 +197,10 @@ def hann_segments(
     Parameters
     ----------
     records : each ``(S, N)``: the same signals in the same order.
-    step : s, between samples. lengths : s, of the windows; a record that is shorter than one has
-        no segment of it.
-    frequency : Hz, ``(F,)``. derivatives : of the window, up to 2.
+    step : s, between samples.
+    lengths : s, of the windows; a record that is shorter than one has no segment of it.
+    frequency : Hz, ``(F,)``.
+    derivatives : of the window, up to 2.
     """
     blocks, windows, starts, owners = [], [], [], []
     for number, length in enumerate(lengths):
@@ -294,7 +298,9 @@ def hann_of_blocks(
     ----------
     parts : complex ``(3, S, B, F)``, transforms of the blocks from their own first samples, at the
         frequencies, and at those lower and higher by one over the window's length.
-    step : s. hop : samples of a block. derivatives : of the window, up to 2.
+    step : s.
+    hop : samples of a block.
+    derivatives : of the window, up to 2.
     """
     size = OVERLAP * hop
     length, count = size * step, parts.shape[2] - OVERLAP + 1
@@ -384,9 +390,10 @@ class SingleInputResponse:
     omega : ``(n,)`` rad/s.
     outputs : names of the m rows.
     response : complex ``(m, n)``, output per input as it acts between samples (the hold is taken
-    out). coherence : ``(m, n)``, 0 to 1: share of the output that follows the input linearly.
+        out).
+    coherence : ``(m, n)``, 0 to 1: share of the output that follows the input linearly.
     bandwidth : half width of the smoothing, rad/s; neighbours closer than twice this are not
-    independent.
+        independent.
     """
 
     omega: np.ndarray
@@ -417,7 +424,7 @@ def estimate_response(
     outputs : all of the record's when None.
     low, high : range of frequencies kept, rad/s.
     tapers : more give less scatter and a coherence that means more, and smear over (tapers + 1) pi
-    / duration.
+        / duration.
 
     Raises
     ------

@@ -35,7 +35,8 @@ class Form:
     ----------
     name : ``"pitch"``, or ``"1/2"`` for orders of numerator and denominator.
     orders : of numerator and denominator.
-    parameters : names of the parameters, the delay last. poles : those of the denominator.
+    parameters : names of the parameters, the delay last.
+    poles : those of the denominator.
     units : by parameter; of the gain those of the response times a power of 1/s.
     """
 
@@ -173,10 +174,12 @@ class ResponseTarget:
 
     Attributes
     ----------
-    name : of the response. omega : rad/s, ``(F,)``. response : complex ``(F,)``.
-    coherence : ``(F,)``, partial where there are several inputs. std : ``(F,)``, of real and
-        imaginary part. length : s, of the windows, one or ``(F,)``: over which frequencies errors
-        are correlated.
+    name : of the response.
+    omega : rad/s, ``(F,)``.
+    response : complex ``(F,)``.
+    coherence : ``(F,)``, partial where there are several inputs.
+    std : ``(F,)``, of real and imaginary part.
+    length : s, of the windows, one or ``(F,)``: over which frequencies errors are correlated.
     """
 
     name: str
@@ -193,10 +196,13 @@ class FittedResponse:
 
     Attributes
     ----------
-    name : of the response. form : of the function. values : all parameters.
+    name : of the response.
+    form : of the function.
+    values : all parameters.
     std, insensitivity : standard deviation of the free ones, and with all others known, which is
         never more.
-    cost : Tischler's J. numerator, denominator : highest power first.
+    cost : Tischler's J.
+    numerator, denominator : highest power first.
     covariance : of the free parameters, in the order of ``std``.
     """
 
@@ -249,7 +255,8 @@ def fit_transfer_functions(
 
     Parameters
     ----------
-    targets, forms : of the same number. fixed : parameter -> value, in every form that has it.
+    targets, forms : of the same number.
+    fixed : parameter -> value, in every form that has it.
     shared_poles : the parameters of the denominators are common to all.
 
     Raises

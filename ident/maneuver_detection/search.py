@@ -91,7 +91,8 @@ def excitation_of(stretch: EvenSegment, start: float, end: float, axis: str) -> 
 
     Parameters
     ----------
-    start, end : s, of the maneuver. axis : one of the keys of ``EQUATIONS``.
+    start, end : s, of the maneuver.
+    axis : one of the keys of ``EQUATIONS``.
     """
     output, regressors = EQUATIONS[axis]
     rows = stretch.rows(start - BEFORE, end + AFTER)

@@ -42,8 +42,7 @@ class FlightSignals:
     time : shape ``(N,)``, s, increasing.
     inputs : control -> ``(N,)``, SI; the keys of ``AXES`` are searched.
     outputs : motion -> ``(N,)``, SI, nz in g; NaN where a sample is missing. Used: alpha, q, nz,
-    theta, airspeed, height or altitude,
-        beta, p, r, phi, psi.
+        theta, airspeed, height or altitude, beta, p, r, phi, psi.
     """
 
     time: np.ndarray
@@ -64,7 +63,7 @@ class DetectedManeuver:
     amplitude : largest deviation from trim, in the channel's unit. Zero of a trim point.
     conditions : mean airspeed (m/s) and height (m), of what is recorded.
     excitation : derivative -> absolute t value of its equation-error estimate from this maneuver
-    alone.
+        alone.
     """
 
     start: float
@@ -122,7 +121,8 @@ class Activity:
 
     Attributes
     ----------
-    deviation : ``(N,)``, control minus trim. energy : ``(N,)``, its short-time root mean square.
+    deviation : ``(N,)``, control minus trim.
+    energy : ``(N,)``, its short-time root mean square.
     rest : ``(N,)``, local level of that at rest.
     """
 
@@ -283,10 +283,12 @@ class Shape:
 
     Attributes
     ----------
-    kind : one of ``KINDS``. first, last : samples, the end excluded. amplitude : largest level, in
-    the input's unit. flatness : one less the root mean square about the levels over their size.
-    edge : least level change over the rest level of changes. sharpness : least share of a level
-    change that is complete within the shortest of ``RISES``.
+    kind : one of ``KINDS``.
+    first, last : samples, the end excluded.
+    amplitude : largest level, in the input's unit.
+    flatness : one less the root mean square about the levels over their size.
+    edge : least level change over the rest level of changes.
+    sharpness : least share of a level change that is complete within the shortest of ``RISES``.
     """
 
     kind: str

@@ -64,10 +64,11 @@ class RecordFinding:
     Attributes
     ----------
     channel : the channel's name, several joined by " and ", or ``"time"``.
-    sentence : what is seen, as it goes on from the channel's name. remedy : what its user can do;
-    empty where there is nothing to do. times : from and to, s, of every place; empty where it is
-    the whole record. mask : shape ``(N,)`` of the record's rows, True at samples of ``channel``
-    that carry no information; of length zero where none are named.
+    sentence : what is seen, as it goes on from the channel's name.
+    remedy : what its user can do; empty where there is nothing to do.
+    times : from and to, s, of every place; empty where it is the whole record.
+    mask : shape ``(N,)`` of the record's rows, True at samples of ``channel`` that carry no
+        information; of length zero where none are named.
     """
 
     channel: str
@@ -91,12 +92,16 @@ class Expectations:
 
     Attributes
     ----------
-    airspeed : m/s. gravity : m/s2.
+    airspeed : m/s.
+    gravity : m/s2.
     control_power : rad/s2 per unit of the control, the pitch acceleration that the first input
-    makes, with its sign. angular_control : the first input is an angle, so that ``control_power``
-    tells radians from degrees. scale_height : m, of the air's density, of a body that falls through
-    it; its height then obeys gravity and drag. aircraft : channels named alpha, q, nz and so on are
-    those of an aircraft, whose motion ties them together.
+        makes, with its sign.
+    angular_control : the first input is an angle, so that ``control_power`` tells radians from
+        degrees.
+    scale_height : m, of the air's density, of a body that falls through it; its height then obeys
+        gravity and drag.
+    aircraft : channels named alpha, q, nz and so on are those of an aircraft, whose motion ties
+        them together.
     """
 
     airspeed: float | None = None
@@ -157,11 +162,14 @@ class Series:
 
     Attributes
     ----------
-    time, values : shape ``(n,)``, s and the channel's unit. rows : their rows in the record.
+    time, values : shape ``(n,)``, s and the channel's unit.
+    rows : their rows in the record.
     least_bit : the step of a grid on which all values lie; 0 where there is none that the samples
-    show. noise : standard deviation of what changes from sample to sample without a motion, by
-    fourth differences; robust. white : whether second differences give the same noise, so that it
-    is noise indeed and not fast motion.
+        show.
+    noise : standard deviation of what changes from sample to sample without a motion, by fourth
+        differences; robust.
+    white : whether second differences give the same noise, so that it is noise indeed and not fast
+        motion.
     """
 
     name: str
@@ -389,10 +397,13 @@ class _NoisePart:
     Attributes
     ----------
     slow : the motion between two samples is less than the roughness, in the mean square and
-    robustly, so that it cannot have made it. motion : root mean square of the change from sample to
-    sample, beyond that of white noise as rough. rough : by input its own noise level or roughness.
-    samples : how many the level is taken from. times : begin and end, s. white : whether second and
-    fourth differences show the same level, as those of noise do.
+        robustly, so that it cannot have made it.
+    motion : root mean square of the change from sample to sample, beyond that of white noise as
+        rough.
+    rough : by input its own noise level or roughness.
+    samples : how many the level is taken from.
+    times : begin and end, s.
+    white : whether second and fourth differences show the same level, as those of noise do.
     """
 
     level: float

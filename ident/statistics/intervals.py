@@ -158,11 +158,12 @@ class Determination:
 
     Attributes
     ----------
-    names : of the parameters, ``n``. prior_std, posterior_std : ``(n,)`` before and after the
-    record. prior_share : ``(n,)`` of each posterior variance that comes from the prior, 0 to 1.
+    names : of the parameters, ``n``.
+    prior_std, posterior_std : ``(n,)`` before and after the record.
+    prior_share : ``(n,)`` of each posterior variance that comes from the prior, 0 to 1.
     strengths : ``(n,)`` singular values, largest first: how many times better than the prior the
-    record knows a direction. directions : ``(n, n)`` unit vectors in prior standard deviations, a
-    column for each strength.
+        record knows a direction.
+    directions : ``(n, n)`` unit vectors in prior standard deviations, a column for each strength.
     """
 
     names: tuple[str, ...]
@@ -310,10 +311,12 @@ def profile_intervals(
 
     Parameters
     ----------
-    names : with their places in ``theta``. bounds : lowest and highest ``theta``.
+    names : with their places in ``theta``.
+    bounds : lowest and highest ``theta``.
     covariances : as printed, and of white residuals, ``(n, n)`` or more; where the first is larger
-    the threshold is too. refit_along : the refits of the parameter at a place, and how the others
-    go with it by the curvature at the maximum, ``(n,)``.
+        the threshold is too.
+    refit_along : the refits of the parameter at a place, and how the others go with it by the
+        curvature at the maximum, ``(n,)``.
     """
     printed, white = covariances
     out = []
@@ -342,11 +345,12 @@ def profile_interval(
 
     Parameters
     ----------
-    value, sigma : estimate and its standard deviation. cost : minus the log likelihood there.
+    value, sigma : estimate and its standard deviation.
+    cost : minus the log likelihood there.
     refit : see ``Refit``; handed the state of the refit before it on the same side, None first.
     inflation : variance of the estimate over that which the likelihood's curvature gives: the drop
-    is as many times ``DROP``, since a
-        likelihood that takes coloured residuals for white is too sharp by that.
+        is as many times ``DROP``, since a likelihood that takes coloured residuals for white is too
+        sharp by that.
     """
     sigma = sigma if math.isfinite(sigma) and sigma > 0.0 else abs(value) or 1.0
     ends = [

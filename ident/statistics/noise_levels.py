@@ -161,9 +161,8 @@ def noise_envelope(
     ----------
     record : measured data, samples taken as evenly spaced.
     start, stop : a quiet stretch, s; the whole record when None, which is as good as long as the
-    motion is slow against
-        the sampling: a third difference lets a motion at w rad/s pass by (w dt)^3/4.5 of its
-        amplitude.
+        motion is slow against the sampling: a third difference lets a motion at w rad/s pass by (w
+        dt)^3/4.5 of its amplitude.
 
     Four samples in a row enter as d = (-y[k] + 3 y[k+1] - 3 y[k+2] + y[k+3]) / sqrt(20), which has
     the variance of white noise. The band is central (quantiles), so that isolated spikes and

@@ -69,8 +69,8 @@ class RecordScores:
 
     Attributes
     ----------
-    at : ``(c,)`` positions of its unknowns. weights : ``(m, N, c)`` such that the gradient is
-    their sum with the residuals.
+    at : ``(c,)`` positions of its unknowns.
+    weights : ``(m, N, c)`` such that the gradient is their sum with the residuals.
     jacobian : ``(m, N, c)`` by which a change of the unknowns changes the fitted outputs.
     residual, valid : ``(m, N)``; all zero where missing.
     """
@@ -441,8 +441,7 @@ def corrected_covariance(
     ----------
     inverse : ``(n, n)`` inverse information matrix under white noise, that of the prior included.
     parts : for each record the positions of its columns in theta, its jacobian ``(m, N, c)``,
-    residuals and validity
-        ``(m, N)``; missing samples count as zero.
+        residuals and validity ``(m, N)``; missing samples count as zero.
     variance : ``(m,)`` noise variance of each output.
     prior : ``(n, n)`` information of the prior, which no colour touches; None where there is none.
 

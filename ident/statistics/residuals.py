@@ -214,7 +214,8 @@ def share_from_inputs(
     Parameters
     ----------
     residuals, valid : ``(m, N)`` measured minus fitted, and which samples there are.
-    inputs : ``(q, N)``. interval : s between samples.
+    inputs : ``(q, N)``.
+    interval : s between samples.
 
     Returns
     -------
@@ -277,7 +278,8 @@ class EstimateDifference:
     ----------
     first, second : values, in ``unit``; ``first_std``, ``second_std`` their standard deviations.
     z : second minus first over the root of both variances' sum; zero where both are without
-    variance and equal. beyond : |z| exceeds the limit asked for.
+        variance and equal.
+    beyond : |z| exceeds the limit asked for.
     """
 
     name: str

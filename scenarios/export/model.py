@@ -41,7 +41,9 @@ class ExportedModel:
 
     Attributes
     ----------
-    name : of the vehicle. model : the name of its equations. made_by : the command of the study.
+    name : of the vehicle.
+    model : the name of its equations.
+    made_by : the command of the study.
     system : compiled, with its values and starting states; SI and radians.
     aircraft : the declaration of a model ``aircraft`` with these values, None of others.
     remarks : sentences on what the written model leaves out.
@@ -65,7 +67,8 @@ class ExportedModel:
 
         Parameters
         ----------
-        target : of ``--to``. holds : what the format is for, as a sentence begins.
+        target : of ``--to``.
+        holds : what the format is for, as a sentence begins.
 
         Raises
         ------
@@ -92,7 +95,8 @@ def exported(
 
     Parameters
     ----------
-    values : of parameters; others keep those of the model. starts : of states.
+    values : of parameters; others keep those of the model.
+    starts : of states.
     aircraft : what the model was made of, of a model ``aircraft``.
 
     Raises
@@ -128,7 +132,8 @@ def model_of_study(folder: Path, user_model: Path | OwnModel | None = None) -> E
 
     Parameters
     ----------
-    folder : of the study, or the file. user_model : the study's own model, which is run.
+    folder : of the study, or the file.
+    user_model : the study's own model, which is run.
 
     Raises
     ------
@@ -342,8 +347,8 @@ class Formulas:
 
     Attributes
     ----------
-    operations : leaves and steps in order. rates, outputs : places of the results, in the order
-        of the system's states and outputs.
+    operations : leaves and steps in order.
+    rates, outputs : places of the results, in the order of the system's states and outputs.
     """
 
     system: System
@@ -420,7 +425,8 @@ def statements(
 
     Parameters
     ----------
-    results : places. names : of signals and parameters, as the language has them.
+    results : places.
+    names : of signals and parameters, as the language has them.
     special : writes what is no sum, product, quotient or comparison, from the texts of its
         arguments.
     """

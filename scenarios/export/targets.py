@@ -211,7 +211,10 @@ def written_model(
 
     Parameters
     ----------
-    study : folder, or a vehicle file. to : the target. out : the file. model : the user's own.
+    study : folder, or a vehicle file.
+    to : the target.
+    out : the file.
+    model : the user's own.
 
     Raises
     ------

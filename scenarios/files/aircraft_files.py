@@ -332,7 +332,8 @@ def written(aircraft: Aircraft, sigmas: Mapping[str, float] | None = None) -> st
 
     Parameters
     ----------
-    aircraft : what to write. sigmas : by parameter, where they are known.
+    aircraft : what to write.
+    sigmas : by parameter, where they are known.
 
     Returns
     -------

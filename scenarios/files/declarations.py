@@ -360,16 +360,19 @@ class ColumnChoice:
     Attributes
     ----------
     column : header of the column, with or without its unit in brackets; its number, counted from 1;
-    or an expression over columns
-        (``scenarios.files.measured.expressions``). In a log of several topics ``topic.field``.
-        Empty: the record has no such channel,
-        whatever its columns are called.
+        or an expression over columns (``scenarios.files.measured.expressions``). In a log of
+        several topics ``topic.field``. Empty: the record has no such channel, whatever its columns
+        are called.
     unit : unit of the column or of the expression's result; None leaves it to the header, or to the
-    units of the columns. scale, offset : the channel is ``scale * column + offset``, in ``unit``,
-    in SI where none is given. delay : s, by which the column was recorded late: the channel at
-    ``t`` is the column at ``t + delay``. table : calibration ``(x1, ...), (y1, ...)``: the channel
-    is linear between the points, in ``unit``; before ``scale``. hold : ``"previous"`` or
-    ``"linear"``: between samples of a column that is slower than the record; None: by the data.
+        units of the columns.
+    scale, offset : the channel is ``scale * column + offset``, in ``unit``, in SI where none is
+        given.
+    delay : s, by which the column was recorded late: the channel at ``t`` is the column at ``t +
+        delay``.
+    table : calibration ``(x1, ...), (y1, ...)``: the channel is linear between the points, in
+        ``unit``; before ``scale``.
+    hold : ``"previous"`` or ``"linear"``: between samples of a column that is slower than the
+        record; None: by the data.
     """
 
     column: str | int

@@ -40,7 +40,8 @@ class Window:
 
     Attributes
     ----------
-    time : shape ``(N,)``, s, increasing. rows : the block of rows in the file's order.
+    time : shape ``(N,)``, s, increasing.
+    rows : the block of rows in the file's order.
     order : position in the block of each sample; None where the block is in order as it is.
     notes : what was done with the time stamps, one sentence each.
     """

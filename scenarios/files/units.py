@@ -97,8 +97,9 @@ def to_si(
     value : the number as the file has it.
     unit : its unit as the file has it; ``""`` means that it is in ``target`` already.
     target : one of ``QUANTITIES``: SI, radians, and ``"g"`` (9.80665 m/s2) for a load factor; or
-    the unit that an own model declares. where : file and column or key, for the message. error :
-    what to raise.
+        the unit that an own model declares.
+    where : file and column or key, for the message.
+    error : what to raise.
 
     Conventions: ``g`` is the standard gravity where an acceleration is due, a gram elsewhere. A
     pound is a mass, but a force in a pressure or where a force is due; a weight per area (lbf/ft2)

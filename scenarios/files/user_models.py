@@ -60,8 +60,9 @@ def take_constraints(
     Parameters
     ----------
     content : the file as read; ``[derivatives]`` receives a start for each parameter that
-    ``[fixed]`` gives a value or ``[tied]`` names. units : what may be estimated, with the unit
-    inside. defaults : starts of what the file need not give.
+        ``[fixed]`` gives a value or ``[tied]`` names.
+    units : what may be estimated, with the unit inside.
+    defaults : starts of what the file need not give.
 
     Raises
     ------

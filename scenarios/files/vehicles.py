@@ -74,23 +74,26 @@ class VehicleFile:
     name : the vehicle's name; the file's where it gives none.
     model : the model it was read for.
     constants : held values in SI. rigid and flexible: ``mass``, ``wing_area``, ``chord``,
-    ``pitch_inertia``, ``airspeed``,
-        ``air_density``; loes: ``airspeed``, ``gravity`` and, if given, ``vane_arm`` (m, ahead of
-        the c.g.); ballistic: ``air_density_reference``, ``density_scale_height``, ``gravity``;
-        lateral and longitudinal: ``LATERAL_CONSTANTS`` and ``LONGITUDINAL_CONSTANTS`` of the
-        equations.
+        ``pitch_inertia``, ``airspeed``, ``air_density``; loes: ``airspeed``, ``gravity`` and, if
+        given, ``vane_arm`` (m, ahead of the c.g.); ballistic: ``air_density_reference``,
+        ``density_scale_height``, ``gravity``; lateral and longitudinal: ``LATERAL_CONSTANTS`` and
+        ``LONGITUDINAL_CONSTANTS`` of the equations.
     derivatives : starting values in SI, per radian (loes: per unit of the stick); of lateral and
-    longitudinal those that are given. modes : for flexible, (number from 1, values) with
-    ``frequency`` rad/s, ``damping``, ``generalized_mass`` kg m2 and the
-        starts ``CL_eta1 CL_etadot1 Cm_eta1 Cm_etadot1 Ceta1_alpha Ceta1_q Ceta1_de Ceta1_eta1
-        Ceta1_etadot1`` of that mode, and the couplings ``Ceta1_eta2 ...`` that the file gives.
+        longitudinal those that are given.
+    modes : for flexible, (number from 1, values) with ``frequency`` rad/s, ``damping``,
+        ``generalized_mass`` kg m2 and the starts ``CL_eta1 CL_etadot1 Cm_eta1 Cm_etadot1
+        Ceta1_alpha Ceta1_q Ceta1_de Ceta1_eta1 Ceta1_etadot1`` of that mode, and the couplings
+        ``Ceta1_eta2 ...`` that the file gives.
     identity : name and hash of the file that was read, None where the values come from elsewhere.
     aircraft_class, flight_phase : as the file has them, None where it does not say: class I to IV,
-    category A to C of MIL-F-8785C. own : a user's own model with these numbers, None for those of
-    ``MODELS``; ``own_file`` is the file that declares it. constraints : parameters that the file
-    fixes, bounds or ties; their starts stand among the derivatives. text : the file as it stands,
-    empty where there is none. uncertainty : standard deviations of constants, in their units (table
-    ``[uncertainty]``); what is not there counts as known.
+        category A to C of MIL-F-8785C.
+    own : a user's own model with these numbers, None for those of ``MODELS``; ``own_file`` is the
+        file that declares it.
+    constraints : parameters that the file fixes, bounds or ties; their starts stand among the
+        derivatives.
+    text : the file as it stands, empty where there is none.
+    uncertainty : standard deviations of constants, in their units (table ``[uncertainty]``); what
+        is not there counts as known.
     """
 
     name: str

@@ -30,9 +30,13 @@ class Flyer:
 
     Attributes
     ----------
-    name : as a sentence has it. kinds : maneuvers that can be flown.
-    shortest_step : s. fastest : Hz, of a sweep. longest_sweep : s, without a rest.
-    rest : s, between maneuvers. rise : s, from rest to the full amplitude.
+    name : as a sentence has it.
+    kinds : maneuvers that can be flown.
+    shortest_step : s.
+    fastest : Hz, of a sweep.
+    longest_sweep : s, without a rest.
+    rest : s, between maneuvers.
+    rise : s, from rest to the full amplitude.
     """
 
     name: str

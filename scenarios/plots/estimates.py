@@ -71,10 +71,9 @@ def figure_parameter_histories(
     Parameters
     ----------
     names, units : parameters (or states) to show, in the history; the axes show where they settle,
-    so a wide band may
-        begin outside.
-    true : dashed lines, named ``true_label``. published : a square after the last sample, prior : a
-    diamond before the first, each with two
+        so a wide band may begin outside.
+    true : dashed lines, named ``true_label``.
+    published : a square after the last sample, prior : a diamond before the first, each with two
         standard deviations where these are known. One far outside the panel becomes an arrow with
         its value.
 
@@ -121,7 +120,8 @@ def figure_watched(
 
     Parameters
     ----------
-    time : ``(N,)`` s. courses : by parameter its unit, values and standard deviations ``(N,)``.
+    time : ``(N,)`` s.
+    courses : by parameter its unit, values and standard deviations ``(N,)``.
     reference : a dashed line and a band of two standard deviations.
 
     An axis shows where an estimate settles, so a wide band may begin outside.
@@ -168,7 +168,8 @@ def figure_poles(poles: np.ndarray, draws: np.ndarray, title: str = "") -> Figur
 
     Parameters
     ----------
-    poles : ``(n,)`` complex, 1/s. draws : ``(N, n)``, poles at estimates drawn from the covariance.
+    poles : ``(n,)`` complex, 1/s.
+    draws : ``(N, n)``, poles at estimates drawn from the covariance.
 
     Poles right of the axis are unstable. The distance from the origin is the natural frequency, the
     cosine of the angle to the negative real axis the damping ratio.

@@ -58,7 +58,8 @@ class LikelihoodCurve:
 
     Attributes
     ----------
-    delays : s, ``(B,)``. log_likelihood : ``(B,)``.
+    delays : s, ``(B,)``.
+    log_likelihood : ``(B,)``.
     most_likely, weighted_mean, refined : estimates of the delay, s.
     refined_std : standard deviation of ``refined``, s; 0 where it has none.
     """

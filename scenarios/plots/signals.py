@@ -130,9 +130,11 @@ def figure_fit(
     Parameters
     ----------
     responses : one for each method, drawn over each other; outputs of which none speaks are left
-    out. truth : its noise-free outputs are added, dashed. noise_std : by output; adds a band of two
-    standard deviations of the measurement noise to the residual. above : channels that stand by
-    themselves above the outputs, such as inputs and airspeed.
+        out.
+    truth : its noise-free outputs are added, dashed.
+    noise_std : by output; adds a band of two standard deviations of the measurement noise to the
+        residual.
+    above : channels that stand by themselves above the outputs, such as inputs and airspeed.
 
     Angles in degrees. Raises ModelError when no response speaks of any output.
     """

@@ -247,8 +247,11 @@ class PanelsOverNames:
 
     Attributes
     ----------
-    sheet : the panels. names : along each axis. kind : what a name is of, in a word. title : with
-    the numbered names. numbered : whether they are.
+    sheet : the panels.
+    names : along each axis.
+    kind : what a name is of, in a word.
+    title : with the numbered names.
+    numbered : whether they are.
     """
 
     sheet: Sheet

@@ -72,9 +72,12 @@ class Guess:
 
     Attributes
     ----------
-    channel : our name. choice : the column or expression. reason : why this one, in a few words.
-    least, most : of its values, SI. samples : how many numbers it has. fault : what is wrong with
-    it, empty where nothing is.
+    channel : our name.
+    choice : the column or expression.
+    reason : why this one, in a few words.
+    least, most : of its values, SI.
+    samples : how many numbers it has.
+    fault : what is wrong with it, empty where nothing is.
     """
 
     channel: str
@@ -104,11 +107,13 @@ class Draft:
 
     Attributes
     ----------
-    file : the record file. topics : its topics. guesses : channels found, in the order of our
-    channels. faults : everything that is wrong with the file, one line each. unused : columns that
-    no channel takes. model : the model that the channels fit, empty where none does. clockless :
-    the file has no
-        clock, and no rate was given.
+    file : the record file.
+    topics : its topics.
+    guesses : channels found, in the order of our channels.
+    faults : everything that is wrong with the file, one line each.
+    unused : columns that no channel takes.
+    model : the model that the channels fit, empty where none does.
+    clockless : the file has no clock, and no rate was given.
     """
 
     file: RecordFile
@@ -125,7 +130,8 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
 
     Parameters
     ----------
-    file : the file as it was read. rate : Hz, of a file without a clock.
+    file : the file as it was read.
+    rate : Hz, of a file without a clock.
     """
     topics = _topics_of(file)
     result = _guesses(CHANNEL_UNITS, topics, _in_degrees(topics))
@@ -160,7 +166,8 @@ def recognised(file: RecordFile, channels: Iterable[str]) -> Mapping[str, str]:
 
     Parameters
     ----------
-    file : the file as it was read. channels : our names of the channels that are looked for.
+    file : the file as it was read.
+    channels : our names of the channels that are looked for.
 
     Returns
     -------

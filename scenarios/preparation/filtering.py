@@ -35,8 +35,8 @@ class Parted:
 
     Attributes
     ----------
-    name : of the record. time : shape ``(N,)``, s, of all its rows; None where its parts are
-        resampled.
+    name : of the record.
+    time : shape ``(N,)``, s, of all its rows; None where its parts are resampled.
     count : number of its parts.
     """
 
@@ -63,8 +63,9 @@ def put_together(
 
     Parameters
     ----------
-    parted : the record. parts : in the order of their times. rows : predictions, each ``(m, n)``
-        for each part.
+    parted : the record.
+    parts : in the order of their times.
+    rows : predictions, each ``(m, n)`` for each part.
     """
     if len(parts) == 1 and (parted.time is None or len(parts[0]) == parted.time.size):
         return replace(parts[0], name=parted.name), [of_parts[0] for of_parts in rows]

@@ -49,14 +49,15 @@ class Plan:
     ----------
     segments : each becomes a record of its own.
     hold : behaviour of the inputs between samples; None: as the file's sidecar says, else as the
-    data say. rate : Hz, to which all channels are resampled behind one anti-alias filter; None
-    keeps the samples. Of a file without a clock it is the
-        rate of its rows, and of a log of several topics the rate of the grid that they are put on.
+        data say.
+    rate : Hz, to which all channels are resampled behind one anti-alias filter; None keeps the
+        samples. Of a file without a clock it is the rate of its rows, and of a log of several
+        topics the rate of the grid that they are put on.
     lowpass : Hz, corner of one zero-phase filter for all channels; None leaves them unfiltered.
     columns : names of a file's columns, in their order, where it has no header or another one is
-    wanted; none keeps its own. trusted : what the raw columns show is only warned of; nothing is
-    refused or set aside for it. chosen : sentences on where the segments come from, where a file of
-    maneuvers gave them.
+        wanted; none keeps its own.
+    trusted : what the raw columns show is only warned of; nothing is refused or set aside for it.
+    chosen : sentences on where the segments come from, where a file of maneuvers gave them.
     """
 
     segments: tuple[Segment, ...] = WHOLE
@@ -184,13 +185,17 @@ class Request:
     ----------
     records : files that are fitted or checked.
     model : one of ``MODELS`` of the vehicle files, or a user's Python file or model; empty where
-    none is asked for. vehicle : constants and starting values; None takes ``vehicle.toml`` from the
-    folder of the first record. An own model can do without. validate : files that are predicted,
-    whole. effects : a user's Python file, which is run, or effects. channels : a channel map, for
-    all records. aircraft_class, flight_phase : class I to IV and category A to C of MIL-F-8785C;
-    None takes the vehicle file's. effort : how far a diagnosis looks, one of
-    ``ident.tracing.settings.EFFORTS``. plan : segments of ``records`` (those of ``validate`` are
-    not cut), and how all of them are prepared.
+        none is asked for.
+    vehicle : constants and starting values; None takes ``vehicle.toml`` from the folder of the
+        first record. An own model can do without.
+    validate : files that are predicted, whole.
+    effects : a user's Python file, which is run, or effects.
+    channels : a channel map, for all records.
+    aircraft_class, flight_phase : class I to IV and category A to C of MIL-F-8785C; None takes the
+        vehicle file's.
+    effort : how far a diagnosis looks, one of ``ident.tracing.settings.EFFORTS``.
+    plan : segments of ``records`` (those of ``validate`` are not cut), and how all of them are
+        prepared.
     """
 
     records: tuple[Path | RecordFile, ...]

@@ -75,7 +75,8 @@ def refuse_unfit_records(records: Sequence[Record], model: Model) -> None:
 
     Parameters
     ----------
-    records : of one call, SI. model : with its free parameters.
+    records : of one call, SI.
+    model : with its free parameters.
 
     Raises
     ------
@@ -136,8 +137,8 @@ def refuse_moving_together(
 
     Parameters
     ----------
-    records : of one call. groups : signals of terms, surfaces or mixes, whose effects are to be
-        told apart.
+    records : of one call.
+    groups : signals of terms, surfaces or mixes, whose effects are to be told apart.
     """
     rows = surface_motion(records, aircraft)
     pairs = {tuple(sorted(pair)) for group in groups for pair in combinations(sorted(group), 2)}
@@ -175,7 +176,8 @@ def surface_motion(records: Sequence[Record], aircraft: Aircraft) -> Mapping[str
 
     Parameters
     ----------
-    records : of one call. aircraft : what declares surfaces and mixes.
+    records : of one call.
+    aircraft : what declares surfaces and mixes.
     """
     parts: dict[str, list[np.ndarray]] = {}
     for record in records:
@@ -232,8 +234,10 @@ class PreparedData:
     fitted, validation : records for it; those with gaps in time are there in parts.
     parted : records that are predicted, each with the number of its parts in ``validation``.
     measured : the fitted records as they would be written: before trims are taken off and the flow
-    becomes an input. notes : what was done, one sentence each. doubts : what in the files is likely
-    to be wrong, and the remedy. look : what the raw columns show.
+        becomes an input.
+    notes : what was done, one sentence each.
+    doubts : what in the files is likely to be wrong, and the remedy.
+    look : what the raw columns show.
     """
 
     model: Model

@@ -110,14 +110,20 @@ class ResponseEstimates:
 
     Attributes
     ----------
-    identities : the files. parts : names of the records and parts that were pooled.
-    names : signals. units : by signal.
+    identities : the files.
+    parts : names of the records and parts that were pooled.
+    names : signals.
+    units : by signal.
     responses : the estimate, by the joint input-output method where references are named.
     direct : the direct estimate besides, where references are named.
-    rate : Hz, of the samples that were used. notes : what was done. cautions : what a user should
-        know. simulated : a program made all records. fits : transfer functions of the responses.
-        model : a linear one that was fitted to them.
-    qualities : flying qualities of the responses. loop : stability margins.
+    rate : Hz, of the samples that were used.
+    notes : what was done.
+    cautions : what a user should know.
+    simulated : a program made all records.
+    fits : transfer functions of the responses.
+    model : a linear one that was fitted to them.
+    qualities : flying qualities of the responses.
+    loop : stability margins.
     """
 
     identities: tuple[InputFile, ...]

@@ -55,7 +55,8 @@ class FitOptions:
     Attributes
     ----------
     forms : ``FORM`` for every response or ``OUTPUT=FORM``; empty fits none.
-    fixed : ``NAME=VALUE``. shared_poles : all denominators are the same.
+    fixed : ``NAME=VALUE``.
+    shared_poles : all denominators are the same.
     """
 
     forms: tuple[str, ...] = ()
@@ -89,7 +90,8 @@ class Mismatch:
 
     Attributes
     ----------
-    frequency : Hz. gain : dB, phase : deg, of the estimate over the model.
+    frequency : Hz.
+    gain : dB, phase : deg, of the estimate over the model.
     gain_error, phase_error : half widths of their 95 % bands.
     """
 
@@ -124,7 +126,9 @@ class Fits:
 
     Attributes
     ----------
-    fit : all of them. places : row and column of the response of each. mismatches : of each.
+    fit : all of them.
+    places : row and column of the response of each.
+    mismatches : of each.
     """
 
     fit: TransferFit

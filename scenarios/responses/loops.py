@@ -46,12 +46,15 @@ class LoopMargins:
 
     Attributes
     ----------
-    name : ``"returned/command"``. sign : ``"minus"`` where the returned signal is subtracted.
-    curve, margins : of all records together. maneuvers : of each part by itself, None where it
-        gives no estimate; ``parts``: their names, ``reasons``: why, by name.
+    name : ``"returned/command"``.
+    sign : ``"minus"`` where the returned signal is subtracted.
+    curve, margins : of all records together.
+    maneuvers : of each part by itself, None where it gives no estimate; ``parts``: their names,
+        ``reasons``: why, by name.
     worst : the least of each margin over the parts; empty with one part.
-    cautions : what a user should know. contradicted : whether excitation, command and returned
-        signal say the other sign; the margins are then those of another loop.
+    cautions : what a user should know.
+    contradicted : whether excitation, command and returned signal say the other sign; the margins
+        are then those of another loop.
     """
 
     name: str

@@ -51,7 +51,8 @@ class LevelOptions:
     Attributes
     ----------
     flown : ``CLASS-CATEGORY``, class I, II-C, II-L, III or IV and category A, B or C of the flight
-        phase, as in ``IV-A``; None judges nothing. airspeed : m/s, for n/alpha and CAP.
+        phase, as in ``IV-A``; None judges nothing.
+    airspeed : m/s, for n/alpha and CAP.
     """
 
     flown: str | None = None
@@ -117,11 +118,16 @@ class Qualities:
 
     Attributes
     ----------
-    name : of the response. place : its row and column.
-    bandwidth, curve : where a kind of output is named. dropback : where ``pitch`` is fitted, s.
-    form : quantities of a fitted form. levels : of these, where limits are asked for.
-    overshoot : of the pitch rate after a step, largest over steady. pilot : of Neal and Smith, or
-        why there is none. flown : class and category of the levels. form_name : of the fitted form.
+    name : of the response.
+    place : its row and column.
+    bandwidth, curve : where a kind of output is named.
+    dropback : where ``pitch`` is fitted, s.
+    form : quantities of a fitted form.
+    levels : of these, where limits are asked for.
+    overshoot : of the pitch rate after a step, largest over steady.
+    pilot : of Neal and Smith, or why there is none.
+    flown : class and category of the levels.
+    form_name : of the fitted form.
     """
 
     name: str
@@ -194,8 +200,11 @@ class ChartLevel:
 
     Attributes
     ----------
-    name : of the criterion. words : what is judged. level : 1 to 4, 4 outside all; best, worst :
-        within two standard deviations. source : of the limits.
+    name : of the criterion.
+    words : what is judged.
+    level : 1 to 4, 4 outside all;
+    best, worst : within two standard deviations.
+    source : of the limits.
     """
 
     name: str

@@ -183,11 +183,14 @@ class StudyColumn:
 
     Attributes
     ----------
-    label : what tells it from the others, unique in a comparison. folder, method : where it comes
-    from; ``method`` is empty for the main one. title : the study's own. estimator : the word of the
-    study for how it was estimated. outcome : code of the estimate, or the verdict. seed : None of a
-    measured record. values, derived : parameters and derived quantities by name. responses :
-    outputs over time; None where the folder has none.
+    label : what tells it from the others, unique in a comparison.
+    folder, method : where it comes from; ``method`` is empty for the main one.
+    title : the study's own.
+    estimator : the word of the study for how it was estimated.
+    outcome : code of the estimate, or the verdict.
+    seed : None of a measured record.
+    values, derived : parameters and derived quantities by name.
+    responses : outputs over time; None where the folder has none.
     """
 
     label: str
@@ -337,7 +340,8 @@ def read_columns(studies: Sequence[str], every: bool = False) -> tuple[StudyColu
     Parameters
     ----------
     studies : folders of studies or the JSON in them; ``FOLDER:METHOD`` is one of its further
-    methods. every : all methods of each study, its main one first.
+        methods.
+    every : all methods of each study, its main one first.
 
     Raises
     ------

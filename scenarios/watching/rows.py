@@ -204,12 +204,13 @@ class Header:
     ----------
     columns : of the channels in the order time, stick, alpha, q, nz; None where an output is
         absent, or the clock.
-    width : number of cells in a row. name : of the stream.
+    width : number of cells in a row.
+    name : of the stream.
     rate : Hz, of a stream without a clock; ``first``: the line of its first row.
     computed : the file without rows and the channel map, where channels are computed; ``columns``
         are then those of the wider table.
-    sources : columns of the stream that are read, in the order of their places. signals : the
-        channels.
+    sources : columns of the stream that are read, in the order of their places.
+    signals : the channels.
     """
 
     columns: tuple[SourceColumn | None, ...]
@@ -269,12 +270,14 @@ def read_header(
 
     Parameters
     ----------
-    line : the header, or the first row where ``names`` are given and there is none. name : of the
-        stream.
-    choices : channel map. units : the sidecar's. names : of the columns, in their order, instead of
-        the header's.
-    rate : Hz, of a stream without a clock. first : line of the first row. signals : channels to
-    read.
+    line : the header, or the first row where ``names`` are given and there is none.
+    name : of the stream.
+    choices : channel map.
+    units : the sidecar's.
+    names : of the columns, in their order, instead of the header's.
+    rate : Hz, of a stream without a clock.
+    first : line of the first row.
+    signals : channels to read.
 
     Raises
     ------

@@ -90,14 +90,17 @@ class LoopFlight:
 
     Attributes
     ----------
-    airframe : ``"P"``, ``"S"``, ``"F"``, ``"D"`` or ``"R"``. duration : s.
+    airframe : ``"P"``, ``"S"``, ``"F"``, ``"D"`` or ``"R"``.
+    duration : s.
     noise : whether the telemetry is noisy.
     dead_band, curvature : of the stick, in and 1/in; None keeps the aircraft's.
     rate_limits : whether the rams have their rate limits.
     low_order : fly the loop's own low-order equivalent instead of the loop, to see what the model's
-    order does. gust : spectral density of white vertical-gust forcing of the low-order truth's
-    pitch rate, (rad/s2)^2 s; 0 without. spike : in the recorded stick; the control computer did not
-    see it. noise_std : of the telemetry by output, rad, rad/s and g; empty keeps the aircraft's.
+        order does.
+    gust : spectral density of white vertical-gust forcing of the low-order truth's pitch rate,
+        (rad/s2)^2 s; 0 without.
+    spike : in the recorded stick; the control computer did not see it.
+    noise_std : of the telemetry by output, rad, rad/s and g; empty keeps the aircraft's.
     """
 
     airframe: str
@@ -120,14 +123,18 @@ class LoopEstimation:
     Attributes
     ----------
     start : starting values by name; of ``start_from`` where that names another scenario, whose
-    plain bank then runs first. noise_from : ``"sensors"`` takes the sensors' sigma, ``"envelope"``
-    reads it off the record; times ``noise_share``. process_noise : spectral densities by state,
-    (unit/s)^2 s. initial_std : of alpha, q and delta at the window's begin; of alpha and q the
-    noise's where not given, as in the paper. window_start, window_stop : part of the record that is
-    used, s. prior : P0 of the parameters: ``"quarter"`` of the start, or ``"printed"`` as in the
-    paper's Tables 1 and 2. restarts : start the refined filter again from its own result until it
-    settles, at most so often. engine : who runs the filters, a key of
-    ``ident.banks.delays.ENGINES``; the result is the same.
+        plain bank then runs first.
+    noise_from : ``"sensors"`` takes the sensors' sigma, ``"envelope"`` reads it off the record;
+        times ``noise_share``.
+    process_noise : spectral densities by state, (unit/s)^2 s.
+    initial_std : of alpha, q and delta at the window's begin; of alpha and q the noise's where not
+        given, as in the paper.
+    window_start, window_stop : part of the record that is used, s.
+    prior : P0 of the parameters: ``"quarter"`` of the start, or ``"printed"`` as in the paper's
+        Tables 1 and 2.
+    restarts : start the refined filter again from its own result until it settles, at most so
+        often.
+    engine : who runs the filters, a key of ``ident.banks.delays.ENGINES``; the result is the same.
     """
 
     start: Mapping[str, float]
@@ -182,13 +189,17 @@ class LoopScenario:
     Attributes
     ----------
     published : columns of the paper's tables to print, the scenario's own first.
-    against : what the result is compared with. together : scenarios printed side by side as the
-    paper's Table 3. methods : names of ``METHODS`` whose results stand beside the scenario's own.
-    margins : what is varied of the loop's margins. variants : see ``Variant``. stretch : an
-    interval (s) whose misfit is told apart from the rest. peak : an interval with a final peak.
-    choices : values that no source gives. seeds : flights with the seeds 1 to this one that the
-    paper's bank estimates, too; 0 for none. findings : what holds or stays open whatever the
-    numbers are, in words, to be read with what is computed from them.
+    against : what the result is compared with.
+    together : scenarios printed side by side as the paper's Table 3.
+    methods : names of ``METHODS`` whose results stand beside the scenario's own.
+    margins : what is varied of the loop's margins.
+    variants : see ``Variant``.
+    stretch : an interval (s) whose misfit is told apart from the rest.
+    peak : an interval with a final peak.
+    choices : values that no source gives.
+    seeds : flights with the seeds 1 to this one that the paper's bank estimates, too; 0 for none.
+    findings : what holds or stays open whatever the numbers are, in words, to be read with what is
+        computed from them.
     """
 
     name: str

@@ -208,11 +208,14 @@ class Misfit:
     ----------
     rms : measured minus simulated over the noise's sigma, by output.
     stretch, elsewhere : rms of q (over sigma) inside the scenario's stretch and outside; zero where
-    it has none. peak_measured, peak_simulated : q at the largest |q| of the scenario's peak
-    interval, rad/s; zero where it has none. lag_one : lag-one correlation of the normalised q
-    innovations. q_box : Ljung-Box statistic over 25 lags. low_share : share of the q innovations'
-    power below a fifth of the Nyquist frequency; white noise has a fifth. ratio : root mean square
-    of all normalised innovations.
+        it has none.
+    peak_measured, peak_simulated : q at the largest |q| of the scenario's peak interval, rad/s;
+        zero where it has none.
+    lag_one : lag-one correlation of the normalised q innovations.
+    q_box : Ljung-Box statistic over 25 lags.
+    low_share : share of the q innovations' power below a fifth of the Nyquist frequency; white
+        noise has a fifth.
+    ratio : root mean square of all normalised innovations.
     """
 
     rms: dict[str, float]
@@ -510,7 +513,9 @@ class OverSeeds:
 
     Attributes
     ----------
-    seeds : ``(k,)``. delays : the most likely delay of each, s. names : of the parameters.
+    seeds : ``(k,)``.
+    delays : the most likely delay of each, s.
+    names : of the parameters.
     values : ``(k, n)`` parameters of the filter at that delay.
     """
 

@@ -39,11 +39,13 @@ class LinearCheck:
     ----------
     time : ``(F,)`` s, frames of the control computer.
     simulated, linear : ``(3, F)``: alpha (rad), q (rad/s) and incremental nz (g), without noise.
-    misfit : by output. apart : of q, with one departure from linearity left in at a time, and with
-    none. stick : largest of the flown stick, in. sticks : largest of the same stick at other sizes,
-    in. curves : misfit of q at ``sticks``, whole and with departures taken out; NaN where the
-    aircraft departs. limited : share of the flown frames in which a command, a rate or a travel
-    limit was met.
+    misfit : by output.
+    apart : of q, with one departure from linearity left in at a time, and with none.
+    stick : largest of the flown stick, in.
+    sticks : largest of the same stick at other sizes, in.
+    curves : misfit of q at ``sticks``, whole and with departures taken out; NaN where the aircraft
+        departs.
+    limited : share of the flown frames in which a command, a rate or a travel limit was met.
     """
 
     time: np.ndarray

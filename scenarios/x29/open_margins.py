@@ -154,7 +154,8 @@ class MarginDesign:
 
     Attributes
     ----------
-    places : ``(N, open values)``, -1 to 1. simulation, flight : ``(N,)`` phase margins, deg.
+    places : ``(N, open values)``, -1 to 1.
+    simulation, flight : ``(N,)`` phase margins, deg.
     plausible : ``(N,)`` whether both aircraft are stable and have the paper's equivalents.
     """
 
@@ -182,9 +183,9 @@ class OpenMargins:
     Attributes
     ----------
     effects : by open value, deg that the difference gains from the middle of its range to the high
-    end; of a straight line through all
-        plausible points, empty where there are too few. middle : deg at the middle of all ranges.
-        explained : share of the variance.
+        end; of a straight line through all plausible points, empty where there are too few.
+    middle : deg at the middle of all ranges.
+    explained : share of the variance.
     declared : flight less simulation of the airframes as they are declared, deg.
     """
 

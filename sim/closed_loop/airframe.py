@@ -63,7 +63,9 @@ class Actuator:
     ----------
     mixing : deg of surface per deg of u_p.
     trim, lower, upper : deg, absolute; the travel about trim is ``lower - trim`` to ``upper -
-    trim``. rate : largest rate of the ram, deg/s. ram : bandwidth of the ram, rad/s.
+        trim``.
+    rate : largest rate of the ram, deg/s.
+    ram : bandwidth of the ram, rad/s.
     servo_frequency, servo_damping : rad/s and 1; both None for a surface that has a ram only.
     """
 
@@ -125,7 +127,7 @@ class StickShaping:
     delay_frames : N, frames.
     lag : wp, rad/s, by Tustin's rule.
     recorded_skew : s by which the recorded stick leads the recorded outputs, see
-    ``fly_closed_loop``.
+        ``fly_closed_loop``.
     """
 
     dead_band: float

@@ -102,7 +102,8 @@ class Plant:
     ----------
     A, B : ``(n, n)`` and ``(n, 3)``; inputs are the surface commands (deg, about trim).
     C : ``(8, n)``, outputs in the order of ``OUTPUT_NAMES``; there is no feedthrough, gyro in
-    deg/s, nz incremental. rams : states that are the three surfaces' positions.
+        deg/s, nz incremental.
+    rams : states that are the three surfaces' positions.
     """
 
     A: np.ndarray
@@ -229,11 +230,13 @@ class Stepper:
     Attributes
     ----------
     free : ``(m, m)``, moves the extended state (plant state, three commands, 1) over the span with
-    every ram free. watch : ``(k, m)``, rates and positions of the rams at the ends of the pieces,
-    scaled so that the limits are -1 and 1. ram_rate : ``(3, m)``, rates the rams would have when
-    free, deg/s. rams, rates, lower, upper : positions in the state, and limits about trim, deg/s
-    and deg. powers : for a set of modes the exponentials of a piece halved 0, 1, ... times, ``(21,
-    m, m)``; made once each.
+        every ram free.
+    watch : ``(k, m)``, rates and positions of the rams at the ends of the pieces, scaled so that
+        the limits are -1 and 1.
+    ram_rate : ``(3, m)``, rates the rams would have when free, deg/s.
+    rams, rates, lower, upper : positions in the state, and limits about trim, deg/s and deg.
+    powers : for a set of modes the exponentials of a piece halved 0, 1, ... times, ``(21, m, m)``;
+        made once each.
     """
 
     free: np.ndarray

@@ -214,7 +214,7 @@ class LoopNoise:
     ----------
     gyro, accelerometer : deg/s and g, white from frame to frame, of the sensors that the law reads.
     rough_air : deg of u_p, a disturbance of the surfaces with a time constant of ``rough_air_time``
-    s.
+        s.
     """
 
     gyro: float = 0.05
@@ -232,7 +232,8 @@ def loop_test(
 
     Parameters
     ----------
-    sweep : ``(N,)``, deg of u_p at every frame. rng : of noise and rough air.
+    sweep : ``(N,)``, deg of u_p at every frame.
+    rng : of noise and rough air.
 
     Returns
     -------
@@ -370,8 +371,11 @@ def fit_equivalent(
     ----------
     omega : ``(n,)``, rad/s, positive.
     response : complex ``(3, n)``: alpha (rad/in), q (rad/s/in), incremental nz (g/in), nowhere
-    zero. airspeed, gravity : m/s, m/s2. L_q : held at this value. near : the equivalent of a loop
-    nearby: a few Gauss-Newton steps from it, and the whole search only where they do not settle.
+        zero.
+    airspeed, gravity : m/s, m/s2.
+    L_q : held at this value.
+    near : the equivalent of a loop nearby: a few Gauss-Newton steps from it, and the whole search
+        only where they do not settle.
 
     Returns the least-squares fit of gain in dB and weighted phase over all three channels with
     equal weight. Raises ModelError when shapes do not agree, a frequency is not positive, or a

@@ -160,8 +160,8 @@ class FrameBlock:
 
     Attributes
     ----------
-    from_start : ``((FRAMES + 1) d, d)``, w at every frame from w at the first. from_input :
-    ``((FRAMES + 1) d, FRAMES)``, from r.
+    from_start : ``((FRAMES + 1) d, d)``, w at every frame from w at the first.
+    from_input : ``((FRAMES + 1) d, FRAMES)``, from r.
     """
 
     from_start: np.ndarray
@@ -209,9 +209,11 @@ class FreeFrames:
 
     Attributes
     ----------
-    prepared : the loop over a stretch. watch, offset : ``(v, d)`` and ``(v,)``: a frame is free
-    where ``|watch w + offset|`` stays below one. command : ``(d,)``, u_p. inner : ``(n, d)``, plant
-    states at the last look of a record within the frame.
+    prepared : the loop over a stretch.
+    watch, offset : ``(v, d)`` and ``(v,)``: a frame is free where ``|watch w + offset|`` stays
+        below one.
+    command : ``(d,)``, u_p.
+    inner : ``(n, d)``, plant states at the last look of a record within the frame.
     """
 
     prepared: FrameBlock
@@ -281,11 +283,12 @@ class ClosedLoopTruth:
     ----------
     time : ``(F,)``, s.
     stick, reference, command : ``(F,)``; stick as the computer read it (in), r (g), u_p (deg) held
-    from this frame on. alpha, q, nz : ``(F,)``; rad and rad/s about trim, total g at the centre of
-    gravity. surfaces : ``(3, F)``, deg about trim; canard, flaperon, strake. command_limited,
-    rate_limited, stopped : ``(3, F)`` bool: the command was cut to the travel; the ram was at its
-    rate limit, or at
-        an end of its travel, at some instant of the frame that begins there.
+        from this frame on.
+    alpha, q, nz : ``(F,)``; rad and rad/s about trim, total g at the centre of gravity.
+    surfaces : ``(3, F)``, deg about trim; canard, flaperon, strake.
+    command_limited, rate_limited, stopped : ``(3, F)`` bool: the command was cut to the travel; the
+        ram was at its rate limit, or at an end of its travel, at some instant of the frame that
+        begins there.
     recorded : ``(3, N)``, the record's outputs without noise.
     outcome : COMPLETED, or DEPARTED when alpha passed 1 rad; the flight and the record end there.
     """
@@ -323,9 +326,10 @@ def fly_closed_loop(
     Parameters
     ----------
     stick : a function of time (array of s to array of in, aft +), read at the frames, or an array
-    with one value a frame. rng : source of the measurement noise, whose levels stand in
-    ``x29.telemetry``; None records without noise. pieces : how often in a frame the limits are
-    looked at.
+        with one value a frame.
+    rng : source of the measurement noise, whose levels stand in ``x29.telemetry``; None records
+        without noise.
+    pieces : how often in a frame the limits are looked at.
 
     Returns
     -------

@@ -466,10 +466,9 @@ def compile_model(
     model : the declaration.
     outputs : the outputs wanted, in order; all when None.
     online : put input and sensor effects that have a state form into ``f`` and ``h``, for filters
-    that see
-        one sample at a time. An input effect without one may stay when all its parameters are held:
-        it then acts on the recorded input beforehand, which it can only ahead of all others or if
-        it commutes with them.
+        that see one sample at a time. An input effect without one may stay when all its parameters
+        are held: it then acts on the recorded input beforehand, which it can only ahead of all
+        others or if it commutes with them.
 
     Raises
     ------

@@ -314,7 +314,9 @@ class SensorMemory:
 
     Attributes
     ----------
-    row : of the output in its System. time_constant : of x, s. direct : share of y itself.
+    row : of the output in its System.
+    time_constant : of x, s.
+    direct : share of y itself.
     """
 
     row: int

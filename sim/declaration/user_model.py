@@ -249,7 +249,8 @@ def own_model(
     ----------
     name : of the model, for tables and messages.
     states, inputs, outputs : name -> unit. An output with the name of a state reads that state.
-    parameters : name -> (start, unit), estimated. constants : name -> (value, unit), fixed.
+    parameters : name -> (start, unit), estimated.
+    constants : name -> (value, unit), fixed.
     rates : ``rates(s, p)`` gives the rate of each state by name, in its unit per second.
     readings : ``readings(s, p)`` gives each output by name.
     ports : name -> unit of disturbances, zero unless an effect adds to them, read as ``s.PORT``;

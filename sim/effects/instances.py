@@ -243,14 +243,14 @@ class NonlinearControl:
 
     Attributes
     ----------
-    control : the signal. moment_by, lift_by : names of the derivatives. share_free : whether
-    ``lift_share`` is estimated: not where the
-        control hardly lifts. ports : that moment and lift add to. further : ports beside them, each
-        with its derivative by the control.
-    label : of the name, where there are several controls. speed : the constant that is the declared
-    airspeed; where it is only a
-        ``reference_airspeed`` deflections are totals, and d counts from the ``middle`` of the
-        range.
+    control : the signal.
+    moment_by, lift_by : names of the derivatives.
+    share_free : whether ``lift_share`` is estimated: not where the control hardly lifts.
+    ports : that moment and lift add to.
+    further : ports beside them, each with its derivative by the control.
+    label : of the name, where there are several controls.
+    speed : the constant that is the declared airspeed; where it is only a ``reference_airspeed``
+        deflections are totals, and d counts from the ``middle`` of the range.
     """
 
     control: str = "elevator"

@@ -112,7 +112,9 @@ def moved_back(edges: np.ndarray, u: np.ndarray, delay: Any) -> np.ndarray:
 
     Parameters
     ----------
-    edges : ``(n + 1,)`` s, increasing. u : ``(n,)``. delay : s, not negative; may be complex.
+    edges : ``(n + 1,)`` s, increasing.
+    u : ``(n,)``.
+    delay : s, not negative; may be complex.
     """
     width, last = np.diff(edges), len(u) - 1
     area = np.concatenate([np.zeros(1), np.cumsum(u * width)])
@@ -282,9 +284,10 @@ def weight_lift(
 
     Parameters
     ----------
-    change : m/s, above what the ports hold already. vehicle : constants of the equations.
+    change : m/s, above what the ports hold already.
+    vehicle : constants of the equations.
     airspeed_change, density_change : m/s and kg/m3, what the ports of these names hold before;
-    their own lift is not counted here.
+        their own lift is not counted here.
     """
     V = vehicle.airspeed + airspeed_change
     if hasattr(vehicle, "mass"):
@@ -317,12 +320,14 @@ class LoadCurve:
 
     Attributes
     ----------
-    port : what it adds to. name, load, short_name, explanation : of the effect; ``load`` as a
-    sentence begins with it. unit, size : of what is added, and a usual one. needs_constants : those
-    of the equations it is written for. angle, flown : what it is a curve of, and the output that
-    shows its range. middle : of that range, from which f counts where the angle
-        is a ``total``.
-    low, high : the flown range, rad. fine : nine shapes instead of four, the first four the same.
+    port : what it adds to.
+    name, load, short_name, explanation : of the effect; ``load`` as a sentence begins with it.
+    unit, size : of what is added, and a usual one.
+    needs_constants : those of the equations it is written for.
+    angle, flown : what it is a curve of, and the output that shows its range.
+    middle : of that range, from which f counts where the angle is a ``total``.
+    low, high : the flown range, rad.
+    fine : nine shapes instead of four, the first four the same.
     """
 
     port: str

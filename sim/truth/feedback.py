@@ -42,8 +42,10 @@ def fly_with_feedback(
     Parameters
     ----------
     gains : by input, then by output, in the input's unit over the output's. Outputs that an input
-    moves at once, as a load factor, are refused. time : ``(N,)`` s. step : largest integration
-    step, s. method : None for Runge-Kutta's. Others as of ``fly``; process noise on states only.
+        moves at once, as a load factor, are refused.
+    time : ``(N,)`` s.
+    step : largest integration step, s.
+    method : None for Runge-Kutta's. Others as of ``fly``; process noise on states only.
 
     Raises
     ------

@@ -233,11 +233,13 @@ class Truth:
     effects : names of the effects that acted.
     time : ``(N,)`` s, the record's.
     states, outputs : by name, ``(N,)`` each, without measurement noise; outputs as the sensors
-    would pass them on. walks : by name, ``(N,)``, parameters that drifted. noise_std : standard
-    deviation of the measurement noise by output, zero where there was none. process_density :
-    spectral density of the forcing that acted, by state or parameter. distance : how far this is
-    from the model to be fitted. step, method : largest integration step, s, and the integrator's
-    name; no step where the motion was found to a tolerance.
+        would pass them on.
+    walks : by name, ``(N,)``, parameters that drifted.
+    noise_std : standard deviation of the measurement noise by output, zero where there was none.
+    process_density : spectral density of the forcing that acted, by state or parameter.
+    distance : how far this is from the model to be fitted.
+    step, method : largest integration step, s, and the integrator's name; no step where the motion
+        was found to a tolerance.
     """
 
     parameters: ParameterSet
@@ -287,17 +289,15 @@ def fly(
     Parameters
     ----------
     model : its parameter values, initial state and noise are the true ones.
-    ``noise.process_density`` forces
-        states by white noise, increments of variance density x step after each step, and lets
-        parameters drift in a random walk.
+        ``noise.process_density`` forces states by white noise, increments of variance density x
+        step after each step, and lets parameters drift in a random walk.
     maneuvers : by input, or one for the only input; inputs not named rest at zero.
     time : ``(N,)`` s, sample times, uneven if wanted; see ``sample_times``.
     rng : the one source of randomness; the same state gives the same bytes.
     measurement : None for white noise of the model's ``measurement_std``.
     method : an integrator that goes in steps, or None for the exact motion of what is linear and
-    else LSODA, to a tolerance of 1e-9; where
-        random forcing or effects on the input path act, or no solver keeps that tolerance,
-        Runge-Kutta's of order 4 in its place.
+        else LSODA, to a tolerance of 1e-9; where random forcing or effects on the input path act,
+        or no solver keeps that tolerance, Runge-Kutta's of order 4 in its place.
     step : largest step of an integrator and of sensors with memory, s.
     outputs : those recorded, all when None.
     distance : stated by the caller, kept in the Truth.

@@ -190,7 +190,8 @@ def angular_accelerations(s: Any, c: Mapping[str, Any], L: Any, M: Any, N: Any) 
 
     Parameters
     ----------
-    s : p, q, r, rad/s. c : roll_inertia, pitch_inertia, yaw_inertia, cross_inertia, kg m2.
+    s : p, q, r, rad/s.
+    c : roll_inertia, pitch_inertia, yaw_inertia, cross_inertia, kg m2.
     L, M, N : moments about the centre of gravity, N m, body axes.
 
     Returns

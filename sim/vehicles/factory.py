@@ -432,9 +432,8 @@ def linearise(
     model : the declaration.
     outputs : the outputs wanted, in order; all when None.
     about : the point, states and inputs by name in SI, zero where one is not named; the origin when
-    None. The matrices are the
-        derivatives there, whether or not the point is a trim: rates that are not zero in it are not
-        kept.
+        None. The matrices are the derivatives there, whether or not the point is a trim: rates that
+        are not zero in it are not kept.
 
     Raises
     ------

@@ -34,8 +34,9 @@ def condense_above(values: Mapping[str, float], modes: int, kept: int) -> dict[s
     Parameters
     ----------
     values : numbers by full name in SI, as ``VehicleData.values`` has them; a coupling that is
-    missing is zero. modes : modes that the aircraft has. kept : how many of them the reduced model
-    has, ``0 <= kept <= modes``.
+        missing is zero.
+    modes : modes that the aircraft has.
+    kept : how many of them the reduced model has, ``0 <= kept <= modes``.
 
     Returns
     -------
@@ -95,9 +96,9 @@ class Condensation:
     derivatives : equivalent ``CL_alpha CL_q CL_de Cm_alpha Cm_q Cm_de``, 1/rad.
     change : equivalent minus rigid value, by the same names.
     deflection : ``(n, 3)`` static eta of each mode per alpha (rad), q_hat (q c/2V, rad) and
-    elevator (rad). divergence_margin : smallest eigenvalue of I - K^-1 C_eta_eta: 1 without
-    aerodynamic stiffness, 0 at
-        static divergence of the restrained structure.
+        elevator (rad).
+    divergence_margin : smallest eigenvalue of I - K^-1 C_eta_eta: 1 without aerodynamic stiffness,
+        0 at static divergence of the restrained structure.
     """
 
     derivatives: Mapping[str, float]
@@ -112,7 +113,8 @@ def condense(values: Mapping[str, float], modes: int) -> Condensation:
     Parameters
     ----------
     values : numbers by full name in SI, as ``VehicleData.values`` has them; a coupling that is
-    missing is zero. modes : how many modes to keep; 0 returns the rigid derivatives.
+        missing is zero.
+    modes : how many modes to keep; 0 returns the rigid derivatives.
 
     Raises
     ------
@@ -222,13 +224,16 @@ class Flexibility:
     Attributes
     ----------
     stiffness_loss : share of the short period's stiffness omega_sp^2 that static deflection takes
-    away. separation : lowest elastic frequency over the condensed short-period frequency.
-    short_period : condensed short-period frequency omega_sp, rad/s. degree : degree of flexibility,
-    error of the quasi-static assumption at ``short_period``. distance : flexible minus condensed
-    response over the noise, root of the sum of squares over the record. misfit : what no rigid
-    model explains over the noise, rms over the record. detectable : misfit from which on a residual
-    test sees it. condensed, fitted : six derivatives by condensation, and of the best rigid model
-    for this maneuver, 1/rad.
+        away.
+    separation : lowest elastic frequency over the condensed short-period frequency.
+    short_period : condensed short-period frequency omega_sp, rad/s.
+    degree : degree of flexibility, error of the quasi-static assumption at ``short_period``.
+    distance : flexible minus condensed response over the noise, root of the sum of squares over the
+        record.
+    misfit : what no rigid model explains over the noise, rms over the record.
+    detectable : misfit from which on a residual test sees it.
+    condensed, fitted : six derivatives by condensation, and of the best rigid model for this
+        maneuver, 1/rad.
     """
 
     stiffness_loss: float

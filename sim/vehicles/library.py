@@ -54,7 +54,7 @@ class SourcedNumber:
     origin : where it comes from.
     note : what else is to be said of it.
     printed_by_paper : what the paper prints where that is known to be a misprint; never used in a
-    computation.
+        computation.
     """
 
     name: str
@@ -80,8 +80,10 @@ class VehicleData:
     name, title, source : the set's key, what it is, where it is from.
     equations : name of the base equations, such as ``"rigid"`` or ``"lateral"``.
     numbers : of the parameters, those of elastic modes by full name (``omega1``, ``CL_eta1``,
-    ``Ceta1_eta2``). initial : starting state, by state name; a state that is missing starts at
-    zero. modes : how many elastic modes it has. based_on : name of the set it was built on.
+        ``Ceta1_eta2``).
+    initial : starting state, by state name; a state that is missing starts at zero.
+    modes : how many elastic modes it has.
+    based_on : name of the set it was built on.
     """
 
     name: str

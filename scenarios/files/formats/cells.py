@@ -41,12 +41,13 @@ class CellTable:
     rows : number of each row as the user sees it; the first line of a text file is row 1.
     ragged : cells found in the rows (by position) that have more or fewer than the header.
     units : the row of units under the header, empty where a cell says nothing; none at all where
-    there is no such row. separator : what stands between the cells of a text file, else empty.
+        there is no such row.
+    separator : what stands between the cells of a text file, else empty.
     stated_apart : whether ``units`` are metadata of the file, which recorders fill in carelessly,
-    and no row that somebody wrote. decimal_comma : whether the numbers are written with a comma
-    where others write a point. unreadable : why a column (by position) is no sequence of numbers,
-    ``"an array of 801x2"``. Its cells are empty; whoever asks for its
-        numbers is refused.
+        and no row that somebody wrote.
+    decimal_comma : whether the numbers are written with a comma where others write a point.
+    unreadable : why a column (by position) is no sequence of numbers, ``"an array of 801x2"``. Its
+        cells are empty; whoever asks for its numbers is refused.
     """
 
     file: str
@@ -328,12 +329,13 @@ def table_of_columns(
 
     Parameters
     ----------
-    path : the file, for messages. place : the topic in it.
+    path : the file, for messages.
+    place : the topic in it.
     columns : name -> one-dimensional sequence.
     units : name -> unit, where the file states it apart from the header.
     rows : number of rows; None: as many as the longest column has.
     unreadable : further names, and why they hold no sequence of numbers; whoever asks for one of
-    them is refused.
+        them is refused.
     """
     column_units = units or {}
     vectors = tuple(_vector(values) for values in columns.values())

@@ -66,8 +66,9 @@ class Sorted:
 
     Attributes
     ----------
-    time : shape ``(M,)``, s. order : position of each row before, shape ``(M,)``. notes : one
-    sentence each.
+    time : shape ``(M,)``, s.
+    order : position of each row before, shape ``(M,)``.
+    notes : one sentence each.
     """
 
     time: np.ndarray
@@ -156,8 +157,9 @@ def seconds_of_counter(values: np.ndarray, unit: str | None, where: str = "the c
 
     Parameters
     ----------
-    values : shape ``(N,)``, NaN where missing. unit : ``s``, ``ms``, ``us`` or ``ns``; None:
-    decided by the rate. where : the column, for a message.
+    values : shape ``(N,)``, NaN where missing.
+    unit : ``s``, ``ms``, ``us`` or ``ns``; None: decided by the rate.
+    where : the column, for a message.
 
     A counter of 16 or 32 bits that begins anew goes on. Stamps of a calendar count from the first
     sample.
@@ -298,8 +300,8 @@ def sorted_rows(time: np.ndarray, repeats: np.ndarray) -> Sorted | None:
 
     Parameters
     ----------
-    time : shape ``(N,)``, s, finite. repeats : shape ``(N,)``, whether a row has the same cells as
-    the row of equal time before it.
+    time : shape ``(N,)``, s, finite.
+    repeats : shape ``(N,)``, whether a row has the same cells as the row of equal time before it.
     """
     order = np.argsort(time, kind="stable")
     notes = []

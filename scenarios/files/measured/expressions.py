@@ -34,8 +34,9 @@ class Expression:
 
     Attributes
     ----------
-    text : as it was written. columns : the columns that it reads, by their names in the file. tree
-    : its syntax tree.
+    text : as it was written.
+    columns : the columns that it reads, by their names in the file.
+    tree : its syntax tree.
     """
 
     text: str
@@ -208,9 +209,10 @@ def parse(text: str, where: str, allowed: Sequence[str] = ()) -> Expression:
 
     Parameters
     ----------
-    text : the expression. where : file and channel, for messages.
+    text : the expression.
+    where : file and channel, for messages.
     allowed : columns of the file; names that are no plain words are then recognised without
-    backquotes.
+        backquotes.
 
     Raises
     ------

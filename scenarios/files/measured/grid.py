@@ -99,8 +99,8 @@ def clock_of(table: CellTable, index: int, unit: str | None = None) -> Clock:
 
     Parameters
     ----------
-    table, index : the column. unit : its unit where that is known; None: as the header says, else
-    as the numbers do.
+    table, index : the column.
+    unit : its unit where that is known; None: as the header says, else as the numbers do.
 
     Raises
     ------

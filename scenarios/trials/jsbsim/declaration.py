@@ -65,14 +65,19 @@ class JsbsimFlight:
 
     Attributes
     ----------
-    aircraft : its name in the JSBSim package. altitude, airspeed : m above sea level, true m/s.
-    axis : a key of ``CONTROLS``. maneuver : one of ``MANEUVERS``. size : of the maneuver, 1 is what
-    suits the aircraft. duration : s. rate : samples a second. noise : factor on ``noise_std``,
-    which is by output, SI. rough_air : class of exceedance of MIL-F-8785C, 0 calm to 7. wrong :
-    largest share by which starting values are off. late : by channel, s: an output is shown so
-    late; a surface answers so long after its record. backlash : by surface, rad: half the play
-    between the record and the surface. vane_ahead : m, of both vanes, ahead of the centre of
-    gravity.
+    aircraft : its name in the JSBSim package.
+    altitude, airspeed : m above sea level, true m/s.
+    axis : a key of ``CONTROLS``.
+    maneuver : one of ``MANEUVERS``.
+    size : of the maneuver, 1 is what suits the aircraft.
+    duration : s.
+    rate : samples a second.
+    noise : factor on ``noise_std``, which is by output, SI.
+    rough_air : class of exceedance of MIL-F-8785C, 0 calm to 7.
+    wrong : largest share by which starting values are off.
+    late : by channel, s: an output is shown so late; a surface answers so long after its record.
+    backlash : by surface, rad: half the play between the record and the surface.
+    vane_ahead : m, of both vanes, ahead of the centre of gravity.
     """
 
     name: str

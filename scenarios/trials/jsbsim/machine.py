@@ -134,8 +134,8 @@ def fly(condition: Condition, wanted: Mapping[str, np.ndarray], leveller: float)
     Parameters
     ----------
     wanted : by surface what is added to its trim, rad, and of the throttle, parts of full travel;
-    one value a frame. leveller : share of the pilot's gains that brings the wings to level; 0
-    leaves them alone.
+        one value a frame.
+    leveller : share of the pilot's gains that brings the wings to level; 0 leaves them alone.
 
     Raises
     ------

@@ -231,12 +231,15 @@ class TraceFlight:
     Attributes
     ----------
     vehicle : name of a built-in vehicle, ``"x29-S"`` for the closed loop with that airframe, or a
-    user's model file, whose model with its true
-        values is ``own``. modes : elastic modes that act.
-    rate : 1/s; of a closed loop its telemetry's. step : integration step, s. noise_std : by output;
-    of a closed loop its telemetry's. train, validate : the two records. hidden : what acts beyond
-    the vehicle. test : a third record, which takes no part in fitting or in choosing; None flies
-    the maneuvers of ``validate`` once more.
+        user's model file, whose model with its true values is ``own``.
+    modes : elastic modes that act.
+    rate : 1/s; of a closed loop its telemetry's.
+    step : integration step, s.
+    noise_std : by output; of a closed loop its telemetry's.
+    train, validate : the two records.
+    hidden : what acts beyond the vehicle.
+    test : a third record, which takes no part in fitting or in choosing; None flies the maneuvers
+        of ``validate`` once more.
     """
 
     vehicle: str
@@ -272,11 +275,14 @@ class TraceScenario:
 
     Attributes
     ----------
-    name, title, about : for people. distance : how far the truth is from the model, and whether the
-    library has what lies between. flight : the truth recipe; ``model`` what the loop is told it is,
-    a name or a user's model file. wrong : share by which the vehicle file's starting values are
-    off, sign by turns; ``start`` are values that are given instead. expect : what should be found.
-    seed : used unless another is asked for. effort : how far the search looks, normal or thorough.
+    name, title, about : for people.
+    distance : how far the truth is from the model, and whether the library has what lies between.
+    flight : the truth recipe; ``model`` what the loop is told it is, a name or a user's model file.
+    wrong : share by which the vehicle file's starting values are off, sign by turns; ``start`` are
+        values that are given instead.
+    expect : what should be found.
+    seed : used unless another is asked for.
+    effort : how far the search looks, normal or thorough.
     """
 
     name: str

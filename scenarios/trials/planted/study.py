@@ -81,12 +81,11 @@ class Comparable:
 
     Attributes
     ----------
-    values : by parameter, SI; those of an effect by its full name. derived : frequencies and
-    damping ratios of the fitted
-        model at these values, by name.
+    values : by parameter, SI; those of an effect by its full name.
+    derived : frequencies and damping ratios of the fitted model at these values, by name.
     open : parameters that this flight leaves open, with or without noise: other values fit as well.
-    Of a derivative the
-        condensed value stands for them, of another parameter the value nearest to the estimate.
+        Of a derivative the condensed value stands for them, of another parameter the value nearest
+        to the estimate.
     basis : where the values come from, in a sentence.
     """
 
@@ -107,10 +106,10 @@ class DeclaredTruth:
 
     Attributes
     ----------
-    values : true values by parameter, SI; those of an effect by its full name. condensed :
-    derivatives of the rigid
-        aircraft that a flexible one shows when its structure follows at once. modes : elastic modes
-        that act.
+    values : true values by parameter, SI; those of an effect by its full name.
+    condensed : derivatives of the rigid aircraft that a flexible one shows when its structure
+        follows at once.
+    modes : elastic modes that act.
     """
 
     values: Mapping[str, float]
@@ -456,10 +455,12 @@ class Scored:
 
     Attributes
     ----------
-    true : None where the truth has no such number. comparable : the value that the fitted model
-    should find. before : None where there is none. condensed : of a rigid model's derivative on a
-    flexible aircraft, else None. open : the flight leaves this parameter open, with or without
-    noise. comparable_before : as ``comparable``, of ``before``.
+    true : None where the truth has no such number.
+    comparable : the value that the fitted model should find.
+    before : None where there is none.
+    condensed : of a rigid model's derivative on a flexible aircraft, else None.
+    open : the flight leaves this parameter open, with or without noise.
+    comparable_before : as ``comparable``, of ``before``.
     """
 
     name: str
@@ -489,7 +490,8 @@ class TraceStudy:
     Attributes
     ----------
     derivatives, effects, modes : estimates against what the fitted model should find, ``basis``
-    says how that is known. reasons : why a comparable value is not the true one, a sentence each.
+        says how that is known.
+    reasons : why a comparable value is not the true one, a sentence each.
     test : the third record predicted, which took no part in fitting or in choosing.
     """
 

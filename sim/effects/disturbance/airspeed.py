@@ -50,8 +50,9 @@ class Phugoid:
     Attributes
     ----------
     attitude_recorded : the pitch attitude is an input of the equations, ``theta`` (rad, from its
-    value at the record's begin), and no state. speed_recorded : so is the airspeed, with the lift
-    that carries the weight: only the trim moment is left to find.
+        value at the record's begin), and no state.
+    speed_recorded : so is the airspeed, with the lift that carries the weight: only the trim moment
+        is left to find.
     """
 
     attitude_recorded: bool = False

@@ -24,12 +24,12 @@ class GustDiscrete:
     Attributes
     ----------
     lasting : the first half only, and w stays at its peak after it (MIL-F-8785C, 3.7.1.3; its
-    length is V duration/2). fine : w + the sum of ``shape1`` ... ``shape3`` (m/s) times sin(k pi
-    x), x from 0 to 1 over the gust, or over its rise, less what would
-        change the peak: gusts that begin with a kink, rise faster than they fall, or are flat on
-        top.
+        length is V duration/2).
+    fine : w + the sum of ``shape1`` ... ``shape3`` (m/s) times sin(k pi x), x from 0 to 1 over the
+        gust, or over its rise, less what would change the peak: gusts that begin with a kink, rise
+        faster than they fall, or are flat on top.
     speed : the constant that is the declared airspeed. On lateral equations the air comes from the
-    right, and sideslip takes the place of alpha.
+        right, and sideslip takes the place of alpha.
     """
 
     lasting: bool = False
@@ -109,8 +109,8 @@ class GustHorizontal:
 
     Attributes
     ----------
-    lasting, fine : as of a gust from below, see ``sim.effects.loads``: one that stays at its
-    peak; a freer course.
+    lasting, fine : as of a gust from below, see ``sim.effects.loads``: one that stays at its peak;
+        a freer course.
     """
 
     lasting: bool = False

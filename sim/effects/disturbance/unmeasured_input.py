@@ -27,11 +27,13 @@ class UnmeasuredInput(SizedOnPorts):
 
     Attributes
     ----------
-    lasting : a step without ``duration``. width : of the edges, s. units, sizes : of lift and
-    moment. needs_constants : constants that the equations must have. ports : that it loads, and
-    the names of these parameters. label : of the name,
-        where it is one port of several. sized : whether it is known what is large there; else any
-        size is believed.
+    lasting : a step without ``duration``.
+    width : of the edges, s.
+    units, sizes : of lift and moment.
+    needs_constants : constants that the equations must have.
+    ports : that it loads, and the names of these parameters.
+    label : of the name, where it is one port of several.
+    sized : whether it is known what is large there; else any size is believed.
     """
 
     lasting: bool = False

@@ -87,7 +87,8 @@ class DragMach:
 
     Attributes
     ----------
-    low, high : Mach numbers flown. fine : ten shapes instead of five, the first five the same.
+    low, high : Mach numbers flown.
+    fine : ten shapes instead of five, the first five the same.
     """
 
     low: float = 0.5

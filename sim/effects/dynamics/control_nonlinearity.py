@@ -36,19 +36,19 @@ class ControlNonlinearity:
 
     Attributes
     ----------
-    low, high : the range used. fine : nine shapes instead of four, the first four the same.
-    control, unit, size : the signal, its unit, and a usual size. moment_by, lift_by : names of the
-    derivatives. share_free : whether ``lift_share`` is estimated: not where the control hardly
-    lifts. by : values that stand for moment_by and lift_by beside f, the vehicle's own when empty.
-    An input of a few levels leaves f and the
-        derivative to trade off; with a fixed factor beside f that stays a straight line, which a
-        Gaussian can describe.
-    ports : that moment and lift add to. further : ports beside them, each with its derivative by
-    the control. label : of the name, where there
-        are several controls.
+    low, high : the range used.
+    fine : nine shapes instead of four, the first four the same.
+    control, unit, size : the signal, its unit, and a usual size.
+    moment_by, lift_by : names of the derivatives.
+    share_free : whether ``lift_share`` is estimated: not where the control hardly lifts.
+    by : values that stand for moment_by and lift_by beside f, the vehicle's own when empty. An
+        input of a few levels leaves f and the derivative to trade off; with a fixed factor beside f
+        that stays a straight line, which a Gaussian can describe.
+    ports : that moment and lift add to.
+    further : ports beside them, each with its derivative by the control.
+    label : of the name, where there are several controls.
     speed : the constant that is the declared airspeed; where it is only a ``reference_airspeed``
-    deflections are totals, and f counts from the
-        ``middle`` of the range.
+        deflections are totals, and f counts from the ``middle`` of the range.
     """
 
     low: float = -0.1

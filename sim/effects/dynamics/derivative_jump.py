@@ -37,10 +37,11 @@ class ParameterJump:
 
     Attributes
     ----------
-    changing : name and unit of each parameter. label : of the name, where there are several groups.
-    sizes : usual changes, in their units;
-        unknown before a record's model gives the declared values, and any size is believed then.
-        width : of the edge, s.
+    changing : name and unit of each parameter.
+    label : of the name, where there are several groups.
+    sizes : usual changes, in their units; unknown before a record's model gives the declared
+        values, and any size is believed then.
+    width : of the edge, s.
     """
 
     changing: tuple[tuple[str, str], ...]
@@ -217,9 +218,10 @@ class DerivativeJump:
 
     Attributes
     ----------
-    moment, lift : derivatives that may change. width : of the edge, s. ports : that these add to.
-    label : of the name, where an aircraft has
-        several groups of derivatives: yaw, roll, side force.
+    moment, lift : derivatives that may change.
+    width : of the edge, s.
+    ports : that these add to.
+    label : of the name, where an aircraft has several groups of derivatives: yaw, roll, side force.
     """
 
     moment: tuple[Change, ...] = RIGID_MOMENT

@@ -46,20 +46,21 @@ class ElasticMode:
     Attributes
     ----------
     angle_std : of ``angle_gain`` beforehand. The air that the angle brings bends a structure about
-    as it turns the aircraft: where a record does not
-        tell it, no moment of the aircraft is to be lost in it.
+        as it turns the aircraft: where a record does not tell it, no moment of the aircraft is to
+        be lost in it.
     number : 1 is ``elastic-mode``, 2 a second one, ``elastic-mode#2``.
     fine : also loads by the rate of bending, forcing by the pitch rate, and an accelerometer away
-    from the node: ``lift_rate``
-        and ``moment_rate`` times eta_dot/frequency, ``pitch_gain`` q in the forcing, nz +
-        ``accelerometer`` eta_ddot.
+        from the node: ``lift_rate`` and ``moment_rate`` times eta_dot/frequency, ``pitch_gain`` q
+        in the forcing, nz + ``accelerometer`` eta_ddot.
     control : the signal that drives it; ``angle`` its unit; ``loads`` units, ``sizes`` starts of
-    lift, moment, gyro. needs_constants : constants that the equations must have. fastest : rad/s,
-    that the records resolve. ports : that it loads, and the names of these parameters. read_as :
-    the angle that drives it, the rate that its gyro adds to, the
-        accelerometer's channel. total : whether control and angle are totals; ``trim``, what they
-        force in steady flight, is then free and taken off, since a record begins without bending,
-        and starts from ``middle``, that of the deflections used.
+        lift, moment, gyro.
+    needs_constants : constants that the equations must have.
+    fastest : rad/s, that the records resolve.
+    ports : that it loads, and the names of these parameters.
+    read_as : the angle that drives it, the rate that its gyro adds to, the accelerometer's channel.
+    total : whether control and angle are totals; ``trim``, what they force in steady flight, is
+        then free and taken off, since a record begins without bending, and starts from ``middle``,
+        that of the deflections used.
     """
 
     number: int = 1

@@ -206,7 +206,7 @@ class FlowSeparation:
     Attributes
     ----------
     total : whether the equations count totals. ports : that it loads; the names of ``moment`` and
-    ``drag`` among the parameters.
+        ``drag`` among the parameters.
     """
 
     total: bool = False

@@ -31,7 +31,7 @@ class StructuralMode:
     ----------
     number : of this mode, from 1.
     modes : numbers of the modes it is coupled to, itself among them; one that the model lacks adds
-    nothing.
+        nothing.
 
     Full parameter names carry the number: ``omega1`` (rad/s), ``zeta1``, ``generalized_mass1`` (kg
     m2), ``CL_eta1``, ``Ceta1_alpha``, ``Ceta1_eta2``. Estimated unless told otherwise: frequency,

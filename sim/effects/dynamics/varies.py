@@ -78,12 +78,15 @@ class Varies:
 
     Attributes
     ----------
-    parameter, counted_in : of the equations, and its unit. over : the signal on the bus. called :
-    its name, where that differs. gust : the port
-        that adds to it. state : whether the signal is a state. size : a usual change; ``guessed``
-        where nothing is known of it, as in a user's own model. alike : the instance with the same
-        product of two signals.
-    low, high : the range flown, in the signal's unit. count : of shapes, one of ``FORMS``.
+    parameter, counted_in : of the equations, and its unit.
+    over : the signal on the bus.
+    called : its name, where that differs.
+    gust : the port that adds to it.
+    state : whether the signal is a state.
+    size : a usual change; ``guessed`` where nothing is known of it, as in a user's own model.
+    alike : the instance with the same product of two signals.
+    low, high : the range flown, in the signal's unit.
+    count : of shapes, one of ``FORMS``.
     """
 
     parameter: str = "Cm_q"
@@ -325,7 +328,8 @@ class MissingTerm:
 
     Attributes
     ----------
-    axis : the coefficient, a port of the equations. term : its text (`sim.aerodynamics`).
+    axis : the coefficient, a port of the equations.
+    term : its text (`sim.aerodynamics`).
     surfaces : names of further signals that stand in terms.
     """
 

@@ -28,9 +28,11 @@ class DampingCurve(SizedOnPorts):
 
     Attributes
     ----------
-    rate : the signal. units, sizes : of lift and moment. needs_constants : those of the equations
-    it is written for. ports : that it loads, and the names of these parameters. label : of the
-    name, where there are several rates.
+    rate : the signal.
+    units, sizes : of lift and moment.
+    needs_constants : those of the equations it is written for.
+    ports : that it loads, and the names of these parameters.
+    label : of the name, where there are several rates.
     """
 
     rate: str
@@ -82,10 +84,13 @@ class DriftingDerivatives:
 
     Attributes
     ----------
-    begin : the time at which the declared derivatives hold, s. control_signal : d. units, sizes :
-    of stability, control and slope. needs_constants : constants that the equations must have.
-    ports : of lift and moment or their like. angle : the signal of alpha or its
-        like. label : of the name, where there are several groups of derivatives.
+    begin : the time at which the declared derivatives hold, s.
+    control_signal : d.
+    units, sizes : of stability, control and slope.
+    needs_constants : constants that the equations must have.
+    ports : of lift and moment or their like.
+    angle : the signal of alpha or its like.
+    label : of the name, where there are several groups of derivatives.
     """
 
     control_signal: str
@@ -279,9 +284,10 @@ class Hysteresis(SizedOnPorts):
 
     Attributes
     ----------
-    units, sizes : of lift and moment. needs_constants : constants that the equations must have.
-    ports : that it loads, and the names of these parameters. rate : the signal of the motion that
-    is remembered.
+    units, sizes : of lift and moment.
+    needs_constants : constants that the equations must have.
+    ports : that it loads, and the names of these parameters.
+    rate : the signal of the motion that is remembered.
     """
 
     units: tuple[str, str]

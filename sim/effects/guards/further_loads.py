@@ -40,12 +40,15 @@ class LaggedLoads(SizedOnPorts):
 
     Attributes
     ----------
-    units, sizes : of lift and moment. needs_constants : constants that the equations must have.
-    ports : that it loads, and the names of these parameters. angle : the signal that is followed
-    late. aliases : effects that look like it. total : whether the signal is one; it then counts
-    from ``middle``, that of the values flown, so that the loads do not begin with a jump. flown,
-    counted_in : the state behind the signal and its unit. of : of the name, where there are guards
-    for several states.
+    units, sizes : of lift and moment.
+    needs_constants : constants that the equations must have.
+    ports : that it loads, and the names of these parameters.
+    angle : the signal that is followed late.
+    aliases : effects that look like it.
+    total : whether the signal is one; it then counts from ``middle``, that of the values flown, so
+        that the loads do not begin with a jump.
+    flown, counted_in : the state behind the signal and its unit.
+    of : of the name, where there are guards for several states.
     """
 
     units: tuple[str, ...]
@@ -189,8 +192,10 @@ class PeriodicLoads:
 
     Attributes
     ----------
-    units, sizes : of lift and moment. needs_constants : constants that the equations must have.
-    ports : that it loads; they name the parameters. label : of the name, where there are several.
+    units, sizes : of lift and moment.
+    needs_constants : constants that the equations must have.
+    ports : that it loads; they name the parameters.
+    label : of the name, where there are several.
     """
 
     units: tuple[str, ...]
@@ -303,10 +308,11 @@ class ProductLoads(SizedOnPorts):
 
     Attributes
     ----------
-    label : after ``guard:``. first, second : the signals, which may be the same. aliases, within :
-    effects that contain it. units, sizes : of lift and moment. needs_constants : those of the
-    equations it is written for. ports : that it loads, lift and moment or their like, and the names
-    of these parameters.
+    label : after ``guard:``.
+    first, second : the signals, which may be the same. aliases, within : effects that contain it.
+    units, sizes : of lift and moment.
+    needs_constants : those of the equations it is written for.
+    ports : that it loads, lift and moment or their like, and the names of these parameters.
     """
 
     label: str
@@ -460,10 +466,11 @@ class VaneBehind:
 
     Attributes
     ----------
-    channel, rate : what the vane reads, and the rate of the nose in its plane. sign : of the rate's
-    share. accelerometer : the channel of the
-        one that reads alike. speed : the constant that is the declared airspeed, for equations
-        without an airspeed of the time.
+    channel, rate : what the vane reads, and the rate of the nose in its plane.
+    sign : of the rate's share.
+    accelerometer : the channel of the one that reads alike.
+    speed : the constant that is the declared airspeed, for equations without an airspeed of the
+        time.
     """
 
     channel: str = "alpha"

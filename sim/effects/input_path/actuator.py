@@ -329,8 +329,9 @@ class ActuatorRateLimit:
 
     Attributes
     ----------
-    signal, unit : the input it acts on. typical : the starting value, unless not ``sized``. label :
-    of the name, where there are several inputs.
+    signal, unit : the input it acts on.
+    typical : the starting value, unless not ``sized``.
+    label : of the name, where there are several inputs.
     """
 
     signal: str = "elevator"
@@ -478,8 +479,9 @@ class ActuatorSaturation:
 
     Attributes
     ----------
-    signal, unit : the input it acts on. typical : the starting value, unless not ``sized``. label :
-    of the name, where there are several inputs.
+    signal, unit : the input it acts on.
+    typical : the starting value, unless not ``sized``.
+    label : of the name, where there are several inputs.
     """
 
     signal: str = "elevator"

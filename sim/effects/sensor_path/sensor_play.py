@@ -111,7 +111,8 @@ class SensorDeadband:
 
     Attributes
     ----------
-    channel, unit : the output it acts on. typical : the starting half width.
+    channel, unit : the output it acts on.
+    typical : the starting half width.
     """
 
     channel: str

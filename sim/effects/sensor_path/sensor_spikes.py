@@ -76,7 +76,9 @@ class SensorSpikes:
 
     Attributes
     ----------
-    channel, unit : the output it acts on. typical : the starting size. bursts : when.
+    channel, unit : the output it acts on.
+    typical : the starting size.
+    bursts : when.
     """
 
     channel: str
@@ -126,7 +128,9 @@ class InputSpikes:
 
     Attributes
     ----------
-    signal, unit : the input it acts on. typical : the starting size. bursts : when.
+    signal, unit : the input it acts on.
+    typical : the starting size.
+    bursts : when.
     """
 
     signal: str = "elevator"

@@ -239,7 +239,8 @@ class SensorHold:
 
     Attributes
     ----------
-    channel : the output it acts on. interval : of the record's samples, s.
+    channel : the output it acts on.
+    interval : of the record's samples, s.
     """
 
     channel: str
