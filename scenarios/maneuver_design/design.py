@@ -1,4 +1,14 @@
-"""Scale a maneuver up to its limits and simulate the response of the aircraft."""
+"""Scale a maneuver up to its limits and simulate the response of the aircraft.
+
+Frequency responses that a designed maneuver would give: coherence and random error, before
+flight.
+
+The maneuver as the model flies it, with drawn sensor noise, goes through the estimate of
+``flightid response``; what it says is averaged over the draws.
+
+The search for a maneuver: every kind as large as its limits allow, compared at equal amplitude
+and time.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,8 @@
 """Style of all figures: sizes for print at 100 %, a palette for colour-blind readers, a sheet of
 panels.
+
+Panels are placed in inches by hand: a layout engine draws every figure twice to learn what is known
+beforehand.
 """
 
 from __future__ import annotations

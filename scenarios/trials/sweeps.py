@@ -1,4 +1,8 @@
-"""Sweeps of a loop with known response and margins: simulate, estimate, compare."""
+"""Sweeps of a loop with known response and margins: simulate, estimate, compare.
+
+The loop flies with a sweep of its command; `flightid response` estimates response and margins from
+its records. A new scenario is a file in `catalog` with ``kind = "sweep"``.
+"""
 
 from __future__ import annotations
 

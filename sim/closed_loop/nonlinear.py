@@ -1,4 +1,8 @@
-"""Simulation of the sampled closed loop with limits and break-out, from stick to telemetry."""
+"""Simulation of the sampled closed loop with limits and break-out, from stick to telemetry.
+
+What comes near a limit is left to be stepped by ``sim.closed_loop.equations``, frame by frame,
+which is exact there.
+"""
 
 from __future__ import annotations
 

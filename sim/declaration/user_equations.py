@@ -1,5 +1,5 @@
-"""Equations of motion made of a user's functions, their named arguments, and a trial call of each
-function.
+"""Equations of motion from a user's functions, the arguments of these functions, and trial
+calls.
 """
 
 from __future__ import annotations
@@ -55,9 +55,8 @@ class Signals(SimpleNamespace):
 def is_sampled(call: int) -> bool:
     """Whether the arrays of this call (counted from 0) are locked: calls 0, 1, 2, 4, 8 and so on.
 
-    A view for each array of each call took 12 to 32 % of the time of an evaluation. A function that
-    changes its arguments is found when it is declared (``sim.declaration.user_equations``), or at a
-    later call where the change depends on values.
+    Locking every call would cost 12 to 32 % of the time of an evaluation. A function that changes
+    its arguments is found when it is declared, or at a later call if the change depends on values.
     """
     return not call & (call - 1)
 
@@ -70,9 +69,7 @@ def lock_arrays(signals: dict[str, Any]) -> None:
 
 
 def with_locked_arrays(parameters: Any) -> Any:
-    """A named tuple with read-only views in place of its arrays; the same object where it holds
-    none.
-    """
+    """The named tuple with read-only views of its arrays; the same object without arrays."""
     for value in parameters:
         if type(value) is np.ndarray:
             return parameters._make(

@@ -1,5 +1,58 @@
 """Flexibility of an aircraft: static condensation, stiffness factors, and adequacy of a rigid
 model.
+
+The modes above those kept follow at once, etadot_b = eta_ddot_b = 0, forced by the motion and by
+the kept modes a,
+
+    (K_b - C_bb) eta_b = C_b_motion motion + C_ba eta_a + C_ba_dot etadot_a c/2V,
+
+and eta_b put into CL, Cm and the forces on the kept modes changes the coefficients that the reduced
+model has.
+
+With etadot = eta_ddot = 0 the modal equations (eq. 28 of the paper on simulated flight data) are
+linear in eta,
+
+    omega_i^2 M_i / (qbar S c) eta_i - sum_j Ceta_i_eta_j eta_j = Ceta_i_alpha alpha + Ceta_i_q
+    q_hat + Ceta_i_de elevator,
+
+and eta put into CL and Cm changes the six rigid derivatives. For any number of modes.
+
+A rigid model with equivalent derivatives assumes that the structure follows its loads at once. What
+it leaves out grows with frequency (in proportion at first, by the rates of the modes) and falls
+with the square of the modal frequencies.
+
+Degree of flexibility (analytic, no data needed): the error of that assumption at the condensed
+short period, eps = max over alpha and q of |Y_flexible(j omega_sp) / Y_condensed(j omega_sp) - 1|,
+Y the response to the elevator. It compares two closed expressions in the model's numbers.
+
+Criterion (needs the maneuver and the noise): fit the six rigid derivatives to the noise-free
+flexible response; ``misfit`` is the rms of what no rigid model explains, each channel over its
+noise standard deviation. A rigid model serves while misfit <= 1. Reason: up to there a prediction
+errs less than the sensor does; beyond, the structure dominates the residual, and calling it noise
+means to claim a noise that is larger than the sensor's (the paper does that with its second
+aircraft, 0.09 for 0.016 deg^2).
+
+Serving is not the same as being unnoticed. A residual test sees the structure in n numbers from
+about misfit^2 n = 2 z sqrt(2 n), z = 1.645 (5 % false alarms, 95 % power of a chi-squared test on
+the energy): ``detectable``. Between the two the rigid fit is good, but its derivatives are
+off the condensed ones by more than their sigmas: ``fitted`` says what a fit will find, and
+``distance`` bounds the bias, for no combination of derivatives is off by more sigmas than the whole
+response difference (Cauchy and Schwarz; to first order).
+
+Values for the bomber with all four modes, the 3-2-1-1 of 6 deg and unit 0.5 s, 8 s at 100 Hz, noise
+variance 0.016 deg^2 in alpha and q (factor: common factor on AC1's frequencies; AC2 is 0.5):
+
+    factor  omega_1  stiffness lost  separation  degree  distance  misfit  rigid serves
+    8       100.6    0.004           51.2        0.0005     0.9    0.01    yes, unnoticed
+    4        50.3    0.015           25.7        0.0018     3.5    0.03    yes, unnoticed
+    2        25.1    0.058           13.1        0.0071    14.3    0.14    yes, unnoticed
+    1 AC1    12.57   0.211            7.1        0.0296    63.1    0.69    yes, noticed (0.34 on)
+    0.9      11.3    0.255            6.6        0.0373    88.4    1.25    no
+    0.7       8.80   0.397            5.6        0.0674   219.9    4.27    no
+    0.5 AC2   6.29   0.720            5.8        0.1603   510.9    9.62    no
+
+For this maneuver and noise the threshold lies near factor 0.93, a degree of 0.035. The separation
+alone is no measure: with falling frequencies the short period slows down too.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from typing import Any
 from sim.declaration.effect import Parameter, ParameterSet
 from sim.errors import DeclarationError
 
-# ---- Numbers of a vehicle with their units and origins, and how two sets differ
+# ---- Numbers of a vehicle with units and sources; differences of two sets
 
 
 class Origin(Enum):
@@ -49,10 +49,10 @@ class SourcedNumber:
 
     Attributes
     ----------
-    name, value, unit : as a Parameter has them, SI.
-    printed : as its source has it, with that source's unit; empty for a user's own.
-    origin : where it comes from.
-    note : what else is to be said of it.
+    name, value, unit : as of a Parameter, SI.
+    printed : text of the number in its source, with the source's unit; empty for a user's own.
+    origin : kind of source.
+    note : remark on the source.
     printed_by_paper : what the paper prints where that is known to be a misprint; never used in a
         computation.
     """
@@ -73,7 +73,7 @@ class SourcedNumber:
 
 @dataclass(frozen=True)
 class VehicleData:
-    """A named set of numbers from one source.
+    """Numbers of a vehicle from one source.
 
     Attributes
     ----------
@@ -148,7 +148,7 @@ def difference(a: VehicleData, b: VehicleData) -> tuple[NumberDifference, ...]:
     )
 
 
-# ---- The built-in vehicles: one data file each, found by being there
+# ---- The built-in vehicles: one data file each
 
 _KEYS = {"title", "source", "equations", "based_on", "modes", "parameters", "initial"}
 _COLUMNS = {"value", "unit", "printed", "origin", "note", "printed_by_paper"}

@@ -1,4 +1,11 @@
-"""Tables of files: headers, cells, row numbers; and conversion of cells to numbers."""
+"""Tables of files: headers, cells, row numbers; and conversion of cells to numbers.
+
+Where the header of a table is, and whether a row of units follows it: the same for text files
+and spreadsheets.
+
+The interface between readers and everything else: topics, each a table whose columns share one
+clock.
+"""
 
 from __future__ import annotations
 

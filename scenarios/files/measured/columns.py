@@ -1,4 +1,4 @@
-"""Columns of a table as channels with units; a record file that is opened once for everyone."""
+"""Columns of a table as channels with units; and record files, read once."""
 
 from __future__ import annotations
 
@@ -51,8 +51,9 @@ class SourceColumn:
 
 
 def split_at(header: Sequence[str], index: int) -> tuple[str, str | None]:
-    """Name and unit of a cell of a header. ``xyz[1]`` beside ``xyz[0]`` or ``xyz[2]`` is an element
-    of an array, in no unit.
+    """Name and unit of a header cell.
+
+    ``xyz[1]`` beside ``xyz[0]`` or ``xyz[2]`` is an element of an array, without a unit.
     """
     match = _SECOND.fullmatch(header[index])
     if match is not None and (f"{match[1]}[0]" in header or f"{match[1]}[2]" in header):
@@ -61,8 +62,9 @@ def split_at(header: Sequence[str], index: int) -> tuple[str, str | None]:
 
 
 def suffix_unit(cell: str, channel: str) -> str | None:
-    """Unit of ``channel_unit``: the first word over the others, ``q_deg_s`` is in ``deg/s``; None
-    for any other header.
+    """Unit in a header ``channel_unit``; None for any other header.
+
+    The first word is divided by the others: ``q_deg_s`` is in ``deg/s``.
     """
     if not cell.startswith(channel + "_"):
         return None
@@ -81,16 +83,16 @@ def find_column(
     *,
     lenient: bool = False,
 ) -> SourceColumn | None:
-    """The column of a channel, None if the table has none.
+    """Return the column of a channel, None if the table has none.
 
-    A channel in ``choices`` is looked for under that header alone, or counts as absent. Else
-    ``alpha``, ``alpha [deg]`` and ``alpha_deg``
-    count; a ``alpha_word`` whose word is no unit of an angle counts as another signal if there is
-    an ``alpha`` besides. ``units`` (the sidecar's) hold for headers without a unit, before them
-    ``under``, the row of units under the header. ``channel_units``: the SI unit of every
-    known channel; a header that is another channel's name is that channel's alone. ``lenient``: a
-    unit in ``under`` that cannot be one of the channel is left out, as the units are metadata that
-    recorders fill in carelessly.
+    A channel in ``choices`` is that column alone, or absent. Otherwise the headers ``alpha``,
+    ``alpha [deg]`` and ``alpha_deg`` are recognised. A header ``alpha_word`` whose word is no unit
+    of an angle is another signal if there is also a column ``alpha``.
+
+    The unit is that of the header, else of ``under`` (the row of units under the header), else of
+    ``units`` (the sidecar's). ``channel_units``: the SI unit of every known channel; a header that
+    is the name of another channel is never used. ``lenient``: ignore a unit in ``under`` of the
+    wrong dimension, since recorders often write wrong ones.
 
     Raises
     ------
@@ -147,8 +149,8 @@ def find_column(
 def _in_our_case(
     channel: str, header: Sequence[str], channel_units: Mapping[str, str]
 ) -> Sequence[str]:
-    """The header with ``Elevator`` and ``ALPHA`` written as the channel is, where no cell is
-    written so and no other channel is meant.
+    """The header with ``Elevator`` or ``ALPHA`` in the case of the channel, if no cell matches
+    exactly and no other channel is meant.
     """
     if any(split_at(header, index)[0] == channel for index in range(len(header))):
         return header

@@ -1,4 +1,8 @@
-"""Flights of a user model from options of the command line: maneuvers, noise and hidden effects."""
+"""Flights of a user model from options of the command line: maneuvers, noise and hidden effects.
+
+What is made is the document of a scenario, as its file would have it, so that everything behind it
+is that of scenarios.
+"""
 
 from __future__ import annotations
 
