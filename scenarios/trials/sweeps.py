@@ -240,12 +240,10 @@ COARSE = 1_000  # frequencies between which splines give the true margins, to 1e
 
 
 def fly_sweep(scenario: SweepScenario, rng: np.random.Generator, number: int = 1) -> Record:
-    """One flight: inputs ``sweep`` and ``command``, outputs ``returned`` and the rate that is fed
-    back.
+    """Simulate one flight: inputs ``sweep`` and ``command`` (= sweep - returned), outputs
+    ``returned`` and the rate that is fed back.
 
-        command = sweep - returned
-
-    Raises DeclarationError where the loop is unstable.
+    Raises DeclarationError if the loop is unstable.
     """
     rate = frame_rate(scenario)
     time = np.arange(int(scenario.duration * rate + 1e-9)) / rate
@@ -282,9 +280,7 @@ def frame_rate(scenario: SweepScenario) -> float:
 def _roll(
     loop: RollLoop, sweep: np.ndarray, scenario: SweepScenario, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Command, returned signal and measured roll rate, frame by frame; the command is held
-    between.
-    """
+    """Command, returned signal and measured roll rate at each frame, with the command held."""
     whole, decay, now, before = _frame_delay(loop)
     step = 1.0 / loop.rate
     share = math.exp(-step / AIR_TIME)
@@ -398,8 +394,7 @@ def run_sweep(
     seed: int | None,
     progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> SweepStudy:
-    """Fly and estimate as ``flightid response`` does from the files of the flights; the same seed
-    gives the same numbers.
+    """Simulate and estimate as ``flightid response`` from the files of the flights.
 
     Raises
     ------
@@ -505,9 +500,7 @@ def cautions(study: SweepStudy) -> tuple[str, ...]:
 
 
 def write_sweep(study: SweepStudy, folder: str | Path, *, figures: Formats = USUAL) -> Path:
-    """Write records, responses, figures, the page, ``truth.json`` and ``comparison.json``
-    (last).
-    """
+    """Write records, responses, figures, page, ``truth.json`` and ``comparison.json`` (last)."""
     with study_folder(folder, MAIN) as scratch:
         for n, record in enumerate(study.records, 1):
             write_record(scratch, record, "record" if n == 1 else f"record_{n}", simulated=True)
