@@ -1,7 +1,7 @@
 """Maneuvers as functions of time: steps and their combinations, multisines, sweeps.
 
-A maneuver is a function of time that knows its exact mean over any interval, so a simulation meets
-a switch at its own time and not at the next step. Smooth ones are in ``sim.maneuvers``.
+A maneuver knows its exact mean over any interval, so that a simulation meets a switch at its own
+time and not at the next step.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ class MultiStep:
         )
         first = np.searchsorted(self._switches, begin, side="right")
         last = np.searchsorted(self._switches, end, side="left")
-        # Only intervals with a switch inside need noise_model; elsewhere the level itself is exact.
+        # Only intervals with a switch inside need an integral; elsewhere the level itself is exact.
         out = self._padded[first]
         mixed = last > first
         if np.any(mixed):

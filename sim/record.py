@@ -67,8 +67,8 @@ class Record:
 
     Raises
     ------
-    RecordError : fewer than two samples, time not finite or not increasing, lengths that
-        differ, a channel without a single sample, a hole in an input, a name twice.
+    RecordError : fewer than two samples, time not finite or not increasing, lengths that differ, a
+        channel without a single sample, a hole in an input, a name twice.
     """
 
     time: np.ndarray

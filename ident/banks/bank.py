@@ -257,8 +257,7 @@ def run_bank(
     Raises
     ------
     ModelError : as for ``run_ekf``; a parameter given in ``fixed_values`` that is free; numbers of
-    runs that differ; a covariance of each
-        run with several passes.
+        runs that differ; a covariance of each run with several passes.
     """
     settings = settings or FilterSettings()
     problem, runs = bank_runs(record, system, settings, z=z, fixed_values=fixed_values, start=start)

@@ -377,7 +377,7 @@ def run_delay_bank(
     Raises
     ------
     ModelError : fewer than three delays, or not increasing; ``name`` is free or unknown; else as
-    for ``run_ekf``.
+        for ``run_ekf``.
     """
     grid = np.asarray(delays, dtype=float)
     if grid.ndim != 1 or grid.size < 3 or np.any(np.diff(grid) <= 0):

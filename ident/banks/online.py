@@ -145,7 +145,7 @@ def online_bank(
     Raises
     ------
     ModelError : equations that are not bilinear or ask for the time, an input that acts on an
-    output directly, an undeclared noise level or prior.
+        output directly, an undeclared noise level or prior.
     """
     free_names = system.parameters.free_names
     if name in free_names:

@@ -56,8 +56,7 @@ def filter_problem(record: Record, system: System, max_step: float) -> FilterPro
     Raises
     ------
     ModelError : no free parameter has data (no output in common), an unknown noise level, a free
-    parameter or
-        state without a prior standard deviation, an effect that cannot run on line.
+        parameter or state without a prior standard deviation, an effect that cannot run on line.
     """
     present = [name for name in system.output_names if name in record.output_names]
     if not present:

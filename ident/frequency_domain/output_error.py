@@ -354,8 +354,8 @@ def fit_frequency_domain(
     Raises
     ------
     ModelError : no input, a rate or output that is not linear, effects on the input or sensor path
-    besides the delays, nothing to estimate. RecordError : uneven samples, missing ones, or no
-    harmonic within the band.
+        besides the delays, nothing to estimate.
+    RecordError : uneven samples, missing ones, or no harmonic within the band.
     """
     fit, problem = frequency_fit(records, system, settings, delays=delays)
     return _failed(problem) if fit is None else _estimate_of(fit, settings or FrequencySettings())

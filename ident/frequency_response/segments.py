@@ -429,7 +429,8 @@ def estimate_response(
     Raises
     ------
     RecordError : uneven sampling, missing samples, an input without motion, no frequency in the
-    range. ModelError : fewer than two tapers (the coherence of one is always 1).
+        range.
+    ModelError : fewer than two tapers (the coherence of one is always 1).
     """
     if tapers < 2:
         raise ModelError(f"{tapers} tapers", where="estimate_response", remedy="use two or more")

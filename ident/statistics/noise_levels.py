@@ -171,7 +171,7 @@ def noise_envelope(
     Raises
     ------
     RecordError : fewer than twenty such runs of valid samples in a channel, or a channel without
-    any noise.
+        any noise.
     """
     stretch = record if start is None and stop is None else record.window(start, stop)
     out = {}

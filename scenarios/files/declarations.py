@@ -96,7 +96,7 @@ def checked(
     Raises
     ------
     DeclarationError : one line on the first fault: an unknown key before a missing one before a
-    wrong value.
+        wrong value.
     """
     from pydantic import ValidationError
 
@@ -409,7 +409,7 @@ def read_channel_map(
     Raises
     ------
     DeclarationError : the file cannot be read, or a channel or key is unknown, missing or of the
-    wrong kind.
+        wrong kind.
     """
     from scenarios.files.schemas import channel_map
 

@@ -132,9 +132,8 @@ def read_source(
 
     Raises
     ------
-    FlightidError : of the kind ``error``: there is no such file, it is a folder, a device or a
-        pipe that nothing writes into,
-        it is larger than ``most`` bytes, or it cannot be read.
+    FlightidError : of the kind ``error``: there is no such file, it is a folder, a device or a pipe
+        that nothing writes into, it is larger than ``most`` bytes, or it cannot be read.
     """
     path = Path(path)
     content = read_content(path, error, wanted, most)
@@ -241,8 +240,8 @@ def json_value(content: bytes | str) -> Any:
 
     Raises
     ------
-    DocumentError : it is not UTF-8, no JSON, nested deeper than ``DEEPEST``, or holds a number
-        that is not finite or has too many digits.
+    DocumentError : it is not UTF-8, no JSON, nested deeper than ``DEEPEST``, or holds a number that
+        is not finite or has too many digits.
     """
     try:
         value = json.loads(content, parse_int=_whole, parse_constant=_constant)
@@ -263,8 +262,8 @@ def toml_value(text: str) -> dict[str, Any]:
 
     Raises
     ------
-    DocumentError : it is no TOML, nested deeper than ``DEEPEST``, or holds a whole number of
-        too many digits.
+    DocumentError : it is no TOML, nested deeper than ``DEEPEST``, or holds a whole number of too
+        many digits.
     """
     try:
         value = tomllib.loads(text)
@@ -287,8 +286,8 @@ def read_json(
 
     Raises
     ------
-    FlightidError : of the kind ``error``: it cannot be read, or as ``json_value``; the line
-        names the file and what to name instead, ``wanted``.
+    FlightidError : of the kind ``error``: it cannot be read, or as ``json_value``; the line names
+        the file and what to name instead, ``wanted``.
     """
     content = read_content(path, error, wanted, MOST_DOCUMENT)
     try:

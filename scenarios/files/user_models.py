@@ -67,8 +67,8 @@ def take_constraints(
     Raises
     ------
     DeclarationError : one line with file, key and remedy: an unknown parameter, one given twice,
-    bounds in the wrong order or beside the
-        start, a tie to itself, to one that is tied, or of another form.
+        bounds in the wrong order or beside the start, a tie to itself, to one that is tied, or of
+        another form.
     """
     given = {table: content.pop(table, {}) for table in TABLES}
     if all(table == {} for table in given.values()):
@@ -434,8 +434,7 @@ def read_user_model(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnMode
     Raises
     ------
     DeclarationError : no such file, an error in it (with its line), no ``MODEL`` in it, or one that
-    ``own_model`` did not make or that has the
-        name of one ``built_in``.
+        ``own_model`` did not make or that has the name of one ``built_in``.
     """
     source = read_source(path, DeclarationError, WANTED)
     where = str(source.path)
@@ -530,7 +529,7 @@ def own_numbers(own: OwnModel, source: Source) -> tuple[str, Model, Constraints]
     Raises
     ------
     DeclarationError : one line with file, key and remedy: not TOML, an unknown key, a value of the
-    wrong kind or unit or beyond its bounds.
+        wrong kind or unit or beyond its bounds.
     """
     from scenarios.files.schemas import number_in
 

@@ -310,7 +310,7 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
     Raises
     ------
     DeclarationError : one line with file, key and remedy: not TOML, an unknown or missing key, a
-    value of the wrong kind, unit or sign.
+        value of the wrong kind, unit or sign.
     """
     if model == AIRCRAFT:
         return aircraft_vehicle(source)

@@ -101,7 +101,7 @@ def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
     Raises
     ------
     FlightidError : a NaN, an infinity, a None, a key that is no text or an object that JSON does
-    not know; nothing is written.
+        not know; nothing is written.
     """
     write_text(Path(path), json_text(content, str(path)) + "\n")
 
@@ -268,7 +268,7 @@ def study_folder(path: str | Path, main: str) -> Iterator[Path]:
     Raises
     ------
     FlightidError : ``path`` is a file or cannot be written, or a folder stands where a file of ours
-    should go.
+        should go.
     """
     target = resolved(path)
     if os.path.lexists(target) and not os.path.isdir(target):
@@ -317,7 +317,7 @@ def files_together(named: Path) -> Iterator[Path]:
     Raises
     ------
     FlightidError : the folder cannot be written, or a file of somebody else has the name of one of
-    ours.
+        ours.
     """
     target = named.parent
     made: list[Path] = []

@@ -223,7 +223,7 @@ def rivals_of(request: DesignRequest, model: Model) -> tuple[Traceable, ...]:
     Raises
     ------
     DeclarationError : fewer than two, the same twice, one that cannot act on the model or has no
-    simulation that could be compared.
+        simulation that could be compared.
     """
     names = list(request.tell)
     if not names:

@@ -141,7 +141,7 @@ def limits_of(given: Path | Mapping[str, Any] | None, model: Model, usual: Limit
     Raises
     ------
     DeclarationError : a key that there is not, a value of a wrong kind, unit or sign, a lowest
-    above a highest.
+        above a highest.
     """
     if given is None:
         return usual

@@ -1,4 +1,4 @@
-"""Gaps in the time of a record, and one zero-phase filter for all channels."""
+"""Gaps in the time of a record, and zero-phase filtering of all channels."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from sim.record import Channel, Hold, Record
 
 # Of 767 simulated records at 10 to 400 Hz, even or with jitter of a quarter of a step, none is
 # split; of 379 that lost up to a tenth of their rows at random one is.
-MANY = 5.0  # usual steps, from which a longer one is a gap
-LONG = 0.25  # s, which a gap lasts at least: shorter ones are bridged by the input before them
+MANY = 5.0  # shortest gap, in usual steps
+LONG = 0.25  # s, shortest gap; shorter ones are bridged by the input before them
 FEWEST = 30  # samples that a part needs to be used
 
 
 def gaps_of(record: Record) -> np.ndarray:
-    """Positions of the samples before a gap, shape ``(G,)``: steps longer than five usual ones and
-    than a quarter of a second.
+    """Positions of the samples before a gap, ``(G,)``: a step longer than five usual ones and a
+    quarter of a second.
     """
     steps = np.diff(record.time)
     return np.flatnonzero(steps > max(MANY * float(np.median(steps)), LONG))
@@ -46,8 +46,7 @@ class Parted:
 
 
 def parts_of(parted: Sequence[Parted], each: Sequence[Record]) -> list[tuple[Parted, slice]]:
-    """Each record with the places of its parts in a list of the parts of all of them, which
-    ``each`` is."""
+    """Each record with the slice of its parts in ``each``, the list of all parts of all records."""
     ends = np.cumsum([0, *(one.count for one in parted)]).tolist()
     assert ends[-1] == len(each)
     return [(one, slice(*span)) for one, span in zip(parted, pairwise(ends), strict=True)]
@@ -56,10 +55,10 @@ def parts_of(parted: Sequence[Parted], each: Sequence[Record]) -> list[tuple[Par
 def put_together(
     parted: Parted, parts: Sequence[Record], rows: Sequence[Sequence[np.ndarray]]
 ) -> tuple[Record, list[np.ndarray]]:
-    """A record of its parts, and each of several predictions ``(m, N)`` of those of the parts.
+    """Join the parts of a record, and predictions ``(m, N)`` of the parts.
 
-    Rows outside the parts have no measurement, the inputs before them and, as where a simulation
-    fails, the mean of the prediction.
+    Rows outside the parts have no measurement, the inputs of the last row before them, and the mean
+    of the prediction, as where a simulation fails.
 
     Parameters
     ----------
@@ -112,16 +111,14 @@ def put_together(
 def split_at_gaps(
     record: Record, use: str = "used as {count} record{s}"
 ) -> tuple[tuple[Record, ...], str]:
-    """The parts of a record between its gaps and a sentence on them; the record itself and nothing
-    where it has none.
+    """Return the parts of a record between its gaps, and a sentence on them; the record and an
+    empty text without a gap.
 
-    ``use`` : what the sentence says is done with the parts.
+    ``use``: use of the parts, for the sentence. A part of fewer than 30 samples, or without a
+    sample of any output, is left out, unless no part has more. A part lacks the outputs without
+    samples in it; its name is ``NAME[from-to s]``.
 
-    Raises RecordError for a time beyond all measure.
-
-    A part of fewer than 30 samples, or without a sample of any output, is left out, unless no part
-    has more; a part lacks the outputs of which
-    it has no sample; every part is named ``NAME[from-to s]``.
+    Raises RecordError for an impossible time.
     """
     wrong = np.flatnonzero(np.abs(record.time) > LARGEST)
     if wrong.size:
@@ -191,7 +188,7 @@ def filtered(record: Record, plan: Plan) -> tuple[Record, str]:
     Raises
     ------
     RecordError : a rate above the record's, a corner above half its rate or below one period a
-    record, or too few samples.
+        record, or too few samples.
     """
     step = float(np.median(np.diff(record.time)))
     if plan.lowpass is None and (

@@ -102,7 +102,7 @@ def plan_of(
     Raises
     ------
     DeclarationError : ends that make no pairs, segments that overlap, a hold or a frequency that is
-    none, an empty or repeated name.
+        none, an empty or repeated name.
     """
     held = _hold_of(hold) if hold is not None else None
     return Plan(
@@ -295,7 +295,7 @@ def read_parts(path: str | Path) -> DeclaredParts:
     Raises
     ------
     DeclarationError : no such file, an unknown or missing key, a wrong value, times the wrong way
-    round, a number or name twice.
+        round, a number or name twice.
     """
     from scenarios.files.declarations import checked, read_toml
     from scenarios.files.schemas import FileEntry
@@ -379,7 +379,7 @@ def with_maneuvers(
     Raises
     ------
     DeclarationError : together with ``--from`` or ``--to`` or with several records, no file, one of
-    another record, or no such maneuver.
+        another record, or no such maneuver.
     """
     if not requested:
         if file is not None:

@@ -73,7 +73,7 @@ def refuse_still(records: Sequence[Record], model: Model) -> None:
     Raises
     ------
     RecordError : an output whose samples are all the same; controls that rest in every record;
-    nothing that moves above its noise.
+        nothing that moves above its noise.
     """
     for record in records:
         for channel in record.outputs:
@@ -108,7 +108,7 @@ def refuse_unrelated_records(fitted: Sequence[Record], validation: Sequence[Reco
     Raises
     ------
     RecordError : sticks in two units, which are never converted; a record to be predicted with none
-    of the fitted channels.
+        of the fitted channels.
     """
     first = fitted[0]
     for record in (*fitted[1:], *validation):
@@ -296,8 +296,7 @@ def hold_out(record: Record) -> tuple[Record, Record]:
     Raises
     ------
     RecordError : fewer than 40 rows (either part gets 20 at least), a part without a sample of a
-    channel, or a fitted part in which no
-        control moves.
+        channel, or a fitted part in which no control moves.
     """
     if len(record) < 2 * FEWEST:
         raise RecordError(

@@ -81,7 +81,7 @@ def refuse_unfit_records(records: Sequence[Record], model: Model) -> None:
     Raises
     ------
     RecordError : angles or accelerations that are in another unit than they are said to be; two
-    surfaces that move together in all records although both have free terms in one coefficient.
+        surfaces that move together in all records although both have free terms in one coefficient.
     """
     aircraft = declaration_of(model)
     if aircraft is None:

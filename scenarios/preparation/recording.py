@@ -121,7 +121,7 @@ def checked_records(
     Raises
     ------
     RecordError : a fault that is certain and would spoil every number, with its remedy; with the
-    plan's ``trusted`` a warning instead.
+        plan's ``trusted`` a warning instead.
     """
     out, seen = [], []
     for record in records:

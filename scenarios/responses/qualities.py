@@ -1,4 +1,4 @@
-"""Flying qualities from estimated responses and fitted forms: numbers, levels, their tables."""
+"""Flying qualities from estimated responses and fitted forms: quantities, levels, tables."""
 
 from __future__ import annotations
 
@@ -40,18 +40,20 @@ from scenarios.responses.fitting import Fits, target_of
 from scenarios.responses.reading import Names
 from sim.errors import DeclarationError
 
-RATE, ATTITUDE = "rate", "attitude"
-PITCH = "pitch"  # the form that airspeed belongs to
+# Kinds of an output.
+RATE = "rate"
+ATTITUDE = "attitude"
+PITCH = "pitch"  # the fitted form whose levels depend on the airspeed
 
 
 @dataclass(frozen=True)
 class LevelOptions:
-    """Against which limits fitted forms are held.
+    """Aircraft class and flight-phase category for the levels of fitted forms.
 
     Attributes
     ----------
     flown : ``CLASS-CATEGORY``, class I, II-C, II-L, III or IV and category A, B or C of the flight
-        phase, as in ``IV-A``; None judges nothing.
+        phase, as in ``IV-A``; None: no levels.
     airspeed : m/s, for n/alpha and CAP.
     """
 
@@ -144,7 +146,7 @@ class Qualities:
 
     @property
     def numbers(self) -> Mapping[str, tuple[BandwidthQuantity, str]]:
-        """Quantities that are known, with their units."""
+        """The determined quantities with their units."""
         result: dict[str, tuple[BandwidthQuantity | None, str]] = {}
         if self.bandwidth is not None:
             result |= {

@@ -148,9 +148,8 @@ def read_flights(path: str | Path) -> Flights:
     Raises
     ------
     DeclarationError : no such file, a key that is unknown or missing, a value that is wrong, two
-    flights of one name, no flight; a line with file,
-        flight and remedy. Records that are not there are no error here: their flights are told as
-        failed.
+        flights of one name, no flight; a line with file, flight and remedy. Records that are not
+        there are no error here: their flights are told as failed.
     """
     from scenarios.files.schemas import SurveyEntry
 

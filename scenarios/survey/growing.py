@@ -425,8 +425,8 @@ def survey_files(
 
     Raises
     ------
-    KeyboardInterrupt : Ctrl-C, with how many flights are kept. FlightidError : ``folder`` cannot be
-    written.
+    KeyboardInterrupt : Ctrl-C, with how many flights are kept.
+    FlightidError : ``folder`` cannot be written.
     """
     before = last_survey(folder)
     missing = tuple(

@@ -107,8 +107,8 @@ def survey_flights(
 
     Raises
     ------
-    FlightidError : anything in the file that keeps it from being used. KeyboardInterrupt : Ctrl-C,
-    with what is kept.
+    FlightidError : anything in the file that keeps it from being used.
+    KeyboardInterrupt : Ctrl-C, with what is kept.
     """
     survey = read_flights(path)
     tell("reading", 0.0)

@@ -164,7 +164,7 @@ def sweep_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Swe
     Raises
     ------
     DeclarationError : an unknown or missing key, a value or unit that is wrong: one line with file
-    and key.
+        and key.
     """
     content = checked(_Sweep, document, where)
     if (content.airframe is None) == (content.loop is None):

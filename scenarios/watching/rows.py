@@ -282,8 +282,7 @@ def read_header(
     Raises
     ------
     RecordError : not UTF-8, not separated by commas, no time or input, none of the outputs, or as
-        for ``find_column``; a channel that needs
-        other rows than its own; a rate beside a clock.
+        for ``find_column``; a channel that needs other rows than its own; a rate beside a clock.
     """
     cells = _named(header_cells(line, name), name, names)
     width, computed = len(cells), None

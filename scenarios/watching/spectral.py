@@ -111,7 +111,8 @@ def spectral_session(
 
     Raises
     ------
-    ModelError : equations that cannot be regressed on line. DeclarationError : tied parameters.
+    ModelError : equations that cannot be regressed on line.
+    DeclarationError : tied parameters.
     """
     if vehicle.model == "loes":
         declared = model_from_constants("loes", vehicle.constants, vehicle.derivatives)

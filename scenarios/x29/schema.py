@@ -127,7 +127,7 @@ def loop_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Loop
     Raises
     ------
     DeclarationError : an unknown or missing key, a value or unit that is wrong: one line with file
-    and key.
+        and key.
     """
     content = checked(_Scenario, document, where)
     against = content.against

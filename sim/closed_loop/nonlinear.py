@@ -347,8 +347,7 @@ def fly_closed_loop(
     Raises
     ------
     ModelError : a duration of less than two rows, a stick that is too short or not finite,
-    telemetry that does not fall on
-        frames, a negative skew, fewer than one piece.
+        telemetry that does not fall on frames, a negative skew, fewer than one piece.
     """
     every = _frames_per_row(x29)
     time = _frame_times(x29, duration, every)

@@ -1,10 +1,9 @@
-"""The declared model: equations, parameters and their ties, effects; and the System that it is
-compiled to.
+"""The declared model: equations, parameters with ties, effects; and the System compiled from it.
 
-Rows: ``x``, ``u`` and ``p`` are sequences with one entry a state, input or parameter; an entry is a
-float, a complex number or an array whose axes are batch axes. The same source serves the
-step-by-step filter (floats), banks and campaigns (arrays of runs), whole-record fits (arrays of
-samples) and derivatives (complex).
+``x``, ``u`` and ``p`` are sequences with one entry for each state, input or parameter. An entry is
+a float, a complex number or an array whose axes are batch axes. The same functions serve filters
+(floats), banks and campaigns (arrays of runs), whole-record fits (arrays of samples) and
+derivatives (complex steps).
 """
 
 from __future__ import annotations
@@ -29,12 +28,14 @@ from sim.declaration.effect import (
 )
 from sim.errors import ModelError
 
-# ---- Ties: parameters that are no unknowns of their own, but a linear function of others
+# ---- Ties: parameters that are linear functions of others
 
 
 @dataclass(frozen=True)
 class Tie:
-    """``name`` = ``constant`` + the sum of factor times parameter over ``terms``, all in SI."""
+    """A parameter that is a linear function of others: ``name`` = ``constant`` + sum of factor
+    times parameter over ``terms``, SI.
+    """
 
     name: str
     terms: tuple[tuple[str, float], ...]
@@ -49,12 +50,12 @@ class Tie:
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """The parameters that it follows."""
+        """Names of the parameters on the right-hand side."""
         return tuple(source for source, _ in self.terms)
 
     @property
     def words(self) -> str:
-        """``"Cn_da = -0.1 Cl_da + 0.002"``."""
+        """Text of the tie, ``"Cn_da = -0.1 Cl_da + 0.002"``."""
         parts = [f"{factor:g} {source}" for source, factor in self.terms] + (
             [f"{self.constant:g}"] if self.constant else []
         )
@@ -66,9 +67,8 @@ def with_tied_values(parameters: ParameterSet, ties: Sequence[Tie]) -> Parameter
 
     Raises
     ------
-    ModelError : a tie of or to a parameter that there is not, of one that is tied already, to one
-    that is tied itself, or a value that is
-        not finite or beyond the tied parameter's bounds.
+    ModelError : an unknown parameter, one that is tied twice, a tie to one
+        that is tied itself, or a value that is not finite or beyond the tied parameter's bounds.
     """
     tied = [tie.name for tie in ties]
     for tie in ties:
@@ -128,8 +128,8 @@ class Equations(Protocol):
 
 @runtime_checkable
 class Containing(Protocol):
-    """Equations that hold some effects of the library in themselves: ``contains`` names them, and a
-    search must not offer them.
+    """Equations that already contain some effects of the library, named in ``contains``; a search
+    does not offer them.
     """
 
     @property

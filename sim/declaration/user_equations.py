@@ -393,8 +393,8 @@ def try_model(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
     Raises
     ------
     ModelError : an answer that is no mapping, lacks a name or has one too many, or is no finite
-    number at the starts; a function that loses a
-        complex step (``math``, ``abs`` or ``if`` of a signal) or does not take arrays.
+        number at the starts; a function that loses a complex step (``math``, ``abs`` or ``if`` of a
+        signal) or does not take arrays.
     """
     values = evaluated(equations, starts)
     for (what, name), value in values.items():

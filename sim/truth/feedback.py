@@ -50,7 +50,7 @@ def fly_with_feedback(
     Raises
     ------
     ModelError : an unknown input or output, effects on the input or sensor path, an algebraic loop,
-    parameters that drift, a flight that diverges.
+        parameters that drift, a flight that diverges.
     """
     system, method = compile_model(model, outputs), method or rk4_step
     loop = _Loop(system, model, maneuvers, gains)

@@ -309,7 +309,7 @@ def fly(
     Raises
     ------
     ModelError : an unknown input or output, a random walk of an unknown parameter, a simulation
-    that diverges.
+        that diverges.
     """
     system = compile_model(model, outputs)
     by_input = _assigned(system, maneuvers)

@@ -172,7 +172,7 @@ def condense(values: Mapping[str, float], modes: int) -> Condensation:
     Raises
     ------
     ModelError : the restrained structure is beyond static divergence, so that it has no static
-    deflection.
+        deflection.
     """
     names = [
         f"{coefficient}_{motion}"
@@ -234,7 +234,7 @@ def with_frequency_factor(data: VehicleData, factor: float) -> VehicleData:
     Raises
     ------
     DeclarationError : a factor that is not above zero, or a vehicle without elastic modes and a
-    factor other than one.
+        factor other than one.
     """
     if factor == 1.0:
         return data
@@ -324,7 +324,7 @@ def flexibility(
     Raises
     ------
     ModelError : no output named, a condensed aircraft without an oscillatory short period, static
-    divergence.
+        divergence.
     """
     if not noise_std:
         raise ModelError(

@@ -97,8 +97,7 @@ def find_column(
     Raises
     ------
     RecordError : two columns for the channel, a mapped column that is absent, an unknown unit, one
-    of the wrong dimension, or two
-        that contradict each other, in the header and under it.
+        of the wrong dimension, or two that contradict each other, in the header and under it.
     """
     if channel not in channel_units:
         raise RecordError(
@@ -340,7 +339,7 @@ def read_sidecar(record: Path) -> Sidecar:
     Raises
     ------
     RecordError : it cannot be read or is damaged, or it is a record's and says something that
-    cannot be used.
+        cannot be used.
     """
     path = sidecar_path(record)
     try:
@@ -457,7 +456,7 @@ def read_record_file(path: str | Path) -> RecordFile:
     Raises
     ------
     RecordError : the file is missing, unreadable, empty, not UTF-8, or has a header and no rows;
-    the sidecar says what cannot be used.
+        the sidecar says what cannot be used.
     """
     source = read_source(path, RecordError, "the record file", MOST_RECORD)
     topics = topics_of(source)

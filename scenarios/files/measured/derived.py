@@ -50,7 +50,7 @@ def with_derived(
     Raises
     ------
     RecordError : a column, topic or clock that is not there or not the only one of its name; an
-    expression that cannot be computed.
+        expression that cannot be computed.
     """
     absent = {name: choice for name, choice in (choices or {}).items() if choice.absent}
     chosen = {

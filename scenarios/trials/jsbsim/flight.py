@@ -80,7 +80,7 @@ def fly_jsbsim(flight: JsbsimFlight, seed: int) -> tuple[Record, JsbsimTruth]:
     Raises
     ------
     DeclarationError : JSBSim is not installed, has no such aircraft, does not trim it here, or
-    loses it in the maneuver.
+        loses it in the maneuver.
     """
     _refuse_missing_surface(flight)
     frames = math.ceil(FRAMES / flight.rate)  # of one sample

@@ -140,7 +140,7 @@ def fly(condition: Condition, wanted: Mapping[str, np.ndarray], leveller: float)
     Raises
     ------
     DeclarationError : JSBSim is not installed, the aircraft does not trim here, or the flight goes
-    astray.
+        astray.
     """
     surfaces = surfaces_of(condition.aircraft)
     machine = trimmed(condition)

@@ -59,7 +59,7 @@ def jsbsim_of(document: Mapping[str, Any], name: str, where: str) -> JsbsimFligh
     Raises
     ------
     DeclarationError : an unknown or missing key, name, unit or value, JSBSim not installed: one
-    line with file and key.
+        line with file and key.
     """
     content = checked(_Jsbsim, document, where)
     aircraft = str(content.aircraft)

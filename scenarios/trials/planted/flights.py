@@ -71,7 +71,7 @@ def fly_trace(scenario: TraceScenario, seed: int) -> SimulatedTrace:
     Raises
     ------
     DeclarationError : a maneuver or a hidden term lacks a number, or moves an input that is not
-    there.
+        there.
     """
     first, second, third = np.random.default_rng(seed).spawn(3)
     if scenario.flight.vehicle.startswith(CLOSED_LOOP):

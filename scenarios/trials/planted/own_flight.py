@@ -52,7 +52,7 @@ def maneuver_words(
     Raises
     ------
     DeclarationError : an input, a kind or a key that there is not, a wrong value or unit: the word
-    is named.
+        is named.
     """
     out, end = [], 0.0
     for place, word in enumerate(words):

@@ -113,7 +113,7 @@ def trace_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Tra
     Raises
     ------
     DeclarationError : an unknown or missing key, a value or unit that is wrong, a hidden term that
-    is not there: one line with file and key.
+        is not there: one line with file and key.
     """
     content = checked(_Trace, document, where)
     flight, place = content.flight, f"{where}, key flight"
