@@ -91,10 +91,10 @@ def system_tables(system: System, p: Sequence[Any]) -> tuple[Bilinear, Bilinear]
     n_x, n_u = len(system.states), len(system.inputs)
     n = n_x + len(free)
     # Several values of a held parameter do not go with the points' axes, unless they are not used.
-    held = [_scalar_or_row(value) for value in p]
+    fixed_values = [_scalar_or_row(value) for value in p]
 
     def split(w: list[Any]) -> tuple[list[Any], list[Any], list[Any]]:
-        whole = held.copy()
+        whole = fixed_values.copy()
         for index, value in zip(free, w[n_x:n], strict=True):
             whole[index] = value
         return w[:n_x], w[n:], whole

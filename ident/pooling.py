@@ -359,9 +359,9 @@ def recurrence(evidence: Evidence, candidates: int = 1) -> Recurrence:
     """
     n, k = evidence.value.shape
     best = _best(evidence)
-    plain = best if best.scatter == 0.0 else _best(evidence, (0.0,))
-    agrees = 2.0 * (best.total - plain.total) < AGREES
-    best = plain if agrees else best
+    without_scatter = best if best.scatter == 0.0 else _best(evidence, (0.0,))
+    agrees = 2.0 * (best.total - without_scatter.total) < AGREES
+    best = without_scatter if agrees else best
     own = np.log1p(best.share * np.expm1(np.clip(best.each, -700.0, 700.0)))
     probability = expit(best.each + _logit(np.array(best.share)))
     others = np.delete(np.arange(n), int(np.argmax(own)))

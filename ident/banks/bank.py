@@ -66,9 +66,9 @@ def run_pass(
     hundred runs on, and no result then depends on the number of runs.
     """
     if in_rows and about is None and trace is None:
-        plain = pass_side_by_side(problem, settings, runs, keep)
-        if plain is not None:
-            return plain
+        result = pass_side_by_side(problem, settings, runs, keep)
+        if result is not None:
+            return result
     (n, B), (m, N) = runs.start.shape, problem.valid.shape
     x, P = runs.start, np.array(np.broadcast_to(problem.covariance, (B, n, n)), order="C")
     last_x, last_P, sound = x, P, np.ones(B, dtype=bool)

@@ -394,10 +394,10 @@ def run_delay_bank(
         engine, record, system, settings, name, grid, float(grid[best]), between, None
     )
     for _ in range(widenings):
-        held_back = contradicted(system, bank_result.parameters)
-        if not held_back:
+        contradicted_parameters = contradicted(system, bank_result.parameters)
+        if not contradicted_parameters:
             break
-        system = widened(system, held_back)
+        system = widened(system, contradicted_parameters)
         half = 0.5 * (between[1] - between[0])
         between = (
             max(bank_result.delay - half, float(grid[0])),
@@ -418,9 +418,9 @@ def run_delay_bank(
     estimate = engine.alone(
         record, held, settings, None if bank_result.about is None else bank_result.about[:, :, 0]
     )
-    held_back = contradicted(system, estimate.as_dict())
-    if held_back and estimate.outcome is Outcome.CONVERGED:
-        text = ", ".join(f"{each} by {abs(sigmas):.1f}" for each, sigmas in held_back)
+    contradicted_parameters = contradicted(system, estimate.as_dict())
+    if contradicted_parameters and estimate.outcome is Outcome.CONVERGED:
+        text = ", ".join(f"{each} by {abs(sigmas):.1f}" for each, sigmas in contradicted_parameters)
         estimate = replace(
             estimate,
             message=(
@@ -443,7 +443,7 @@ def run_delay_bank(
         bank_result.std,
         bank_result.std == 0.0,
         estimate,
-        held_back,
+        contradicted_parameters,
         system,
         nearest,
     )
@@ -460,12 +460,15 @@ def contradicted(system: System, values: Mapping[str, float]) -> tuple[tuple[str
     return tuple((name, float(sigmas)) for name, sigmas in far if abs(sigmas) > FAR)
 
 
-def widened(system: System, held_back: Sequence[tuple[str, float]]) -> System:
+def widened(system: System, contradicted_parameters: Sequence[tuple[str, float]]) -> System:
     """The System with the prior of each of these as wide as its estimate is far."""
     return replace(
         system,
         parameters=system.parameters.with_prior(
-            {name: abs(sigmas) * system.parameters[name].prior_std for name, sigmas in held_back}
+            {
+                name: abs(sigmas) * system.parameters[name].prior_std
+                for name, sigmas in contradicted_parameters
+            }
         ),
     )
 

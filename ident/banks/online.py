@@ -150,8 +150,8 @@ def online_bank(
     free_names = system.parameters.free_names
     if name in free_names:
         raise ModelError("it is free", where=f"bank, {name}", remedy="hold it")
-    held = system.parameters.values().tolist()
-    density, variance = system.noise(held)
+    values = system.parameters.values().tolist()
+    density, variance = system.noise(values)
     for output, value in zip(system.output_names, variance, strict=True):
         if not (np.isfinite(value) and value > 0):
             raise ModelError(
@@ -168,7 +168,7 @@ def online_bank(
             )
     tables = tables_of(
         system,
-        held,
+        values,
         np.array([*density, *[0.0] * len(free_names)]),
         np.array(variance, dtype=float),
     )
@@ -188,7 +188,7 @@ def online_bank(
         prior_std(system, each, state=False) for each in free_names
     ]
     grid = np.atleast_1d(np.asarray(delays, dtype=float))
-    p: list[Any] = list(held)
+    p: list[Any] = list(values)
     p[system.parameters.index(name)] = grid
     start = np.concatenate([system.initial.values(), system.parameters.values(free_names)])
     units = tuple(system.parameters[each].unit for each in free_names)
@@ -248,8 +248,8 @@ def begin(bank: OnlineBank, rows: Rows) -> BankState:
         rows.time[:0],
         rows.inputs[:, :0],
     )
-    way = _Nodes(rows.time, rows.inputs, [range(0)], [], np.zeros((0, B, n_u)), [0], [0])
-    return _through(bank, before, way, rows.outputs)[0]
+    nodes = _Nodes(rows.time, rows.inputs, [range(0)], [], np.zeros((0, B, n_u)), [0], [0])
+    return _through(bank, before, nodes, rows.outputs)[0]
 
 
 def advance(bank: OnlineBank, state: BankState, rows: Rows) -> list[BankState]:
@@ -271,10 +271,10 @@ def advance(bank: OnlineBank, state: BankState, rows: Rows) -> list[BankState]:
     # The node at which the longest delay ends: older ones are forgotten.
     at = known + last - 1
     oldest = np.maximum(np.searchsorted(time, time[at] - bank.memory, side="right") - 1, 0)
-    way = _Nodes(
+    path = _Nodes(
         time, inputs, steps, np.diff(time)[known - 1 :].tolist(), u, oldest.tolist(), at.tolist()
     )
-    return _through(bank, state, way, rows.outputs)
+    return _through(bank, state, path, rows.outputs)
 
 
 class _Nodes(NamedTuple):
@@ -311,9 +311,9 @@ def _nodes(bank: OnlineBank, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _through(
-    bank: OnlineBank, state: BankState, way: _Nodes, outputs: np.ndarray
+    bank: OnlineBank, state: BankState, nodes: _Nodes, outputs: np.ndarray
 ) -> list[BankState]:
-    """States after the rows of ``way`` with their samples ``(m, K)``, NaN where missing."""
+    """States after the rows of ``nodes`` with their samples ``(m, K)``, NaN where missing."""
     z, count = outputs.copy(), outputs.shape[1]
     states: list[BankState] = []
     first, length = 0, count
@@ -321,7 +321,7 @@ def _through(
     with np.errstate(all="ignore"):
         while first < count:
             rows = slice(first, min(first + length, count))
-            filtered, result = _filtered(bank, state, way, rows, z[:, rows], spikes)
+            filtered, result = _filtered(bank, state, nodes, rows, z[:, rows], spikes)
             states += filtered
             first, state = first + len(filtered), filtered[-1] if filtered else state
             # From a spike on in ever longer parts, so that many spikes do not cost the rest of the
@@ -345,7 +345,7 @@ class _Assessed(NamedTuple):
 def _filtered(
     bank: OnlineBank,
     before: BankState,
-    way: _Nodes,
+    nodes: _Nodes,
     rows: slice,
     z: np.ndarray,
     judged: _Assessed | None,
@@ -358,7 +358,7 @@ def _filtered(
     missing = [None if column.all() else np.flatnonzero(~column) for column in valid.T]
     done = filter_stretch(
         bank.tables,
-        Legs(way.steps[rows], way.dt, way.u, None, z.T[:, None, :, None], missing),
+        Legs(nodes.steps[rows], nodes.dt, nodes.u, None, z.T[:, None, :, None], missing),
         before.mean,
         before.covariance,
     )
@@ -398,7 +398,7 @@ def _filtered(
             if every
             else np.where(good[k][:, None, None], done.covariance[k], covariance)
         )
-        past = slice(way.oldest[row], way.at[row] + 1)
+        past = slice(nodes.oldest[row], nodes.at[row] + 1)
         states.append(
             BankState(
                 mean,
@@ -407,8 +407,8 @@ def _filtered(
                 good[k],
                 *result,
                 seen + k + 1,
-                way.time[past],
-                way.inputs[:, past],
+                nodes.time[past],
+                nodes.inputs[:, past],
             )
         )
     return states, None

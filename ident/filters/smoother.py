@@ -255,6 +255,6 @@ def _process_noise(history: FilterHistory) -> np.ndarray | None:
     )
 
 
-def _lag_one(row: np.ndarray, known: np.ndarray) -> float:
-    both, power = known[1:] & known[:-1], float(np.sum(np.square(row[known])))
+def _lag_one(row: np.ndarray, covariance: np.ndarray) -> float:
+    both, power = covariance[1:] & covariance[:-1], float(np.sum(np.square(row[covariance])))
     return float(np.sum(row[1:][both] * row[:-1][both]) / power) if power > 0.0 else 0.0

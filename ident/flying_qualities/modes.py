@@ -321,10 +321,10 @@ def characteristics_at(
     return out
 
 
-def _without(found: dict[str, float], estimate: Estimate) -> dict[str, float]:
+def _without(values: dict[str, float], estimate: Estimate) -> dict[str, float]:
     """The characteristics without a delay that was not estimated."""
     return {
-        name: value for name, value in found.items() if name != "delay" or name in estimate.names
+        name: value for name, value in values.items() if name != "delay" or name in estimate.names
     }
 
 

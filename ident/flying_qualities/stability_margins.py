@@ -207,13 +207,13 @@ def _crossings(
 
 
 def _determined(
-    found: list[tuple[float, float, float]],
+    crossings: list[tuple[float, float, float]],
 ) -> tuple[list[tuple[float, float, float]], list[float]]:
     """Crossings whose frequency is known to within the reach of the parabola, and where the others
     are.
     """
-    determined = [(at, slope, std) for at, slope, std in found if std <= REACH * abs(slope)]
-    return determined, [at for at, slope, std in found if std > REACH * abs(slope)]
+    determined = [(at, slope, std) for at, slope, std in crossings if std <= REACH * abs(slope)]
+    return determined, [at for at, slope, std in crossings if std > REACH * abs(slope)]
 
 
 def _across(curve: LoopCurve, kind: str, at: float, slope: float, std: float) -> Margin:

@@ -203,8 +203,8 @@ def evaluate(problem: FrequencyProblem, theta: np.ndarray) -> FrequencyFit | Non
             modelled.append(result.y)
             residuals.append(np.where(record.usable[:, None], record.outputs - result.y, 0.0))
             slopes.append(slope)
-    known = [record.usable for record in problem.records]
-    level, counts = levels(residuals, known, problem.bands, problem.floor)
+    usable = [record.usable for record in problem.records]
+    level, counts = levels(residuals, usable, problem.bands, problem.floor)
     away = theta[:q] - problem.start
     cost = float(np.sum(counts * np.log(level))) + 0.5 * float(away @ (problem.prior * away))
     return FrequencyFit(

@@ -451,7 +451,7 @@ def equal_bands(omegas: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 def levels(
     residuals: Sequence[np.ndarray],
-    known: Sequence[np.ndarray],
+    usable: Sequence[np.ndarray],
     bands: Sequence[np.ndarray],
     floor: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -460,7 +460,7 @@ def levels(
     """
     width = 1 + max(int(np.max(band)) for band in bands)
     total, count = np.zeros((len(floor), width)), np.zeros((len(floor), width))
-    for residual, measured, band in zip(residuals, known, bands, strict=True):
+    for residual, measured, band in zip(residuals, usable, bands, strict=True):
         for b in range(width):
             total[:, b] += np.where(
                 measured, np.sum(np.abs(residual[:, band == b]) ** 2, axis=1), 0.0
@@ -473,7 +473,7 @@ def levels(
 
 def coloured(
     residuals: Sequence[np.ndarray],
-    known: Sequence[np.ndarray],
+    usable: Sequence[np.ndarray],
     bands: Sequence[np.ndarray],
     floor: np.ndarray,
 ) -> bool:
@@ -484,8 +484,8 @@ def coloured(
     """
     from scipy.special import gammaincc  # scipy.stats takes half a second to load
 
-    split_levels, count = levels(residuals, known, bands, floor)
-    together, _ = levels(residuals, known, [np.zeros_like(band) for band in bands], floor)
+    split_levels, count = levels(residuals, usable, bands, floor)
+    together, _ = levels(residuals, usable, [np.zeros_like(band) for band in bands], floor)
     degrees = split_levels.shape[1] - 1
     if degrees == 0:
         return False

@@ -177,12 +177,12 @@ def estimated(stream: OnlineResponses) -> FrequencyResponses | None:
     there = segments.usable(stream.frequency).any(axis=0)
     if not there.any():
         return None
-    known = Segments(transforms[..., there], segments.windows, segments.lengths, overlap)
+    present = Segments(transforms[..., there], segments.windows, segments.lengths, overlap)
     frequency = stream.frequency[there]
     result = responses_of_segments(
-        known, frequency, stream.spectra, stream.outputs, stream.inputs, stream.joint
+        present, frequency, stream.spectra, stream.outputs, stream.inputs, stream.joint
     )
-    return replace(result, usable=_excited_runs(stream, known, result))
+    return replace(result, usable=_excited_runs(stream, present, result))
 
 
 def _excited_runs(

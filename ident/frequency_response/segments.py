@@ -473,9 +473,9 @@ def estimate_response(
     Syu = (Y * np.conj(U)).mean(axis=1)
     coherence = np.abs(Syu) ** 2 / np.maximum(Suu * Syy, np.finfo(float).tiny)
     between = (1.0 - np.exp(-1j * omega * step)) / (1j * omega * step)
-    held = between if record.hold is Hold.PREVIOUS else np.abs(between) ** 2
+    is_held = between if record.hold is Hold.PREVIOUS else np.abs(between) ** 2
     return SingleInputResponse(
-        omega, names, Syu / Suu / held, coherence, (tapers + 1) * math.pi / (count * step)
+        omega, names, Syu / Suu / is_held, coherence, (tapers + 1) * math.pi / (count * step)
     )
 
 

@@ -368,7 +368,7 @@ class _Problem:
         gains = inverse @ slopes.T
         parameters = gains @ covariance @ gains.T
         spread = np.sqrt(np.maximum(np.diag(parameters), 0.0))
-        held = conditional_std(parameters)
+        conditional = conditional_std(parameters)
         values = self.values(p)
         functions = []
         for n, (target, form) in enumerate(zip(self.targets, self.forms, strict=True)):
@@ -385,7 +385,7 @@ class _Problem:
                     form,
                     values[n],
                     {name: float(spread[at]) for name, at in own.items()},
-                    {name: float(held[at]) for name, at in own.items()},
+                    {name: float(conditional[at]) for name, at in own.items()},
                     mismatch_cost(target.response, model, target.coherence),
                     top,
                     bottom,

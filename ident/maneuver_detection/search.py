@@ -499,7 +499,7 @@ def _from_rest(candidates: Sequence[ManeuverCandidate], rest: int) -> list[Maneu
     """The candidates, largest first, without those within ``rest`` samples of a larger one of their
     control.
     """
-    kept: list[ManeuverCandidate] = []
+    chosen: list[ManeuverCandidate] = []
     for each in sorted(
         candidates,
         key=lambda each: -each.strength * float(np.sqrt(each.shape.last - each.shape.first)),
@@ -507,10 +507,10 @@ def _from_rest(candidates: Sequence[ManeuverCandidate], rest: int) -> list[Maneu
         if not any(
             each.shape.first < other.shape.last + rest
             and other.shape.first < each.shape.last + rest
-            for other in kept
+            for other in chosen
         ):
-            kept.append(each)
-    return kept
+            chosen.append(each)
+    return chosen
 
 
 def active_parts(ratio: np.ndarray, quiet: int) -> list[tuple[int, int]]:
@@ -602,11 +602,11 @@ def without_reactions(
     """The candidates without those that overlap a stronger one of another control; multisines of
     lines of their own stay.
     """
-    kept: list[ManeuverCandidate] = []
+    chosen: list[ManeuverCandidate] = []
     for each in sorted(candidates, key=lambda each: -each.strength * each.shape.flatness):
         others = [
             other
-            for other in kept
+            for other in chosen
             if other.channel != each.channel
             and other.shape.first < each.shape.last
             and each.shape.first < other.shape.last
@@ -614,8 +614,8 @@ def without_reactions(
         if all(_independent(activities, each, other) for other in others) and not _follows(
             activities, each
         ):
-            kept.append(each)
-    return kept
+            chosen.append(each)
+    return chosen
 
 
 def _follows(activities: Mapping[str, Activity], each: ManeuverCandidate) -> bool:

@@ -111,12 +111,12 @@ def _finding(
     runs = runs_of(at)
     times = tuple((float(series.time[b]), float(series.time[e - 1])) for b, e in runs if e - b > 1)
     numbers = {"level": FindingQuantity(level, series.unit)}
-    told = (
+    text = (
         f"flat at its {word} value, {shown(level, series.unit)}, for {int(np.count_nonzero(at))} "
         "samples"
     )
     if is_input:
-        said = f"is {told}: at its stop, or clipped by the recorder"
+        said = f"is {text}: at its stop, or clipped by the recorder"
         return RecordFinding(
             series.name,
             Kind.CLIPPED,
@@ -133,7 +133,7 @@ def _finding(
         series.name,
         Kind.CLIPPED,
         Certainty.COSTS_INFORMATION,
-        f"is clipped: {told}",
+        f"is clipped: {text}",
         remedy,
         times,
         numbers,
@@ -279,14 +279,14 @@ def _still(inputs: Sequence[np.ndarray], count: int, spacing: int) -> np.ndarray
 def _zero_steps_finding(series: Series, row: int, size: float) -> RecordFinding:
     time = float(series.time[min(int(np.searchsorted(series.rows, row)), len(series.time) - 1)])
     load = ", or a load did that nothing recorded" if series.name in ("nz", "az") else ""
-    told = (
+    text = (
         f"jumps by {shown(size, series.unit)} at {time:.4g} s and stays, while no input and no "
         f"other channel jumps: its zero stepped{load}"
     )
     numbers = {"time": FindingQuantity(time, "s"), "step": FindingQuantity(size, series.unit)}
     remedy = "give the parts before and after as segments, --from and --to in pairs"
     return RecordFinding(
-        series.name, Kind.ZERO_STEP, Certainty.LIKELY, told, remedy, ((time, time),), numbers
+        series.name, Kind.ZERO_STEP, Certainty.LIKELY, text, remedy, ((time, time),), numbers
     )
 
 
@@ -440,11 +440,11 @@ def hum(series: Series, inputs: Sequence[Series]) -> RecordFinding | None:
         return None
     if any(_in_input(other, at) for other in inputs):
         return None
-    told = (
+    text = (
         f"hums at {at:.4g} Hz with an amplitude of {shown(amplitude, series.unit)}, the same in "
         "phase and size throughout"
     )
-    told += f"; a hum above {0.5 / usual:.3g} Hz, half the sample rate, shows as a lower frequency"
+    text += f"; a hum above {0.5 / usual:.3g} Hz, half the sample rate, shows as a lower frequency"
     numbers = {
         "frequency": FindingQuantity(at, "Hz"),
         "amplitude": FindingQuantity(amplitude, series.unit),
@@ -453,7 +453,7 @@ def hum(series: Series, inputs: Sequence[Series]) -> RecordFinding | None:
         "filter all channels alike with --lowpass below it, or mend the wiring; mains is at 50 or "
         "60 Hz, aircraft supply at 400 Hz"
     )
-    return RecordFinding(series.name, Kind.HUM, Certainty.LIKELY, told, remedy, (), numbers)
+    return RecordFinding(series.name, Kind.HUM, Certainty.LIKELY, text, remedy, (), numbers)
 
 
 def _over_floor(power: np.ndarray, first: int) -> np.ndarray:
@@ -544,11 +544,11 @@ def band_limited(series: Series) -> RecordFinding | None:
             continue
         cutoff = 0.5 * flat / BANDS / usual
         share = flat / BANDS
-        told = (
+        text = (
             f"has noise up to about {cutoff:.3g} Hz and none above, of {0.5 / usual:.3g} Hz that "
             "its samples could hold"
         )
-        told += (
+        text += (
             ": it was filtered or resampled before it was written, and one sample in "
             f"{1.0 / share:.2g} is independent"
         )
@@ -557,7 +557,7 @@ def band_limited(series: Series) -> RecordFinding | None:
             "white noise too small"
         )
         numbers = {"cutoff": FindingQuantity(cutoff, "Hz")}
-        return RecordFinding(series.name, Kind.FILTERED, Certainty.NOTED, told, remedy, (), numbers)
+        return RecordFinding(series.name, Kind.FILTERED, Certainty.NOTED, text, remedy, (), numbers)
     return None
 
 

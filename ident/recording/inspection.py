@@ -286,7 +286,7 @@ def _of_lift(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
     together = goes_with_alpha(y["nz"])
     turned = max(disagreement(columns.times({"nz": -1.0})).values())
     if together < -TOGETHER and turned < RIGHT and turned < as_read:
-        told = (
+        text = (
             f"has the sign turned: it falls when alpha rises (correlation {together:.2f}), and the "
             "kinematics hold better with the other sign"
         )
@@ -294,7 +294,7 @@ def _of_lift(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
             "nz",
             Kind.SIGN,
             Certainty.CERTAIN,
-            told,
+            text,
             "turn the sign of the column of nz",
             numbers={"correlation": FindingQuantity(together, "1")},
         )
@@ -309,7 +309,7 @@ def _of_lift(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
     ):
         return None
     name = columns.control_name
-    told = (
+    text = (
         f"are exchanged: the column of {name} goes with alpha, that of nz does not, and the "
         "kinematics hold so"
     )
@@ -317,7 +317,7 @@ def _of_lift(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
         f"nz and {name}",
         Kind.EXCHANGED,
         Certainty.CERTAIN,
-        told,
+        text,
         RENAME,
         numbers={"correlation": FindingQuantity(together, "1")},
     )
@@ -487,7 +487,7 @@ def _of_control(columns: KinematicColumns, expected: Expectations) -> list[Recor
     if power is None or not sure(power) or _contradicted(columns, power.value):
         return []
     ratio, name = power.value / expected.control_power, columns.control_name
-    told = (
+    text = (
         f"its pitch acceleration is {power.value:+.3g} rad/s2 per unit, the vehicle file says "
         f"{expected.control_power:+.3g}"
     )
@@ -504,7 +504,7 @@ def _of_control(columns: KinematicColumns, expected: Expectations) -> list[Recor
                 name,
                 Kind.SIGN,
                 Certainty.CERTAIN,
-                f"has the sign turned: {told}",
+                f"has the sign turned: {text}",
                 remedy,
                 numbers=numbers,
             )
@@ -516,7 +516,7 @@ def _of_control(columns: KinematicColumns, expected: Expectations) -> list[Recor
                 name,
                 Kind.UNIT,
                 Certainty.CERTAIN,
-                f"is in deg, not in rad: {told}",
+                f"is in deg, not in rad: {text}",
                 remedy,
                 numbers=numbers,
             )

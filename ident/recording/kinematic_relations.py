@@ -417,18 +417,18 @@ def control_power(columns: KinematicColumns) -> ControlPower | None:
     )
 
 
-def sure(found: ControlPower) -> bool:
+def sure(power: ControlPower) -> bool:
     """Whether sign and size of a control power can be relied on.
 
     A few samples of a fast motion are explained as well by a control that is late by half its
     period and works the other way, or by a motion that pitching feeds: of 1200 sound light aircraft
     at 8 to 50 samples a second one was told a turned sign so.
     """
-    unrivalled = 1.0 - found.explained < RIVALLED * (1.0 - found.opposed)
+    unrivalled = 1.0 - power.explained < RIVALLED * (1.0 - power.opposed)
     return (
-        found.damped
-        and abs(found.value) > SURE * found.std
-        and found.explained > EXPLAINED
+        power.damped
+        and abs(power.value) > SURE * power.std
+        and power.explained > EXPLAINED
         and unrivalled
     )
 
@@ -496,17 +496,17 @@ def height_unit(record: Record, expected: Expectations) -> list[RecordFinding]:
     (best, unit), (second, _) = result[:2]
     if best > RIGHT or CLEARLY * best > min(as_read, second):
         return []
-    told = (
+    text = (
         f"is in {unit}, not in m: it falls under gravity as heights in {unit} do (unexplained "
         f"{100.0 * best:.2g} % of the motion)"
     )
-    told += f", not as heights in m ({100.0 * as_read:.2g} %)"
+    text += f", not as heights in m ({100.0 * as_read:.2g} %)"
     numbers = {
         "unexplained": FindingQuantity(as_read, "1"),
         "unexplained_otherwise": FindingQuantity(best, "1"),
     }
     remedy = f"name the column {HEIGHT} [{unit}], or say its unit in a channel map"
-    return [RecordFinding(HEIGHT, Kind.UNIT, Certainty.CERTAIN, told, remedy, numbers=numbers)]
+    return [RecordFinding(HEIGHT, Kind.UNIT, Certainty.CERTAIN, text, remedy, numbers=numbers)]
 
 
 def _unexplained(

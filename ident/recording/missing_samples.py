@@ -65,7 +65,7 @@ def _finding(
     times = tuple((float(series.time[b]), float(series.time[e - 1])) for b, e in runs)
     samples = int(sum(e - b for b, e in runs))
     first = ", ".join(f"{begin:.4g} s" for begin, _ in times[:3])
-    told = (
+    text = (
         f"has {samples} sample(s) that are {word}, at "
         f"{first}{' and so on' if len(times) > 3 else ''}, while it is elsewhere before and after"
     )
@@ -78,7 +78,7 @@ def _finding(
             series.name,
             Kind.DROPOUT,
             Certainty.LIKELY,
-            told,
+            text,
             "fill the dropouts of an input, or cut the record there",
             times,
             numbers,
@@ -88,7 +88,7 @@ def _finding(
         mask[series.rows[b:e]] = True
     remedy = "leave cells empty where there is no measurement"
     return RecordFinding(
-        series.name, Kind.DROPOUT, Certainty.COSTS_INFORMATION, told, remedy, times, numbers, mask
+        series.name, Kind.DROPOUT, Certainty.COSTS_INFORMATION, text, remedy, times, numbers, mask
     )
 
 
@@ -196,14 +196,14 @@ def _rows_finding(
     times = tuple((float(record.time[gap]), float(record.time[gap + 1])) for gap in gaps)
     rows = int(np.sum(np.round(np.minimum(steps[gaps], MOST * usual) / usual) - 1))
     places = ", ".join(f"{begin:.4g} to {end:.4g} s" for begin, end in times[:3])
-    told = (
+    text = (
         f"misses about {rows} row(s) "
         f"{word + ' ' if word else ''}({places}{' and so on' if len(times) > 3 else ''})"
     )
     likely = certainty is Certainty.LIKELY
-    told += ": what the input did there is taken from the row before" if likely else ""
+    text += ": what the input did there is taken from the row before" if likely else ""
     if record.inputs and not likely:
-        told += ": a simulation goes through with the inputs of the row before"
+        text += ": a simulation goes through with the inputs of the row before"
     remedy = (
         "give the parts before and after as segments, --from and --to in pairs" if likely else ""
     )
@@ -211,7 +211,7 @@ def _rows_finding(
         "rows": FindingQuantity(float(rows), "1"),
         "longest": FindingQuantity(float(np.max(steps[gaps])), "s"),
     }
-    return RecordFinding("time", Kind.ROWS_MISSING, certainty, told, remedy, times, numbers)
+    return RecordFinding("time", Kind.ROWS_MISSING, certainty, text, remedy, times, numbers)
 
 
 def _range_about(values: np.ndarray, gaps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -345,7 +345,7 @@ def _held_finding(
         if regular
         else f"irregularly, every {period:.2g} samples in the mean"
     )
-    told = (
+    text = (
         f"is updated {often}, held between: {int(np.count_nonzero(mask))} of {len(series.values)} "
         "samples repeat an older one"
     )
@@ -356,7 +356,7 @@ def _held_finding(
     }
     remedy = "leave cells empty where there is no new sample, or record the channel at its own rate"
     return RecordFinding(
-        series.name, Kind.HELD, Certainty.COSTS_INFORMATION, told, remedy, (), numbers, mask
+        series.name, Kind.HELD, Certainty.COSTS_INFORMATION, text, remedy, (), numbers, mask
     )
 
 
@@ -495,7 +495,7 @@ def interpolated(
     step = float(np.median(np.diff(series.time)))
     filled = int(np.count_nonzero(~result.fresh))
     rate = f"measured every {result.period:.3g} samples ({1.0 / (result.period * step):.3g} Hz)"
-    told = (
+    text = (
         f"is interpolated: {rate}, with {result.curve} between: {filled} of {len(series.values)} "
         "samples follow from their neighbours"
     )
@@ -504,12 +504,12 @@ def interpolated(
         "samples": FindingQuantity(result.period, "1"),
     }
     if is_input:
-        return RecordFinding(series.name, Kind.INTERPOLATED, Certainty.NOTED, told, "", (), numbers)
+        return RecordFinding(series.name, Kind.INTERPOLATED, Certainty.NOTED, text, "", (), numbers)
     mask = np.zeros(count, dtype=bool)
     mask[series.rows[~result.fresh]] = True
     remedy = "export the channel at the rate at which it was measured"
     return RecordFinding(
-        series.name, Kind.INTERPOLATED, Certainty.COSTS_INFORMATION, told, remedy, (), numbers, mask
+        series.name, Kind.INTERPOLATED, Certainty.COSTS_INFORMATION, text, remedy, (), numbers, mask
     )
 
 

@@ -379,14 +379,14 @@ def coarse(series: Series) -> RecordFinding | None:
     bit = series.least_bit
     if not bit or series.span < DISTINCT * bit or bit < COARSE * series.noise:
         return None
-    told = (
+    text = (
         f"has a least bit of {shown(bit, series.unit)}, coarse against its noise: smaller things "
         "are not in the record, and rounding is not white"
     )
     numbers = {"least_bit": FindingQuantity(bit, series.unit)} | (
         {"noise": FindingQuantity(series.noise, series.unit)} if series.noise else {}
     )
-    return RecordFinding(series.name, Kind.RESOLUTION, Certainty.NOTED, told, "", (), numbers)
+    return RecordFinding(series.name, Kind.RESOLUTION, Certainty.NOTED, text, "", (), numbers)
 
 
 @dataclass(frozen=True)

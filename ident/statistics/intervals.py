@@ -270,8 +270,8 @@ class ProfileInterval:
         if self.low is None or self.high is None or self.low_bound or self.high_bound:
             return False
         below, above = self.value - self.low, self.high - self.value
-        told = all(abs(side / (2.0 * self.sigma) - 1.0) <= OTHER for side in (below, above))
-        return told and 1.0 / SKEWED <= above / max(below, 1e-300) <= SKEWED
+        symmetric = all(abs(side / (2.0 * self.sigma) - 1.0) <= OTHER for side in (below, above))
+        return symmetric and 1.0 / SKEWED <= above / max(below, 1e-300) <= SKEWED
 
 
 @dataclass

@@ -110,9 +110,15 @@ def read_with_notes(
     refuse_unknown_units(
         file.sidecar, file.table.header, file.path, {*CHANNEL_UNITS, *channel_units, *channel_map}
     )
-    way = None if hold is None else hold.value
+    hold_name = None if hold is None else hold.value
     file, channel_map = with_derived(
-        file, channel_map, model_inputs, others, rate=rate, hold=way, channel_units=channel_units
+        file,
+        channel_map,
+        model_inputs,
+        others,
+        rate=rate,
+        hold=hold_name,
+        channel_units=channel_units,
     )
     table = file.table
     names = (model_inputs, model_outputs, optional)
@@ -126,7 +132,7 @@ def read_with_notes(
     notes, inputs = [*file.notes, *window.notes], []
     for name in model_inputs:
         choice = (channel_map or {}).get(name)
-        chosen_hold = (choice.hold if choice is not None else None) or way
+        chosen_hold = (choice.hold if choice is not None else None) or hold_name
         channel, note = _input(table, _there(columns[name]), window, chosen_hold)
         inputs.append(channel)
         notes += [note] if note else []

@@ -147,15 +147,15 @@ def limits_of(given: Path | Mapping[str, Any] | None, model: Model, usual: Limit
         return usual
     where = str(given) if isinstance(given, Path) else "limits"
     content = read_toml(given) if isinstance(given, Path) else dict(given)
-    known = _keys(model)
+    keys = _keys(model)
     outputs, amplitude, rate = dict(usual.outputs), dict(usual.amplitude), dict(usual.rate)
     result: dict[str, dict[str, float]] = {}
     for key, value in content.items():
-        if key not in known:
+        if key not in keys:
             raise DeclarationError(
-                "there is no such key", where=f"{where}, key {key}", remedy=closest(key, known)
+                "there is no such key", where=f"{where}, key {key}", remedy=closest(key, keys)
             )
-        name, kind, unit = known[key]
+        name, kind, unit = keys[key]
         number = number_in(value, unit, f"{where}, key {key}")
         if kind in ("amplitude", "rate"):
             if number <= 0.0:
@@ -206,7 +206,7 @@ def _usual_amplitude(model: Model, name: str, unit: str) -> float:
     return 1.0
 
 
-def with_usual_rates(limits: Limits, model: Model, flown: Flyer) -> Limits:
+def with_usual_rates(limits: Limits, model: Model, flyer: Flyer) -> Limits:
     """The limits with a rate for each input that has none: of the actuator or of the hand,
     whichever is lower; none of an input that neither limits.
     """
@@ -219,7 +219,7 @@ def with_usual_rates(limits: Limits, model: Model, flown: Flyer) -> Limits:
             if unit_in(model, name) == "rad"
             else np.inf
         )
-        lower = min(actuator, size / flown.rise if flown.rise else np.inf)
+        lower = min(actuator, size / flyer.rise if flyer.rise else np.inf)
         if name not in rates and np.isfinite(lower):
             rates[name] = lower
     return replace(limits, rate=rates)

@@ -463,14 +463,14 @@ def _refuse_band(request: DesignRequest) -> None:
     if not (0.0 < 1.5 * low <= high and math.isfinite(high)):
         remedy = "give LOW HIGH in Hz, the higher one and a half times the lower or more"
         raise DeclarationError(f"{low:g} to {high:g} Hz is no band", where="--band", remedy=remedy)
-    flown = request.flown
-    if high > flown.fastest:
-        what = f"{flown.name} does not follow a sweep to {high:g} Hz by hand"
-        remedy = f"give {flown.fastest:g} Hz at most, or --computer for a flight computer"
+    flyer = request.flown
+    if high > flyer.fastest:
+        what = f"{flyer.name} does not follow a sweep to {high:g} Hz by hand"
+        remedy = f"give {flyer.fastest:g} Hz at most, or --computer for a flight computer"
         raise DeclarationError(what, where="--band", remedy=remedy)
-    if CYCLES / low > flown.longest_sweep:
+    if CYCLES / low > flyer.longest_sweep:
         what = f"five periods of {low:g} Hz are longer than a sweep by hand"
-        least = math.ceil(1e3 * CYCLES / flown.longest_sweep) / 1e3
+        least = math.ceil(1e3 * CYCLES / flyer.longest_sweep) / 1e3
         remedy = f"give {least:g} Hz or more, or --computer for a flight computer"
         raise DeclarationError(what, where="--band", remedy=remedy)
     if request.tell:

@@ -239,14 +239,14 @@ def _thinned(curve: Curve) -> Curve:
     if len(curve.x) <= MOST:
         return curve
     edges = np.linspace(0, len(curve.x), MOST // 2 + 1).astype(int)
-    kept: list[int] = []
+    chosen: list[int] = []
     for start, stop in pairwise(edges.tolist()):
         part = curve.y[start:stop]
         if np.all(np.isnan(part)):
-            kept.append(int(start))
+            chosen.append(int(start))
             continue
-        kept += sorted({start + int(np.nanargmin(part)), start + int(np.nanargmax(part))})
-    at = np.array(kept)
+        chosen += sorted({start + int(np.nanargmin(part)), start + int(np.nanargmax(part))})
+    at = np.array(chosen)
     top = None if curve.top is None else curve.top[at]
     return replace(curve, x=curve.x[at], y=curve.y[at], top=top)
 

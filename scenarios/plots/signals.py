@@ -199,11 +199,11 @@ def context(record: Record, shown: Sequence[str]) -> list[Channel]:
 
 def _alone(panels: Sequence[Axes], record: Record, channels: Sequence[Channel]) -> None:
     """Draw a panel for each channel without an estimate, held inputs as steps."""
-    held = record.hold is Hold.PREVIOUS
+    is_held = record.hold is Hold.PREVIOUS
     for panel, channel in zip(panels, channels, strict=False):
         unit = display_unit(channel.unit)
         values = np.where(channel.valid, unit.factor * channel.values, np.nan)
-        steps = held and channel.name in record.input_names
+        steps = is_held and channel.name in record.input_names
         style = "steps-post" if steps else "default"
         panel.plot(record.time, values, color=GREEN, linewidth=1.2, drawstyle=style)
         panel.yaxis.set_major_locator(MaxNLocator(3))

@@ -206,15 +206,15 @@ def _rounds(candidates: Sequence[Candidate], standing: NamedEffects) -> list[_Ro
     """Rounds of the search that led to the final effects; without any the first ones."""
     nodes = list(dict.fromkeys((len(c.within), c.within) for c in candidates))
     path = [node for node in nodes if set(node[1]) <= set(standing.named)] or nodes
-    kept = sorted(path, key=lambda node: node[0])[:PANELS]
-    most = ROWS.get(len(kept), 6)
+    chosen = sorted(path, key=lambda node: node[0])[:PANELS]
+    most = ROWS.get(len(chosen), 6)
 
     def rows(within: tuple[str, ...]) -> int:
         return SPARE if standing.complete(within) else most
 
     return [
         _round([c for c in candidates if c.within == within], standing, rows(within))
-        for _, within in kept
+        for _, within in chosen
     ]
 
 

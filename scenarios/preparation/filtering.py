@@ -210,8 +210,8 @@ def filtered(record: Record, plan: Plan) -> tuple[Record, str]:
     pad = min(len(time) - 1, round(3.0 / (corner * step)))
     smooth = {name: sosfiltfilt(sections, values, padlen=pad) for name, (values, _) in rows.items()}
     near = {
-        name: _near_gaps(known, int(np.ceil(REACH / (corner * step))))
-        for name, (_, known) in rows.items()
+        name: _near_gaps(valid, int(np.ceil(REACH / (corner * step))))
+        for name, (_, valid) in rows.items()
     }
     new = (
         time
@@ -281,12 +281,12 @@ def _corner(record: Record, plan: Plan, rate: float) -> tuple[float, str]:
             )
         corners.append(plan.lowpass)
     corner = min(corners)
-    held = (
+    remark = (
         "; its inputs were held: loads that follow them at once are then read half a sample late"
         if record.hold is Hold.PREVIOUS
         else ""
     )
-    inputs = f", inputs linear since then{held}" if record.inputs else ""
+    inputs = f", inputs linear since then{remark}" if record.inputs else ""
     return (
         corner,
         f"{record.name}: {said}all channels behind one zero-phase low-pass of {corner:.3g} "
@@ -342,11 +342,11 @@ def _for_lines(time: np.ndarray, values: np.ndarray, new: np.ndarray) -> np.ndar
     return np.asarray(solveh_banded(np.vstack([beside, diagonal]), goal))
 
 
-def _near_gaps(known: np.ndarray, reach: int) -> np.ndarray:
+def _near_gaps(valid: np.ndarray, reach: int) -> np.ndarray:
     return (
-        np.asarray(np.convolve(~known, np.ones(2 * reach + 1), mode="same") > 0.5)
-        if not np.all(known)
-        else ~known
+        np.asarray(np.convolve(~valid, np.ones(2 * reach + 1), mode="same") > 0.5)
+        if not np.all(valid)
+        else ~valid
     )
 
 

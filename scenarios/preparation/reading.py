@@ -259,12 +259,12 @@ class PreparedData:
 
 
 def prepared(
-    record: Record, plan: Plan, *, own: bool = False, kept: Collection[str] = ()
+    record: Record, plan: Plan, *, own: bool = False, untouched: Collection[str] = ()
 ) -> tuple[Record, tuple[str, ...]]:
-    """Load factors from accelerometers but for those ``kept``, then the plan's common filter;
+    """Load factors from accelerometers but for those ``untouched``, then the plan's common filter;
     sentences on both. A sound record comes back itself.
     """
-    record, of_accelerometers = (record, ()) if own else with_load_factors(record, kept)
+    record, of_accelerometers = (record, ()) if own else with_load_factors(record, untouched)
     record, of_filter = filtered(record, plan)
     return record, (*of_accelerometers, *([of_filter] if of_filter else []))
 
@@ -342,7 +342,7 @@ def for_model(
     outputs = [signal.name for signal in model.equations.outputs]
     first = [record if own else with_load_factors(record, outputs)[0] for record, _ in fitted]
     hold, weight, notes = (
-        _readings(first, model, plan, known=all_stated)
+        _readings(first, model, plan, all_stated=all_stated)
         if decided is None
         else (plan.hold or decided.hold, decided.weight, [])
     )
@@ -352,7 +352,7 @@ def for_model(
         as_read = (
             record if hold is None or (stated and plan.hold is None) else replace(record, hold=hold)
         )
-        one, sentences = prepared(as_read, plan, own=own, kept=outputs)
+        one, sentences = prepared(as_read, plan, own=own, untouched=outputs)
         records.append(one)
         told += sentences
     # numbers beyond all measure are for the fit to refuse
@@ -457,7 +457,7 @@ def _read(
 
 
 def _readings(
-    fitted: Sequence[Record], model: Model, plan: Plan, *, known: bool
+    fitted: Sequence[Record], model: Model, plan: Plan, *, all_stated: bool
 ) -> tuple[Hold | None, bool, list[str]]:
     """Hold of the inputs where no file says it (None: as read), whether the trim lift follows the
     pressure, and sentences on both.
@@ -469,7 +469,7 @@ def _readings(
         word = "held" if plan.hold is Hold.PREVIOUS else "linear"
         weight, of_weight = _weight(with_hold(fitted, plan.hold), model)
         return plan.hold, weight, [f"inputs {word} between samples: {BY_HAND}", *of_weight]
-    gain = 0.0 if known else linear_by(fitted, model, partial(with_flow, weight=weight))
+    gain = 0.0 if all_stated else linear_by(fitted, model, partial(with_flow, weight=weight))
     if gain < BETTER:
         return None, weight, of_weight
     weight, of_weight = _weight(with_hold(fitted, Hold.LINEAR), model)

@@ -396,14 +396,14 @@ def model_fit_of(
     estimated_responses: FrequencyResponses,
     names: Names,
     options: ModelOptions,
-    held: float | None = None,
+    hold_step: float | None = None,
 ) -> FittedResponseModel | None:
     """Fit the model to all responses that have a usable band; None where none is named.
 
     The model is linearised about rest, or about level flight where it has one, which stays where
-    the starting values have it. A delay of all inputs is free unless it is fixed. ``held`` : s, of
-    inputs that are held so long and whose hold was taken out of the responses: an output that the
-    input moves at once does not lag by the hold, so that the model is sampled like the record.
+    the starting values have it. A delay of all inputs is free unless it is fixed. ``hold_step`` : s, hold
+    of inputs whose hold was taken out of the responses: an output that the input moves at once
+    does not lag by the hold, so that the model is sampled like the record.
 
     Raises
     ------
@@ -439,19 +439,19 @@ def model_fit_of(
         delay_value = values.get(DELAY, 0.0)
         eye, out = np.eye(len(space.A)), []
         A, B = space.A, space.B
-        if held is not None:
+        if hold_step is not None:
             # Phi and Gamma of a step over which the inputs are held.
             n, r = B.shape
             both = np.zeros((n + r, n + r))
             both[:n, :n], both[:n, n:] = A, B
-            whole = expm(held * both)
+            whole = expm(hold_step * both)
             A, B = whole[:n, :n], whole[:n, n:]
         for target, k, m in zip(targets, outputs, inputs, strict=True):
             s = 1j * target.omega
-            z = s if held is None else np.exp(s * held)
+            z = s if hold_step is None else np.exp(s * hold_step)
             inside = np.linalg.solve(z[:, None, None] * eye - A, B[None, :, m, None])
             row = (space.C[k] @ inside)[:, 0] + space.D[k, m]
-            between = 1.0 if held is None else (1.0 - np.exp(-s * held)) / (s * held)
+            between = 1.0 if hold_step is None else (1.0 - np.exp(-s * hold_step)) / (s * hold_step)
             out.append(row * np.exp(-s * delay_value) / between)
         return out
 

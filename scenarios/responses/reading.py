@@ -168,15 +168,15 @@ def _read(
 ) -> tuple[Record, list[str]]:
     every = (*names.inputs, *names.references, *names.outputs)
     choices = {**file.choices, **(channels or {})}
-    known = dict(CHANNEL_UNITS)
+    units = dict(CHANNEL_UNITS)
     for name in every:
         if name == TIME:
             remedy = "name a signal"
             raise DeclarationError("time is no signal", where="--input, --output", remedy=remedy)
         if name in CHANNEL_UNITS or name in choices:
-            known.setdefault(name, "")
+            units.setdefault(name, "")
             continue
-        known[name] = ""
+        units[name] = ""
         choices[name] = ColumnChoice(name, _unit(file, name))
     record, notes = read_with_notes(
         file,
@@ -186,7 +186,7 @@ def _read(
         start,
         stop,
         hold=plan.hold,
-        channel_units=known,
+        channel_units=units,
         rate=plan.rate,
     )
     missing = [name for name in names.outputs if name not in record.output_names]

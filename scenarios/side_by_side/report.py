@@ -113,15 +113,15 @@ def compared_csv(compared: SideBySide) -> str:
 
 
 def _study(column: StudyColumn) -> dict[str, Any]:
-    told: dict[str, Any] = {
+    content: dict[str, Any] = {
         "label": column.label,
         "folder": str(column.folder),
         "title": column.title,
         "outcome": column.outcome,
     }
-    told |= {"method": column.estimator}
-    told |= {"method_name": column.method} if column.method else {}
-    return told | ({"seed": column.seed} if column.seed is not None else {})
+    content |= {"method": column.estimator}
+    content |= {"method_name": column.method} if column.method else {}
+    return content | ({"seed": column.seed} if column.seed is not None else {})
 
 
 def _table(compared: SideBySide, names: tuple[str, ...]) -> dict[str, Any]:
@@ -173,13 +173,13 @@ def compared_figures(compared: SideBySide) -> Iterator[Named]:
     }
     units = {name: compared.unit(name) for name in names}
     yield "compared_estimates", partial(figure_studies_estimates, rows, units, labels, TITLE)
-    known = {
+    with_reference = {
         name: row
         for name, row in rows.items()
         if any(each is not None and each.reference is not None for each in row)
     }
-    if known:
-        yield "compared_errors", partial(figure_studies_errors, known, labels, TITLE)
+    if with_reference:
+        yield "compared_errors", partial(figure_studies_errors, with_reference, labels, TITLE)
     flown = [
         _response(column.label, column.responses)
         for column in compared.columns

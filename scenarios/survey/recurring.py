@@ -202,10 +202,10 @@ def recurring(
     taken: list[str] = []
     sets = [frozenset[str]() for _ in fits]
     while len(taken) < len(names):
-        asked = {
+        pooled = {
             name: recurrence_of_effect(fits, name, sets) for name in names if name not in taken
         }
-        tried = {name: each for name, each in asked.items() if each is not None and each.recurs}
+        tried = {name: each for name, each in pooled.items() if each is not None and each.recurs}
         if not tried:
             break
         best = max(tried, key=lambda name: tried[name].log_likelihood)
@@ -497,7 +497,7 @@ def effects_over(
     """Parameters of effects whose values differ between flights, by effect and name, with the
     condition with which each changes most surely.
     """
-    asked: list[tuple[tuple[str, str], str, Trend]] = []
+    trends_found: list[tuple[tuple[str, str], str, Trend]] = []
     for each in recurring_effects:
         if each.recurrence.agrees:
             continue
@@ -511,10 +511,10 @@ def effects_over(
             for place, local in enumerate(each.parameters):
                 line = trend(each.values[at, place], each.sigmas[at, place], where)
                 if line is not None:
-                    asked.append(((each.name, local), condition, line))
-    rates = adjusted(np.array([line.p_value for *_, line in asked]))
+                    trends_found.append(((each.name, local), condition, line))
+    rates = adjusted(np.array([line.p_value for *_, line in trends_found]))
     out: dict[tuple[str, str], tuple[str, Trend]] = {}
-    for (key, condition, line), rate in zip(asked, rates, strict=True):
+    for (key, condition, line), rate in zip(trends_found, rates, strict=True):
         if rate < FALSE_DISCOVERY_RATE and (key not in out or line.p_value < out[key][1].p_value):
             out[key] = condition, line
     return out

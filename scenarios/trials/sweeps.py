@@ -474,7 +474,7 @@ def sweep_summary(study: SweepStudy, details: str) -> Summary:
         f"from {s.low:g} to {s.high:g} Hz"
     )
     inside = sum(abs(row.sigmas) <= 2.0 for row in study.rows if row.sigmas is not None)
-    known = sum(row.sigmas is not None for row in study.rows)
+    determined = sum(row.sigmas is not None for row in study.rows)
     shown = [row for row in study.rows if row.name in ("gain_increase", "phase_margin")]
     margins = "; ".join(
         f"{row.name.replace('_', ' ')} {number_text(row.estimate, row.std)} {row.unit}"
@@ -482,7 +482,7 @@ def sweep_summary(study: SweepStudy, details: str) -> Summary:
     )
     return Summary(
         f"{s.name}: {flown}",
-        f"{inside} of {known} true values within two sigmas",
+        f"{inside} of {determined} true values within two sigmas",
         margins,
         details=details,
     )

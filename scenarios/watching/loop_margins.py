@@ -65,8 +65,8 @@ class LoopNames:
     def signals(self) -> StreamSignals:
         """Channels to read from a stream; units of columns stay as they are."""
         inputs = (self.command, *([self.excitation] if self.excitation else []))
-        known = {name: CHANNEL_UNITS.get(name, "") for name in (*inputs, self.returned)}
-        return StreamSignals(inputs, (self.returned,), {TIME: "s", **known})
+        units = {name: CHANNEL_UNITS.get(name, "") for name in (*inputs, self.returned)}
+        return StreamSignals(inputs, (self.returned,), {TIME: "s", **units})
 
     @property
     def name(self) -> str:

@@ -111,7 +111,7 @@ def loop_page(
     loop: LoopMargins | None,
     name: str,
     digest: str,
-    drawn: tuple[Block, ...],
+    figure_blocks: tuple[Block, ...],
 ) -> Page:
     """The page of a loop that was watched."""
     stream = content["stream"]
@@ -132,7 +132,7 @@ def loop_page(
         summary=(),
         warnings=tuple(map(as_sentence, content["warnings"])),
         sections=(
-            *section("Margins while the stream arrived", *drawn),
+            *section("Margins while the stream arrived", *figure_blocks),
             *section("Margins at the end", *margins),
         ),
         reproduction=reproduction(

@@ -472,12 +472,12 @@ class Follow:
         session, now = self._watch.session, time.monotonic()
         if session is not None and session.bank is not None and not self._introduced:
             self._introduced = True
-            known = self._watch.reference
+            reference = self._watch.reference
             named = (
                 self._watch.name,
                 session.stick_unit,
                 session.bank.delays,
-                None if known is None else known.name,
+                None if reference is None else reference.name,
                 session.vehicle.name,
             )
             self._feed.put("about", about(*named))

@@ -65,7 +65,7 @@ def read_reference(path: Path, needed: Sequence[str] = tuple(PAPER_START)) -> Re
         },
     }
     fixed = _numbers(content.get("fixed"), "value")
-    plain = (
+    first_pass = (
         _numbers(content["plain"].get("parameters"), "estimate")
         if isinstance(content.get("plain"), dict)
         else {}
@@ -80,7 +80,7 @@ def read_reference(path: Path, needed: Sequence[str] = tuple(PAPER_START)) -> Re
             )
         remedy = "name a study of the same model"
         raise DeclarationError(f"there is no {missing[0]} in it", where=str(file), remedy=remedy)
-    return Reference(str(path), values, fixed, plain)
+    return Reference(str(path), values, fixed, first_pass)
 
 
 def vehicle_to_watch(vehicle: Path | None, reference: Reference | None) -> VehicleFile:
@@ -309,11 +309,11 @@ def line(view: View) -> str:
     for name, word in WORDS.items():
         if name in by_name:
             item = by_name[name]
-            told = (
+            text = (
                 f"{number_text(item.value, item.std)} +- {number_text(item.std, item.std)} "
                 f"{item.unit}"
             ).removesuffix(" 1")
-            shown.append(f"{word} {HANGING if item.hanging else told}")
+            shown.append(f"{word} {HANGING if item.hanging else text}")
     best = int(np.argmax(view.weights))
     shown.append(f"most likely {view.delays[best]:g} s (weight {view.weights[best]:.2f})")
     outside = [_word(item.name) for item in view.standings if item.beyond]

@@ -432,11 +432,11 @@ def differences_table(reference: Mapping[str, Any]) -> Table:
     )
     rows: list[tuple[Cell, ...]] = []
     for each in reference["differences"]:
-        known = estimate(each["reference"], each["reference_std"])
+        reference_value = estimate(each["reference"], each["reference_std"])
         rows.append(
             (
                 WORDS.get(each["name"], each["name"]),
-                known,
+                reference_value,
                 Number(each["sigmas"], digits=1, signed=True),
                 "outside" if each["outside"] else "",
             )

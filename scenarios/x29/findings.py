@@ -421,11 +421,11 @@ def sentences(study: LoopStudy) -> tuple[str, ...]:
             f"bias of a model of low order against {held}, beyond two sigmas of white innovations: "
             f"{listed or 'none'}"
         )
-    held_back = [f"{name} ({sigmas:+.1f})" for name, sigmas in bank.contradicted]
-    if held_back:
+    contradicted_parameters = [f"{name} ({sigmas:+.1f})" for name, sigmas in bank.contradicted]
+    if contradicted_parameters:
         out.append(
             "P0 contradicts the record, ends in its sigmas from the start: "
-            f"{', '.join(held_back)}; the start holds these back, a restart moves on"
+            f"{', '.join(contradicted_parameters)}; the start holds these back, a restart moves on"
         )
     for name, other, r in not_identifiable(study.result.estimate):
         holds = (

@@ -642,12 +642,12 @@ def _compare_slopes(equations: OwnEquations, at: Starts) -> None:
         )
         if np.any(differs):
             what, answer = list(evaluated(equations, at))[int(np.argmax(differs))]
-            told = (
+            text = (
                 f"{_answer_label(what, answer)} loses a complex step of {name}: the slope is "
                 f"{difference[differs][0]:.4g}, not {slopes[k][differs][0]:.4g}"
             )
             raise ModelError(
-                told,
+                text,
                 where=written_in(equations.name, what, _function(equations, what)),
                 remedy=NO_COMPLEX,
             )

@@ -348,11 +348,11 @@ def _model(
     with np.errstate(all="ignore"):  # beside the starts a root or a logarithm may have no value
         equations = replace(equations, formed_names=try_model(equations, starts))
         refuse_misnamed(equations, starts)
-        known = multiplying(equations, starts, numbers.free_names)
+        multiplying_names = multiplying(equations, starts, numbers.free_names)
         equations = replace(
             equations,
-            multiplying=tuple((name, numbers[name].unit) for name in known),
-            products=products(equations, starts, known),
+            multiplying=tuple((name, numbers[name].unit) for name in multiplying_names),
+            products=products(equations, starts, multiplying_names),
         )
         if all_biases:
             equations = replace(equations, biased_outputs=observable_biases(equations, starts))

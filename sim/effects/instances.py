@@ -393,14 +393,14 @@ def played(u: np.ndarray, half_width: Any) -> np.ndarray:
     turns = moves[1:][change[moves[1:]] != change[moves[:-1]]]
     last = np.append(turns, len(u) - 1)
     rising = bool(len(moves) == 0 or change[moves[0]] > 0)
-    y, held = u[0].item(), []
+    y, positions = u[0].item(), []
     for k, value in enumerate(u[last].tolist()):
-        held.append(y)
+        positions.append(y)
         up = rising == (k % 2 == 0)
         pushed = value - half_width if up else value + half_width
         if pushed.real > y.real if up else pushed.real < y.real:
             y = pushed
     count = np.diff(last, prepend=-1)
-    from_last = np.repeat(np.array(held), count)
+    from_last = np.repeat(np.array(positions), count)
     upward = np.repeat((np.arange(len(last)) % 2 == 0) == rising, count)
     return np.where(upward, maximum(from_last, u - half_width), minimum(from_last, u + half_width))

@@ -80,16 +80,16 @@ from sim.vehicles.library import Origin, VehicleData
 _MOTIONS = ("alpha", "q", "de")
 
 
-def condense_above(values: Mapping[str, float], modes: int, kept: int) -> dict[str, float]:
-    """Coefficients of an aircraft with ``kept`` modes that is equivalent to one with ``modes``;
-    without modes those of ``condense``.
+def condense_above(values: Mapping[str, float], modes: int, kept_modes: int) -> dict[str, float]:
+    """Coefficients with ``kept_modes`` modes that are equivalent to those with ``modes``; with none
+    kept those of ``condense``.
 
     Parameters
     ----------
     values : numbers by full name in SI, as ``VehicleData.values`` has them; a coupling that is
         missing is zero.
     modes : modes that the aircraft has.
-    kept : how many of them the reduced model has, ``0 <= kept <= modes``.
+    kept_modes : how many of them the reduced model has, ``0 <= kept <= modes``.
 
     Returns
     -------
@@ -100,11 +100,11 @@ def condense_above(values: Mapping[str, float], modes: int, kept: int) -> dict[s
     ------
     ModelError : more modes kept than there are.
     """
-    if not 0 <= kept <= modes:
+    if not 0 <= kept_modes <= modes:
         raise ModelError(
-            f"{kept} modes kept of {modes}", where="condensation", remedy=f"keep 0 to {modes}"
+            f"{kept_modes} modes kept of {modes}", where="condensation", remedy=f"keep 0 to {modes}"
         )
-    first, rest = range(1, kept + 1), range(kept + 1, modes + 1)
+    first, rest = range(1, kept_modes + 1), range(kept_modes + 1, modes + 1)
     pressure = (
         0.5
         * values["air_density"]

@@ -340,7 +340,7 @@ def linear(
     """Linearise all ``faults`` about a fit; ``secants (k,)``: s, over which the slope of a time
     shift is taken.
     """
-    smoother, free, whole, kept = [], [], [], []
+    smoother, free, whole, projected = [], [], [], []
     biases: tuple[SensorFault, ...] = ()
     for r, s in enumerate(kinematic_fit.signals):
         unknowns = unknowns_of(s)
@@ -362,7 +362,7 @@ def linear(
         )
         left = whitener(s, kinematic_fit.noise)(kinematic_fit.residuals[r][:, :, None])[:, :, 0]
         smoother.append(_linear_normal(white, prior, own, left))
-        kept.append(columns)
+        projected.append(columns)
         named = [i for i, item in enumerate(unknowns) if item.key[1] == BIAS]
         biases = tuple(SensorFault(unknowns[i].key[0], BIAS) for i in named)
         flat = white.reshape(-1, white.shape[2])
@@ -385,7 +385,7 @@ def linear(
         biases,
         np.sum(free, axis=0),
         tuple(whole),
-        tuple(kept),
+        tuple(projected),
     )
 
 

@@ -174,7 +174,7 @@ def _has_numbers(layout: Any) -> bool:
 def _silent_process() -> Iterator[None]:
     """The compiled part of the library writes to the process's own stderr, past Python."""
     try:
-        kept = os.dup(2)
+        saved = os.dup(2)
     except OSError:  # there is no such stream
         yield
         return
@@ -183,8 +183,8 @@ def _silent_process() -> Iterator[None]:
             os.dup2(nothing.fileno(), 2)
         yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+        os.dup2(saved, 2)
+        os.close(saved)
 
 
 def _topics(

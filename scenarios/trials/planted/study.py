@@ -208,19 +208,19 @@ def noise_free_fit(
         )
         for sign in (1.0, -1.0)
     ]
-    return refit(model, trained, pair, held=estimates)
+    return refit(model, trained, pair, fixed=estimates)
 
 
 def refit(
     model: Model,
     trained: Trained,
     records: Sequence[Record],
-    held: Mapping[str, Quantity] | None = None,
+    fixed: Mapping[str, Quantity] | None = None,
 ) -> Fit | None:
     """A trained model fitted to records, from what it was trained to; None where there is no finite
     cost.
 
-    Declared priors count once a record. ``held`` : estimates to which a prior of ``HELD`` sigmas
+    Declared priors count once a record. ``fixed`` : estimates to which a prior of ``HELD`` sigmas
     ties what is left open.
     """
     _, system = compiled_with(model, trained.effects, trained.outputs)
@@ -232,16 +232,16 @@ def refit(
     prior = known_beforehand(model, trained.effects, layout)
     if prior is not None:
         prior = replace(prior, information=len(records) * prior.information)
-    return fit_as_declared(replace(layout, prior=_tied(layout, prior, held or {})), guesses, None)
+    return fit_as_declared(replace(layout, prior=_tied(layout, prior, fixed or {})), guesses, None)
 
 
-def _tied(layout: FitLayout, prior: Prior | None, held: Mapping[str, Quantity]) -> Prior | None:
-    """A prior with a weak one about ``held`` added for the shared parameters."""
-    at = [i for i, name in enumerate(layout.shared) if name in held]
+def _tied(layout: FitLayout, prior: Prior | None, fixed: Mapping[str, Quantity]) -> Prior | None:
+    """A prior with a weak one about ``fixed`` added for the shared parameters."""
+    at = [i for i, name in enumerate(layout.shared) if name in fixed]
     if not at:
         return prior
-    means = np.array([held[layout.shared[i]].value for i in at])
-    weights = np.array([(HELD * max(held[layout.shared[i]].std, 1e-150)) ** -2 for i in at])
+    means = np.array([fixed[layout.shared[i]].value for i in at])
+    weights = np.array([(HELD * max(fixed[layout.shared[i]].std, 1e-150)) ** -2 for i in at])
     if prior is None:
         return Prior(np.array(at), means, np.diag(weights))
     n = len(layout.names)
