@@ -401,9 +401,9 @@ def model_fit_of(
     """Fit the model to all responses that have a usable band; None where none is named.
 
     The model is linearised about rest, or about level flight where it has one, which stays where
-    the starting values have it. A delay of all inputs is free unless it is fixed. ``hold_step`` : s, hold
-    of inputs whose hold was taken out of the responses: an output that the input moves at once
-    does not lag by the hold, so that the model is sampled like the record.
+    the starting values have it. A delay of all inputs is free unless it is fixed. ``hold_step`` :
+    s, hold of inputs whose hold was taken out of the responses: an output that the input moves at
+    once does not lag by the hold, so that the model is sampled like the record.
 
     Raises
     ------
