@@ -110,14 +110,14 @@ def read_with_notes(
     refuse_unknown_units(
         file.sidecar, file.table.header, file.path, {*CHANNEL_UNITS, *channel_units, *channel_map}
     )
-    hold_name = None if hold is None else hold.value
+    hold_as = None if hold is None else hold.value
     file, channel_map = with_derived(
         file,
         channel_map,
         model_inputs,
         others,
         rate=rate,
-        hold=hold_name,
+        hold=hold_as,
         channel_units=channel_units,
     )
     table = file.table
@@ -132,14 +132,13 @@ def read_with_notes(
     notes, inputs = [*file.notes, *window.notes], []
     for name in model_inputs:
         choice = (channel_map or {}).get(name)
-        chosen_hold = (choice.hold if choice is not None else None) or hold_name
+        chosen_hold = (choice.hold if choice is not None else None) or hold_as
         channel, note = _input(table, _there(columns[name]), window, chosen_hold)
         inputs.append(channel)
         notes += [note] if note else []
     read = tuple(_channel(table, _there(columns[name]), window) for name in outputs)
-    held = file.sidecar.hold if hold is None else hold
-    name = file.sidecar.name or file.path.name
-    return Record(window.time, tuple(inputs), read, held, name), tuple(notes)
+    between, name = hold or file.sidecar.hold, file.sidecar.name or file.path.name
+    return Record(window.time, tuple(inputs), read, between, name), tuple(notes)
 
 
 def _chosen(

@@ -138,7 +138,7 @@ def fitted_sets(
     opened = opened_files(request, vehicle_path_of(request))
     posed = posed_for(opened, request.plan)
     records = (*posed.records, *posed.predicted)
-    effects_by_name = {
+    by_name = {
         each.name: each
         for each in candidates_for(posed.model, own_effects(request.effects, posed.model)[0])
     }
@@ -146,15 +146,15 @@ def fitted_sets(
     outputs = [item.name for item in posed.model.equations.outputs if item.name in measured]
     data = FitData(records, measured_masks(records, outputs), posed.model, outputs)
     settings = FitSettings(max_step=step_for(posed.model, posed.records, 0.01), enough=1e-6)
-    able = [name for name in names if name in effects_by_name]
+    able = [name for name in names if name in by_name]
     search = _EffectSetFits(
         data,
         settings,
-        effects_by_name,
+        by_name,
         starts,
         {full: value for each in own.values() for full, value in each.items()},
     )
-    beside = [name for name in own if name in effects_by_name]
+    beside = [name for name in own if name in by_name]
     remain = [name for name in beside if is_of_flight(name)]
     result = {True: search.sets(able, beside)} | (
         {False: search.sets(able, remain)} if remain != beside else {}
@@ -171,17 +171,15 @@ def fitted_sets(
         if item.free and not item.name.startswith("bias_")
     ]
     units = {item.name: item.unit for item in posed.model.parameters}
-    local = {
-        name: [item.name for item in effects_by_name[name].parameters if item.free] for name in able
-    }
+    local = {name: [item.name for item in by_name[name].parameters if item.free] for name in able}
     return {
         "declared": declared,
         "units": {name: units[name] for name in declared},
         "effects": {
             name: {
                 "parameters": local[name],
-                "units": _units(effects_by_name[name]),
-                "full": _full(effects_by_name[name]),
+                "units": _units(by_name[name]),
+                "full": _full(by_name[name]),
             }
             for name in able
         },
@@ -190,7 +188,7 @@ def fitted_sets(
         **{
             key: {
                 "+".join(sorted(taken)): _fit_content(
-                    each, declared, [effects_by_name[n] for n in sorted(taken)], share
+                    each, declared, [by_name[n] for n in sorted(taken)], share
                 )
                 for taken, each in result[own_in].items()
                 if each
