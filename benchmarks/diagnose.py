@@ -37,12 +37,12 @@ def fly(name: str, folder: Path, changes: tuple[str, ...] = ()) -> tuple[list[Pa
     of --set.
     """
     from scenarios.studies.catalogue import load_document
-    from scenarios.trials.planted.flights import fly_trace, write_flown
+    from scenarios.trials.planted.flights import fly_trace, write_simulated
     from scenarios.trials.planted.schema import trace_scenario_of
 
     folder.mkdir()
     scenario = trace_scenario_of(*load_document(name, changes))
-    train, validate, vehicle = write_flown(fly_trace(scenario, scenario.seed), folder)
+    train, validate, vehicle = write_simulated(fly_trace(scenario, scenario.seed), folder)
     return [train], validate, vehicle
 
 

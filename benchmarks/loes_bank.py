@@ -62,7 +62,7 @@ def one_by_one(record: Record, system: System) -> np.ndarray:
 
 def batched(record: Record, system: System) -> np.ndarray:
     """Log-likelihoods of the bank."""
-    return run_bank(record, system, held={"delay": np.array(DELAYS)}).log_likelihood
+    return run_bank(record, system, fixed_values={"delay": np.array(DELAYS)}).log_likelihood
 
 
 def jax_bank(record: Record, system: System) -> Callable[[], np.ndarray]:
@@ -73,7 +73,9 @@ def jax_bank(record: Record, system: System) -> Callable[[], np.ndarray]:
     import jax.numpy as jnp
 
     jax.config.update("jax_enable_x64", True)
-    laid_out, runs = bank_runs(record, system, FilterSettings(), held={"delay": np.array(DELAYS)})
+    laid_out, runs = bank_runs(
+        record, system, FilterSettings(), fixed_values={"delay": np.array(DELAYS)}
+    )
     held = {
         name: float(system.parameters[name].value) for name in ("airspeed", "gravity", "vane_arm")
     }

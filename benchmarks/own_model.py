@@ -31,12 +31,12 @@ RESULTS = {"identify": "comparison.json", "diagnose": "diagnosis.json"}
 def files(folder: Path) -> None:
     """Records, vehicle file and model file."""
     from scenarios.studies.catalogue import load_document
-    from scenarios.trials.planted.flights import fly_trace, write_flown
+    from scenarios.trials.planted.flights import fly_trace, write_simulated
     from scenarios.trials.planted.schema import trace_scenario_of
     from tests.own_models import SHORT_PERIOD
 
     scenario = trace_scenario_of(*load_document("trace-delay"))
-    write_flown(fly_trace(scenario, scenario.seed), folder)
+    write_simulated(fly_trace(scenario, scenario.seed), folder)
     (folder / "short_period.py").write_text(SHORT_PERIOD)
 
 

@@ -141,7 +141,7 @@ def main() -> None:
     }
     for _ in range(given.rounds):
         times["batched bank"].append(
-            timed(lambda: run_bank(record, system, held=held)) / len(record)
+            timed(lambda: run_bank(record, system, fixed_values=held)) / len(record)
         )
         times["bank, rows that wait"].append(
             timed(lambda: online(bank, rows, TOGETHER)) / len(record)
@@ -158,7 +158,7 @@ def main() -> None:
         )
     found, expected = (
         bank_estimate(bank, online(bank, rows, TOGETHER)),
-        run_bank(record, system, held=held),
+        run_bank(record, system, fixed_values=held),
     )
     print(
         f"busy at {RATE:g} Hz: {100.0 * RATE * statistics.median(times['lines to history']):.0f} % "

@@ -22,7 +22,7 @@ from scenarios.preparation.plan import Request
 from scenarios.report.document import Cell, Number, counted, formatted
 from scenarios.studies.campaign_statistics import cramer_rao
 from scenarios.trials.planted.declaration import TraceFlight, true_vehicle
-from scenarios.trials.planted.flights import flown_plan, fly_trace, write_flown
+from scenarios.trials.planted.flights import fly_trace, simulated_record, write_simulated
 from scenarios.trials.planted.schema import trace_scenario_of
 from sim.declaration.model import Model, Noise
 from sim.record import Record
@@ -131,7 +131,7 @@ def _scenario(model: str, seed: int, folder: Path) -> _Flight:
     free = [item for item in true.parameters if item.free and item.value != 0.0]
     start = {item.name: item.value * (1.0 + float(rng.uniform(-WRONG, WRONG))) for item in free}
     scenario = replace(scenario, start=start)
-    train, validate, vehicle = write_flown(fly_trace(scenario, seed), folder)
+    train, validate, vehicle = write_simulated(fly_trace(scenario, seed), folder)
     request = Request((train,), scenario.model, vehicle, (validate,))
     # Noise and starting values apart, every flight of a scenario is the same, and so is its bound.
     return _Flight(
@@ -204,6 +204,6 @@ def _bound_of(
 
 def _noiseless(flight: TraceFlight, model: Model) -> Record:
     """The fitted record of a tracing scenario's flight without noise."""
-    return flown_plan(
+    return simulated_record(
         flight, flight.train, model.with_noise(Noise()), np.random.default_rng(0), "train"
     )

@@ -115,14 +115,14 @@ def _refuse_hidden(ours: str) -> None:
     """
     home = Path(ours).resolve().parent.parent
     for room in _PACKAGES:
-        found = _place_of(room)
-        if found is not None and found.resolve() != home / room:
+        result = _place_of(room)
+        if result is not None and result.resolve() != home / room:
             shown = (
-                found
-                if found.is_dir()
-                else found.with_suffix(".py")
-                if found.with_suffix(".py").is_file()
-                else found
+                result
+                if result.is_dir()
+                else result.with_suffix(".py")
+                if result.with_suffix(".py").is_file()
+                else result
             )
             remedy = (
                 "rename it, or move it out of the folders that Python searches (sys.path), then "
@@ -136,13 +136,13 @@ def _refuse_hidden(ours: str) -> None:
             )
 
 
-def _place_of(room: str) -> Path | None:
+def _place_of(package: str) -> Path | None:
     """The folder of the package that the name leads to, or the file without its ending where it
     leads to a module; None where nowhere.
     """
-    loaded = sys.modules.get(room)
+    loaded = sys.modules.get(package)
     try:
-        spec = loaded.__spec__ if loaded is not None else find_spec(room)
+        spec = loaded.__spec__ if loaded is not None else find_spec(package)
     except ValueError:  # a module without a spec, made by hand
         spec = None
     places = (

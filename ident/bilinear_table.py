@@ -1,10 +1,9 @@
-"""Equations that are bilinear, as one table of coefficients: Jacobians and values of many runs from
-one matrix product.
+"""Bilinear equations as one table of coefficients: Jacobians and values of many runs from one
+matrix product.
 
-Dimensional short-period equations are sums of products of a parameter with a state or an input.
-Their Jacobian is affine in states, inputs and parameters together, so its coefficients are known
-from as many calls as there are of these, and nothing of the equations is written a second time. An
-on-line filter gains a factor of three to five by it.
+Short-period equations with dimensional derivatives are sums of products of a parameter with a state
+or an input. Their Jacobian is affine in states, inputs and parameters, so a few calls of the
+equations give all coefficients. An on-line filter is three to five times faster with them.
 """
 
 from __future__ import annotations
@@ -22,17 +21,17 @@ from sim.maths import COMPLEX_STEP
 from sim.propagation import Drive
 
 Function = Callable[[list[Any]], Sequence[Any]]
-_TRIALS, _AGREEMENT = 12, 1e-10
+_TRIALS = 12  # random points at which the table is compared with the equations
+_AGREEMENT = 1e-10  # largest relative difference at these points
 
 
 @dataclass(frozen=True, eq=False)
 class Bilinear:
-    """A function of ``n`` states and parameters and some inputs, ``m`` values; w = (1, states,
-    parameters, inputs).
+    """A bilinear function with ``m`` values of w = (1, states, parameters, inputs); ``n`` states
+    and parameters.
 
-    ``table (len w, m (n + len w))`` holds for each value its slopes by states and parameters, and
-    half the slopes by every entry of w with the constant whole, so that these times w are the
-    value.
+    ``table (len w, m (n + len w))``: w times the table gives, for each value, its ``n`` slopes and
+    a row of ``len w`` halves of slopes, whose product with w is the value.
     """
 
     n: int
@@ -49,21 +48,18 @@ class Bilinear:
 
     @property
     def feeds_through(self) -> bool:
-        """Whether an input acts on a value, times a parameter or by itself: its slope then stands
-        with the constant.
-        """
+        """Whether an input acts on a value directly."""
         blocks = self.table.reshape(len(self.table), -1, self.n + len(self.table))
         return bool(np.any(blocks[1 + self.n :]) or np.any(blocks[:, :, self.n + 1 + self.n :]))
 
 
 def bilinear(function: Function, n: int, states: int, inputs: int) -> Bilinear | None:
-    """The table of a function of ``n`` states and parameters, the states first, then ``inputs``;
-    None if it is not bilinear.
+    """Return the table of a function of ``n`` states and parameters, the states first, then
+    ``inputs``; None if it is not bilinear.
 
-    Bilinear: at most a product of two entries in each term, never of two states or inputs. Both are
-    found out by trial: the table is held against the function at points whose entries lie between a
-    thousandth and a thousand in magnitude. The function is called with arrays of points; one that
-    cannot take them is not bilinear.
+    Bilinear means at most a product of two entries in each term, never of two states or inputs.
+    That is checked at random points whose entries lie between 1e-3 and 1e3 in magnitude. The
+    function is called with arrays of points.
     """
     size = n + inputs
     with np.errstate(all="ignore"):
@@ -85,20 +81,20 @@ def bilinear(function: Function, n: int, states: int, inputs: int) -> Bilinear |
 
 
 def system_tables(system: System, p: Sequence[Any]) -> tuple[Bilinear, Bilinear] | None:
-    """The tables of a System's ``f`` and ``h`` with its free parameters as states, at held values
-    ``p``; None without, or where the time acts.
+    """Return the tables of a System's ``f`` and ``h`` with its free parameters as states, at fixed
+    values ``p``.
 
-    A held parameter of several values ``(B,)`` may act on the input path only: elsewhere there is
-    no table.
+    None if the equations are not bilinear, depend on time, or use a fixed parameter with several
+    values ``(B,)`` elsewhere than on the input path.
     """
     free = [system.parameters.index(name) for name in system.parameters.free_names]
     n_x, n_u = len(system.states), len(system.inputs)
     n = n_x + len(free)
     # Several values of a held parameter do not go with the points' axes, unless they are not used.
-    held = [_apart(value) for value in p]
+    fixed_values = [_scalar_or_row(value) for value in p]
 
     def split(w: list[Any]) -> tuple[list[Any], list[Any], list[Any]]:
-        whole = held.copy()
+        whole = fixed_values.copy()
         for index, value in zip(free, w[n_x:n], strict=True):
             whole[index] = value
         return w[:n_x], w[n:], whole
@@ -113,7 +109,7 @@ def system_tables(system: System, p: Sequence[Any]) -> tuple[Bilinear, Bilinear]
     return None if f is None or h is None or time.used else (f, h)
 
 
-def held_within_steps(drive: Drive) -> bool:
+def constant_within_steps(drive: Drive) -> bool:
     """Whether the inputs do not change within a step."""
     return all(
         a is b is c or (np.array_equal(a, b) and np.array_equal(a, c))
@@ -121,7 +117,7 @@ def held_within_steps(drive: Drive) -> bool:
     )
 
 
-def _apart(value: Any) -> Any:
+def _scalar_or_row(value: Any) -> Any:
     return (
         float(np.asarray(value).reshape(()))
         if np.size(value) == 1
@@ -130,8 +126,8 @@ def _apart(value: Any) -> Any:
 
 
 def _table(constant: np.ndarray, at_rest: np.ndarray, twice: np.ndarray, n: int) -> np.ndarray:
-    """Laid out from the values and the Jacobian ``(m, size)`` at zero, and what each entry adds to
-    the latter ``(m, size, size)``.
+    """Table from values and Jacobian ``(m, size)`` at zero and the second derivatives ``(m, size,
+    size)``.
     """
     m, size = at_rest.shape
     slopes = np.concatenate([at_rest[None], np.moveaxis(twice, 2, 0)])
@@ -161,7 +157,7 @@ def _values_and_slopes(function: Function, points: np.ndarray) -> tuple[np.ndarr
     """
     size, count = points.shape
     out = function(list(points[:, None, :] + (1j * COMPLEX_STEP) * np.eye(size)[:, :, None]))
-    found = np.empty((len(out), size, count), dtype=complex)
+    result = np.empty((len(out), size, count), dtype=complex)
     for i, value in enumerate(out):
-        found[i] = value
-    return found[:, 0].real.copy(), found.imag / COMPLEX_STEP
+        result[i] = value
+    return result[:, 0].real.copy(), result.imag / COMPLEX_STEP

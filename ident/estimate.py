@@ -1,4 +1,4 @@
-"""What an estimator returns: parameters with covariance, histories, likelihood, an outcome code."""
+"""Result of an estimator: parameters with covariance, histories, likelihood, outcome."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LARGEST = 1e100  # beyond it squares and sums leave the range of finite numbers
 
 
 class Outcome(Enum):
-    """How an estimation ended; the value is the sentence to print."""
+    """Outcome of an estimation; the value is the sentence to print."""
 
     CONVERGED = "converged"
     AT_BOUND = "converged, with a parameter at its bound"
@@ -34,7 +34,7 @@ class Outcome(Enum):
 
     @property
     def hint(self) -> str:
-        """What a user can do about it; empty where nothing has to be done."""
+        """Advice to the user; empty if none is needed."""
         return _HINTS.get(self.name, "")
 
 
@@ -65,7 +65,7 @@ _HINTS = {
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FilterHistory:
-    """What a filter did, sample by sample (N samples, n states and free parameters, m outputs).
+    """History of a filter (N samples, n states and free parameters, m outputs).
 
     Attributes
     ----------
@@ -73,17 +73,14 @@ class FilterHistory:
     names : the ``n`` states, then free parameters.
     mean, std : after each update, ``(n, N)``.
     innovation, innovation_std : measured minus predicted and its standard deviation, ``(m, N)``;
-    zero and
-        one where the sample is missing.
+        zero and one where the sample is missing.
     valid : ``(m, N)`` samples used.
     log_likelihood : ``(N,)`` of each sample given its past.
     nis, degrees : ``(N,)`` normalised innovation squared and the number of channels in it.
     predicted_mean, predicted_covariance, covariance, transition : ``(n, N)`` and ``(N, n, n)``, for
-    smoothers;
-        ``transition[k]`` leads from sample ``k - 1`` to ``k``.
+        smoothers; ``transition[k]`` leads from sample ``k - 1`` to ``k``.
     sensitivity, innovation_covariance : ``(N, m, n)`` and ``(N, m, m)``, for smoothers; rows of
-    samples that are missing are
-        zero, and those of the unit matrix.
+        samples that are missing are zero, and those of the unit matrix.
     """
 
     time: np.ndarray
@@ -121,10 +118,10 @@ class Estimate:
     values, covariance : ``(n,)`` and ``(n, n)``; finite whatever the outcome.
     outcome : how the estimation ended.
     log_likelihood : total; of the innovations for a filter, of the residuals for a whole-record
-    fit. output_names, noise_std : outputs used and the measurement noise assumed or estimated.
+        fit.
+    output_names, noise_std : outputs used and the measurement noise assumed or estimated.
     fitted : estimator's output at the samples of each record, ``(m, N)`` each; of a filter its
-    prediction from the past,
-        from the last sound sample on held where it broke down.
+        prediction from the past, from the last sound sample on held where it broke down.
     history : of a filter; None for whole-record methods.
     iterations : passes over the data.
     """
@@ -167,7 +164,7 @@ class Estimate:
         return float(self.std[self.names.index(name)])
 
     def only(self, names: Collection[str]) -> Estimate:
-        """The same without the parameters that are not among ``names``."""
+        """Return the estimate of the parameters ``names`` only."""
         at = [i for i, name in enumerate(self.names) if name in names]
         kept, units = tuple(self.names[i] for i in at), tuple(self.units[i] for i in at)
         return replace(
@@ -197,8 +194,8 @@ def quiet_numerics() -> Iterator[None]:
 
 @contextmanager
 def counted_numerics() -> Iterator[None]:
-    """No warnings from a computation that leaves out what overflows: whoever set a function to be
-    called (``np.errstate(call=...)``) counts.
+    """Suppress NumPy warnings of a computation that leaves out overflows; a function set by
+    ``np.errstate(call=...)`` still counts them.
     """
     with np.errstate(all="ignore" if np.geterrcall() is None else "call", under="ignore"):
         yield

@@ -24,12 +24,7 @@ import numpy as np
 from ident.statistics.intervals import inverse_information
 from ident.tracing.context import search_context
 from ident.tracing.decision import CERTAIN
-from ident.tracing.fitted_model import (
-    FittedModel,
-    added_parameters,
-    is_event,
-    known_beforehand,
-)
+from ident.tracing.fitted_model import FittedModel, added_parameters, is_event, known_beforehand
 from ident.tracing.priors import FEWEST, ODDS
 from ident.tracing.scan import PLACES, starts_at
 from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records, without_sensitivities
@@ -112,14 +107,15 @@ PASSES = 12  # of Newton's method on the trajectory, which doubles the digits
 
 @dataclass(frozen=True, eq=False)
 class Planned:
-    """A maneuver as a record would have it, and what would measure it.
+    """A planned maneuver as a record, with its sensors.
 
     Attributes
     ----------
     record : inputs to be flown; its outputs only say which are measured, and from where a
-    simulation begins. model : the declared model with its biases, at the values that it is believed
-    to have. noise : standard deviation of each measured output, ``(m,)`` in the order of
-    ``outputs``. settings : of the fits.
+        simulation begins.
+    model : the declared model with its biases, at the values that it is believed to have.
+    noise : standard deviation of each measured output, ``(m,)`` in the order of ``outputs``.
+    settings : of the fits.
     """
 
     record: Record
@@ -129,7 +125,7 @@ class Planned:
     settings: FitSettings = field(default_factory=FitSettings)
 
     def measuring(self, y: np.ndarray) -> Planned:
-        """The same maneuver, its record holding outputs ``(m, N)`` without noise."""
+        """The maneuver with outputs ``(m, N)`` without noise in its record."""
         rows = zip(self.outputs, y, strict=True)
         return replace(
             self,
@@ -202,8 +198,8 @@ def sigmas_of(fit: Fit) -> dict[str, float]:
     """
     information, _ = fit.normal_equations()
     inverse, _ = inverse_information(information, fit.theta)
-    told = np.diag(information) > 0.0
-    std = np.where(told, np.sqrt(np.maximum(np.diag(inverse), 0.0)), np.inf)
+    determined = np.diag(information) > 0.0
+    std = np.where(determined, np.sqrt(np.maximum(np.diag(inverse), 0.0)), np.inf)
     return dict(zip(fit.layout.shared, std.tolist(), strict=False))
 
 
@@ -266,8 +262,8 @@ class RivalDecision:
 
     @property
     def right(self) -> float:
-        """Probability that the loop prefers the effect that acts, by more than what it calls
-        ambiguous.
+        """Probability that the search prefers the acting effect by more than the ambiguous
+        margin.
         """
         return self._above(CLEAR)
 
@@ -281,31 +277,32 @@ class RivalDecision:
 
 
 def decision_of(
-    squares: np.ndarray, counts: np.ndarray, found: float, own: int, other: int, price: float = 0.0
+    squares: np.ndarray, counts: np.ndarray, gain: float, own: int, other: int, price: float = 0.0
 ) -> RivalDecision:
     """The decision between two effects.
 
     Parameters
     ----------
     squares, counts : ``(m,)`` weighted squares that the rival leaves, and samples, by output.
-    found : weighted squares that the declared model alone leaves. own, other : free parameters of
-    the true effect and of the rival. price : what the loop charges for the rival less what it
-    charges for the true one, in twice the log likelihood.
+    gain : weighted squares that the declared model alone leaves.
+    own, other : free parameters of the true effect and of the rival.
+    price : what the loop charges for the rival less what it charges for the true one, in twice the
+        log likelihood.
     """
     samples = np.maximum(counts, 1)
     share = squares / samples
     total = float(squares.sum())
     mean = float(np.sum(samples * np.log1p(share))) + own - other
     variance = float(np.sum((4.0 * squares + 2.0 * squares * share) / (1.0 + share) ** 2))
-    along = min(1.0, total / found) if found > 0.0 else 1.0
+    along = min(1.0, total / gain) if gain > 0.0 else 1.0
     return RivalDecision(mean, math.sqrt(variance + 4.0 * along), price)
 
 
-def chance_found(gain: float, own: int, price: float, accept: float) -> float:
-    """Probability that an effect raises twice the log likelihood by what its prior odds cost.
+def detection_probability(gain: float, own: int, price: float, accept: float) -> float:
+    """Probability that an effect raises twice the log likelihood by more than its prior odds cost.
 
-    ``gain`` : expected, of the log likelihood over the declared model. ``own``, ``price`` : its
-    free parameters and what is charged for them.
+    ``gain``: expected gain of the log likelihood over the declared model. ``own``, ``price``: its
+    free parameters and their cost; ``accept``: threshold of an addition.
     """
     mean = 2.0 * gain + own
     return normal_above(mean - price - accept, math.sqrt(8.0 * gain + 2.0 * own))
@@ -342,34 +339,34 @@ class Acting:
 class Contest:
     """What a flight under ``true`` says against ``rival``.
 
-    ``found`` : gain of the log likelihood of the true effect over the declared model alone,
+    ``gain`` : gain of the log likelihood of the true effect over the declared model alone,
     ``shown`` the probability that this is enough for a search; ``rival`` has the values that fit
     best, and ``left`` is half of the weighted squares that it leaves of the flight without noise.
     """
 
     true: Acting
     rival: Acting
-    found: float
+    gain: float
     shown: float
     left: float
     decision: RivalDecision
 
     @property
     def chance(self) -> float:
-        """Probability, at least, that the true effect is found and preferred to the rival by more
-        than what is called ambiguous.
+        """Lower bound of the probability that the true effect is found and preferred to the
+        rival.
         """
         return max(0.0, self.shown + self.decision.right - 1.0)
 
 
-def found_by(planned: Planned, true: Acting) -> tuple[Planned, FittedModel]:
-    """The flight under an effect without noise, and the declared model alone fitted to it: half the
-    squares that this leaves is what finds it.
+def declared_fit(planned: Planned, true: Acting) -> tuple[Planned, FittedModel]:
+    """The noise-free flight with an effect, and the declared model fitted to it: half the sum of
+    squares is the expected gain of the effect.
     """
-    flown = simulated(planned, (true.effect,), true.full_values, slopes=False)
-    held = planned.measuring(flown.fit.lines[0].y)
-    base = fitted(held, ())
-    return held, base if base is not None else simulated(held)
+    simulated_fit = simulated(planned, (true.effect,), true.full_values, slopes=False)
+    measured = planned.measuring(simulated_fit.fit.lines[0].y)
+    base = fitted(measured, ())
+    return measured, base if base is not None else simulated(measured)
 
 
 def contest(
@@ -380,13 +377,13 @@ def contest(
     ``hint`` : values of the rival by local name from which a fit begins as well. A rival that
     explains nothing leaves what the declared model does.
     """
-    held, base = found_by(planned, true)
-    best = best_fit(held, base, rival, hint) or base
+    measured, base = declared_fit(planned, true)
+    best = best_fit(measured, base, rival, hint) or base
     counts = best.fit.counts
     own, other = _free(true.effect), _free(rival)
     paid = price(rival, counts) - price(true.effect, counts)
     # Priors of the true effect cost it something, too.
-    spent = _own_cost(held, true)
+    spent = _own_cost(measured, true)
     decision = decision_of(
         _squares(best),
         counts,
@@ -395,23 +392,18 @@ def contest(
         other,
         paid + 2.0 * (_prior_cost(best) - spent),
     )
-    found = max(0.0, base.fit.cost - spent)
-    shown = chance_found(found, own, price(true.effect, counts), ODDS_COST)
+    gain = max(0.0, base.fit.cost - spent)
+    shown = detection_probability(gain, own, price(true.effect, counts), ODDS_COST)
     return Contest(
-        true,
-        Acting(_form(best, rival), _values(best, rival)),
-        found,
-        shown,
-        best.fit.cost,
-        decision,
+        true, Acting(_form(best, rival), _values(best, rival)), gain, shown, best.fit.cost, decision
     )
 
 
 def best_fit(
-    held: Planned, base: FittedModel, rival: Traceable, hint: Mapping[str, float] | None = None
+    measured: Planned, base: FittedModel, rival: Traceable, hint: Mapping[str, float] | None = None
 ) -> FittedModel | None:
-    """The rival fitted to a flight from where a search would begin, and from ``hint``; the best of
-    all, None where it can explain nothing.
+    """Best fit of the rival to a flight, from the starts of a search and from ``hint``; None if it
+    explains nothing.
     """
     known = base.values.shared
     places = starts_at(base, rival, search_context(base))
@@ -425,7 +417,9 @@ def best_fit(
         }
         tries.insert(0, (form, {**known, **named}))
     fits = [
-        found for effect, start in tries if (found := fitted(held, (effect,), start)) is not None
+        result
+        for effect, start in tries
+        if (result := fitted(measured, (effect,), start)) is not None
     ]
     return min(fits, key=lambda each: each.fit.cost, default=None)
 
@@ -434,14 +428,14 @@ def linear_squares(planned: Planned, true: Acting, rival: Acting) -> float:
     """Weighted squares that a rival leaves to first order, about the values that it has: quick, for
     comparing maneuvers.
     """
-    flown = simulated(planned, (true.effect,), true.full_values, slopes=False).fit
+    simulated_fit = simulated(planned, (true.effect,), true.full_values, slopes=False).fit
     other = simulated(planned, (rival.effect,), rival.full_values).fit
     sigma = planned.noise[:, None]
-    apart = ((flown.lines[0].y - other.lines[0].y) / sigma).ravel()
-    slopes = (other.jacobians[0] / sigma[:, :, None]).reshape(apart.size, -1)
+    difference = ((simulated_fit.lines[0].y - other.lines[0].y) / sigma).ravel()
+    slopes = (other.jacobians[0] / sigma[:, :, None]).reshape(difference.size, -1)
     size = np.linalg.norm(slopes, axis=0)
     basis = np.linalg.qr(slopes[:, size > 0.0] / size[size > 0.0])[0]
-    left = apart - basis @ (basis.T @ apart)
+    left = difference - basis @ (basis.T @ difference)
     return float(left @ left)
 
 
@@ -450,18 +444,16 @@ def _squares(best: FittedModel) -> np.ndarray:
 
 
 def _prior_cost(best: FittedModel) -> float:
-    """What the priors take of a fit's cost."""
+    """Cost of a fit from its priors."""
     return best.fit.cost - 0.5 * float(_squares(best).sum())
 
 
-def _own_cost(held: Planned, true: Acting) -> float:
-    """Cost of the true effect fitted to its own flight: nothing but what its priors hold against
-    it.
-    """
-    there = simulated(held, (true.effect,), true.full_values, slopes=False)
+def _own_cost(measured: Planned, true: Acting) -> float:
+    """Cost of the true effect fitted to its own flight: that of its priors."""
+    there = simulated(measured, (true.effect,), true.full_values, slopes=False)
     if there.fit.layout.prior is None or there.fit.cost < 1e-9:
         return there.fit.cost
-    own = fitted(held, (true.effect,), true.full_values)
+    own = fitted(measured, (true.effect,), true.full_values)
     return there.fit.cost if own is None else min(own.fit.cost, there.fit.cost)
 
 
@@ -470,8 +462,8 @@ def _free(effect: Traceable) -> int:
 
 
 def price(effect: Traceable, counts: np.ndarray) -> float:
-    """About what an effect's parameters and place cost of twice the log evidence, in a record of so
-    many samples (Schwarz's limit of it).
+    """Approximate cost of an effect's parameters in twice the log evidence, for ``counts`` samples
+    (Schwarz).
     """
     return _free(effect) * float(np.log(counts.sum())) + 2.0 * math.log(PLACES) * is_event(effect)
 
@@ -481,12 +473,12 @@ def _form(best: FittedModel, rival: Traceable) -> Traceable:
 
 
 def _values(best: FittedModel, rival: Traceable) -> dict[str, float]:
-    """The rival's values as fitted; those at which it vanishes where it explains nothing."""
+    """Fitted values of the rival; those of its absence if it explains nothing."""
     effect = _form(best, rival)
-    plain = {item.name: item.value for item in effect.parameters}
+    initial_values = {item.name: item.value for item in effect.parameters}
     if not best.effects:
-        return {**plain, **effect.absent}
+        return {**initial_values, **effect.absent}
     values = best.values
     known = {**values.shared, **values.own[0]}
     named = {item.name: full_name(effect, item.name) for item in effect.parameters}
-    return {local: known.get(full, plain[local]) for local, full in named.items()}
+    return {local: known.get(full, initial_values[local]) for local, full in named.items()}

@@ -158,10 +158,10 @@ def scatter_between(values: np.ndarray, sigmas: np.ndarray, design: np.ndarray) 
     if at == 0:
         return 0.0
     low, high = grid[at - 1], grid[min(at + 1, len(grid) - 1)]
-    found = minimize_scalar(
+    solution = minimize_scalar(
         cost, bounds=(float(low), float(high)), method="bounded", options={"xatol": 1e-6 * largest}
     )
-    return float(found.x)
+    return float(solution.x)
 
 
 # ---- Flights whose value lies beyond the scatter of the others
@@ -242,16 +242,16 @@ def trend(values: np.ndarray, sigmas: np.ndarray, condition: np.ndarray) -> Tren
     scatter = scatter_between(values, sigmas, design)
     weight = 1.0 / (sigmas**2 + scatter**2)
     inverse = np.linalg.inv(design.T @ (weight[:, None] * design))
-    found = inverse @ (design.T @ (weight * values))
-    left = values - design @ found
+    result = inverse @ (design.T @ (weight * values))
+    left = values - design @ result
     inverse *= max(1.0, float(weight @ left**2) / (n - 2))
     sigma = float(np.sqrt(inverse[1, 1]))
-    p_value = 2.0 * float(stdtr(n - 2, -abs(found[1]) / sigma))
+    p_value = 2.0 * float(stdtr(n - 2, -abs(result[1]) / sigma))
     units = np.array([1.0, 1.0 / size])
     return Trend(
         middle,
-        float(found[0]),
-        float(found[1]) / size,
+        float(result[0]),
+        float(result[1]) / size,
         sigma / size,
         inverse * np.outer(units, units),
         scatter,
@@ -269,15 +269,16 @@ SURE = 0.95
 SCATTERS = (0.0, 0.03, 0.1, 0.2, 0.4, 0.8)  # of the value, between flights, that are tried
 # twice the log likelihood: theorem, chi-squared with one degree of freedom, one in twenty
 AGREES = 3.84
-ROUNDS, SETTLED = 60, 1e-4  # of log likelihood: far below what decides
+ROUNDS = 60  # most iterations
+SETTLED = 1e-4  # log likelihood, below which a gain ends them
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What each of n flights says of one effect with k parameters.
+    """Evidence of each of n flights for one effect with k parameters.
 
-    ``gain (n,)``: of the log likelihood by the effect at its best; ``value (n, k)`` there,
-    ``covariance (n, k, k)`` of it.
+    ``gain (n,)`` of the log likelihood by the effect at its best values ``value (n, k)``, with
+    ``covariance (n, k, k)``.
     """
 
     gain: np.ndarray
@@ -325,7 +326,7 @@ class Recurrence:
 
     @property
     def belongs(self) -> Literal["aircraft", "some flights", "no flight"]:
-        """Whose it is: the aircraft's where no flight excludes it."""
+        """Whether the effect is the aircraft's: no flight excludes it."""
         if not self.recurs:
             return "no flight"
         return "some flights" if np.any(self.has_not) else "aircraft"
@@ -358,9 +359,9 @@ def recurrence(evidence: Evidence, candidates: int = 1) -> Recurrence:
     """
     n, k = evidence.value.shape
     best = _best(evidence)
-    plain = best if best.scatter == 0.0 else _best(evidence, (0.0,))
-    agrees = 2.0 * (best.total - plain.total) < AGREES
-    best = plain if agrees else best
+    without_scatter = best if best.scatter == 0.0 else _best(evidence, (0.0,))
+    agrees = 2.0 * (best.total - without_scatter.total) < AGREES
+    best = without_scatter if agrees else best
     own = np.log1p(best.share * np.expm1(np.clip(best.each, -700.0, 700.0)))
     probability = expit(best.each + _logit(np.array(best.share)))
     others = np.delete(np.arange(n), int(np.argmax(own)))
@@ -384,13 +385,13 @@ def recurrence(evidence: Evidence, candidates: int = 1) -> Recurrence:
 
 
 def _best(evidence: Evidence, scatters: tuple[float, ...] = SCATTERS) -> _Mixture:
-    """The likeliest common value: from the values of the flights that say most, and their mean,
-    with each scatter.
+    """Most likely common value: started from the values of the flights with most evidence, and
+    their mean, with each scatter.
     """
-    told = np.argsort(-evidence.gain)[:4]
+    largest = np.argsort(-evidence.gain)[:4]
     starts = np.array(
         [
-            *evidence.value[told],
+            *evidence.value[largest],
             np.average(evidence.value, axis=0, weights=np.maximum(evidence.gain, 1e-12)),
         ]
     )
@@ -406,12 +407,12 @@ def _maximised(evidence: Evidence, value: np.ndarray, scatter: np.ndarray) -> _M
     for _ in range(ROUNDS):
         probability = expit(each + _logit(share)[:, None])
         weights = probability[:, :, None, None] * inverse
-        found = np.einsum(
+        result = np.einsum(
             "cij,cj->ci",
             np.linalg.pinv(weights.sum(axis=1)),
             np.einsum("cnij,nj->ci", weights, evidence.value),
         )
-        value = np.where(probability.sum(axis=1)[:, None] > 1e-9, found, value)
+        value = np.where(probability.sum(axis=1)[:, None] > 1e-9, result, value)
         share = np.clip(probability.mean(axis=1), 1e-9, 1.0 - 1e-9)
         each, inverse = _at(evidence, value, scatter)
         before, total = (
@@ -429,8 +430,8 @@ def _maximised(evidence: Evidence, value: np.ndarray, scatter: np.ndarray) -> _M
 def _at(
     evidence: Evidence, value: np.ndarray, scatter: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What each flight's log likelihood gains ``(c, n)`` where it has the effect about common
-    values ``(c, k)``, and inverses ``(c, n, k, k)``.
+    """Gain of each flight's log likelihood ``(c, n)`` with the effect about common values ``(c,
+    k)``, and inverses ``(c, n, k, k)``.
     """
     added = (scatter[:, None] * value)[:, :, None] ** 2 * np.eye(value.shape[1])
     wide = evidence.covariance + added[:, None]

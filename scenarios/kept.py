@@ -11,7 +11,7 @@ from typing import Any, get_type_hints
 
 from ident.tracing.diagnosis import Trained
 from ident.whole_record.layout import FitSettings
-from scenarios.files.sources import InputFile, found_json, read_json
+from scenarios.files.sources import InputFile, json_or_none, read_json
 from scenarios.files.writing import write_json
 from sim.declaration.effect import Effect
 from sim.declaration.proposal import Traceable
@@ -360,7 +360,7 @@ def _no_model(folder: Path) -> DeclarationError:
             where=str(folder),
             remedy="run flightid diagnose again with this --out",
         )
-    comparison = found_json(folder / "comparison.json")
+    comparison = json_or_none(folder / "comparison.json")
     scenario = comparison.get("scenario") if isinstance(comparison, dict) else None
     if not isinstance(comparison, dict):
         return DeclarationError(

@@ -16,8 +16,8 @@ from rich.console import Console
 from ident.maneuver_detection import (
     AXES,
     PAUSE,
+    DetectedManeuver,
     FlightSignals,
-    Maneuver,
     active_share,
     find_maneuvers,
 )
@@ -27,7 +27,7 @@ from scenarios.files.records import read_record, refuse_rate
 from scenarios.files.sources import InputFile, versions
 from scenarios.files.writing import study_folder, write_json, write_text
 from scenarios.preparation.measured_inputs import with_load_factors
-from scenarios.preparation.plan import FILE, Part, Parts, Plan
+from scenarios.preparation.plan import FILE, DeclaredParts, Part, Plan
 from scenarios.report.document import (
     MISSING,
     PURE,
@@ -89,7 +89,7 @@ class NumberedManeuver:
 
     number: int
     name: str
-    found: Maneuver
+    found: DetectedManeuver
     unit: str
     start: float
     stop: float
@@ -117,10 +117,10 @@ class FoundManeuvers:
     unread: Mapping[str, str] = field(default_factory=dict)
 
     @property
-    def parts(self) -> Parts:
+    def parts(self) -> DeclaredParts:
         """The parts of the record as ``maneuvers.toml`` declares them."""
         some = tuple(Part(each.number, each.name, each.start, each.stop) for each in self.maneuvers)
-        return Parts(self.identity.name, self.identity.name, self.identity.sha256, some)
+        return DeclaredParts(self.identity.name, self.identity.name, self.identity.sha256, some)
 
     @property
     def cautions(self) -> tuple[str, ...]:
@@ -203,7 +203,7 @@ def signals_of(record: Record) -> FlightSignals:
     )
 
 
-def numbered(found: Sequence[Maneuver], record: Record) -> tuple[NumberedManeuver, ...]:
+def numbered(found: Sequence[DetectedManeuver], record: Record) -> tuple[NumberedManeuver, ...]:
     """Maneuvers with numbers, names and parts of the record that do not reach into the next
     maneuver's.
     """
@@ -226,7 +226,9 @@ def numbered(found: Sequence[Maneuver], record: Record) -> tuple[NumberedManeuve
     return tuple(out)
 
 
-def _part(each: Maneuver, found: Sequence[Maneuver], record: Record) -> tuple[float, float]:
+def _part(
+    each: DetectedManeuver, found: Sequence[DetectedManeuver], record: Record
+) -> tuple[float, float]:
     """The input with ``LEAD`` and ``TAIL``, up to a pause in the rows and half way to its
     neighbours; a trim point as it is.
     """
@@ -381,10 +383,10 @@ def write_maneuvers(found: FoundManeuvers, folder: str | Path, *, figures: Forma
     with study_folder(folder, MAIN) as scratch:
         drawn: tuple[Drawn, ...] = ()
         if figures:
-            from scenarios.plots.drawing import drawn_for_page
+            from scenarios.plots.drawing import draw_for_page
             from scenarios.plots.maneuvers import figure_flight
 
-            drawn = drawn_for_page(
+            drawn = draw_for_page(
                 [("flight", partial(figure_flight, found, found.identity.name))], scratch, figures
             )
         write_text(scratch / FILE, maneuvers_toml(found))

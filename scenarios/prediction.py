@@ -35,13 +35,13 @@ from scenarios.identification.assessment import (
 )
 from scenarios.identification.conditions import PATH, with_weight
 from scenarios.kept import DIAGNOSE, KeptFile, KeptModel, read_kept
-from scenarios.plots import drawn_in
+from scenarios.plots import draw_into
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.preparation.declared_model import model_of_file
 from scenarios.preparation.filtering import put_together
 from scenarios.preparation.plan import ATTITUDE, Plan
 from scenarios.preparation.plausibility import refuse_unpredictable
-from scenarios.preparation.reading import Decided, Prepared, prepare
+from scenarios.preparation.reading import Decided, PreparedData, prepare
 from scenarios.report.document import (
     Bullets,
     Cell,
@@ -195,7 +195,7 @@ def predict_record(asked: PredictionRequest) -> PredictionResult:
 
 
 def _by_identification(
-    kept: KeptModel, declared: Model, ready: Prepared, *, trusted: bool
+    kept: KeptModel, declared: Model, ready: PreparedData, *, trusted: bool
 ) -> tuple[Record, Simulation | None, Simulation, list[Record]]:
     """As ``identify --validate`` predicts: the record, the simulations before and after, and its
     parts less their wild points."""
@@ -221,7 +221,7 @@ def _by_identification(
 
 
 def _by_diagnosis(
-    kept: KeptModel, declared: Model, ready: Prepared, *, trusted: bool
+    kept: KeptModel, declared: Model, ready: PreparedData, *, trusted: bool
 ) -> tuple[Record, Simulation | None, Simulation, list[Record]]:
     """As ``diagnose --validate`` predicts, which looks for wild points in any record."""
     assert kept.before is not None
@@ -341,7 +341,7 @@ def _refuse_without_attitude(kept: KeptModel, declared: Model, record: Record) -
         )
 
 
-def _warnings(ready: Prepared) -> tuple[str, ...]:
+def _warnings(ready: PreparedData) -> tuple[str, ...]:
     return (*ready.doubts, *ready.look.set_aside)
 
 
@@ -370,14 +370,15 @@ def prediction_figures(found: PredictionResult) -> Iterator[Named]:
     """The figure of a prediction: recorded and predicted, of a diagnosis with effects also as
     declared. Nothing where no simulation is finite.
     """
-    from scenarios.plots.signals import Response, context, figure_fit
+    from scenarios.plots.signals import MethodOutputs, context, figure_fit
 
     if found.after.figures is None:
         return
-    shown = [Response("predicted", dict(zip(found.channels, found.after.rows, strict=True)))]
+    shown = [MethodOutputs("predicted", dict(zip(found.channels, found.after.rows, strict=True)))]
     if found.before is not None and found.kept.after.effects:
         shown.insert(
-            0, Response("as declared", dict(zip(found.channels, found.before.rows, strict=True)))
+            0,
+            MethodOutputs("as declared", dict(zip(found.channels, found.before.rows, strict=True))),
         )
     title = (
         f"{found.record.name}: {found.kept.model}, {found.kept.made_by}\nnot fitted, only initial "
@@ -537,7 +538,7 @@ def write_prediction(
     """
     with study_folder(folder, MAIN) as scratch:
         write_text(scratch / "prediction.csv", _table(found))
-        drawn = drawn_in(scratch, prediction_figures(found), figures)
+        drawn = draw_into(scratch, prediction_figures(found), figures)
         write_page(scratch, prediction_page(found, drawn))
         write_json(scratch / MAIN, prediction_content(found))
     return Path(folder)

@@ -33,7 +33,9 @@ class Factor:
 
     Attributes
     ----------
-    signal : its name. power : 1 to 9, of a spline 0 to 9. absolute : of its absolute value.
+    signal : its name.
+    power : 1 to 9, of a spline 0 to 9.
+    absolute : of its absolute value.
     knot : of a spline, in the signal's unit: what exceeds it is raised to the power. None else.
     """
 
@@ -44,7 +46,7 @@ class Factor:
 
     @property
     def text(self) -> str:
-        """As a vehicle file has it."""
+        """Text of the factor in a vehicle file."""
         if self.knot is not None:
             return f"spline({self.signal}, {self.knot:g}, {self.power})"
         if self.absolute:
@@ -53,7 +55,7 @@ class Factor:
 
     @property
     def label(self) -> str:
-        """As part of a parameter's name: letters, digits and underscores."""
+        """Part of a parameter's name: letters, digits and underscores."""
         if self.knot is not None:
             number = f"{self.knot:g}".replace("-", "m").replace(".", "p").replace("+", "")
             return f"{self.signal}_above_{number}" + (f"_{self.power}" if self.power != 1 else "")
@@ -101,12 +103,12 @@ class Term:
 
     @property
     def text(self) -> str:
-        """As a vehicle file has it."""
+        """Text of the term in a vehicle file."""
         return "*".join(factor.text for factor in self.factors) or "1"
 
     @property
     def label(self) -> str:
-        """As part of a parameter's name; ``0`` of the constant."""
+        """Part of a parameter's name; ``0`` for the constant."""
         return "_".join(factor.label for factor in self.factors) or "0"
 
     @property
@@ -164,13 +166,13 @@ class TermTable:
         ----------
         signals : by name, numbers or arrays of one shape, complex ones as well.
         """
-        found: list[Any] = []
+        result: list[Any] = []
         for step in self._steps:
             if isinstance(step, Factor):
-                found.append(step.of(signals[step.signal]))
+                result.append(step.of(signals[step.signal]))
             else:
-                found.append(found[step[0]] * found[step[1]])
-        return [1.0 if place is None else found[place] for place in self._places]
+                result.append(result[step[0]] * result[step[1]])
+        return [1.0 if place is None else result[place] for place in self._places]
 
     def _place_of(self, factors: tuple[Factor, ...]) -> int:
         """The step that gives a product of factors."""
@@ -201,7 +203,9 @@ def parse_term(text: str, signals: Collection[str], where: str = "term") -> Term
 
     Parameters
     ----------
-    text : see the module. signals : names that may stand in it. where : for messages.
+    text : see the module.
+    signals : names that may stand in it.
+    where : for messages.
 
     Raises
     ------
@@ -212,11 +216,11 @@ def parse_term(text: str, signals: Collection[str], where: str = "term") -> Term
     >>> parse_term("spline(alpha, 0.2, 1)*beta", ("alpha", "beta")).label
     'alpha_above_0p2_beta'
     """
-    plain = re.sub(r"\s+", "", text)
-    if plain == "1":
+    compact = re.sub(r"\s+", "", text)
+    if compact == "1":
         return Term()
     factors: dict[tuple[str, bool, float | None, int], Factor] = {}
-    for part in _parts(plain):
+    for part in _parts(compact):
         factor = _factor(part, text, where)
         if factor.signal not in signals:
             raise DeclarationError(
@@ -224,11 +228,11 @@ def parse_term(text: str, signals: Collection[str], where: str = "term") -> Term
                 where=where,
                 remedy=f"use {', '.join(signals)}, or declare it under [surfaces]",
             )
-        plain_power = factor.knot is None and not factor.absolute
-        key = (factor.signal, factor.absolute, factor.knot, 0 if plain_power else factor.power)
-        if key in factors and plain_power:
+        is_power = factor.knot is None and not factor.absolute
+        key = (factor.signal, factor.absolute, factor.knot, 0 if is_power else factor.power)
+        if key in factors and is_power:
             factor = Factor(factor.signal, factor.power + factors[key].power)
-        if (key in factors and not plain_power) or factor.power > HIGHEST:
+        if (key in factors and not is_power) or factor.power > HIGHEST:
             raise DeclarationError(
                 f"the term {text!r} is no product of powers up to {HIGHEST}",
                 where=where,
@@ -245,10 +249,10 @@ def _order(factor: Factor) -> tuple[int, str, bool, float, int]:
     return place, factor.signal, factor.absolute, knot, factor.power
 
 
-def _parts(plain: str) -> list[str]:
+def _parts(compact: str) -> list[str]:
     """The text between the stars that are outside of brackets."""
     parts, depth = [""], 0
-    for letter in plain:
+    for letter in compact:
         depth += (letter == "(") - (letter == ")")
         if letter == "*" and depth == 0:
             parts.append("")
@@ -258,18 +262,19 @@ def _parts(plain: str) -> list[str]:
 
 
 def _factor(part: str, text: str, where: str) -> Factor:
-    if found := _SPLINE.fullmatch(part):
-        return Factor(found[1], int(found[3]), knot=float(found[2]))
-    if found := _ABSOLUTE.fullmatch(part):
-        return Factor(found[1], absolute=True)
-    found = _POWER.fullmatch(part)
-    if found is None or found[2] == "0":
+    if match := _SPLINE.fullmatch(part):
+        return Factor(match[1], int(match[3]), knot=float(match[2]))
+    if match := _ABSOLUTE.fullmatch(part):
+        return Factor(match[1], absolute=True)
+    match = _POWER.fullmatch(part)
+    if match is None or match[2] == "0":
         raise DeclarationError(f"{text!r} is no term", where=where, remedy=_FORMS)
-    return Factor(found[1], int(found[2] or 1))
+    return Factor(match[1], int(match[2] or 1))
 
 
 IN_SYMMETRY = ("CX", "CZ", "CD", "CL", "Cm")  # coefficients that a mirrored motion leaves alone
-ALONG, ACROSS = ("alpha", "q"), ("beta", "p", "r")
+ALONG = ("alpha", "q")  # variables of the longitudinal motion
+ACROSS = ("beta", "p", "r")  # variables of the lateral motion
 _ALONG = (*ALONG, "mach")
 ABOVE_SQUARES = ("alpha", "beta")  # signals with a cube
 
@@ -322,9 +327,9 @@ def parents(term: Term) -> frozenset[Term]:
     sideways = {name: power for name, power in powers.items() if name not in _ALONG}
     if sum(powers.values()) + sum(factor.absolute for factor in term.factors) < 2:
         return frozenset()
-    found = {name for name, power in sideways.items() if _others_even(sideways, name, power)}
-    found |= {name for name in powers if name in _ALONG and not _odd(sideways)}
-    return frozenset(Term((Factor(name),)) for name in found)
+    result = {name for name, power in sideways.items() if _others_even(sideways, name, power)}
+    result |= {name for name in powers if name in _ALONG and not _odd(sideways)}
+    return frozenset(Term((Factor(name),)) for name in result)
 
 
 def is_linear(term: Term, axis: str) -> bool:
@@ -332,8 +337,8 @@ def is_linear(term: Term, axis: str) -> bool:
 
     Parameters
     ----------
-    term : any. axis : the coefficient. Surfaces are allowed in all of them: their symmetry is not
-        known.
+    term : any.
+    axis : the coefficient. Surfaces are allowed in all of them: their symmetry is not known.
 
     Examples
     --------
@@ -350,7 +355,7 @@ def is_linear(term: Term, axis: str) -> bool:
 
 
 def _others_even(powers: Mapping[str, int], name: str, power: int) -> bool:
-    """Whether what multiplies a signal is the same in a mirrored motion."""
+    """Whether the factors that multiply a signal are unchanged in a mirrored motion."""
     return power % 2 == 1 and not _odd({n: other for n, other in powers.items() if n != name})
 
 
@@ -359,12 +364,12 @@ def _odd(powers: Mapping[str, int]) -> bool:
 
 
 def allowed_terms(along: Sequence[str], across: Sequence[str], *, symmetric: bool) -> list[Term]:
-    """Terms that are even in what lies across the plane of symmetry, or odd.
+    """Terms that are even, or odd, in the variables of the lateral motion.
 
     Parameters
     ----------
-    along, across : surfaces of either motion. symmetric : True for even terms, those of lift, drag
-        and pitching moment.
+    along, across : surfaces of either motion.
+    symmetric : True for even terms, those of lift, drag and pitching moment.
 
     Returns
     -------
@@ -377,14 +382,14 @@ def allowed_terms(along: Sequence[str], across: Sequence[str], *, symmetric: boo
     """
     along, across = (*ALONG, *along), (*ACROSS, *across)
     single = along if symmetric else across
-    found = [Term((Factor(name),)) for name in single]
+    terms = [Term((Factor(name),)) for name in single]
     pairs = (
         [*combinations_with_replacement(along, 2), *((name, name) for name in across)]
         if symmetric
         else [(one, other) for one in along for other in across]
     )
-    found += [
+    terms += [
         Term((Factor(one, 2),)) if one == other else parse_term(f"{one}*{other}", (one, other))
         for one, other in pairs
     ]
-    return found + [Term((Factor(name, 3),)) for name in single if name in ABOVE_SQUARES]
+    return terms + [Term((Factor(name, 3),)) for name in single if name in ABOVE_SQUARES]

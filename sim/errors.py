@@ -1,4 +1,4 @@
-"""The errors that a user can mend: what is wrong, where, and what to do about it."""
+"""Errors that a user can correct: problem, place and remedy."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ class FlightidError(Exception):
 
 
 class RecordError(FlightidError):
-    """A record that cannot be used as it stands."""
+    """A record cannot be used as it is."""
 
 
 class ModelError(FlightidError):
-    """A model, effect or parameter that is declared wrongly, or used where it cannot serve."""
+    """A model, effect or parameter is declared wrongly, or used where it cannot be."""
 
 
 class DeclarationError(FlightidError):

@@ -1,7 +1,7 @@
 """Maneuvers as functions of time: steps and their combinations, multisines, sweeps.
 
-A maneuver is a function of time that knows its exact mean over any interval, so a simulation meets
-a switch at its own time and not at the next step. Smooth ones are in ``sim.maneuvers``.
+A maneuver knows its exact mean over any interval, so that a simulation meets a switch at its own
+time and not at the next step.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ class MultiStep:
         )
         first = np.searchsorted(self._switches, begin, side="right")
         last = np.searchsorted(self._switches, end, side="left")
-        # Only intervals with a switch inside need noise_model; elsewhere the level itself is exact.
+        # Only intervals with a switch inside need an integral; elsewhere the level itself is exact.
         out = self._padded[first]
         mixed = last > first
         if np.any(mixed):
@@ -257,9 +257,8 @@ _LEVELS = (0.75, 0.99)  # of the peak, at which the first and the last clipping 
 class Multisine:
     """A sum of harmonics of one period, repeated a whole number of times.
 
-    u = sum_i amplitudes_i cos(2 pi harmonics_i (t - start) / period + phases_i) on
-    ``[start, start + cycles period]``, zero outside. Disjoint harmonics are orthogonal over a
-    period.
+    u = sum_i amplitudes_i cos(2 pi harmonics_i (t - start) / period + phases_i) on ``[start, start
+    + cycles period]``, zero outside. Disjoint harmonics are orthogonal over a period.
     """
 
     period: float
@@ -496,7 +495,7 @@ def _multisine_bad(where: str, what: str, remedy: str) -> ModelError:
 
 
 class Spacing(Enum):
-    """How a sweep passes through its frequencies."""
+    """Spacing of the frequencies of a sweep over time."""
 
     LINEAR = "equal time for equal frequency differences"
     LOGARITHMIC = "equal time for equal frequency ratios"

@@ -29,9 +29,7 @@ _WIDE = 64
 
 
 def plus(x: Any, port: Any) -> Any:
-    """``x + port``; a port on which nothing acts is a plain zero, and an array is spared that
-    addition.
-    """
+    """``x + port``; a port without effects is the number zero, and the addition is skipped."""
     return x if type(port) is float and port == 0.0 else x + port
 
 
@@ -40,7 +38,8 @@ def add_product(total: Any, factor: Any, x: Any) -> Any:
 
     Parameters
     ----------
-    total : a sum that nobody else holds. factor, x : numbers or arrays.
+    total : a sum that nobody else holds.
+    factor, x : numbers or arrays.
     """
     more = factor * x
     if (
@@ -55,7 +54,7 @@ def add_product(total: Any, factor: Any, x: Any) -> Any:
 
 
 def times(factor: Any, x: Any) -> Any:
-    """``factor * x``; a factor that is a plain one costs nothing."""
+    """``factor * x``; a factor of one is skipped."""
     return x if type(factor) is float and factor == 1.0 else factor * x
 
 
@@ -208,8 +207,8 @@ def interpolate(x: Any, knots: np.ndarray, values: np.ndarray) -> np.ndarray:
     """
     formula = getattr(x, "interpolated", None)  # of a symbol, of which equations are written
     if formula is not None:
-        found: np.ndarray = formula(knots, values)
-        return found
+        result: np.ndarray = formula(knots, values)
+        return result
     x = np.asarray(x)
     low = np.clip(np.searchsorted(knots, x.real, side="right") - 1, 0, len(knots) - 2)
     if values.ndim == 1:
@@ -271,12 +270,12 @@ def each_column(function: Callable[..., np.ndarray], rows: Any, *values: Any) ->
     out = np.empty(full.shape, dtype=np.result_type(full, *given, float))
     one_row = rows.size == len(rows)
     # runs alike are computed once: most are in a batch of differences
-    known: dict[tuple[Any, ...], np.ndarray] = {}
+    computed: dict[tuple[Any, ...], np.ndarray] = {}
     for index in np.ndindex(shape):
         scalars, column = tuple(value[index].item() for value in given), (slice(None), *index)
-        if scalars not in known or not one_row:
-            known[scalars] = function(np.ascontiguousarray(full[column]), *scalars)
-        out[column] = known[scalars]
+        if scalars not in computed or not one_row:
+            computed[scalars] = function(np.ascontiguousarray(full[column]), *scalars)
+        out[column] = computed[scalars]
     return out
 
 
@@ -290,14 +289,14 @@ def once_for_alike(function: Callable[..., Any], *values: Any) -> Any:
     columns = [value for value in values if np.ndim(value) > 0]
     if not columns or any(np.shape(value) != (len(columns[0]), 1) for value in columns):
         return function(*values)
-    known: dict[tuple[Any, ...], int] = {}
+    rows: dict[tuple[Any, ...], int] = {}
     place = [
-        known.setdefault(run, len(known))
+        rows.setdefault(run, len(rows))
         for run in zip(*(value[:, 0].tolist() for value in columns), strict=True)
     ]
-    if len(known) == len(place):
+    if len(rows) == len(place):
         return function(*values)
-    first = [place.index(k) for k in range(len(known))]
+    first = [place.index(k) for k in range(len(rows))]
     return function(*(value[first] if np.ndim(value) > 0 else value for value in values))[place]
 
 
@@ -320,10 +319,11 @@ class Shapes:
 
     Attributes
     ----------
-    low, spacing : where the first interval begins and how long each is. intervals : their number.
+    low, spacing : where the first interval begins and how long each is.
+    intervals : their number.
     table : ``(4, n, intervals + 2)`` coefficients of the powers 0 to 3 of the share of an interval
-    passed, by function and
-        interval; the first and the last column are the straight lines below and above.
+        passed, by function and interval; the first and the last column are the straight lines below
+        and above.
     columns : the same for single numbers: by interval, then by function, from the third power down.
     """
 
@@ -348,7 +348,9 @@ def natural_shapes(
     ----------
     low, high : the range; the anchor is taken into it.
     fine : halve the intervals: four functions as before, then five finer ones (six if not
-    ``flat``). anchor : where every function is zero. flat : there the slopes are zero, too.
+        ``flat``).
+    anchor : where every function is zero.
+    flat : there the slopes are zero, too.
 
     Returns
     -------

@@ -92,12 +92,12 @@ def refuse_endless(count: float, gaps: np.ndarray, max_step: float) -> None:
     is how many.
     """
     if count > MOST_STEPS:
-        told = (
+        problem = (
             f"samples {gaps.min():.3g} to {gaps.max():.3g} s apart take {count:.2g} steps of "
             f"{max_step:.2g} s or less"
         )
         raise RecordError(
-            told,
+            problem,
             where="column time",
             remedy="check the unit of the times, or read a part of them with --from and --to",
         )
@@ -139,11 +139,11 @@ def recorded_drive(u: np.ndarray, time: np.ndarray, hold: Hold, grid: Grid) -> D
     the stages.
     """
     if hold is Hold.PREVIOUS:
-        held = [row[grid.source] for row in u]
+        inputs = [row[grid.source] for row in u]
         return Drive(
-            (held, held, held),
-            [np.append(h, row[-1]) for h, row in zip(held, u, strict=True)],
-            held,
+            (inputs, inputs, inputs),
+            [np.append(h, row[-1]) for h, row in zip(inputs, u, strict=True)],
+            inputs,
         )
     begin = [np.interp(grid.edges, time, row) for row in u]
     middle = [0.5 * (b[:-1] + b[1:]) for b in begin]
@@ -436,11 +436,13 @@ def _at_rest(system: System, p: Sequence[float], begin: float, n: int, m: int) -
     """
     rows = list(np.eye(n + m, n + m + 1, 1))
     try:
-        found = _rates(system, p, begin, rows[:n], rows[n:], n + m + 1)
+        result = _rates(system, p, begin, rows[:n], rows[n:], n + m + 1)
     except (ArithmeticError, ValueError, TypeError):
         return None
-    change = found[:, 1:] - found[:, :1]
-    return Affine(change[:, :n], change[:, n:], found[:, 0]) if np.all(np.isfinite(found)) else None
+    change = result[:, 1:] - result[:, :1]
+    return (
+        Affine(change[:, :n], change[:, n:], result[:, 0]) if np.all(np.isfinite(result)) else None
+    )
 
 
 def _rates(
@@ -530,8 +532,9 @@ def _holds(
 InputsAt = Callable[[float], list[float]]
 Stretch = Callable[[float, float], InputsAt]
 
-# of a step's error in each state, SI: a flight's is then below 1e-9 of its motion
-RELATIVE, ABSOLUTE = 1e-10, 1e-12
+# relative tolerance of a step; the error of a flight is then below 1e-9 of its motion
+RELATIVE = 1e-10
+ABSOLUTE = 1e-12  # absolute tolerance of each state, SI
 _MOST_STEPS = 5000  # between two samples: one that needs more is not of this kind
 
 
@@ -555,8 +558,8 @@ def smooth_motion(
 
     ends = [*(at for at in breaks if time[0] + 1e-9 < at < time[-1] - 1e-9), float(time[-1])]
     usual = float(np.median(np.diff(time)))
-    found = np.empty((len(x0), len(time)))
-    found[:, 0] = x = np.asarray(x0, dtype=float)
+    states = np.empty((len(x0), len(time)))
+    states[:, 0] = x = np.asarray(x0, dtype=float)
     begin, done, fixed = float(time[0]), 1, list(p)
     for end in ends:
         u, last = stretch(begin, end), int(np.searchsorted(time, end + 1e-9))
@@ -590,6 +593,6 @@ def smooth_motion(
             return None
         if not np.all(np.isfinite(way)):
             return None
-        found[:, done:last] = way[1 : 1 + last - done].T
+        states[:, done:last] = way[1 : 1 + last - done].T
         begin, done, x = end, last, way[-1]
-    return found
+    return states

@@ -67,8 +67,8 @@ class Record:
 
     Raises
     ------
-    RecordError : fewer than two samples, time not finite or not increasing, lengths that
-        differ, a channel without a single sample, a hole in an input, a name twice.
+    RecordError : fewer than two samples, time not finite or not increasing, lengths that differ, a
+        channel without a single sample, a hole in an input, a name twice.
     """
 
     time: np.ndarray
@@ -153,9 +153,9 @@ class Record:
         for channel in self.channels:
             if channel.name == name:
                 return channel
-        known = ", ".join(channel.name for channel in self.channels)
+        available = ", ".join(channel.name for channel in self.channels)
         raise RecordError(
-            f"there is no channel {name!r}", where=self.name, remedy=f"it has {known}"
+            f"there is no channel {name!r}", where=self.name, remedy=f"it has {available}"
         )
 
     def input_array(self, names: Iterable[str] | None = None) -> np.ndarray:
@@ -209,9 +209,9 @@ class Record:
 
 
 def _frozen(array: np.ndarray) -> np.ndarray:
-    kept = np.array(array)
-    kept.setflags(write=False)
-    return kept
+    copy = np.array(array)
+    copy.setflags(write=False)
+    return copy
 
 
 def refuse_beyond_measure(record: Record, names: Sequence[str], largest: float) -> None:

@@ -68,7 +68,10 @@ def choose_density(
     )
     for i, density in enumerate(densities):
         bank = run_bank(
-            record, system_with(density), settings, held={name: np.asarray(delays, dtype=float)}
+            record,
+            system_with(density),
+            settings,
+            fixed_values={name: np.asarray(delays, dtype=float)},
         )
         top = int(np.argmax(bank.log_likelihood))
         if not np.isfinite(bank.log_likelihood[top]):

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.signal import chirp, lfilter
 
-from ident.maneuver_detection import FlightSignals, Maneuver
+from ident.maneuver_detection import DetectedManeuver, FlightSignals
 
 STEP = 0.02  # s, of the march
 LENGTH = 1200.0  # s
@@ -466,7 +466,7 @@ class Score:
         )
 
 
-def score(known: Sequence[Known], found: Sequence[Maneuver], label: str = "") -> Score:
+def score(known: Sequence[Known], found: Sequence[DetectedManeuver], label: str = "") -> Score:
     """How many known maneuvers were found: right axis, and both ends within 1 s or 70 % of the
     joint time in common.
 
@@ -496,11 +496,11 @@ def score(known: Sequence[Known], found: Sequence[Maneuver], label: str = "") ->
     )
 
 
-def _matches(known: Known, found: Maneuver) -> bool:
+def _matches(known: Known, found: DetectedManeuver) -> bool:
     joint = max(known.end, found.end) - min(known.start, found.start)
     near = abs(known.start - found.start) <= 1.0 and abs(known.end - found.end) <= 1.0
     return near or _common(known, found) >= 0.7 * joint
 
 
-def _common(known: Known, found: Maneuver) -> float:
+def _common(known: Known, found: DetectedManeuver) -> float:
     return max(0.0, min(known.end, found.end) - max(known.start, found.start))

@@ -133,8 +133,8 @@ def _flown(folder: Path) -> list[str]:
     channels.
     """
     from scenarios.studies.catalogue import load_document
-    from scenarios.trials.planted.flights import fly_trace, write_flown
+    from scenarios.trials.planted.flights import fly_trace, write_simulated
     from scenarios.trials.planted.schema import trace_scenario_of
 
     scenario = trace_scenario_of(*load_document("trace-delay"))
-    return [str(path) for path in write_flown(fly_trace(scenario, scenario.seed), folder)]
+    return [str(path) for path in write_simulated(fly_trace(scenario, scenario.seed), folder)]

@@ -96,7 +96,7 @@ def effects() -> Iterator[tuple[str, str]]:
     for model, vehicle in VEHICLES.items():
         source = fid.vehicle(vehicle).source_for(model)
         setting = setting_of(DesignRequest(model, source, duration=12.0, computer=True))
-        shapes = KINDS["3-2-1-1"](setting.room, setting.room.pulse)
+        shapes = KINDS["3-2-1-1"](setting.maneuver_limits, setting.maneuver_limits.pulse)
         assert shapes is not None
         size = np.array([*setting.limits.amplitude.values()])[:, None]
         planned = setting.planned(0.5 * size * shapes)

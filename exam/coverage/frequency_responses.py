@@ -25,7 +25,7 @@ from exam.coverage.streams import beside_the_bank, stick_multisine, watched
 from exam.options import Parser
 from ident.flying_qualities.attitude_criteria import GAIN_MARGIN, attitude_bandwidth
 from ident.flying_qualities.stability_margins import NORMAL, stability_margins
-from ident.frequency_response import Signals, Spectra, estimate_responses
+from ident.frequency_response import EvenSignals, Spectra, estimate_responses
 from ident.frequency_response.estimate import frequencies as response_frequencies
 from ident.frequency_response.estimate import window_lengths
 from ident.statistics.intervals import clustered_share
@@ -70,7 +70,7 @@ def _true(system: tuple[tuple[float, ...], tuple[float, ...]]) -> np.ndarray:
     return np.asarray(np.polyval(top, z) / np.polyval(bottom, z))
 
 
-def known_flight(case: str, seed: int, noise: float = 1.0) -> tuple[Signals, np.ndarray]:
+def known_flight(case: str, seed: int, noise: float = 1.0) -> tuple[EvenSignals, np.ndarray]:
     """A record of 300 s and its true responses ``(q, F)``: ``one`` input, ``two`` with a
     correlation of 0.7, ``feedback`` of the output with and ``direct`` without its excitation.
     ``noise`` : times a third of the output."""
@@ -89,13 +89,13 @@ def known_flight(case: str, seed: int, noise: float = 1.0) -> tuple[Signals, np.
             clean = clean + lfilter(*_held(LAG), inputs[1])
         y = clean + error * noise * NOISE * clean.std() / error.std()
         exact = [_true(each) for each in (SHORT_PERIOD, LAG)[: len(inputs)]]
-        return Signals(STEP, np.array(inputs), y[None]), np.array(exact)
+        return EvenSignals(STEP, np.array(inputs), y[None]), np.array(exact)
     error = error * noise * NOISE * clean.std() / error.std()
     closed = np.polyadd(bottom, LAW * top)
     y = lfilter(top, closed, one) + lfilter(bottom, closed, error)
-    record = Signals(STEP, (one - LAW * y)[None], y[None], one[None])
+    record = EvenSignals(STEP, (one - LAW * y)[None], y[None], one[None])
     if case == "direct":
-        record = Signals(STEP, record.inputs, record.outputs)
+        record = EvenSignals(STEP, record.inputs, record.outputs)
     return record, _true(SHORT_PERIOD)[None]
 
 
@@ -301,7 +301,7 @@ def swept_roll_loop(case: str, seed: int) -> Counts:
         command, returned, sweep = (
             flight[name].values[None] for name in ("command", "returned", "sweep")
         )
-        records.append(Signals(1.0 / frame_rate(scenario), command, returned, sweep))
+        records.append(EvenSignals(1.0 / frame_rate(scenario), command, returned, sweep))
     low, high = scenario.band
     lengths = window_lengths([scenario.duration], low)
     found = estimate_responses(records, response_frequencies(low, high), Spectra(lengths))
@@ -347,7 +347,7 @@ def bandwidths(noise: str, seed: int) -> Counts:
     the output, over a third."""
     record, _ = known_flight("one", seed, float(noise))
     output = np.concatenate([np.zeros((1, LATE)), record.outputs[:, :-LATE]], axis=1)
-    late = Signals(STEP, record.inputs, output)
+    late = EvenSignals(STEP, record.inputs, output)
     found = estimate_responses([late], GRID, Spectra(window_lengths([DURATION])))
     known = attitude_bandwidth(target_of(found, (0, 0), "q"), rate=True)
     quantities = (known.neutral, known.phase, known.gain, known.delay)

@@ -12,7 +12,7 @@ import numpy as np
 
 from exam.every_effect.carriers import Plan
 from sim.declaration.effect import Parameter
-from sim.declaration.proposal import Curve, Traceable
+from sim.declaration.proposal import RangedCurve, Traceable
 
 # an absent value beyond it is a limit that is never reached: such a parameter goes as one over the
 # amount
@@ -73,7 +73,7 @@ def drawn(effect: Traceable, plan: Plan, rng: np.random.Generator) -> Draw:
             usual[local] = begun(plan, rng)
         elif traits.wrong_samples_of and local in _KNOWN:
             usual[local] = plan.duration if local == "duration" else plan.interval
-        elif local in moved and not isinstance(effect, Curve):
+        elif local in moved and not isinstance(effect, RangedCurve):
             gone = 0.0 if abs(moved[local]) >= FAR else moved[local]
             usual[local] = gone + sign * (item.value - gone) * _about(
                 rng, 0.6 if len(moved) > 1 else 0.0
@@ -82,7 +82,7 @@ def drawn(effect: Traceable, plan: Plan, rng: np.random.Generator) -> Draw:
             usual[local] = item.value * _about(rng, 0.35)
         else:
             usual[local] = item.value
-    if isinstance(effect, Curve):
+    if isinstance(effect, RangedCurve):
         usual |= _shapes(moved, items, rng)
     return Draw(usual, moved, items, traits.plausible)
 

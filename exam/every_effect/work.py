@@ -29,7 +29,7 @@ from exam.scores.scored_flight import (
 from scenarios.diagnosis.diagnose import diagnose_files
 from scenarios.diagnosis.tracing import Tracing
 from scenarios.tasks.work import Cell, Row, RowTable, Task
-from sim.declaration.proposal import Curve
+from sim.declaration.proposal import RangedCurve
 
 TAKEN = "diagnosis_seconds"  # of the processor
 COLUMNS = {
@@ -223,7 +223,8 @@ def _comparable(flown: Flown) -> Mapping[str, float]:
     """
     return (
         {}
-        if not flown.name or isinstance(effect_of(Instance(flown.carrier.model, flown.name)), Curve)
+        if not flown.name
+        or isinstance(effect_of(Instance(flown.carrier.model, flown.name)), RangedCurve)
         else flown.values
     )
 

@@ -65,9 +65,9 @@ def scored_flight_of(study: TraceStudy, judged: TraceJudged) -> ScoredFlight:
     """The same flight for the statistics that all campaigns of the loop have in common."""
     d, claims = study.tracing.diagnosis, claims_of(study.tracing.diagnosis)
     right = frozenset(plain_name(name) for name in _true_names(study))
-    truth = {name: values for name, values in study.flown.hidden.items() if not is_curve(name)}
+    truth = {name: values for name, values in study.simulated.hidden.items() if not is_curve(name)}
     return ScoredFlight(
-        tuple(study.flown.hidden),
+        tuple(study.simulated.hidden),
         d.verdict.value,
         outcome_of(d.verdict.value, claims),
         tuple(claim.name for claim in claims),
@@ -75,8 +75,8 @@ def scored_flight_of(study: TraceStudy, judged: TraceJudged) -> ScoredFlight:
         judged.false,
         stated_by(claims, right),
         parameter_errors(claims, truth),
-        over_noise(d.error_before, study.flown.noise_std),
-        over_noise(d.error_after, study.flown.noise_std),
+        over_noise(d.error_before, study.simulated.noise_std),
+        over_noise(d.error_after, study.simulated.noise_std),
     )
 
 
@@ -85,7 +85,7 @@ def _true_names(study: TraceStudy) -> frozenset[str]:
     and of the same faults.
     """
     accepted = {name for names in study.scenario.expect.effects for name in names}
-    return frozenset().union(*(same_fault(name) for name in {*accepted, *study.flown.hidden}))
+    return frozenset().union(*(same_fault(name) for name in {*accepted, *study.simulated.hidden}))
 
 
 def judged_of(study: TraceStudy) -> TraceJudged:
@@ -94,7 +94,7 @@ def judged_of(study: TraceStudy) -> TraceJudged:
     """
     claims = [claim for claim in study.tracing.diagnosis.effects if claim.claimed]
     accepted = {name for names in study.scenario.expect.effects for name in names}
-    hidden = [name for name in study.flown.hidden if name in accepted] or (
+    hidden = [name for name in study.simulated.hidden if name in accepted] or (
         [*study.scenario.expect.effects[0]] if accepted else []
     )
     true = _true_names(study)

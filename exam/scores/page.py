@@ -38,9 +38,9 @@ def drawn_scores(scores: Scores, name: str, folder: Path, formats: Formats) -> t
     if not formats or not scores.flights:
         return ()
     from exam.scores.figures import scores_figures
-    from scenarios.plots.drawing import drawn_for_page
+    from scenarios.plots.drawing import draw_for_page
 
-    return drawn_for_page(scores_figures(scores, name), folder, formats)
+    return draw_for_page(scores_figures(scores, name), folder, formats)
 
 
 def scores_sections(scores: Scores, drawn: Sequence[Drawn] = ()) -> tuple[Section, ...]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from ident.tracing.diagnosis import Claim, Diagnosis, ErrorFigures, Verdict
-from sim.declaration.proposal import Curve
+from sim.declaration.proposal import RangedCurve
 from sim.effects.library import library
 
 NUMBERED = ("elastic-mode",)  # effects of which a record may have several, under numbers
@@ -135,7 +135,7 @@ def is_curve(name: str) -> bool:
     """Whether an effect of the library is a curve, whose coefficients hang on the range that a
     search saw: no truth is comparable with them.
     """
-    return any(isinstance(effect, Curve) for effect in library() if effect.name == name)
+    return any(isinstance(effect, RangedCurve) for effect in library() if effect.name == name)
 
 
 def over_noise(figures: ErrorFigures, noise: Mapping[str, float]) -> float:

@@ -27,7 +27,7 @@ from exam.surrogates.pseudo_true import PseudoTrue, has_limit, pseudo_true
 from exam.surrogates.study import Naming, Progress, SurrogateStudy, acts, run_surrogate
 from ident.tracing.diagnosis import Claim, Quantity
 from scenarios.studies.campaign import plain
-from sim.declaration.proposal import Curve
+from sim.declaration.proposal import RangedCurve
 from sim.errors import FlightidError
 
 BLOCK = 1.0  # s, of held-out error: longer than what residuals remember
@@ -103,7 +103,7 @@ def scored_flight_of(study: SurrogateStudy) -> ScoredFlight:
     truth = {
         each.name: each.values
         for each in study.flight.drawn.hidden
-        if not isinstance(each.effect, Curve)
+        if not isinstance(each.effect, RangedCurve)
     }
     missed = any(how is Naming.MISSED for _, how in study.named)
     noise = study.surrogate.causes.noise_std

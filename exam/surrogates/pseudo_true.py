@@ -16,7 +16,7 @@ from exam.surrogates.joint_fit import Point, fit_together
 from scenarios.preparation.measured_inputs import about_trim, with_flow
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import Effect, Regularity
-from sim.declaration.proposal import Curve, Traceable
+from sim.declaration.proposal import RangedCurve, Traceable
 from sim.effects.library import find_effect
 from sim.errors import ModelError
 
@@ -143,4 +143,4 @@ def _effect(
         return None
     # Curves are declared over the range that a search saw; elsewhere their shapes are others, and
     # start from none.
-    return effect, (dict(effect.absent) if isinstance(effect, Curve) else values)
+    return effect, (dict(effect.absent) if isinstance(effect, RangedCurve) else values)

@@ -58,18 +58,17 @@ def run_pass(
     *,
     in_rows: bool = False,
 ) -> BankPass:
-    """Filter all runs once. A run that breaks down keeps the mean and covariance of its last sound
-    sample.
+    """Filter all runs once.
 
-    ``about (n, N, B)`` is a trajectory to linearise about instead of the filter's own; ``trace`` is
-    filled where given. ``in_rows`` asks for `ident.banks.row_kernel` where the equations have a
-    table: from a hundred runs on the faster way, and below the slower one, by which no run's
-    numbers depend on which others there are.
+    A run that diverges keeps the mean and covariance of its last finite sample. ``about (n, N,
+    B)``: trajectory to linearise about; None: about the mean. ``trace``: history to fill.
+    ``in_rows``: use `ident.banks.row_kernel` if the equations have a table; it is faster from a
+    hundred runs on, and no result then depends on the number of runs.
     """
     if in_rows and about is None and trace is None:
-        plain = pass_side_by_side(problem, settings, runs, keep)
-        if plain is not None:
-            return plain
+        result = pass_side_by_side(problem, settings, runs, keep)
+        if result is not None:
+            return result
     (n, B), (m, N) = runs.start.shape, problem.valid.shape
     x, P = runs.start, np.array(np.broadcast_to(problem.covariance, (B, n, n)), order="C")
     last_x, last_P, sound = x, P, np.ones(B, dtype=bool)
@@ -98,7 +97,7 @@ def run_pass(
                 )
             if history is not None:
                 _keep(history, slice(first, last), done, good, (last_x, last_P))
-            last_x, last_P, sound = *_kept(done, good, last_x, last_P), good[-1]
+            last_x, last_P, sound = *_last_sound(done, good, last_x, last_P), good[-1]
     # What rounding left unsymmetric in between is of its own order; the rows of the states are
     # mirrored in every step.
     return BankPass(
@@ -107,8 +106,8 @@ def run_pass(
 
 
 def worth(innovation: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Log-likelihood gained and normalised square, ``(K, B)`` each, of innovations ``(K, B, m, 1 +
-    m)`` as in ``Stretch``; ``valid (m, K)``.
+    """Log-likelihood and normalised square, ``(K, B)`` each, of innovations ``(K, B, m, 1 + m)`` as
+    in ``PassStretch``; ``valid (m, K)``.
     """
     rows = innovation.copy()
     variance = decorrelated(rows)
@@ -118,8 +117,8 @@ def worth(innovation: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def sound_so_far(done: PassStretch, squared: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """Which runs hold numbers that serve up to each sample, finite and no negative variance: ``(K,
-    B)``, from ``before (B,)``.
+    """Whether runs are finite, without a negative variance, up to each sample: ``(K, B)``, given
+    ``before (B,)``.
     """
     variance = np.diagonal(done.covariance, axis1=2, axis2=3)
     # What is not finite stays so: the last sample tells of all. Sums of squares are the cheapest
@@ -138,11 +137,11 @@ def sound_so_far(done: PassStretch, squared: np.ndarray, before: np.ndarray) -> 
     return np.logical_and.accumulate(good, axis=0) & before
 
 
-def _kept(
+def _last_sound(
     done: PassStretch, good: np.ndarray, x: np.ndarray, P: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean ``(n, B)`` and covariance ``(B, n, n)`` of each run after its last sound sample; ``x``
-    and ``P`` are those before the stretch.
+    """Mean ``(n, B)`` and covariance ``(B, n, n)`` of each run after its last finite sample; ``x``
+    and ``P``: before the first one.
     """
     if good[-1].all():
         return done.mean[-1].T, done.covariance[-1]
@@ -162,7 +161,7 @@ def _keep(
     good: np.ndarray,
     before: tuple[np.ndarray, np.ndarray],
 ) -> None:
-    """Write a stretch into the history; runs that broke down stay where they were."""
+    """Write samples into the history; runs that have diverged keep their last values."""
     mean, variance = done.mean, np.diagonal(done.covariance, axis1=2, axis2=3)
     if not good.all():
         count = np.count_nonzero(good, axis=0)
@@ -201,10 +200,13 @@ class BankEstimate:
     mean : ``(n, B)``, covariance : ``(B, n, n)`` after the last sound sample.
     log_likelihood : ``(B,)``; minus infinity for a run that broke down.
     nis : ``(N, B)`` normalised innovation squared at each sample, zero where nothing was measured
-    or a run broke down. sound : ``(B,)`` False where a run broke down. iterations : ``(B,)`` passes
-    over the data of each run. innovation, innovation_std : ``(m, N, B)``, kept when asked for; zero
-    and one where a sample is missing. history, history_std : ``(n, N, B)`` means and standard
-    deviations after each update, kept when asked for.
+        or a run broke down.
+    sound : ``(B,)`` False where a run broke down.
+    iterations : ``(B,)`` passes over the data of each run.
+    innovation, innovation_std : ``(m, N, B)``, kept when asked for; zero and one where a sample is
+        missing.
+    history, history_std : ``(n, N, B)`` means and standard deviations after each update, kept when
+        asked for.
     """
 
     names: tuple[str, ...]
@@ -231,7 +233,7 @@ def run_bank(
     settings: FilterSettings | None = None,
     *,
     z: np.ndarray | None = None,
-    held: Mapping[str, np.ndarray] | None = None,
+    fixed_values: Mapping[str, np.ndarray] | None = None,
     start: np.ndarray | None = None,
     covariance: np.ndarray | None = None,
     keep: bool = False,
@@ -243,22 +245,22 @@ def run_bank(
     record : time, inputs, and the validity of the outputs, shared by all runs.
     system : compiled with ``online=True``.
     settings : as for ``run_ekf``. With several passes each run stops by itself as ``run_ekf`` does:
-    settled or
-        broken down, it takes no further part, and the bank ends when no run is left.
+        settled or broken down, it takes no further part, and the bank ends when no run is left.
     z : outputs of each run, ``(m, N, B)``; the record's own for all when None.
-    held : values of held parameters by name, ``(B,)`` each, e.g. ``{"input-delay.delay": delays}``.
+    fixed_values : fixed parameters, ``(B,)`` each, e.g. ``{"input-delay.delay": delays}``.
     start : starting mean of states and free parameters, ``(n,)`` or ``(n, B)``; the System's when
-    None. covariance : at the start, ``(B, n, n)``, for a single pass; the System's priors for all
-    when None. keep : also return histories of means and innovations.
+        None.
+    covariance : at the start, ``(B, n, n)``, for a single pass; the System's priors for all when
+        None.
+    keep : also return histories of means and innovations.
 
     Raises
     ------
-    ModelError : as for ``run_ekf``; a parameter given in ``held`` that is free; numbers of runs
-    that differ; a covariance of each
-        run with several passes.
+    ModelError : as for ``run_ekf``; a parameter given in ``fixed_values`` that is free; numbers of
+        runs that differ; a covariance of each run with several passes.
     """
     settings = settings or FilterSettings()
-    problem, runs = bank_runs(record, system, settings, z=z, held=held, start=start)
+    problem, runs = bank_runs(record, system, settings, z=z, fixed_values=fixed_values, start=start)
     n_x, count = len(system.states), runs.start.shape[1]
     if covariance is not None:
         if settings.passes > 1 or covariance.shape != (count, *problem.covariance.shape):
@@ -296,7 +298,7 @@ def run_bank(
 def bank_estimate(
     problem: FilterProblem, result: BankPass, iterations: np.ndarray, *, sound: np.ndarray
 ) -> BankEstimate:
-    """A pass as an estimate; a run that is not ``sound`` has a likelihood of zero."""
+    """A pass as an estimate; the likelihood of a run that is not ``sound`` is zero."""
     kept = result.history
     log_likelihood = np.where(sound, result.log_likelihood, -np.inf)
     estimate = (
@@ -321,21 +323,21 @@ def bank_runs(
     settings: FilterSettings,
     *,
     z: np.ndarray | None = None,
-    held: Mapping[str, np.ndarray] | None = None,
+    fixed_values: Mapping[str, np.ndarray] | None = None,
     start: np.ndarray | None = None,
 ) -> tuple[FilterProblem, BankRuns]:
-    """What a bank filters, from the arguments of ``run_bank``."""
+    """Return the runs of a bank, from the arguments of ``run_bank``."""
     problem = filter_problem(record, system, settings.max_step)
     n = len(problem.names)
     p: list = list(problem.p)
-    for name, values in (held or {}).items():
+    for name, values in (fixed_values or {}).items():
         if system.parameters[name].free:
             raise ModelError(
                 "it is free", where=f"bank, {name}", remedy="hold it, or vary its start instead"
             )
         p[system.parameters.index(name)] = np.atleast_1d(np.asarray(values, dtype=float))
     drive = problem.drive
-    if held:
+    if fixed_values:
         drive = drive_from_record(
             system,
             p,
@@ -350,7 +352,7 @@ def bank_runs(
         {
             "z": z_runs.shape[2],
             "start": first.shape[1],
-            **{name: np.size(values) for name, values in (held or {}).items()},
+            **{name: np.size(values) for name, values in (fixed_values or {}).items()},
         }
     )
     return problem, BankRuns(p, drive, z_runs, np.array(np.broadcast_to(first, (n, count))))
@@ -403,10 +405,9 @@ def filter_alone(
     settings: FilterSettings | None = None,
     about: np.ndarray | None = None,
 ) -> Estimate:
-    """One pass of one filter by the own kernel, with everything a smoother or a report asks for.
+    """Filter one run with the batched kernel, with the history for a smoother or a report.
 
-    ``about (n, N)`` is a trajectory at the samples to linearise about, instead of the filter's own
-    estimate.
+    ``about (n, N)``: trajectory at the samples to linearise about, instead of the mean.
 
     Raises
     ------
@@ -422,10 +423,9 @@ def filter_batched(
     start: np.ndarray | None = None,
     about: np.ndarray | None = None,
 ) -> Estimate:
-    """``filter_by_filterpy`` by the own kernel: by the table of the equations, else by a bank of
-    one run. Arguments as there.
+    """Run ``filter_by_filterpy`` with the batched kernel, same arguments.
 
-    A filter that breaks down is left to ``filter_by_filterpy``, which says how.
+    A filter that diverges is passed on to ``filter_by_filterpy``, which reports how.
     """
     by_table = filter_by_table(problem, settings, start, about)
     if by_table is not None:
@@ -515,12 +515,12 @@ def run_iterated_bank(
     system: System,
     settings: FilterSettings | None = None,
     *,
-    held: Mapping[str, np.ndarray] | None = None,
+    fixed_values: Mapping[str, np.ndarray] | None = None,
     about: np.ndarray | None = None,
     iterations: int = ITERATIONS,
     tolerance: float = SETTLED,
 ) -> tuple[BankEstimate, np.ndarray]:
-    """Run B filters, each linearised anew about its own smoothed result until none moves further.
+    """Run B filters, each linearised about its own smoothed trajectory, until they converge.
 
     Parameters
     ----------
@@ -539,7 +539,7 @@ def run_iterated_bank(
     ModelError : as for ``run_bank``.
     """
     settings = settings or FilterSettings()
-    problem, runs = bank_runs(record, system, settings, held=held)
+    problem, runs = bank_runs(record, system, settings, fixed_values=fixed_values)
     n_x, count = len(system.states), runs.start.shape[1]
     if about is not None:
         about = np.array(np.broadcast_to(about, (len(problem.names), len(problem.time), count)))
@@ -572,7 +572,7 @@ def run_iterated_bank(
 
 
 def smoothed(trace: BankTrace) -> np.ndarray:
-    """Means given all samples, ``(n, N, B)``, of the linear problem that a pass solved.
+    """Smoothed means, ``(n, N, B)``, of the linearised problem of a pass.
 
     lambda[k] = l - H^T S^-1 (H P l + y) with l = Phi[k+1]^T lambda[k+1] and zero at the end; x_s =
     x - P_filtered l.

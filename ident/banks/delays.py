@@ -42,7 +42,7 @@ from sim.record import Record
 
 @dataclass(frozen=True)
 class BankEngine:
-    """What an extended Kalman filter, alone or in a bank of delays, asks of its engine.
+    """Functions of an engine that runs an extended Kalman filter, alone or in a bank of delays.
 
     Attributes
     ----------
@@ -50,8 +50,9 @@ class BankEngine:
     label : for people.
     run : a filter for each value of a held parameter, as ``run_bank``.
     iterated : the same, each linearised anew about its own smoothed result, as
-    ``run_iterated_bank``. alone : one filter with its whole history, as ``filter_alone``. one_pass
-    : one pass over a prepared problem, as ``filter_by_filterpy``.
+        ``run_iterated_bank``.
+    alone : one filter with its whole history, as ``filter_alone``.
+    one_pass : one pass over a prepared problem, as ``filter_by_filterpy``.
     """
 
     name: str
@@ -67,13 +68,14 @@ def run_one_by_one(
     system: System,
     settings: FilterSettings | None = None,
     *,
-    held: Mapping[str, np.ndarray],
+    fixed_values: Mapping[str, np.ndarray],
 ) -> BankEstimate:
-    """``run_bank`` for values ``held (B,)`` by name, by B calls of ``run_ekf`` with filterpy's
-    passes. Raises as it does.
+    """Run ``run_bank`` by B calls of ``run_ekf`` with filterpy; ``fixed_values``: ``(B,)`` by
+    name.
     """
     estimates = [
-        run_ekf(record, each, settings, by=filter_by_filterpy) for each in _systems(system, held)
+        run_ekf(record, each, settings, by=filter_by_filterpy)
+        for each in _systems(system, fixed_values)
     ]
     return _bank(estimates, np.array([each.outcome is Outcome.CONVERGED for each in estimates]))
 
@@ -83,16 +85,16 @@ def run_iterated_one_by_one(
     system: System,
     settings: FilterSettings | None = None,
     *,
-    held: Mapping[str, np.ndarray],
+    fixed_values: Mapping[str, np.ndarray],
     about: np.ndarray | None = None,
     iterations: int = ITERATIONS,
     tolerance: float = SETTLED,
 ) -> tuple[BankEstimate, np.ndarray]:
-    """``run_iterated_bank`` with each pass of each filter by filterpy. Arguments, result ``(n, N,
-    B)`` and errors as there.
-    """
+    """Run ``run_iterated_bank`` with filterpy; same arguments, result ``(n, N, B)`` and errors."""
     settings = settings or FilterSettings()
-    problems = [filter_problem(record, each, settings.max_step) for each in _systems(system, held)]
+    problems = [
+        filter_problem(record, each, settings.max_step) for each in _systems(system, fixed_values)
+    ]
     count, N = len(problems), len(record)
     points: list[np.ndarray | None] = (
         [None] * count
@@ -103,20 +105,20 @@ def run_iterated_one_by_one(
     settled, passes = np.zeros(count, dtype=bool), 0
     while True:
         passes += 1
-        found = [
+        result = [
             filter_by_filterpy(problem, settings, about=point)
             for problem, point in zip(problems, points, strict=True)
         ]
-        sound = np.array([each.outcome is Outcome.CONVERGED for each in found])
+        sound = np.array([each.outcome is Outcome.CONVERGED for each in result])
         # A filter that broke down is linearised at its start, as in the batched bank.
         points = [
             smooth(each.history).mean
             if good and each.history is not None
             else np.repeat(problem.start[:, None], N, axis=1)
-            for problem, each, good in zip(problems, found, sound, strict=True)
+            for problem, each, good in zip(problems, result, sound, strict=True)
         ]
-        values = np.stack([each.values for each in found], axis=1)
-        std = np.stack([each.std for each in found], axis=1)
+        values = np.stack([each.values for each in result], axis=1)
+        std = np.stack([each.std for each in result], axis=1)
         if before is not None:
             settled = (
                 np.max(
@@ -130,7 +132,7 @@ def run_iterated_one_by_one(
             break
         before = values
     trajectories = [point for point in points if point is not None]
-    return replace(_bank(found, sound & settled), iterations=np.full(count, passes)), np.stack(
+    return replace(_bank(result, sound & settled), iterations=np.full(count, passes)), np.stack(
         trajectories, axis=2
     )
 
@@ -168,12 +170,13 @@ class SecondPass:
 
     Attributes
     ----------
-    held : value that the filter was held at, e.g. its delay in s.
+    delay : value that the filter was held at, e.g. its delay in s.
     mean, std : largest differences of states and parameters, and of their standard deviations,
-    after the last sample; in sigmas. log_likelihood : relative difference.
+        after the last sample; in sigmas.
+    log_likelihood : relative difference.
     """
 
-    held: float
+    delay: float
     mean: float
     std: float
     log_likelihood: float
@@ -192,13 +195,13 @@ def against_filterpy(
     name: str = "delay",
     settings: FilterSettings | None = None,
 ) -> SecondPass | None:
-    """Compare the likeliest filter of a plain batched bank with filterpy's.
+    """Compare the likeliest filter of a batched bank of one pass with filterpy's.
 
     Parameters
     ----------
     record, system, settings : as the bank was run with.
     bank, values : the bank, and the values ``(B,)`` at which its filters hold the parameter
-    ``name``.
+        ``name``.
 
     Returns
     -------
@@ -215,24 +218,27 @@ def against_filterpy(
         sound=bank.sound[best : best + 1],
     )
     settings = replace(settings or FilterSettings(), passes=1)
-    found = agreement(
-        own, run_one_by_one(record, system, settings, held={name: np.atleast_1d(values[best])})
+    result = agreement(
+        own,
+        run_one_by_one(record, system, settings, fixed_values={name: np.atleast_1d(values[best])}),
     )
     return (
-        SecondPass(float(values[best]), found.mean, found.std, found.log_likelihood)
-        if found.sound
+        SecondPass(float(values[best]), result.mean, result.std, result.log_likelihood)
+        if result.sound
         else None
     )
 
 
 @dataclass(frozen=True)
-class Agreement:
-    """Largest differences of two banks over the same delays, over the runs that are sound in both.
+class BankDifferences:
+    """Largest differences of two banks over the same delays, of runs that are finite in both.
 
     Attributes
     ----------
-    mean : of states and parameters after the last sample, in sigmas. std : of their sigmas,
-    relative. log_likelihood : relative. sound : whether the same runs are.
+    mean : of states and parameters after the last sample, in sigmas.
+    std : of their sigmas, relative.
+    log_likelihood : relative.
+    sound : whether the same runs are.
     """
 
     mean: float
@@ -246,12 +252,12 @@ class Agreement:
         return max(self.mean, self.std, self.log_likelihood)
 
 
-def agreement(one: BankEstimate, other: BankEstimate) -> Agreement:
+def agreement(one: BankEstimate, other: BankEstimate) -> BankDifferences:
     """How far two banks of the same runs are apart; ``one`` gives the sigmas to divide by."""
     both = one.sound & other.sound
     sigma = np.maximum(one.std[:, both], np.finfo(float).tiny)
     likelihood = one.log_likelihood[both]
-    return Agreement(
+    return BankDifferences(
         float(np.max(np.abs(other.mean[:, both] - one.mean[:, both]) / sigma, initial=0.0)),
         float(np.max(np.abs(other.std[:, both] / sigma - 1.0), initial=0.0)),
         float(
@@ -263,21 +269,20 @@ def agreement(one: BankEstimate, other: BankEstimate) -> Agreement:
     )
 
 
-def _systems(system: System, held: Mapping[str, np.ndarray]) -> list[System]:
+def _systems(system: System, fixed_values: Mapping[str, np.ndarray]) -> list[System]:
     """The System once for each run, with its values held."""
-    runs = zip(*(np.atleast_1d(values).tolist() for values in held.values()), strict=True)
+    runs = zip(*(np.atleast_1d(values).tolist() for values in fixed_values.values()), strict=True)
     return [
         replace(
-            system, parameters=system.parameters.with_values(dict(zip(held, values, strict=True)))
+            system,
+            parameters=system.parameters.with_values(dict(zip(fixed_values, values, strict=True))),
         )
         for values in runs
     ]
 
 
 def _bank(estimates: list[Estimate], sound: np.ndarray) -> BankEstimate:
-    """Estimates of single filters as those of a bank; a run that is not ``sound`` has a likelihood
-    of zero.
-    """
+    """Estimates of single filters as a bank; the likelihood of a run that is not sound is zero."""
     histories = [each.history for each in estimates if each.history is not None]
     assert len(histories) == len(estimates)
     return BankEstimate(
@@ -297,7 +302,8 @@ DELAYS = tuple(0.025 * i for i in range(9))  # s
 # a fall of the log-likelihood to a neighbour (three sigmas) up to which it counts as a parabola
 _PARABOLA = 4.5
 _FINEST = 1e-4  # s, closer together filters do not stand
-_POINTS, _BANKS = 7, 8
+_POINTS = 7  # delays in a refined bank
+_BANKS = 8  # banks at most
 _REACH = 6.0  # sigmas to either side of the vertex; seven filters then stand two apart
 _SETTLED = 0.1  # sigmas; the likelihood then lies within 0.005 of its final value
 WIDENINGS = 4
@@ -307,27 +313,27 @@ FAR = 3.0
 
 @dataclass(frozen=True, eq=False)
 class DelayBank:
-    """What a bank of delays says.
+    """Result of a bank of filters with different delays.
 
     Attributes
     ----------
     delays, log_likelihood : ``(B,)`` of the declared grid, s; minus infinity for a filter that
-    broke down. weights : ``(B,)`` likelihoods normalised to a sum of one. bank : the filters of the
-    declared grid. most_likely : the delay of the largest likelihood, s. weighted_mean : the sum of
-    all delays by their weights, s. refined, refined_std : delay between the grid points with its
-    standard deviation, s; the latter is that of white
-        innovations and knows nothing of a model that is wrong.
+        broke down.
+    weights : ``(B,)`` likelihoods normalised to a sum of one.
+    bank : the filters of the declared grid.
+    most_likely : the delay of the largest likelihood, s.
+    weighted_mean : the sum of all delays by their weights, s.
+    refined, refined_std : delay between the grid points with its standard deviation, s; the latter
+        is that of white innovations and knows nothing of a model that is wrong.
     at_edge : no maximum was found inside the grid; the refined delay has no sigma then.
     estimate : the iterated filter at the refined delay, with its history. Where refinement gave a
-    sigma, the delay is the last
-        name and the covariance holds what its uncertainty adds to the others; else the delay is not
-        among the names. Its message tells of contradicted priors.
+        sigma, the delay is the last name and the covariance holds what its uncertainty adds to the
+        others; else the delay is not among the names. Its message tells of contradicted priors.
     contradicted : parameters whose estimate lies more than ``FAR`` sigmas of the prior from the
-    start, with these sigmas. The start
-        holds them back: they hang on it.
+        start, with these sigmas. The start holds them back: they hang on it.
     system : the one that gave ``estimate``, its priors as wide as they were made.
     about : ``(n, N)`` the smoothed trajectory that the refined filters were linearised about; None
-    where none was sound.
+        where none was sound.
     """
 
     delays: np.ndarray
@@ -361,16 +367,17 @@ def run_delay_bank(
     ----------
     record, settings : as for ``run_ekf``.
     system : compiled with ``online=True``; its parameter ``name`` is held, and its value does not
-    matter. delays : at least three, increasing, s. widenings : at most how often the refined bank
-    goes on with priors made wide enough where the record contradicts them, so that the
-        result hangs on no start that is far off; each such prior's sigma becomes the distance from
-        start to estimate. With 0 the declared priors stand.
+        matter.
+    delays : at least three, increasing, s.
+    widenings : at most how often the refined bank goes on with priors made wide enough where the
+        record contradicts them, so that the result hangs on no start that is far off; each such
+        prior's sigma becomes the distance from start to estimate. With 0 the declared priors stand.
     engine : who runs the filters; the result is the same.
 
     Raises
     ------
     ModelError : fewer than three delays, or not increasing; ``name`` is free or unknown; else as
-    for ``run_ekf``.
+        for ``run_ekf``.
     """
     grid = np.asarray(delays, dtype=float)
     if grid.ndim != 1 or grid.size < 3 or np.any(np.diff(grid) <= 0):
@@ -380,54 +387,70 @@ def run_delay_bank(
             remedy="give three or more in order, in s",
         )
     settings = settings or FilterSettings()
-    bank = engine.run(record, system, settings, held={name: grid})
+    bank = engine.run(record, system, settings, fixed_values={name: grid})
     weights, best = likelihood_weights(bank.log_likelihood), int(np.argmax(bank.log_likelihood))
     between = (float(grid[max(best - 1, 0)]), float(grid[min(best + 1, grid.size - 1)]))
-    found = _closing_in(
+    bank_result = _closing_in(
         engine, record, system, settings, name, grid, float(grid[best]), between, None
     )
     for _ in range(widenings):
-        held_back = contradicted(system, found.parameters)
-        if not held_back:
+        contradicted_parameters = contradicted(system, bank_result.parameters)
+        if not contradicted_parameters:
             break
-        system = widened(system, held_back)
+        system = widened(system, contradicted_parameters)
         half = 0.5 * (between[1] - between[0])
         between = (
-            max(found.delay - half, float(grid[0])),
-            min(found.delay + half, float(grid[-1])),
+            max(bank_result.delay - half, float(grid[0])),
+            min(bank_result.delay + half, float(grid[-1])),
         )
-        found = _closing_in(
-            engine, record, system, settings, name, grid, found.delay, between, found.about
+        bank_result = _closing_in(
+            engine,
+            record,
+            system,
+            settings,
+            name,
+            grid,
+            bank_result.delay,
+            between,
+            bank_result.about,
         )
-    held = replace(system, parameters=system.parameters.with_values({name: found.delay}))
+    held = replace(system, parameters=system.parameters.with_values({name: bank_result.delay}))
     estimate = engine.alone(
-        record, held, settings, None if found.about is None else found.about[:, :, 0]
+        record, held, settings, None if bank_result.about is None else bank_result.about[:, :, 0]
     )
-    held_back = contradicted(system, estimate.as_dict())
-    if held_back and estimate.outcome is Outcome.CONVERGED:
-        told = ", ".join(f"{each} by {abs(sigmas):.1f}" for each, sigmas in held_back)
+    contradicted_parameters = contradicted(system, estimate.as_dict())
+    if contradicted_parameters and estimate.outcome is Outcome.CONVERGED:
+        text = ", ".join(f"{each} by {abs(sigmas):.1f}" for each, sigmas in contradicted_parameters)
         estimate = replace(
             estimate,
             message=(
-                f"but far from the start, in sigmas of its prior: {told}; start again from this "
+                f"but far from the start, in sigmas of its prior: {text}; start again from this "
                 "result"
             ),
         )
-    if found.std > 0 and estimate.outcome is Outcome.CONVERGED:
+    if bank_result.std > 0 and estimate.outcome is Outcome.CONVERGED:
         estimate = _with_delay(
-            estimate, name, system.parameters[name].unit, found, len(system.states)
+            estimate, name, system.parameters[name].unit, bank_result, len(system.states)
         )
-    mean, nearest = float(weights @ grid), None if found.about is None else found.about[:, :, 0]
+    mean, nearest = (
+        float(weights @ grid),
+        None if bank_result.about is None else bank_result.about[:, :, 0],
+    )
     judged = (grid, bank.log_likelihood, weights, bank, float(grid[best]), mean)
     return DelayBank(
-        *judged, found.delay, found.std, found.std == 0.0, estimate, held_back, system, nearest
+        *judged,
+        bank_result.delay,
+        bank_result.std,
+        bank_result.std == 0.0,
+        estimate,
+        contradicted_parameters,
+        system,
+        nearest,
     )
 
 
 def contradicted(system: System, values: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
-    """Free parameters whose values lie more than ``FAR`` of their prior's sigmas from where the
-    System starts them, with these sigmas.
-    """
+    """Free parameters more than ``FAR`` prior sigmas from their prior mean, with that distance."""
     free = [system.parameters[name] for name in system.parameters.free_names if name in values]
     far = [
         (item.name, (values[item.name] - item.value) / item.prior_std)
@@ -437,23 +460,24 @@ def contradicted(system: System, values: Mapping[str, float]) -> tuple[tuple[str
     return tuple((name, float(sigmas)) for name, sigmas in far if abs(sigmas) > FAR)
 
 
-def widened(system: System, held_back: Sequence[tuple[str, float]]) -> System:
+def widened(system: System, contradicted_parameters: Sequence[tuple[str, float]]) -> System:
     """The System with the prior of each of these as wide as its estimate is far."""
     return replace(
         system,
         parameters=system.parameters.with_prior(
-            {name: abs(sigmas) * system.parameters[name].prior_std for name, sigmas in held_back}
+            {
+                name: abs(sigmas) * system.parameters[name].prior_std
+                for name, sigmas in contradicted_parameters
+            }
         ),
     )
 
 
 def likelihood_weights(log_likelihood: np.ndarray) -> np.ndarray:
-    """Likelihoods ``(..., B)`` normalised to a sum of one over the last axis, without overflow;
-    equal where no filter is sound.
-    """
+    """Likelihoods ``(..., B)`` normalised to a sum of one; equal if no filter is finite."""
     top = np.max(log_likelihood, axis=-1, keepdims=True)
-    known = np.isfinite(top)
-    weights = np.exp(np.where(known, log_likelihood - np.where(known, top, 0.0), 0.0))
+    finite = np.isfinite(top)
+    weights = np.exp(np.where(finite, log_likelihood - np.where(finite, top, 0.0), 0.0))
     return np.asarray(weights / weights.sum(axis=-1, keepdims=True))
 
 
@@ -467,10 +491,11 @@ def vertex(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
-    """Refined delay, its sigma (zero when there is no maximum inside the grid), change of the mean
-    ``(n,)`` per second of delay, the smoothed trajectory ``(n, N, 1)`` of the nearest filter and
-    the parameters at its end."""
+class _RefinedDelay:
+    """Refined delay, its sigma (0 without a maximum inside the grid), slope of the mean ``(n,)`` by
+    the delay (1/s), smoothed trajectory ``(n, N, 1)`` of the nearest filter, and its last
+    parameters.
+    """
 
     delay: float
     std: float
@@ -489,26 +514,24 @@ def _closing_in(
     best: float,
     between: tuple[float, float],
     about: np.ndarray | None,
-) -> _Found:
-    """Iterated banks ever closer around the maximum; a bank whose maximum lies at its end is moved
-    there first.
+) -> _RefinedDelay:
+    """Run iterated banks on ever narrower grids around the maximum of the likelihood.
 
-    Each bank is followed by a narrower one about its own vertex, in the curvature's sigmas. Only
-    the bank that is close enough to give the answer is iterated until it has settled: before that
-    the likelihoods of neighbours differ by far more.
+    A grid whose maximum is at its end is first moved there. Each grid is centred on the vertex of
+    the previous one, scaled by its curvature. Only the last bank is iterated to convergence.
     """
     low, high = between
-    nowhere = _Found(best, 0.0, np.zeros(0), about, {})
+    nowhere = _RefinedDelay(best, 0.0, np.zeros(0), about, {})
     for _ in range(_BANKS):
         fine = np.linspace(low, high, _POINTS)
         bank, trajectories = engine.iterated(
-            record, system, settings, held={name: fine}, about=about, tolerance=np.inf
+            record, system, settings, fixed_values={name: fine}, about=about, tolerance=np.inf
         )
         if not np.any(bank.sound):
             return nowhere
         top = int(np.argmax(bank.log_likelihood))
         about = trajectories[:, :, top : top + 1]
-        nowhere = _Found(float(fine[top]), 0.0, np.zeros(0), about, _at_end(system, about))
+        nowhere = _RefinedDelay(float(fine[top]), 0.0, np.zeros(0), about, _at_end(system, about))
         if top in (0, _POINTS - 1):
             shift = (
                 (fine[top] - 0.5 * (low + high)) if top else -min(0.5 * (high - low), low - grid[0])
@@ -526,7 +549,7 @@ def _closing_in(
                 record,
                 system,
                 settings,
-                held={name: fine[near]},
+                fixed_values={name: fine[near]},
                 about=trajectories[:, :, near],
                 tolerance=_SETTLED,
             )
@@ -534,7 +557,9 @@ def _closing_in(
             if curvature > 0 and np.all(bank.sound) and abs(delay - fine[top]) <= spacing:
                 slope = (bank.mean[:, 2] - bank.mean[:, 0]) / (2.0 * spacing)
                 nearest = trajectories[:, :, 1:2]
-                return _Found(delay, curvature**-0.5, slope, nearest, _at_end(system, nearest))
+                return _RefinedDelay(
+                    delay, curvature**-0.5, slope, nearest, _at_end(system, nearest)
+                )
             if curvature > 0 and np.all(bank.sound):
                 low, high = delay - 0.5 * (high - low), delay + 0.5 * (high - low)
                 continue
@@ -557,10 +582,10 @@ def _at_end(system: System, trajectory: np.ndarray) -> Mapping[str, float]:
     )
 
 
-def _with_delay(estimate: Estimate, name: str, unit: str, found: _Found, n_x: int) -> Estimate:
-    """The estimate with the delay as its last parameter, its uncertainty carried over to the
-    others.
-    """
+def _with_delay(
+    estimate: Estimate, name: str, unit: str, found: _RefinedDelay, n_x: int
+) -> Estimate:
+    """The estimate with the delay as its last parameter, and its uncertainty in the others."""
     n = len(estimate.names)
     covariance = np.zeros((n + 1, n + 1))
     covariance[:n, :n] = estimate.covariance

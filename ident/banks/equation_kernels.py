@@ -1,10 +1,10 @@
-"""Kernels of a bank of filters: inputs and outputs of a pass, any equations, bilinear equations.
+"""Kernels of a bank of extended Kalman filters, for any equations and for bilinear ones.
 
-Values and Jacobians of all runs come from one matrix product (`ident.bilinear_table`); a
-Runge-Kutta step of equations that are affine in the states, under an input that is held, is four
-terms of a Taylor series, whose first two give the fundamental matrix of three terms as well; and
-every product lands in room that is made once a stretch, for at this size a call costs more than its
-arithmetic.
+Bilinear equations: values and Jacobians of all runs come from one matrix product
+(`ident.bilinear_table`). A Runge-Kutta step of equations that are affine in the states, with
+constant inputs, is a Taylor series of four terms; its first two also give the fundamental matrix of
+three terms. Every product is written into arrays that are allocated once for many samples, since
+for such small matrices a call costs more than its arithmetic.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from ident.bilinear_table import Bilinear, held_within_steps, system_tables
+from ident.bilinear_table import Bilinear, constant_within_steps, system_tables
 from ident.filters.ekf import FilterSettings
 from ident.filters.one_record import Taylor
 from ident.filters.problem import FilterProblem, with_free
@@ -332,11 +332,11 @@ def values_and_jacobians(
     """
     n, B = x.shape
     out = function(list(x[:, None, :] + nudge))
-    found = np.empty((len(out), n, B), dtype=complex)
+    result = np.empty((len(out), n, B), dtype=complex)
     for i, value in enumerate(out):
-        found[i] = value
-    return found[:, 0].real.copy(), np.multiply(
-        found.imag.transpose(2, 0, 1), 1.0 / COMPLEX_STEP, order="C"
+        result[i] = value
+    return result[:, 0].real.copy(), np.multiply(
+        result.imag.transpose(2, 0, 1), 1.0 / COMPLEX_STEP, order="C"
     )
 
 
@@ -387,17 +387,17 @@ def tables_of(
     n_x = len(system.states)
     if np.any(density[n_x:]):
         return None
-    found = system_tables(system, p)
-    if found is None:
+    result = system_tables(system, p)
+    if result is None:
         return None
     driven, order = np.flatnonzero(density), np.arange(_SERIES.terms)
     # With M_0 = I, Q_k = sum over i, j of M_i Q M_j^T dt / (i + j + 1), M_i the terms of the
     # series.
     share = np.kron(1.0 / (order[:, None] + order + 1.0), np.diag(density[driven]))
     return Tables(
-        found[0].n,
+        result[0].n,
         n_x,
-        *found,
+        *result,
         tuple(driven.tolist()),
         share,
         np.diag(np.asarray(variance, dtype=float)),
@@ -411,7 +411,7 @@ def tables_for(problem: FilterProblem, settings: FilterSettings, runs: BankRuns)
     if (
         settings.step is not rk4_step
         or settings.transition != _SERIES
-        or not held_within_steps(runs.drive)
+        or not constant_within_steps(runs.drive)
     ):
         return None
     return tables_of(problem.system, runs.p, problem.density, problem.variance)
@@ -447,7 +447,7 @@ def march_of_table(
     ) -> PassStretch:
         at = slice(first, last)
         legs = Legs(steps[at], dt, u, None if feed is None else feed[at], z[at], missing[at])
-        return along(
+        return filter_stretch(
             tables,
             legs,
             x,
@@ -459,7 +459,7 @@ def march_of_table(
     return march
 
 
-def along(
+def filter_stretch(
     tables: Tables,
     legs: Legs,
     mean: np.ndarray,
@@ -467,26 +467,53 @@ def along(
     about: tuple[np.ndarray, int] | None = None,
     trace: tuple[BankTrace, int] | None = None,
 ) -> PassStretch:
-    """Filter K samples from ``mean (n, B)`` and ``covariance (B, n, n)``; ``about`` and ``trace``
-    with the position of the first sample in them.
+    """Filter K samples from ``mean (n, B)`` and ``covariance (B, n, n)``.
+
+    ``about``: trajectory ``(n, N, B)`` to linearise about, and the position of the first sample in
+    it; None: about the mean. ``trace``: history to fill, and the position of the first sample.
     """
-    n, n_x, m, B, K = tables.n, tables.n_x, len(tables.R), mean.shape[1], len(legs.steps)
+    n, m, B, K = tables.n, len(tables.R), mean.shape[1], len(legs.steps)
     out = PassStretch(np.empty((K, B, n)), np.empty((K, B, n, n)), np.empty((K, B, m, 1 + m)))
-    # w = (1, states, parameters, inputs) at the point of linearisation, which is the mean x unless
-    # there is one to go about.
     w = np.ones((B, len(tables.f.table)))
+    w[:, 1 + n :] = 0.0
+    point = w[:, 1 : 1 + n]
+    point[:] = mean.T
+    x = point if about is None else np.array(mean.T)
+    P = np.array(covariance)
+    predict = _table_prediction(tables, legs, w, x, P)
+    update = _table_update(tables, legs, w, x, P)
+    for k, steps in enumerate(legs.steps):
+        if about is not None:
+            point[:] = about[0][:, max(about[1] + k - 1, 0)].T
+        for s in steps:
+            D = predict(s)
+            if trace is not None:
+                so_far = trace[0].moved[trace[1] + k]
+                so_far[:] = D if s == steps[0] else so_far + D + D[:, :, : tables.n_x] @ so_far
+        if about is not None:
+            point[:] = about[0][:, about[1] + k].T
+        update(k, out, trace)
+        out.mean[k], out.covariance[k] = x, P
+    return out
+
+
+def _table_prediction(
+    tables: Tables, legs: Legs, w: np.ndarray, x: np.ndarray, P: np.ndarray
+) -> Callable[[int], np.ndarray]:
+    """Return a function of a step's number that moves ``w (B, len w)``, the means ``x (B, n)`` and
+    the covariances ``P (B, n, n)`` over it, and returns Phi - I ``(B, n_x, n)``.
+
+    ``w`` = (1, states, parameters, inputs) is the point of linearisation; ``x`` is a view of it
+    where filters are linearised about their means.
+    """
+    n, n_x, B = tables.n, tables.n_x, len(x)
     w_dt, point, w_states = np.empty_like(w), w[:, 1 : 1 + n], w[:, 1 : 1 + n_x]
     w_inputs, w_column = w[:, 1 + n :], w[:, :, None]
-    x = point if about is None else np.array(mean.T)
-    x_states = x[:, :n_x]
-    point[:] = mean.T
-    w_inputs[:] = 0.0
-    P = np.array(covariance)
+    about_mean, x_states = np.may_share_memory(w, x), x[:, :n_x]
     P_states, P_mirror = P[:, :n_x], P[:, n_x:, :n_x]
-
-    # Of the step: first = [F, f, ...] dt, second = F first dt / 2, L = [D, D's column of values, C]
-    # with D = Phi - I in its first n columns and C the terms that noise enters by; moved = [(I + D)
-    # P, 0, C W], and Phi P Phi^T + Q_k = moved + moved L^T.
+    # first = [F, f, ...] dt, second = F first dt / 2, L = [D, D's column of values, C] with
+    # D = Phi - I in its first n columns and C the terms that noise enters by; moved = [(I + D) P,
+    # 0, C W], and Phi P Phi^T + Q_k = moved + moved L^T.
     width, terms = n + len(w[0]), _SERIES.terms * len(tables.driven)
     first_flat, second = np.empty((B, n_x * width)), np.empty((B, n_x, n + 1))
     first = first_flat.reshape(B, n_x, width)
@@ -500,16 +527,63 @@ def along(
     C, L_turned = L[:, :, n + 1 :], L.transpose(0, 2, 1)
     moved_P, moved_C = moved[:, :, :n], moved[:, :, n + 1 :]
     moved_own, moved_mirror = moved[:, :, :n_x], moved[:, :, n_x:n].transpose(0, 2, 1)
-    C[:, :, : len(tables.driven)] = np.eye(n_x)[:, list(tables.driven)]
+    driven = list(tables.driven)
+    C[:, :, : len(driven)] = np.eye(n_x)[:, driven]
     by_noise = [
-        (C[:, :, j + len(tables.driven)], first[:, :, i]) for j, i in enumerate(tables.driven)
-    ]
-    by_noise += [
-        (C[:, :, j + 2 * len(tables.driven)], second[:, :, i]) for j, i in enumerate(tables.driven)
+        (C[:, :, j + power * len(driven)], term[:, :, i])
+        for power, term in ((1, first), (2, second))
+        for j, i in enumerate(driven)
     ]
     W = np.empty_like(tables.share)
 
-    # Of the update: rows = [H P, y, S], freed of each other in place.
+    def predict(s: int) -> np.ndarray:
+        dt = legs.dt[s]
+        w_inputs[:] = legs.u[s]
+        np.multiply(w, dt, out=w_dt)
+        np.matmul(w_dt, tables.f.table, out=first_flat)
+        np.matmul(first_halves, w_column, out=value)
+        first_value[:] = value
+        np.matmul(F_states, first_used, out=second)
+        np.multiply(second, 0.5, out=second)
+        np.add(first_used, second, out=L_used)
+        np.matmul(F_states, second_value, out=third)
+        np.matmul(F_states, third, out=fourth)
+        np.multiply(fourth, 0.25, out=fourth)
+        np.add(third, fourth, out=third)
+        np.multiply(third, 1.0 / 3.0, out=third)
+        rest = third[:, :, 0]
+        further = None if about_mean else np.matmul(D, (x - point)[:, :, None])[:, :, 0]
+        np.add(rest, L_value, out=rest)
+        np.add(w_states, rest, out=w_states)
+        if further is not None:
+            np.add(x_states, rest + further, out=x_states)
+        np.matmul(D, P, out=moved_P)
+        np.add(moved_P, P_states, out=moved_P)
+        if by_noise:
+            for column, term in by_noise:
+                column[:] = term
+            np.multiply(tables.share, dt, out=W)
+            np.matmul(C, W, out=moved_C)
+        np.matmul(moved, L_turned, out=own)
+        np.add(moved_own, own, out=moved_own)
+        P_states[:] = moved_P
+        P_mirror[:] = moved_mirror
+        return D
+
+    return predict
+
+
+def _table_update(
+    tables: Tables, legs: Legs, w: np.ndarray, x: np.ndarray, P: np.ndarray
+) -> Callable[[int, PassStretch, tuple[BankTrace, int] | None], None]:
+    """Return a function of a sample's number that updates ``x (B, n)`` and ``P (B, n, n)`` with its
+    measurements, and writes the innovations into the pass and the history; ``w`` as for the
+    prediction.
+    """
+    n, m, B, width = tables.n, len(tables.R), len(x), tables.n + w.shape[1]
+    about_mean, point = np.may_share_memory(w, x), w[:, 1 : 1 + n]
+    w_inputs, w_column = w[:, 1 + n :], w[:, :, None]
+    # rows = [H P, y, S], in which each channel is eliminated from those after it.
     h_flat, rows = np.empty((B, m * width)), np.empty((B, m, n + 1 + m))
     gain, change = np.empty((B, m, n + 1)), np.empty((B, n, n + 1))
     h_all = h_flat.reshape(B, m, width)
@@ -525,61 +599,18 @@ def along(
             rows[:, i + 1 :, n + 1 + i, None],
             rows[:, i, n + 1 + i, None, None],
             rows[:, i : i + 1],
+            np.empty((B, m - 1 - i, 1)),
+            np.empty((B, m - 1 - i, n + 1 + m)),
         )
         for i in range(m - 1)
     ]
-    ratios = [np.empty((B, m - 1 - i, 1)) for i in range(m - 1)]
-    products = [np.empty((B, m - 1 - i, n + 1 + m)) for i in range(m - 1)]
 
-    for k, steps in enumerate(legs.steps):
-        if about is not None:
-            point[:] = about[0][:, max(about[1] + k - 1, 0)].T
-        for s in steps:
-            dt = legs.dt[s]
-            w_inputs[:] = legs.u[s]
-            np.multiply(w, dt, out=w_dt)
-            np.matmul(w_dt, tables.f.table, out=first_flat)
-            np.matmul(first_halves, w_column, out=value)
-            first_value[:] = value
-            np.matmul(F_states, first_used, out=second)
-            np.multiply(second, 0.5, out=second)
-            np.add(first_used, second, out=L_used)
-            np.matmul(F_states, second_value, out=third)
-            np.matmul(F_states, third, out=fourth)
-            np.multiply(fourth, 0.25, out=fourth)
-            np.add(third, fourth, out=third)
-            np.multiply(third, 1.0 / 3.0, out=third)
-            rest = third[:, :, 0]
-            if about is None:
-                np.add(rest, L_value, out=rest)
-                np.add(w_states, rest, out=w_states)
-            else:
-                further = np.matmul(D, (x - point)[:, :, None])[:, :, 0]
-                np.add(rest, L_value, out=rest)
-                np.add(w_states, rest, out=w_states)
-                np.add(x_states, rest + further, out=x_states)
-            np.matmul(D, P, out=moved_P)
-            np.add(moved_P, P_states, out=moved_P)
-            if by_noise:
-                for column, term in by_noise:
-                    column[:] = term
-                np.multiply(tables.share, dt, out=W)
-                np.matmul(C, W, out=moved_C)
-            np.matmul(moved, L_turned, out=own)
-            np.add(moved_own, own, out=moved_own)
-            P_states[:] = moved_P
-            P_mirror[:] = moved_mirror
-            if trace is not None:
-                so_far = trace[0].moved[trace[1] + k]
-                so_far[:] = D if s == steps[0] else so_far + D + D[:, :, :n_x] @ so_far
-
-        if about is not None:
-            point[:] = about[0][:, about[1] + k].T
+    def update(k: int, out: PassStretch, trace: tuple[BankTrace, int] | None) -> None:
         if legs.feed is not None:
             w_inputs[:] = legs.feed[k]
         np.matmul(w, tables.h.table, out=h_flat)
         np.matmul(h_halves, w_column, out=expected)
-        if about is not None:
+        if not about_mean:
             np.add(expected, np.matmul(H, (x - point)[:, :, None]), out=expected)
         np.matmul(H, P, out=HP)
         np.subtract(legs.z[k], expected, out=y)
@@ -590,13 +621,11 @@ def along(
             leave_out(rows, missing)
         out.innovation[k] = y_S
         if trace is not None:
-            kept, at = trace[0], trace[1] + k
-            kept.H[at], kept.HP[at], kept.y[at], kept.S[at] = H, HP, y[:, :, 0], S
+            history, at = trace[0], trace[1] + k
+            history.H[at], history.HP[at], history.y[at], history.S[at] = H, HP, y[:, :, 0], S
             if missing is not None:
-                kept.H[at, :, missing] = 0.0
-        for (below, column, pivot, row), ratio, product in zip(
-            eliminated, ratios, products, strict=True
-        ):
+                history.H[at, :, missing] = 0.0
+        for below, column, pivot, row, ratio, product in eliminated:
             np.divide(column, pivot, out=ratio)
             np.multiply(ratio, row, out=product)
             np.subtract(below, product, out=below)
@@ -604,8 +633,8 @@ def along(
         np.matmul(HP_turned, gain, out=change)
         np.subtract(P, change_P, out=P)
         np.add(x, change_x, out=x)
-        out.mean[k], out.covariance[k] = x, P
-    return out
+
+    return update
 
 
 def _by_run(rows: Sequence[np.ndarray], count: int) -> np.ndarray:

@@ -26,7 +26,7 @@ import numpy as np
 
 from ident.banks.bank import BankEstimate, sound_so_far, worth
 from ident.banks.delays import DELAYS
-from ident.banks.equation_kernels import Legs, Tables, along, tables_of
+from ident.banks.equation_kernels import Legs, Tables, filter_stretch, tables_of
 from ident.filters.problem import prior_std
 from sim.declaration.model import System
 from sim.errors import ModelError
@@ -47,16 +47,21 @@ class Rows(NamedTuple):
 
 
 class BankState(NamedTuple):
-    """The bank after a row; nothing in it is ever changed.
+    """State of the bank after a row; immutable.
 
     Attributes
     ----------
     mean : ``(n, B)``, covariance : ``(B, n, n)``, log_likelihood : ``(B,)``, sound : ``(B,)`` as in
-    ``BankEstimate``. innovation : ``(m,)`` of the most likely filter in standard deviations, NaN
-    where nothing was measured. expected : ``(m,)`` what that filter expected of the row's samples,
-    NaN where nothing was measured. skipped : ``(m,)`` samples of this row that were taken for
-    spikes; streak : ``(m,)`` how many in a row. rows_seen : rows so far. past_time, past_inputs :
-    ``(w,)`` and ``(n_u, w)``, the last rows as far back as the longest delay reaches.
+        ``BankEstimate``.
+    innovation : ``(m,)`` of the most likely filter in standard deviations, NaN where nothing was
+        measured.
+    expected : ``(m,)`` what that filter expected of the row's samples, NaN where nothing was
+        measured.
+    skipped : ``(m,)`` samples of this row that were taken for spikes;
+    streak : ``(m,)`` how many in a row.
+    rows_seen : rows so far.
+    past_time, past_inputs : ``(w,)`` and ``(n_u, w)``, the last rows as far back as the longest
+        delay reaches.
     """
 
     mean: np.ndarray
@@ -73,12 +78,12 @@ class BankState(NamedTuple):
 
     @property
     def time(self) -> float:
-        """Of the row, s."""
+        """Time of the row, s."""
         return float(self.past_time[-1])
 
     @property
     def best(self) -> int:
-        """The most likely filter."""
+        """Index of the most likely filter."""
         return int(self.log_likelihood.argmax())
 
     def std(self, run: int) -> np.ndarray:
@@ -88,12 +93,12 @@ class BankState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class OnlineBank:
-    """What stays the same from row to row: the System with ``p`` (the delays in it), tables of its
-    equations, and the start.
+    """Constants of an on-line bank: the System with ``p`` (the delays in it), its tables, and the
+    start.
 
-    ``names`` are the ``n`` states and free parameters, ``units`` those of the parameters; ``start``
-    is ``(n,)`` for all filters or ``(n, B)``; ``gate`` is in standard deviations, ``interval`` in
-    s; ``memory`` (s) is how far back the recent inputs are kept.
+    ``names``: the ``n`` states and free parameters, ``units`` those of the parameters. ``start``:
+    ``(n,)`` for all filters or ``(n, B)``. ``gate``: of spikes, in standard deviations;
+    ``interval``: s. ``memory``: s of inputs that are kept.
     """
 
     system: System
@@ -127,25 +132,26 @@ def online_bank(
     Parameters
     ----------
     system : compiled with ``online=True``, every noise level declared; its parameter ``name`` is
-    held. interval : usual time between rows, s; what is longer is cut into parts of at most one and
-    a half times that. A batch run takes the
-        median of the whole record, and is equal where that leads to the same parts.
+        held.
+    interval : usual time between rows, s; what is longer is cut into parts of at most one and a
+        half times that. A batch run takes the median of the whole record, and is equal where that
+        leads to the same parts.
     delays : increasing, s.
     gate : an innovation beyond so many standard deviations of the most likely filter is a spike,
-    and the sample counts as missing for
-        all filters; after ``LONGEST_SPIKE`` in a row it is believed. The batch pass of the same
-        rows has no gate: it equals this one where those samples are missing.
+        and the sample counts as missing for all filters; after ``LONGEST_SPIKE`` in a row it is
+        believed. The batch pass of the same rows has no gate: it equals this one where those
+        samples are missing.
 
     Raises
     ------
     ModelError : equations that are not bilinear or ask for the time, an input that acts on an
-    output directly, an undeclared noise level or prior.
+        output directly, an undeclared noise level or prior.
     """
     free_names = system.parameters.free_names
     if name in free_names:
         raise ModelError("it is free", where=f"bank, {name}", remedy="hold it")
-    held = system.parameters.values().tolist()
-    density, variance = system.noise(held)
+    values = system.parameters.values().tolist()
+    density, variance = system.noise(values)
     for output, value in zip(system.output_names, variance, strict=True):
         if not (np.isfinite(value) and value > 0):
             raise ModelError(
@@ -162,7 +168,7 @@ def online_bank(
             )
     tables = tables_of(
         system,
-        held,
+        values,
         np.array([*density, *[0.0] * len(free_names)]),
         np.array(variance, dtype=float),
     )
@@ -182,7 +188,7 @@ def online_bank(
         prior_std(system, each, state=False) for each in free_names
     ]
     grid = np.atleast_1d(np.asarray(delays, dtype=float))
-    p: list[Any] = list(held)
+    p: list[Any] = list(values)
     p[system.parameters.index(name)] = grid
     start = np.concatenate([system.initial.values(), system.parameters.values(free_names)])
     units = tuple(system.parameters[each].unit for each in free_names)
@@ -205,8 +211,8 @@ def online_bank(
 def with_delays(
     bank: OnlineBank, delays: np.ndarray, start: np.ndarray | None = None
 ) -> OnlineBank:
-    """The bank with other delays ``(B,)`` (s, in any order, a delay may stand several times), and
-    starts ``(n,)`` or ``(n, B)`` where given.
+    """The bank with other delays ``(B,)`` (s, in any order), and starts ``(n,)`` or ``(n, B)`` if
+    given.
     """
     # The delays are the only held value that is an array.
     p = [delays if np.ndim(value) else value for value in bank.p]
@@ -220,7 +226,7 @@ def with_delays(
 
 
 def begin(bank: OnlineBank, rows: Rows) -> BankState:
-    """The state after the first row, the only one in ``rows``."""
+    """Return the state after the first row, the only one in ``rows``."""
     B, m, n_u = len(bank.delays), len(bank.R), len(bank.system.inputs)
     x = np.array(
         np.broadcast_to(
@@ -242,12 +248,12 @@ def begin(bank: OnlineBank, rows: Rows) -> BankState:
         rows.time[:0],
         rows.inputs[:, :0],
     )
-    way = _Way(rows.time, rows.inputs, [range(0)], [], np.zeros((0, B, n_u)), [0], [0])
-    return _through(bank, before, way, rows.outputs)[0]
+    nodes = _Nodes(rows.time, rows.inputs, [range(0)], [], np.zeros((0, B, n_u)), [0], [0])
+    return _through(bank, before, nodes, rows.outputs)[0]
 
 
 def advance(bank: OnlineBank, state: BankState, rows: Rows) -> list[BankState]:
-    """The states after each of ``rows``, which follow the state's in time."""
+    """Return the states after each of ``rows``, which follow the state in time."""
     if rows.time.size == 0:
         return []
     known = state.past_time.size
@@ -265,16 +271,19 @@ def advance(bank: OnlineBank, state: BankState, rows: Rows) -> list[BankState]:
     # The node at which the longest delay ends: older ones are forgotten.
     at = known + last - 1
     oldest = np.maximum(np.searchsorted(time, time[at] - bank.memory, side="right") - 1, 0)
-    way = _Way(
+    path = _Nodes(
         time, inputs, steps, np.diff(time)[known - 1 :].tolist(), u, oldest.tolist(), at.tolist()
     )
-    return _through(bank, state, way, rows.outputs)
+    return _through(bank, state, path, rows.outputs)
 
 
-class _Way(NamedTuple):
-    """Nodes to go through: all times and inputs, the past's among them; the steps between nodes
-    that lead to each row, their sizes (s) and inputs at the vehicle ``(M, B, n_u)``; and for each
-    row the oldest node that is still needed, and its own."""
+class _Nodes(NamedTuple):
+    """Nodes of the integration.
+
+    All times and inputs, with those of the past; the steps between nodes that lead to each row,
+    their sizes (s) and inputs at the vehicle ``(M, B, n_u)``; and for each row the oldest node that
+    is still needed, and its own.
+    """
 
     time: np.ndarray
     inputs: np.ndarray
@@ -301,8 +310,10 @@ def _nodes(bank: OnlineBank, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     ), np.where(last, before + 1, before)
 
 
-def _through(bank: OnlineBank, state: BankState, way: _Way, outputs: np.ndarray) -> list[BankState]:
-    """The states after the rows of a way with their samples ``(m, K)``, NaN where missing."""
+def _through(
+    bank: OnlineBank, state: BankState, nodes: _Nodes, outputs: np.ndarray
+) -> list[BankState]:
+    """States after the rows of ``nodes`` with their samples ``(m, K)``, NaN where missing."""
     z, count = outputs.copy(), outputs.shape[1]
     states: list[BankState] = []
     first, length = 0, count
@@ -310,22 +321,20 @@ def _through(bank: OnlineBank, state: BankState, way: _Way, outputs: np.ndarray)
     with np.errstate(all="ignore"):
         while first < count:
             rows = slice(first, min(first + length, count))
-            filtered, found = _filtered(bank, state, way, rows, z[:, rows], spikes)
+            filtered, result = _filtered(bank, state, nodes, rows, z[:, rows], spikes)
             states += filtered
             first, state = first + len(filtered), filtered[-1] if filtered else state
             # From a spike on in ever longer parts, so that many spikes do not cost the rest of the
             # rows each time.
-            length = 1 if found is not None else 2 * length
-            if found is not None:
-                z[found.skipped, first] = np.nan
-            spikes = found
+            length = 1 if result is not None else 2 * length
+            if result is not None:
+                z[result.skipped, first] = np.nan
+            spikes = result
     return states
 
 
 class _Assessed(NamedTuple):
-    """What was found of one row's samples before spikes were left out, ``(m,)`` each as in
-    ``BankState``.
-    """
+    """Test of one row's samples for spikes, ``(m,)`` each as in ``BankState``."""
 
     innovation: np.ndarray
     expected: np.ndarray
@@ -336,19 +345,20 @@ class _Assessed(NamedTuple):
 def _filtered(
     bank: OnlineBank,
     before: BankState,
-    way: _Way,
+    nodes: _Nodes,
     rows: slice,
     z: np.ndarray,
     judged: _Assessed | None,
 ) -> tuple[list[BankState], _Assessed | None]:
-    """The states after ``rows`` up to the first with a new spike, and what was found of that one.
-    The first row is not judged again.
+    """States after ``rows`` up to the first with a new spike, and the test of that row.
+
+    The first row is not tested again.
     """
     valid = ~np.isnan(z)
     missing = [None if column.all() else np.flatnonzero(~column) for column in valid.T]
-    done = along(
+    done = filter_stretch(
         bank.tables,
-        Legs(way.steps[rows], way.dt, way.u, None, z.T[:, None, :, None], missing),
+        Legs(nodes.steps[rows], nodes.dt, nodes.u, None, z.T[:, None, :, None], missing),
         before.mean,
         before.covariance,
     )
@@ -369,43 +379,43 @@ def _filtered(
     mean, covariance, seen = before.mean, before.covariance, before.rows_seen
     every = bool(good[-1].all())
     for k, row in enumerate(range(rows.start, rows.stop)):
-        found = _Assessed(sizes[k], expected[k], none, streak)
+        result = _Assessed(sizes[k], expected[k], none, streak)
         if k == 0 and judged is not None:
-            found = judged
+            result = judged
         elif suspicious and valid[:, k].any():
-            found = _Assessed(
+            result = _Assessed(
                 sizes[k],
                 expected[k],
                 wild[k] & (streak < LONGEST_SPIKE),
                 np.where(wild[k], streak + 1, 0),
             )
-            if found.skipped.any():
-                return states, found
-        streak = found.streak
+            if result.skipped.any():
+                return states, result
+        streak = result.streak
         mean = done.mean[k].T if every else np.where(good[k], done.mean[k].T, mean)
         covariance = (
             done.covariance[k]
             if every
             else np.where(good[k][:, None, None], done.covariance[k], covariance)
         )
-        past = slice(way.oldest[row], way.at[row] + 1)
+        past = slice(nodes.oldest[row], nodes.at[row] + 1)
         states.append(
             BankState(
                 mean,
                 covariance,
                 total[k],
                 good[k],
-                *found,
+                *result,
                 seen + k + 1,
-                way.time[past],
-                way.inputs[:, past],
+                nodes.time[past],
+                nodes.inputs[:, past],
             )
         )
     return states, None
 
 
 def bank_estimate(bank: OnlineBank, state: BankState) -> BankEstimate:
-    """The state in the terms of ``run_bank``; no row's nis is kept."""
+    """The state as a result of ``run_bank``, without normalised squares of the rows."""
     P = 0.5 * (state.covariance + np.swapaxes(state.covariance, 1, 2))
     log_likelihood = np.where(state.sound, state.log_likelihood, -np.inf)
     B = len(bank.delays)
@@ -426,19 +436,22 @@ def bank_estimate(bank: OnlineBank, state: BankState) -> BankEstimate:
 MEDIAN_SQUARE = 0.454936
 
 
-class Ends(NamedTuple):
-    """Where K starts have come to after each of N rows: ``mean (N, K, n)`` and ``delay (N, K)`` (s)
-    of the most likely filter of each; ``sound (N, K)``."""
+class FinalStates(NamedTuple):
+    """Results of K starts after each of N rows: ``mean (N, K, n)`` and ``delay (N, K)`` (s) of the
+    most likely filter of each; ``sound (N, K)``.
+    """
 
     mean: np.ndarray
     delay: np.ndarray
     sound: np.ndarray
 
 
-class Spread(NamedTuple):
-    """Of each of N rows: standard deviations ``std (N, n)`` that the start and the grid of delays
-    add to those of the most likely filter, and ``delay (N,)`` (s) to the delay's; infinite where
-    half of the starts broke down. ``differences (N, K, n)`` from the declared start."""
+class StartSpread(NamedTuple):
+    """Uncertainty after each of N rows that comes from the start and the grid of delays.
+
+    ``std (N, n)`` and ``delay (N,)`` (s) add to the standard deviations of the most likely filter;
+    infinite if half of the starts diverged. ``differences (N, K, n)`` from the declared start.
+    """
 
     std: np.ndarray
     delay: np.ndarray
@@ -468,8 +481,8 @@ def moved_starts(bank: OnlineBank, factors: Sequence[str]) -> np.ndarray:
 
 
 def bank_of_starts(bank: OnlineBank, starts: np.ndarray) -> OnlineBank:
-    """All delays of a bank from each start ``(n, K)``, start by start. It looks for no spikes: they
-    are taken out by the bank beside it.
+    """All delays of a bank from each start ``(n, K)``, start by start, without a test for
+    spikes.
     """
     count = starts.shape[1]
     return replace(
@@ -478,8 +491,8 @@ def bank_of_starts(bank: OnlineBank, starts: np.ndarray) -> OnlineBank:
     )
 
 
-def ends_of(bank: OnlineBank, states: Sequence[BankState], delays: int) -> Ends:
-    """The most likely filter of each start in states of a ``bank_of_starts`` with so many delays a
+def final_states_of(bank: OnlineBank, states: Sequence[BankState], delays: int) -> FinalStates:
+    """Most likely filter of each start in states of a ``bank_of_starts`` with ``delays`` delays a
     start.
     """
     K, n = len(bank.delays) // delays, len(bank.names)
@@ -489,11 +502,11 @@ def ends_of(bank: OnlineBank, states: Sequence[BankState], delays: int) -> Ends:
     best = likely.argmax(axis=2)
     means = np.array([state.mean for state in states]).reshape(-1, n, K, delays)
     mean = np.take_along_axis(means, best[:, None, :, None], axis=3)[:, :, :, 0].transpose(0, 2, 1)
-    return Ends(mean, bank.delays[best], np.isfinite(likely.max(axis=2)))
+    return FinalStates(mean, bank.delays[best], np.isfinite(likely.max(axis=2)))
 
 
-def spread_of(bank: OnlineBank, states: Sequence[BankState], ends: Ends) -> Spread:
-    """How far the starts end from the declared one, whose bank has these ``states``, with what lies
+def spread_of(bank: OnlineBank, states: Sequence[BankState], ends: FinalStates) -> StartSpread:
+    """Spread of the starts about the declared one, whose bank has these ``states``, with that
     between the points of its grid of delays.
     """
     likely = np.array([np.where(state.sound, state.log_likelihood, -np.inf) for state in states])
@@ -507,7 +520,7 @@ def spread_of(bank: OnlineBank, states: Sequence[BankState], ends: Ends) -> Spre
     step = float(np.diff(bank.delays).mean())
     differences = ends.mean - means[each, :, best][:, None]
     typical = _typical(differences, ends.sound[:, :, None])
-    return Spread(
+    return StartSpread(
         np.sqrt(typical + np.square(slope) * step**2 / 12.0),
         np.sqrt(_typical(ends.delay - bank.delays[best][:, None], ends.sound)),
         np.where(ends.sound[:, :, None], differences, 0.0),
@@ -527,7 +540,7 @@ def spread_covariance(std: np.ndarray, differences: np.ndarray) -> np.ndarray:
 
 
 def _typical(differences: np.ndarray, sound: np.ndarray) -> np.ndarray:
-    """Variances by the median square over the starts, the second axis; a start that broke down is
-    infinitely far.
+    """Variances by the median square over the starts, the second axis; of a diverged start
+    infinite.
     """
     return np.median(np.where(sound, np.square(differences), np.inf), axis=1) / MEDIAN_SQUARE

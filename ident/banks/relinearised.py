@@ -54,7 +54,7 @@ class Relinearised:
     rows: int
     mean: np.ndarray
     std: np.ndarray
-    apart: np.ndarray
+    start_dependence: np.ndarray
 
 
 def informative_enough(bank: OnlineBank, state: BankState, names: Sequence[str]) -> bool:
@@ -70,7 +70,7 @@ def informative_enough(bank: OnlineBank, state: BankState, names: Sequence[str])
 def linearise(
     record: Record,
     system: System,
-    plain: OnlineBank,
+    first_pass: OnlineBank,
     state: BankState,
     elsewhere: np.ndarray,
     name: str = "delay",
@@ -82,30 +82,37 @@ def linearise(
     ----------
     record : the rows so far, or as many of the last as shall count.
     system : for them, as for ``run_delay_bank``.
-    plain, state : the bank on line after the last row; ``state`` knows the recent inputs.
+    first_pass, state : the bank on line after the last row; ``state`` knows the recent inputs.
     elsewhere : means ``(n, K)`` whose parameters are taken as other points to linearise about
-    first.
+        first.
     """
     try:
-        found = run_delay_bank(record, system, name=name)
+        bank_result = run_delay_bank(record, system, name=name)
     except FlightidError:
         return None
     if (
-        not found.refined_std > 0
-        or found.estimate.outcome is not Outcome.CONVERGED
-        or found.about is None
+        not bank_result.refined_std > 0
+        or bank_result.estimate.outcome is not Outcome.CONVERGED
+        or bank_result.about is None
     ):
         return None
     fine = _fine(
-        found.refined, found.refined_std, float(plain.delays.min()), float(plain.delays.max())
+        bank_result.refined,
+        bank_result.refined_std,
+        float(first_pass.delays.min()),
+        float(first_pass.delays.max()),
     )
     runs, _ = run_iterated_bank(
-        record, found.system, held={name: fine}, about=found.about[:, :, None], tolerance=SETTLED
+        record,
+        bank_result.system,
+        fixed_values={name: fine},
+        about=bank_result.about[:, :, None],
+        tolerance=SETTLED,
     )
     if np.count_nonzero(runs.sound) < 3:
         return None
-    silent = np.full(len(plain.R), np.nan)
-    none = np.zeros(len(plain.R), dtype=bool)
+    silent = np.full(len(first_pass.R), np.nan)
+    none = np.zeros(len(first_pass.R), dtype=bool)
     begun = (
         runs.mean,
         runs.covariance,
@@ -118,7 +125,8 @@ def linearise(
     )
     after = BankState(*begun, state.rows_seen, state.past_time, state.past_inputs)
     bank = replace(
-        online_bank(found.system, plain.interval, fine.tolist(), name=name), memory=plain.memory
+        online_bank(bank_result.system, first_pass.interval, fine.tolist(), name=name),
+        memory=first_pass.memory,
     )
     mean, covariance = joint(bank, after)
     std = np.sqrt(np.diagonal(covariance))
@@ -128,7 +136,15 @@ def linearise(
         state.rows_seen,
         mean,
         std,
-        _apart(record, found.system, name, found.refined, found.about, elsewhere, std[:-1]),
+        _start_dependence(
+            record,
+            bank_result.system,
+            name,
+            bank_result.refined,
+            bank_result.about,
+            elsewhere,
+            std[:-1],
+        ),
     )
 
 
@@ -171,26 +187,30 @@ def due(current: Relinearised, names: Sequence[str]) -> bool:
 
 
 def sharper_of(
-    current: Relinearised | None, found: Relinearised | None, names: Sequence[str]
+    current: Relinearised | None, linearised: Relinearised | None, names: Sequence[str]
 ) -> Relinearised | None:
-    """Which of the two goes on, where ``found`` comes from the last rows alone.
+    """Which of the two goes on, where ``linearised`` comes from the last rows alone.
 
     It does if these parameters are hardly less sharp by it: then these rows hold what is known.
     Else the current one does, which was linearised over other rows; where the two contradict each
     other by more than two of the new sigmas its deviations span both.
     """
-    if found is None or current is None:
-        return current if found is None else found
-    at = [found.bank.names.index(name) for name in names]
+    if linearised is None or current is None:
+        return current if linearised is None else linearised
+    at = [linearised.bank.names.index(name) for name in names]
     mean, covariance = joint(current.bank, current.state)
     std = np.sqrt(np.diagonal(covariance))
-    if np.all(found.std[at] <= WIDER * std[at]):
-        return found
-    off = np.abs(mean - found.mean)[:-1]
+    if np.all(linearised.std[at] <= WIDER * std[at]):
+        return linearised
+    off = np.abs(mean - linearised.mean)[:-1]
     apart = np.where(
-        off > CONTRADICTED * found.std[:-1], np.maximum(off, current.apart), current.apart
+        off > CONTRADICTED * linearised.std[:-1],
+        np.maximum(off, current.start_dependence),
+        current.start_dependence,
     )
-    return replace(current, rows=current.state.rows_seen, mean=mean, std=std, apart=apart)
+    return replace(
+        current, rows=current.state.rows_seen, mean=mean, std=std, start_dependence=apart
+    )
 
 
 def joint(bank: OnlineBank, state: BankState) -> tuple[np.ndarray, np.ndarray]:
@@ -220,7 +240,7 @@ def joint_estimate(current: Relinearised, name: str = "delay", unit: str = "s") 
     bank, state = current.bank, current.state
     n_x = len(bank.system.states)
     mean, covariance = joint(bank, state)
-    covariance = covariance + np.diag(np.append(np.square(current.apart), 0.0))
+    covariance = covariance + np.diag(np.append(np.square(current.start_dependence), 0.0))
     outcome = Outcome.CONVERGED if state.sound.any() else Outcome.DIVERGED
     likely = float(state.log_likelihood[state.best])
     names, units = (*bank.names[n_x:], name), (*bank.units, unit)
@@ -267,7 +287,7 @@ def _laid_anew(current: Relinearised, mean: np.ndarray, covariance: np.ndarray) 
     return replace(current, bank=with_delays(bank, fine), state=new)
 
 
-def _apart(
+def _start_dependence(
     record: Record,
     system: System,
     name: str,
@@ -283,7 +303,11 @@ def _apart(
     points = np.repeat(about[:, :, None], 1 + count, axis=2)
     points[n_x:, :, 1:] = elsewhere[n_x:, None]
     runs, _ = run_iterated_bank(
-        record, system, held={name: np.full(1 + count, delay)}, about=points, tolerance=SETTLED
+        record,
+        system,
+        fixed_values={name: np.full(1 + count, delay)},
+        about=points,
+        tolerance=SETTLED,
     )
     others = runs.sound.copy()
     others[0] = False

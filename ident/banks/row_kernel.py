@@ -1,12 +1,17 @@
-"""Kernel of large campaigns: filters of bilinear equations, each number a row of runs.
+"""Extended Kalman filters of many runs at once, for bilinear equations and large campaigns.
 
-Every operation is one of NumPy's on whole rows, element by element, so that no run's numbers depend
-on which others there are, or on how many; entries of the table that are zero cost nothing. The same
-filters as `ident.banks.equation_kernels`, several times faster for hundreds of runs.
+The last axis of every array counts the runs: each number of the filter is a row ``(B,)``. NumPy
+works on whole rows, element by element, so that the result of a run does not depend on the other
+runs; zero entries of the table cost nothing. The filters equal those of
+`ident.banks.equation_kernels` and are several times faster for hundreds of runs.
 
-A pass goes over as many runs at once as stay in a processor's cache, and looks once a stretch of
-samples for what broke down; where something did, the stretch is gone over again sample by sample to
-find the last sound one.
+A pass filters as many runs together as fit into a processor's cache. Every ``_STRETCH`` samples it
+checks which runs are still finite; where a run has diverged, it repeats these samples one by one
+to find the last finite one.
+
+Symbols: B runs, n states and parameters, n_x states, m outputs; ``w (len w, B)`` holds the entries
+(1, states, parameters, inputs), ``P (n, n, B)`` covariances, ``F`` and ``H`` Jacobians of rates and
+outputs, ``S (m, m, B)`` the covariance of the innovations ``y (m, B)``.
 """
 
 from __future__ import annotations
@@ -27,11 +32,12 @@ from ident.filters.problem import FilterProblem
 # ---- One step of many filters of bilinear equations, each number of the filter a row of runs
 
 
-class Seen(NamedTuple):
-    """What an update writes, a row of runs each: innovations ``y``, diagonal of their covariance
-    ``S``, and, of channels freed of what those before them tell, variances ``alone`` and squares
-    over them ``squared``; ``(m, B)``, of a missing channel zeros, and ones in ``S`` and
-    ``alone``."""
+class UpdateBuffers(NamedTuple):
+    """Results of an update, ``(m, B)`` each: innovations ``y`` and the diagonal ``S`` of their
+    covariance; variances ``alone`` of the innovations after elimination of the channels before
+    them (the pivots of ``S``), and their squares over these variances ``squared``. Of a missing
+    channel zeros, and ones in ``S`` and ``alone``.
+    """
 
     y: np.ndarray
     S: np.ndarray
@@ -39,9 +45,9 @@ class Seen(NamedTuple):
     squared: np.ndarray
 
 
-class Term(NamedTuple):
-    """A coefficient times one entry of (1, states, parameters, inputs), or times two, to be added
-    to a row; ``second`` 0 for one.
+class RowTerm(NamedTuple):
+    """One term of a polynomial: ``coefficient`` times the entries ``first`` and ``second`` of
+    ``w``, added to row ``row``; ``second`` is 0 where there is only one factor.
     """
 
     row: int
@@ -50,40 +56,41 @@ class Term(NamedTuple):
     second: int
 
 
-def slope_terms(table: Bilinear) -> list[Term]:
-    """The Jacobian by states and parameters, entry (i, j) in row ``i n + j``: one term of each
-    entry first, then the others.
-    """
+def slope_terms(table: Bilinear) -> list[RowTerm]:
+    """Return the terms of the Jacobian by states and parameters, (i, j) in row ``i n + j``."""
     n, width = table.n, len(table.table)
     slopes = table.table.reshape(width, -1, n + width)[:, :, :n].reshape(width, -1)
-    found = [
-        [Term(row, float(slopes[a, row]), a, 0) for a in np.flatnonzero(slopes[:, row]).tolist()]
+    by_row = [
+        [RowTerm(row, float(slopes[a, row]), a, 0) for a in np.flatnonzero(slopes[:, row]).tolist()]
         for row in range(slopes.shape[1])
     ]
-    return _in_layers(found)
+    return _first_terms_first(by_row)
 
 
-def value_terms(table: Bilinear) -> list[Term]:
-    """The values, in as many rows: one term of each first, then the others."""
+def value_terms(table: Bilinear) -> list[RowTerm]:
+    """Return the terms of the values of the equations, a row each."""
     n, width = table.n, len(table.table)
     halves = table.table.reshape(width, -1, n + width)[:, :, n:]
-    found = []
+    by_row = []
     for row in range(halves.shape[1]):
         # Of two entries the table holds half a coefficient twice; what is linear it holds once, at
         # (0, b).
         whole = np.triu(halves[:, row] + halves[:, row].T - np.diag(np.diag(halves[:, row])))
         pairs = zip(*(index.tolist() for index in np.nonzero(whole)), strict=True)
-        found.append([Term(row, float(whole[a, b]), b, a) for a, b in pairs])
-    return _in_layers(found)
+        by_row.append([RowTerm(row, float(whole[a, b]), b, a) for a, b in pairs])
+    return _first_terms_first(by_row)
 
 
-def _in_layers(found: list[list[Term]]) -> list[Term]:
-    return [terms[0] for terms in found if terms] + [term for terms in found for term in terms[1:]]
+def _first_terms_first(by_row: list[list[RowTerm]]) -> list[RowTerm]:
+    """All terms: the first of each row, which sets the row, then those that are added to it."""
+    return [terms[0] for terms in by_row if terms] + [
+        term for terms in by_row for term in terms[1:]
+    ]
 
 
-def summed(terms: Sequence[Term], w: np.ndarray, out: np.ndarray) -> Callable[[float], None]:
-    """A function that fills rows ``out (rows, B)`` with the sums of their terms at ``w``, times a
-    factor; rows without a term are zeroed once.
+def summed(terms: Sequence[RowTerm], w: np.ndarray, out: np.ndarray) -> Callable[[float], None]:
+    """Return a function of a factor that fills ``out (rows, B)`` with the factor times the sum of
+    each row's terms at ``w``; rows without a term are zeroed once.
     """
     out[:] = 0.0
     begun: set[int] = set()
@@ -98,26 +105,26 @@ def summed(terms: Sequence[Term], w: np.ndarray, out: np.ndarray) -> Callable[[f
         )
 
     def fill(factor: float) -> None:
-        for coefficient, first, second, row, room, further in plan:
-            multiply(first, coefficient * factor, room)
+        for coefficient, first, second, row, target, further in plan:
+            multiply(first, coefficient * factor, target)
             if second is not None:
-                multiply(room, second, room)
+                multiply(target, second, target)
             if further:
-                add(row, room, row)
+                add(row, target, row)
 
     return fill
 
 
 def predictor(tables: Tables, w: np.ndarray, P: np.ndarray) -> Callable[[float], None]:
-    """A function that moves states in ``w (len w, B)`` and covariances ``P (n, n, B)``, symmetric,
-    over a step of so many seconds.
+    """Return a function of the time step (s) that propagates the states in ``w (len w, B)`` and
+    the covariances ``P (n, n, B)`` over it.
     """
     n, n_x, B = tables.n, tables.n_x, w.shape[1]
     F, D, DP, moved = (np.empty((n_x, n, B)) for _ in range(4))
     rest, f, change, t = (np.empty((n_x, B)) for _ in range(4))
     own, pair = np.empty((n_x, n_x, B)), np.empty((n_x, n_x, B))
-    # Rates are linear in the states: A times these, of which the Jacobian has A, and what is
-    # without states.
+    # Rates are affine in the states: A x, with A a part of the Jacobian, plus the terms without
+    # states.
     at_rest = [
         term
         for term in value_terms(tables.f)
@@ -129,10 +136,10 @@ def predictor(tables: Tables, w: np.ndarray, P: np.ndarray) -> Callable[[float],
     columns = [(F[:, k], change[k]) for k in range(n_x)]
     moving = [(F[:, k], states[k]) for k in range(n_x)]
     halves = [(F[:, k, None], F[k]) for k in range(n_x)]
-    # An entry that the rates do not know leaves its column of Phi that of the identity.
-    known = sorted({term.row % n for term in slope_terms(tables.f)}) or [0]
-    parts = [(D[:, k, None], P[k]) for k in known]
-    blocks = [(moved[:, None, k], D[None, :, k]) for k in known]
+    # Columns of Phi that differ from those of the identity: entries that the rates depend on.
+    acting = sorted({term.row % n for term in slope_terms(tables.f)}) or [0]
+    parts = [(D[:, k, None], P[k]) for k in acting]
+    blocks = [(moved[:, None, k], D[None, :, k]) for k in acting]
     P_states, P_mirror, mirror = P[:n_x], P[n_x:, :n_x], moved[:, n_x:].swapaxes(0, 1)
 
     def predict(dt: float) -> None:
@@ -167,25 +174,25 @@ def predictor(tables: Tables, w: np.ndarray, P: np.ndarray) -> Callable[[float],
 
 
 def _product(
-    parts: Sequence[tuple[np.ndarray, np.ndarray]], out: np.ndarray, room: np.ndarray
+    parts: Sequence[tuple[np.ndarray, np.ndarray]], out: np.ndarray, workspace: np.ndarray
 ) -> None:
-    """The sum of products, always in the same order."""
+    """Write the sum of the products of pairs into ``out``, always added in the same order."""
     np.multiply(*parts[0], out)
     for one, other in parts[1:]:
-        np.multiply(one, other, room)
-        np.add(out, room, out)
+        np.multiply(one, other, workspace)
+        np.add(out, workspace, out)
 
 
 def _noise(tables: Tables, F: np.ndarray, second: np.ndarray) -> Callable[[float], np.ndarray]:
-    """Q_k ``(n_x, n_x, B)`` from the terms of Phi, I, F and ``second`` = A F / 2 with the step in
-    them, while they stand there.
+    """Return a function of the time step (s) that gives the process noise covariance Q_k ``(n_x,
+    n_x, B)`` from the terms of Phi that ``F`` and ``second`` (= A F / 2) hold at that time.
     """
     n_x, B, driven = len(F), F.shape[2], tables.driven
     terms = len(tables.share) // len(driven)
     C = np.zeros((len(tables.share), n_x, B))
     for j, i in enumerate(driven):
         C[j, i] = 1.0
-    total, room = np.empty((n_x, n_x, B)), np.empty((n_x, n_x, B))
+    total, workspace = np.empty((n_x, n_x, B)), np.empty((n_x, n_x, B))
 
     def noise(dt: float) -> np.ndarray:
         for j, i in enumerate(driven):
@@ -194,9 +201,9 @@ def _noise(tables: Tables, F: np.ndarray, second: np.ndarray) -> Callable[[float
         total[:] = 0.0
         for a, row in enumerate(tables.share):
             for b in np.flatnonzero(row).tolist():
-                np.multiply(C[a][:, None], C[b][None], room)
-                np.multiply(room, float(row[b]) * dt, room)
-                np.add(total, room, total)
+                np.multiply(C[a][:, None], C[b][None], workspace)
+                np.multiply(workspace, float(row[b]) * dt, workspace)
+                np.add(total, workspace, total)
         return total
 
     return noise
@@ -204,13 +211,13 @@ def _noise(tables: Tables, F: np.ndarray, second: np.ndarray) -> Callable[[float
 
 def updater(
     tables: Tables, w: np.ndarray, P: np.ndarray
-) -> Callable[[np.ndarray, np.ndarray | None, Seen], None]:
-    """A function that takes measurements ``(m, B)`` or ``(m, 1)`` with the positions that are
-    missing, moves ``w`` and ``P``, and fills ``Seen``.
+) -> Callable[[np.ndarray, np.ndarray | None, UpdateBuffers], None]:
+    """Return a function that updates ``w`` and ``P`` with measurements ``(m, B)`` or ``(m, 1)``,
+    given the positions of missing channels, and fills ``UpdateBuffers``.
     """
     n, m, B = tables.n, len(tables.R), w.shape[1]
     H, expected = np.empty((m, n, B)), np.empty((m, B))
-    rows, room = np.empty((m, n + 1 + m, B)), np.empty((n + 1 + m, B))
+    rows, workspace = np.empty((m, n + 1 + m, B)), np.empty((n + 1 + m, B))
     slopes = summed(slope_terms(tables.h), w, H.reshape(-1, B))
     values = summed(value_terms(tables.h), w, expected)
     varying = bool(np.any(tables.h.table[1:]))
@@ -221,7 +228,7 @@ def updater(
         for i in range(m)
     ]
     HP, y, S, scaled = rows[:, :n], rows[:, n], rows[:, n + 1 :], np.empty((n + 1, B))
-    by_state = [[(H[i, k], P[k]) for k in present[i]] for i in range(m)]
+    products = [[(H[i, k], P[k]) for k in present[i]] for i in range(m)]
     squares = [[[(HP[i, k], H[j, k]) for k in present[j]] for j in range(m)] for i in range(m)]
     R = tables.R.diagonal().tolist()
     subtract, multiply, divide = np.subtract, np.multiply, np.divide
@@ -229,15 +236,15 @@ def updater(
     s, outer, point = scaled[:n], np.empty_like(P), w[1 : 1 + n]
     above, beside = s[:, None], s[None]
 
-    def update(z: np.ndarray, missing: np.ndarray | None, seen: Seen) -> None:
+    def update(z: np.ndarray, missing: np.ndarray | None, seen: UpdateBuffers) -> None:
         if varying:
             slopes(1.0)
         values(1.0)
         subtract(z, expected, y)
         for i in range(m):
-            _product(by_state[i], HP[i], room[:n])
+            _product(products[i], HP[i], workspace[:n])
             for j in range(m):
-                _product(squares[i][j], S[i, j], room[0])
+                _product(squares[i][j], S[i, j], workspace[0])
             np.add(S[i, i], R[i], S[i, i])
         if missing is not None:
             rows[missing] = 0.0
@@ -246,37 +253,36 @@ def updater(
         seen.y[:], seen.S[:] = y, diagonal
         for i in range(m - 1):
             for j in range(i + 1, m):
-                divide(S[j, i], S[i, i], room[0])
-                ratio = room[0].copy()
-                multiply(rows[i], ratio, room)
-                subtract(rows[j], room, rows[j])
+                divide(S[j, i], S[i, i], workspace[0])
+                ratio = workspace[0].copy()
+                multiply(rows[i], ratio, workspace)
+                subtract(rows[j], workspace, rows[j])
         seen.alone[:] = diagonal
         multiply(y, y, seen.squared)
         divide(seen.squared, diagonal, seen.squared)
         for i in range(m):
-            np.sqrt(S[i, i], room[0])
-            divide(rows[i, : n + 1], room[0], scaled)
-            # P loses s s^T, of which both sides of the diagonal are the same numbers.
+            np.sqrt(S[i, i], workspace[0])
+            divide(rows[i, : n + 1], workspace[0], scaled)
+            # P - s s^T stays symmetric to the last bit.
             multiply(above, beside, outer)
             subtract(P, outer, P)
-            multiply(s, scaled[n], room[:n])
-            np.add(point, room[:n], point)
+            multiply(s, scaled[n], workspace[:n])
+            np.add(point, workspace[:n], point)
 
     return update
 
 
-# ---- A plain pass of many filters of bilinear equations
+# ---- One pass of many filters of bilinear equations
 
-Go = Callable[[int, int, "_Room"], None]
 LOG_TWO_PI = float(np.log(2.0 * np.pi))
-_STRETCH = 32  # samples between two looks
-_AT_ONCE = 64_000  # numbers of all covariances of runs that are filtered together
+_STRETCH = 32  # samples between two checks for diverged runs
+_AT_ONCE = 64_000  # covariance entries of the runs that are filtered together
 
 
 def pass_side_by_side(
     problem: FilterProblem, settings: FilterSettings, runs: BankRuns, keep: bool
 ) -> BankPass | None:
-    """Filter all runs once, as ``run_pass``; None where the equations have no table."""
+    """Filter all runs once, as ``run_pass``; return None where the equations have no table."""
     tables = tables_for(problem, settings, runs)
     if tables is None:
         return None
@@ -287,14 +293,14 @@ def pass_side_by_side(
         return _joined([_filtered(problem, tables, runs, part, keep) for part in parts])
 
 
-class _Room(NamedTuple):
-    """What a stretch of K samples writes: means and variances ``(K, n, B)``, the updates' ``Seen``
-    of ``(K, m, B)``.
+class _StretchBuffers(NamedTuple):
+    """Buffers for K samples: means and variances ``(K, n, B)``, and those of the updates
+    ``(K, m, B)``.
     """
 
     mean: np.ndarray
     variance: np.ndarray
-    seen: Seen
+    seen: UpdateBuffers
 
 
 def _filtered(
@@ -302,7 +308,7 @@ def _filtered(
 ) -> BankPass:
     x0 = runs.start[:, part]
     (n, B), (m, N) = x0.shape, problem.valid.shape
-    w, P, go = _prepared(problem, tables, runs, part)
+    w, P, filter_samples = _prepared(problem, tables, runs, part)
     point = w[1 : 1 + n]
     last_x, last_P, sound = point.copy(), P.copy(), np.ones(B, dtype=bool)
     log_likelihood, nis = np.zeros(B), np.zeros((N, B))
@@ -313,34 +319,36 @@ def _filtered(
         if keep
         else None
     )
-    room = _Room(
+    workspace = _StretchBuffers(
         np.empty((_STRETCH, n, B)),
         np.empty((_STRETCH, n, B)),
-        Seen(*(np.empty((_STRETCH, m, B)) for _ in Seen._fields)),
+        UpdateBuffers(*(np.empty((_STRETCH, m, B)) for _ in UpdateBuffers._fields)),
     )
     channels = np.count_nonzero(problem.valid, axis=0)
     for first in range(0, N, _STRETCH):
         last = min(first + _STRETCH, N)
         at, before = slice(first, last), (w.copy(), P.copy())
-        go(first, last, room)
-        squared = room.seen.squared[: last - first].sum(axis=1)
+        filter_samples(first, last, workspace)
+        squared = workspace.seen.squared[: last - first].sum(axis=1)
         gained = -0.5 * (
             squared
-            + np.log(room.seen.alone[: last - first]).sum(axis=1)
+            + np.log(workspace.seen.alone[: last - first]).sum(axis=1)
             + channels[at, None] * LOG_TWO_PI
         )
-        good = _sound_so_far(room, squared, P, sound)
-        for row in np.where(good, gained, 0.0):  # one after the other, whatever the number of runs
+        good = _finite_so_far(workspace, squared, P, sound)
+        for row in np.where(good, gained, 0.0):  # in the same order for any number of runs
             log_likelihood += row
         nis[at], sound = np.where(good, squared, 0.0), good[-1]
         if history is not None:
-            _written(history, at, room, good, (last_x, last_P.reshape(n * n, B)[:: n + 1]))
+            _write_history(
+                history, at, workspace, good, (last_x, last_P.reshape(n * n, B)[:: n + 1])
+            )
         if good[-1].all():
             last_x[:], last_P[:] = point, P
             continue
         w[:], P[:] = before
         for k, serves in enumerate(good):
-            go(first + k, first + k + 1, room)
+            filter_samples(first + k, first + k + 1, workspace)
             last_x[:, serves], last_P[:, :, serves] = point[:, serves], P[:, :, serves]
     return BankPass(
         last_x, np.ascontiguousarray(last_P.transpose(2, 0, 1)), log_likelihood, nis, sound, history
@@ -349,9 +357,9 @@ def _filtered(
 
 def _prepared(
     problem: FilterProblem, tables: Tables, runs: BankRuns, part: slice
-) -> tuple[np.ndarray, np.ndarray, Callable[[int, int, _Room], None]]:
-    """Entries ``w (len w, B)`` and covariances ``P (n, n, B)`` at the start, and a function that
-    filters the samples from one to before another.
+) -> tuple[np.ndarray, np.ndarray, Callable[[int, int, _StretchBuffers], None]]:
+    """Return the entries ``w (len w, B)`` and covariances ``P (n, n, B)`` at the start, and a
+    function that filters samples ``first`` to ``last - 1``.
     """
     B, n, at = len(range(*part.indices(runs.start.shape[1]))), tables.n, problem.grid.sample
     w, P = np.zeros((len(tables.f.table), B)), np.empty((n, n, B))
@@ -360,8 +368,8 @@ def _prepared(
     P[:] = covariance[:, :, None] if covariance.ndim == 2 else covariance[part].transpose(1, 2, 0)
     inputs, predict, update = w[1 + n :], predictor(tables, w, P), updater(tables, w, P)
     steps = [range(0), *(range(a, b) for a, b in pairwise(at.tolist()))]
-    u, dt = _mine(runs.drive.stages[0], part), problem.grid.steps.tolist()
-    feed = _mine([row[at] for row in runs.drive.begin], part) if tables.h.feeds_through else None
+    u, dt = _runs_of(runs.drive.stages[0], part), problem.grid.steps.tolist()
+    feed = _runs_of([row[at] for row in runs.drive.begin], part) if tables.h.feeds_through else None
     z = (
         np.where(
             problem.valid[:, :, None], runs.z if runs.z.shape[2] == 1 else runs.z[:, :, part], 0.0
@@ -375,7 +383,7 @@ def _prepared(
     }
     diagonal, point = P.reshape(n * n, B)[:: n + 1], w[1 : 1 + n]
 
-    def go(first: int, last: int, room: _Room) -> None:
+    def filter_samples(first: int, last: int, workspace: _StretchBuffers) -> None:
         for k in range(first, last):
             for s in steps[k]:
                 for row, values in zip(inputs, u, strict=True):
@@ -385,26 +393,26 @@ def _prepared(
                 for row, values in zip(inputs, feed, strict=True):
                     row[:] = values[k]
             at = k - first
-            update(z[k], missing.get(k), Seen(*(each[at] for each in room.seen)))
-            room.mean[at], room.variance[at] = point, diagonal
+            update(z[k], missing.get(k), UpdateBuffers(*(each[at] for each in workspace.seen)))
+            workspace.mean[at], workspace.variance[at] = point, diagonal
 
-    return w, P, go
+    return w, P, filter_samples
 
 
-def _mine(rows: Sequence[np.ndarray], part: slice) -> list[np.ndarray]:
-    """Rows ``(count,)`` or ``(count, B)``, of the latter the runs of a part."""
+def _runs_of(rows: Sequence[np.ndarray], part: slice) -> list[np.ndarray]:
+    """Rows ``(count,)`` as they are, and of rows ``(count, B)`` the columns of a part."""
     return [
         row if row.ndim == 1 or row.shape[1] == 1 else row[:, part] for row in map(np.asarray, rows)
     ]
 
 
-def _sound_so_far(
-    room: _Room, squared: np.ndarray, P: np.ndarray, before: np.ndarray
+def _finite_so_far(
+    workspace: _StretchBuffers, squared: np.ndarray, P: np.ndarray, before: np.ndarray
 ) -> np.ndarray:
-    """Which runs hold numbers that serve up to each sample, finite and no negative variance: ``(K,
-    B)``.
+    """Return ``(K, B)``: whether each run is finite, without a negative variance, up to each
+    sample.
     """
-    mean, variance = room.mean[: len(squared)], room.variance[: len(squared)]
+    mean, variance = workspace.mean[: len(squared)], workspace.variance[: len(squared)]
     # A NaN fails each comparison.
     good = (
         (np.abs(mean).max(axis=1) < LARGEST)
@@ -416,18 +424,18 @@ def _sound_so_far(
     return np.logical_and.accumulate(good, axis=0) & before
 
 
-def _written(
+def _write_history(
     history: BankHistory,
     at: slice,
-    room: _Room,
+    workspace: _StretchBuffers,
     good: np.ndarray,
     before: tuple[np.ndarray, np.ndarray],
 ) -> None:
-    """Write a stretch into the history; runs that broke down stay where they were, ``before`` mean
-    and variance ``(n, B)``.
+    """Write K samples into the history. Runs that have diverged keep their last finite mean and
+    variance, or those of ``before``, ``(n, B)`` each.
     """
     K = len(good)
-    mean, variance = room.mean[:K].copy(), room.variance[:K].copy()
+    mean, variance = workspace.mean[:K].copy(), workspace.variance[:K].copy()
     for run in np.flatnonzero(~good[-1]):
         count = np.count_nonzero(good[:, run])
         mean[count:, :, run] = mean[count - 1, :, run] if count else before[0][:, run]
@@ -436,14 +444,14 @@ def _written(
         mean.swapaxes(0, 1),
         np.sqrt(np.maximum(variance, 0.0)).swapaxes(0, 1),
     )
-    history.innovation[:, at] = np.where(good[:, None], room.seen.y[:K], 0.0).swapaxes(0, 1)
-    history.innovation_std[:, at] = np.where(good[:, None], np.sqrt(room.seen.S[:K]), 1.0).swapaxes(
-        0, 1
-    )
+    history.innovation[:, at] = np.where(good[:, None], workspace.seen.y[:K], 0.0).swapaxes(0, 1)
+    history.innovation_std[:, at] = np.where(
+        good[:, None], np.sqrt(workspace.seen.S[:K]), 1.0
+    ).swapaxes(0, 1)
 
 
 def _joined(parts: Sequence[BankPass]) -> BankPass:
-    """Passes of parts of the runs as one."""
+    """Join the passes of parts of the runs."""
     if len(parts) == 1:
         return parts[0]
 

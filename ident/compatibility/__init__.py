@@ -1,1 +1,1 @@
-"""Data compatibility: what the kinematics alone say of the sensors."""
+"""Data compatibility: check of the sensors by kinematics alone."""

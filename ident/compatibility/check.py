@@ -1,6 +1,4 @@
-"""Data compatibility of records: what the kinematics alone say of the sensors, without any
-aerodynamics.
-"""
+"""Data compatibility of records: check of the sensors by kinematics alone, without aerodynamics."""
 
 from __future__ import annotations
 
@@ -10,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ident.compatibility.fault_sets import FaultSearch, clocks, reference_sentence, search
-from ident.compatibility.fitting import KinematicFit, cannot_tell, fit
+from ident.compatibility.fitting import KinematicFit, fit, unobservable_sentences
 from ident.compatibility.kinematics import DRIFT, SensorFault, faults_of
 from ident.compatibility.signals import (
     instruments_of,
@@ -28,9 +26,9 @@ from ident.compatibility.trials import (
     CheckResult,
     Compatibility,
     CompatibilitySettings,
+    FaultTrial,
     Reconstruction,
     SensorEstimate,
-    Trial,
     bias_estimates,
     estimate_of,
     tried,
@@ -68,10 +66,12 @@ def compatibility(
     Parameters
     ----------
     records : channels of ``measured_channels``, or of ``six_degrees.channels``; those that all
-    records have are used. settings : constants, limits. each : whether several records are also
-    checked each by itself, which costs as much again; ``single`` is empty where not. six : whether
-    the relations of six degrees of freedom are used; None takes them where one closes that
-    longitudinal motion does not have.
+        records have are used.
+    settings : constants, limits.
+    each : whether several records are also checked each by itself, which costs as much again;
+        ``single`` is empty where not.
+    six : whether the relations of six degrees of freedom are used; None takes them where one closes
+        that longitudinal motion does not have.
 
     Raises
     ------
@@ -132,31 +132,34 @@ def _compatibility(
     bases = [fit([s]) for s in signals]
     together = len(bases) > 1
     whole = fit(signals, begin=_together(bases)) if together else bases[0]
-    found = search(
+    search_result = search(
         whole, faults_of(used, drifts=not together, chord=settings.chord), bases, settings
     )
-    joint = _result(found, bias_estimates(whole) if not together else ())
+    joint = _result(search_result, bias_estimates(whole) if not together else ())
     single = (
-        [_by_itself(base, found, settings, len(bases)) for base in bases if each]
+        [_by_itself(base, search_result, settings, len(bases)) for base in bases if each]
         if together
         else [joint]
     )
-    if found.early is not None:
-        ahead = -1000.0 * found.early
+    if search_result.early is not None:
+        ahead = -1000.0 * search_result.early
         notes.append(
             f"nz recorded {ahead:.0f} ms before it happens would explain more than any sensor "
             "fault: something acts that the kinematics "
             "do not know, a gust on vane and load most likely, so that no further fault is named"
         )
-    if counted := reference_sentence(found.found.faults, clocks(signals)):
+    if counted := reference_sentence(search_result.fit.faults, clocks(signals)):
         notes.append(counted)
-    told = (*_closed_by(channels, joined), *cannot_tell(whole, found.found.noise, used))
+    told = (
+        *_closed_by(channels, joined),
+        *unobservable_sentences(whole, search_result.fit.noise, used),
+    )
     return Compatibility(
         channels,
         joined,
         joint,
         tuple(single),
-        _reconstructions(whole, found.found),
+        _reconstructions(whole, search_result.fit),
         told,
         tuple(notes),
     )
@@ -177,8 +180,8 @@ def _nothing_observable(records: Sequence[Record], why: tuple[str, ...]) -> Comp
     return Compatibility(channels_of(records), {}, empty, single, (), why, ())
 
 
-def _result(found: FaultSearch, biases: tuple[SensorEstimate, ...]) -> CheckResult:
-    noise = found.found.noise
+def _result(search_result: FaultSearch, biases: tuple[SensorEstimate, ...]) -> CheckResult:
+    noise = search_result.fit.noise
     levels = dict(
         zip(
             (*noise.outputs, *noise.inputs),
@@ -186,28 +189,33 @@ def _result(found: FaultSearch, biases: tuple[SensorEstimate, ...]) -> CheckResu
             strict=True,
         )
     )
-    names = tuple(s.name for s in found.found.signals)
+    names = tuple(s.name for s in search_result.fit.signals)
     return CheckResult(
-        names, tuple(estimate_of(trial) for trial in found.trials), biases, found.findings, levels
+        names,
+        tuple(estimate_of(trial) for trial in search_result.trials),
+        biases,
+        search_result.findings,
+        levels,
     )
 
 
 def _by_itself(
     base: KinematicFit, joint: FaultSearch, settings: CompatibilitySettings, count: int
 ) -> CheckResult:
-    """One record of several: each fault beside the same others as in all, and drifts, which belong
-    to one record, beside all that stands.
+    """Faults from one record of several: each one beside the same others as in all records.
+
+    Drifts belong to one record and are added to all accepted faults.
     """
-    current = with_more_faults(base, joint.found.faults, joint.found.sizes)
-    by_fault: dict[SensorFault, Trial] = {}
+    current = with_more_faults(base, joint.fit.faults, joint.fit.sizes)
+    by_fault: dict[SensorFault, FaultTrial] = {}
     for before, sizes in {
-        trial.found.faults[:-1]: trial.found.sizes[:-1] for trial in joint.trials
+        trial.fit.faults[:-1]: trial.fit.sizes[:-1] for trial in joint.trials
     }.items():
-        start = current if before == joint.found.faults else with_more_faults(base, before, sizes)
+        start = current if before == joint.fit.faults else with_more_faults(base, before, sizes)
         by_fault |= {
             trial.fault: trial
             for trial in tried(
-                start, [t.fault for t in joint.trials if t.found.faults[:-1] == before]
+                start, [t.fault for t in joint.trials if t.fit.faults[:-1] == before]
             )
         }
     trials = [by_fault[trial.fault] for trial in joint.trials]
@@ -252,7 +260,7 @@ def _reconstructions(base: KinematicFit, final: KinematicFit) -> tuple[Reconstru
 
 
 def _closed_by(channels: Sequence[str], joined: dict[str, tuple[str, ...]]) -> tuple[str, ...]:
-    """Channels that no relation reaches, and what would close one."""
+    """Channels without a kinematic relation, and the channel that would give one."""
     reached = {name for names in joined.values() for name in names}
     out = []
     for name in channels:

@@ -17,8 +17,8 @@ from ident.compatibility.signals import KinematicSignals, instrumented, weigher
 from ident.compatibility.trials import (
     CompatibilitySettings,
     FaultQuantity,
+    FaultTrial,
     SensorFinding,
-    Trial,
     one_step,
     replicates,
     tried,
@@ -42,7 +42,7 @@ class FaultSet:
     likelihood lost by its sizes a priori.
     """
 
-    found: KinematicFit
+    fit: KinematicFit
     widening: float
     sound: bool
     determined: bool = True
@@ -52,7 +52,7 @@ class FaultSet:
 
     @property
     def faults(self) -> tuple[SensorFault, ...]:
-        return self.found.faults[self.given :]
+        return self.fit.faults[self.given :]
 
 
 def charge_of(false_alarm: float, count: int) -> float:
@@ -65,26 +65,39 @@ def charge_of(false_alarm: float, count: int) -> float:
     return math.log(max(count, 1)) - math.log(false_alarm)
 
 
-def fault_set(found: KinematicFit, given: int = 0, *, early: bool = False) -> FaultSet:
+def fault_set(kinematic_fit: KinematicFit, given: int = 0, *, early: bool = False) -> FaultSet:
     """A fit judged as a set of faults, of which the first few are ``given``."""
-    k = len(found.faults) - given
+    k = len(kinematic_fit.faults) - given
     if not k:
-        return FaultSet(found, 1.0, sound=True, given=given)
-    sigmas = smoother_sigmas(found)
+        return FaultSet(kinematic_fit, 1.0, sound=True, given=given)
+    sigmas = smoother_sigmas(kinematic_fit)
     widening = sigmas.widening[-k:]
     variances = np.diag(sigmas.covariance)[-k:] * widening
     determined = all(
         0.0 < variance < fault.plausible**2
-        for fault, variance in zip(found.faults[given:], variances.tolist(), strict=True)
+        for fault, variance in zip(kinematic_fit.faults[given:], variances.tolist(), strict=True)
     )
     possible = all(
         _possible(fault, size)
-        for fault, size in zip(found.faults[given:], found.sizes[given:].tolist(), strict=True)
+        for fault, size in zip(
+            kinematic_fit.faults[given:], kinematic_fit.sizes[given:].tolist(), strict=True
+        )
     )
-    sized = zip(found.faults[given:], found.sizes[given:].tolist(), variances.tolist(), strict=True)
+    sized = zip(
+        kinematic_fit.faults[given:],
+        kinematic_fit.sizes[given:].tolist(),
+        variances.tolist(),
+        strict=True,
+    )
     surprise = float(sum(fault.surprise(size, variance) for fault, size, variance in sized))
     return FaultSet(
-        found, float(np.mean(widening)), determined and possible, determined, early, given, surprise
+        kinematic_fit,
+        float(np.mean(widening)),
+        determined and possible,
+        determined,
+        early,
+        given,
+        surprise,
     )
 
 
@@ -118,7 +131,7 @@ def grow(
     """
     given = len(base.faults)
     out = [fault_set(base, given)]
-    level = _kept(singles, given)
+    level = _best_sound(singles, given)
     before, blind = base, not instrumented(base.signals)
     for count in range(1, most + 1):
         if not level:
@@ -127,23 +140,23 @@ def grow(
             out += _early(before, faults, given)
         out += level
         best = level[0]
-        here, there = misfits([before, best.found]).tolist()
+        here, there = misfits([before, best.fit]).tolist()
         if count == most or here - there < charge * best.widening:
             break
-        before = best.found
+        before = best.fit
         fits: dict[frozenset[SensorFault], KinematicFit] = {}
         for each in level:
-            for found in _extended(each.found, faults, fits):
-                fits[frozenset(found.faults)] = found
-        level = _kept(list(fits.values()), given)
+            for kinematic_fit in _extended(each.fit, faults, fits):
+                fits[frozenset(kinematic_fit.faults)] = kinematic_fit
+        level = _best_sound(list(fits.values()), given)
     return out
 
 
 def chosen(sets: Sequence[FaultSet], charge: float) -> FaultSet:
-    """The set of greatest likelihood less ``charge`` for each of its faults; a load ahead of its
-    time has to do better than what can be.
+    """The set of greatest likelihood minus ``charge`` for each fault; a negative delay of a load
+    must be better than any possible fault.
     """
-    misfit = misfits([each.found for each in sets])
+    misfit = misfits([each.fit for each in sets])
     widening = sets[int(np.argmin(misfit))].widening
     # Alpha and q late by as much are an early load, to rounding.
     score = [
@@ -153,23 +166,25 @@ def chosen(sets: Sequence[FaultSet], charge: float) -> FaultSet:
     return sets[int(np.argmin(score))]
 
 
-def needed(base: KinematicFit, found: FaultSet, charge: float) -> FaultSet:
+def needed(base: KinematicFit, chosen_set: FaultSet, charge: float) -> FaultSet:
     """The set less every fault without which the others do nearly as well."""
-    while len(found.faults) > 1:
+    while len(chosen_set.faults) > 1:
         less = [
-            fit(base.signals, [other for other in found.found.faults if other is not fault], base)
-            for fault in found.faults
+            fit(
+                base.signals, [other for other in chosen_set.fit.faults if other is not fault], base
+            )
+            for fault in chosen_set.faults
         ]
-        misfit = misfits([found.found, *less])
-        losses = (misfit[1:] - misfit[0]) / found.widening
+        misfit = misfits([chosen_set.fit, *less])
+        losses = (misfit[1:] - misfit[0]) / chosen_set.widening
         least = int(np.argmin(losses))
         if losses[least] >= charge:
             break
-        found = fault_set(less[least], found.given)
-    return found
+        chosen_set = fault_set(less[least], chosen_set.given)
+    return chosen_set
 
 
-def _kept(fits: Sequence[KinematicFit], given: int) -> list[FaultSet]:
+def _best_sound(fits: Sequence[KinematicFit], given: int) -> list[FaultSet]:
     """The best few sound ones, best first."""
     if not fits:
         return []
@@ -184,27 +199,32 @@ def _kept(fits: Sequence[KinematicFit], given: int) -> list[FaultSet]:
 
 
 def _extended(
-    found: KinematicFit,
+    kinematic_fit: KinematicFit,
     faults: Sequence[SensorFault],
     done: dict[frozenset[SensorFault], KinematicFit],
 ) -> list[KinematicFit]:
     """Fits of a set with one more fault each: those that promise most to first order."""
-    timed = clocks(found.signals)
+    timed = clocks(kinematic_fit.signals)
     free = [
         fault
         for fault in faults
-        if fault not in found.faults and leaves_a_reference((*found.faults, fault), timed)
+        if fault not in kinematic_fit.faults
+        and leaves_a_reference((*kinematic_fit.faults, fault), timed)
     ]
-    quick = sorted(zip(free, one_step(found, free), strict=True), key=lambda pair: pair[1].cost)
-    worth = [fault for fault, first in quick[:_BREADTH] if found.cost - first.cost > _WORTH]
+    quick = sorted(
+        zip(free, one_step(kinematic_fit, free), strict=True), key=lambda pair: pair[1].cost
+    )
+    worth = [fault for fault, first in quick[:_BREADTH] if kinematic_fit.cost - first.cost > _WORTH]
     return [
-        fit(found.signals, (*found.faults, fault), found)
+        fit(kinematic_fit.signals, (*kinematic_fit.faults, fault), kinematic_fit)
         for fault in worth
-        if frozenset((*found.faults, fault)) not in done
+        if frozenset((*kinematic_fit.faults, fault)) not in done
     ]
 
 
-def _early(found: KinematicFit, faults: Sequence[SensorFault], given: int) -> list[FaultSet]:
+def _early(
+    kinematic_fit: KinematicFit, faults: Sequence[SensorFault], given: int
+) -> list[FaultSet]:
     """A load recorded before it happens, beside a set; which no sensor does.
 
     A gust moves the vane and the load at once, the path only later: the load then seems early, and
@@ -213,13 +233,19 @@ def _early(found: KinematicFit, faults: Sequence[SensorFault], given: int) -> li
     ahead = [
         fault
         for fault in faults
-        if fault.channel == "nz" and fault.kind in (DELAY, LAG) and fault not in found.faults
+        if fault.channel == "nz"
+        and fault.kind in (DELAY, LAG)
+        and fault not in kinematic_fit.faults
     ]
     sets = [
-        fault_set(fit(found.signals, (*found.faults, fault), found), given, early=True)
+        fault_set(
+            fit(kinematic_fit.signals, (*kinematic_fit.faults, fault), kinematic_fit),
+            given,
+            early=True,
+        )
         for fault in ahead
     ]
-    return [each for each in sets if each.determined and each.found.sizes[-1] < 0]
+    return [each for each in sets if each.determined and each.fit.sizes[-1] < 0]
 
 
 def clocks(signals: Sequence[KinematicSignals]) -> tuple[str, ...]:
@@ -235,8 +261,8 @@ def clocks(signals: Sequence[KinematicSignals]) -> tuple[str, ...]:
     )
 
 
-def late_channels(faults: Iterable[SensorFault]) -> set[str]:
-    """Channels that these faults make late."""
+def delayed_channels(faults: Iterable[SensorFault]) -> set[str]:
+    """Channels that these faults delay."""
     return {
         fault.channel for fault in faults if fault.kind in (DELAY, LAG) and fault.channel in _TIMED
     }
@@ -249,17 +275,15 @@ def leaves_a_reference(faults: Sequence[SensorFault], timed: Sequence[str]) -> b
     Nothing is recorded before it happens, so that what remains is the channel that is least late.
     """
     # An accelerometer ahead is a lag of q.
-    late = late_channels(faults) | {"q" for fault in faults if fault.rare}
-    return not timed or not set(timed) <= late
+    delayed = delayed_channels(faults) | {"q" for fault in faults if fault.rare}
+    return not timed or not set(timed) <= delayed
 
 
 def reference_sentence(faults: Sequence[SensorFault], timed: Sequence[str]) -> str:
-    """Which of the clocks ``timed`` the times of these faults count from; nothing where no channel
-    is late.
-    """
-    late = late_channels(faults)
-    on_time = [name for name in timed if name not in late]
-    if not late or not on_time:
+    """Which of the clocks ``timed`` the times of these faults refer to; empty without a delay."""
+    delayed = delayed_channels(faults)
+    on_time = [name for name in timed if name not in delayed]
+    if not delayed or not on_time:
         return ""
     if len(on_time) == 1:
         first = f"times count from {on_time[0]}, the channel that is least late"
@@ -275,16 +299,16 @@ ALIKE = ((BOOM, PACKAGE), ("alpha", "nz", "az"), ("beta", "ny", "ay"))
 
 @dataclass(frozen=True, eq=False)
 class Slot:
-    """One place of a set: every fault tried in it beside the ``others``, the best first; ``losses
-    (k,)`` of log likelihood against the best.
+    """One position of a set: every fault tried in it beside the ``others``, the best first;
+    ``losses (k,)`` of log likelihood against the best.
     """
 
     others: KinematicFit
-    trials: tuple[Trial, ...]
+    trials: tuple[FaultTrial, ...]
     losses: np.ndarray
 
-    def within(self, chance: float) -> list[Trial]:
-        """The best and those that are not told from it: sound faults that lose no more than
+    def within(self, chance: float) -> list[FaultTrial]:
+        """The best fault and those not distinguished from it: sound faults that lose at most
         ``chance``.
         """
         pairs = list(zip(self.trials, self.losses.tolist(), strict=True))
@@ -293,7 +317,7 @@ class Slot:
             *(
                 t
                 for t, lost in pairs[1:]
-                if lost <= chance and t.told and (t.size > 0 or not t.fault.one_sided)
+                if lost <= chance and t.determined and (t.size > 0 or not t.fault.one_sided)
             ),
         ]
 
@@ -331,42 +355,49 @@ def probabilities(among: Sequence[tuple[SensorFault, FaultQuantity, float]]) -> 
 
 
 def slots_of(
-    base: KinematicFit, found: FaultSet, faults: Sequence[SensorFault], singles: Sequence[Trial]
+    base: KinematicFit,
+    chosen_set: FaultSet,
+    faults: Sequence[SensorFault],
+    singles: Sequence[FaultTrial],
 ) -> tuple[FaultSet, list[Slot]]:
-    """The places of a set, each with all faults in it; where another does better in one, it takes
-    the place, and all is looked at again.
+    """Positions of a set, each with all faults tried in it; a better fault replaces the present
+    one, and the search repeats.
 
     ``singles`` : every fault tried beside ``base`` alone.
     """
     for _ in range(3):
-        slots = [_slot(base, found, fault, faults, singles) for fault in found.faults]
+        slots = [_slot(base, chosen_set, fault, faults, singles) for fault in chosen_set.faults]
         better = [
-            (i, slot) for i, slot in enumerate(slots) if slot.trials[0].fault is not found.faults[i]
+            (i, slot)
+            for i, slot in enumerate(slots)
+            if slot.trials[0].fault is not chosen_set.faults[i]
         ]
         if not better:
             break
         i, slot = max(
             better,
             key=lambda pair: pair[1].losses[
-                [t.fault for t in pair[1].trials].index(found.faults[pair[0]])
+                [t.fault for t in pair[1].trials].index(chosen_set.faults[pair[0]])
             ],
         )
-        chosen = list(found.found.faults)
-        chosen[found.given + i] = slot.trials[0].fault
-        changed = fault_set(fit(base.signals, chosen, slot.trials[0].found), found.given)
-        before, after = misfits([found.found, changed.found]).tolist()
+        chosen = list(chosen_set.fit.faults)
+        chosen[chosen_set.given + i] = slot.trials[0].fault
+        changed = fault_set(fit(base.signals, chosen, slot.trials[0].fit), chosen_set.given)
+        before, after = misfits([chosen_set.fit, changed.fit]).tolist()
         before, after = (
-            before + found.widening * found.surprise,
-            after + found.widening * changed.surprise,
+            before + chosen_set.widening * chosen_set.surprise,
+            after + chosen_set.widening * changed.surprise,
         )
         if not changed.sound or after > before + TIE:
             break
-        found = changed
-    return found, [_led_by(slot, fault) for slot, fault in zip(slots, found.faults, strict=True)]
+        chosen_set = changed
+    return chosen_set, [
+        _led_by(slot, fault) for slot, fault in zip(slots, chosen_set.faults, strict=True)
+    ]
 
 
 def same_lateness(one: SensorFault, other: SensorFault) -> bool:
-    """Whether both make the same channel late, in different ways."""
+    """Whether both delay the same channel, in different ways."""
     return (
         one.channel == other.channel
         and {one.kind, other.kind} <= {DELAY, LAG, ARM}
@@ -386,12 +417,12 @@ def same_trace(one: SensorFault, other: SensorFault) -> bool:
 
 def _slot(
     base: KinematicFit,
-    found: FaultSet,
+    chosen_set: FaultSet,
     fault: SensorFault,
     faults: Sequence[SensorFault],
-    singles: Sequence[Trial],
+    singles: Sequence[FaultTrial],
 ) -> Slot:
-    rest = [other for other in found.found.faults if other is not fault]
+    rest = [other for other in chosen_set.fit.faults if other is not fault]
     free = [
         each
         for each in faults
@@ -402,7 +433,7 @@ def _slot(
     else:
         others = fit(base.signals, rest, base)
         trials = tried(others, free)
-    misfit = misfits([others, found.found, *(t.found for t in trials)])
+    misfit = misfits([others, chosen_set.fit, *(t.fit for t in trials)])
     # The fault that stands has been fitted as long as any: its fit in the set serves.
     here = [
         misfit[1] if t.fault is fault else value
@@ -410,12 +441,12 @@ def _slot(
     ]
     here = [value + TIE * t.fault.rare for t, value in zip(trials, here, strict=True)]
     usual = [
-        value + found.widening * float(t.fault.surprise(t.size, t.variance))
+        value + chosen_set.widening * float(t.fault.surprise(t.size, t.variance))
         for t, value in zip(trials, here, strict=True)
     ]
-    sound = [t.told and (t.size > 0 or not t.fault.one_sided) for t in trials]
+    sound = [t.determined and (t.size > 0 or not t.fault.one_sided) for t in trials]
     order = sorted(range(len(trials)), key=lambda i: (not sound[i], usual[i]))
-    gains = (misfit[0] - np.array(here)) / found.widening
+    gains = (misfit[0] - np.array(here)) / chosen_set.widening
     led = [replace(trials[i], gain=max(float(gains[i]), 0.0)) for i in order]
     return Slot(others, tuple(led), (gains[order[0]] - gains)[order])
 
@@ -440,14 +471,14 @@ def _led_by(slot: Slot, fault: SensorFault) -> Slot:
 class FaultSearch:
     """Findings, the standing ones first; of every fault the trial that counts: of what stands and
     of its group that beside everything else that stands, of what shares a sensor's lateness with it
-    that in its place, of all others that beside everything that stands. ``found`` is the joint fit
+    that in its place, of all others that beside everything that stands. ``fit`` is the joint fit
     of the best of each group. ``early``: s by which a load would be ahead of its time, which no
     sensor can show, where that explains more than any fault: nothing further stands then.
     """
 
     findings: tuple[SensorFinding, ...]
-    trials: tuple[Trial, ...]
-    found: KinematicFit
+    trials: tuple[FaultTrial, ...]
+    fit: KinematicFit
     early: float | None = None
 
 
@@ -466,11 +497,11 @@ def search(
     charge = charge_of(settings.false_alarm, len(faults))
     chance = chance_of(settings.false_alarm, len(faults))
     singles = tried(base, faults)
-    refused: dict[SensorFault, Trial] = {}
+    refused: dict[SensorFault, FaultTrial] = {}
     while True:
         left = [fault for fault in faults if fault not in refused]
         best, early = _selected(
-            base, [t.found for t in singles if t.fault not in refused], left, charge, settings.most
+            base, [t.fit for t in singles if t.fault not in refused], left, charge, settings.most
         )
         best, slots = slots_of(base, best, left, singles)
         failing = [
@@ -480,7 +511,7 @@ def search(
             break
         refused |= {trial.fault: trial for trial in failing}
     groups = [_group(slot, bases, chance) for slot in slots]
-    return _searched(faults, groups, slots, singles, refused, best.found, early)
+    return _searched(faults, groups, slots, singles, refused, best.fit, early)
 
 
 def _selected(
@@ -494,23 +525,23 @@ def _selected(
     that belongs to what is best.
     """
     best = chosen(grow(base, singles, faults, charge, most), charge)
-    early = float(best.found.sizes[-1]) if best.early else None
+    early = float(best.fit.sizes[-1]) if best.early else None
     if best.early:
-        best = fault_set(fit(base.signals, best.found.faults[:-1], base), best.given)
+        best = fault_set(fit(base.signals, best.fit.faults[:-1], base), best.given)
     return needed(base, best, charge), early
 
 
-def _group(slot: Slot, bases: Sequence[KinematicFit], chance: float) -> list[Trial]:
+def _group(slot: Slot, bases: Sequence[KinematicFit], chance: float) -> list[FaultTrial]:
     best, *rivals = slot.within(chance)
     return [best, *(t for t in rivals if replicates(bases, slot.others, t))]
 
 
 def _searched(
     faults: Sequence[SensorFault],
-    groups: Sequence[Sequence[Trial]],
+    groups: Sequence[Sequence[FaultTrial]],
     slots: Sequence[Slot],
-    singles: Sequence[Trial],
-    refused: dict[SensorFault, Trial],
+    singles: Sequence[FaultTrial],
+    refused: dict[SensorFault, FaultTrial],
     current: KinematicFit,
     early: float | None,
 ) -> FaultSearch:
@@ -565,12 +596,14 @@ def _searched(
     return FaultSearch(tuple(findings), tuple(trials.values()), current, early)
 
 
-def _in_place(slots: Sequence[Slot]) -> tuple[dict[SensorFault, float], dict[SensorFault, Trial]]:
-    """Of each fault what it loses in the place of what stands, and its trial there, where it loses
-    least.
+def _in_place(
+    slots: Sequence[Slot],
+) -> tuple[dict[SensorFault, float], dict[SensorFault, FaultTrial]]:
+    """For each fault the position where it loses least in place of an accepted one: loss and
+    trial.
     """
     lost: dict[SensorFault, float] = {}
-    instead: dict[SensorFault, Trial] = {}
+    instead: dict[SensorFault, FaultTrial] = {}
     for slot in slots:
         for trial, loss in zip(slot.trials, slot.losses.tolist(), strict=True):
             if loss < lost.get(trial.fault, math.inf):
@@ -578,12 +611,12 @@ def _in_place(slots: Sequence[Slot]) -> tuple[dict[SensorFault, float], dict[Sen
     return lost, instead
 
 
-def _alone(singles: Sequence[Trial], fault: SensorFault) -> Trial:
+def _alone(singles: Sequence[FaultTrial], fault: SensorFault) -> FaultTrial:
     return next(trial for trial in singles if trial.fault == fault)
 
 
 def _finding(
-    trial: Trial,
+    trial: FaultTrial,
     group: tuple[str, ...],
     lost: float | None,
     *,

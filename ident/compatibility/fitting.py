@@ -1,6 +1,4 @@
-"""Fits of the kinematics, estimates of faults by both methods, and what the channels cannot
-determine.
-"""
+"""Fits of the kinematics, estimates of faults by both methods, and unobservable faults."""
 
 from __future__ import annotations
 
@@ -51,10 +49,13 @@ class KinematicFit:
 
     Attributes
     ----------
-    faults, sizes : what was fitted beside each record's own unknowns. own : values of these, one
-    array a record. noise : of the residual. cost : minus the log likelihood, priors included.
-    residuals : ``(m, N)`` a record, zero where a sample is missing. jacobians : ``(m, N, own +
-    faults)`` a record, of the reconstruction. outputs : ``(m, N)`` what the sensors should read.
+    faults, sizes : what was fitted beside each record's own unknowns.
+    own : values of these, one array a record.
+    noise : of the residual.
+    cost : minus the log likelihood, priors included.
+    residuals : ``(m, N)`` a record, zero where a sample is missing.
+    jacobians : ``(m, N, own + faults)`` a record, of the reconstruction.
+    outputs : ``(m, N)`` what the sensors should read.
     """
 
     signals: tuple[KinematicSignals, ...]
@@ -87,8 +88,8 @@ def fit(
     ]
     sizes = np.zeros(len(faults))
     if begin is not None:
-        known = dict(zip(begin.faults, begin.sizes.tolist(), strict=True))
-        sizes = np.array([known.get(fault, 0.0) for fault in faults])
+        sizes_by_fault = dict(zip(begin.faults, begin.sizes.tolist(), strict=True))
+        sizes = np.array([sizes_by_fault.get(fault, 0.0) for fault in faults])
     if first is not None:
         sizes = first.astype(float)
     begun = first_noise(signals)
@@ -207,7 +208,7 @@ def misfit(
     return total
 
 
-def whitened(found: KinematicFit) -> list[tuple[np.ndarray, np.ndarray]]:
+def whitened(kinematic_fit: KinematicFit) -> list[tuple[np.ndarray, np.ndarray]]:
     """Residual ``(m, N)`` and jacobian ``(m, N, c)`` of each record as those of independent samples
     of variance one.
 
@@ -215,14 +216,18 @@ def whitened(found: KinematicFit) -> list[tuple[np.ndarray, np.ndarray]]:
     all the same.
     """
     out = []
-    for s, residual, jacobian in zip(found.signals, found.residuals, found.jacobians, strict=True):
-        e = whitener(s, found.noise)(residual[:, :, None])[:, :, 0]
-        out.append((e, weigher(s, found.noise)(np.where(s.valid[:, :, None], jacobian, 0.0))))
+    for s, residual, jacobian in zip(
+        kinematic_fit.signals, kinematic_fit.residuals, kinematic_fit.jacobians, strict=True
+    ):
+        e = whitener(s, kinematic_fit.noise)(residual[:, :, None])[:, :, 0]
+        out.append(
+            (e, weigher(s, kinematic_fit.noise)(np.where(s.valid[:, :, None], jacobian, 0.0)))
+        )
     return out
 
 
 def least_misfit(
-    found: KinematicFit,
+    kinematic_fit: KinematicFit,
     whiteners: Sequence[Weigher],
     priors: Sequence[np.ndarray] | None = None,
 ) -> float:
@@ -234,30 +239,39 @@ def least_misfit(
     kinematics.
     """
     if priors is None:
-        priors = [np.array([1.0 / item.prior**2 for item in unknowns_of(s)]) for s in found.signals]
-    lines = list(zip(found.outputs, found.jacobians, strict=True))
-    information, gradient = normal_equations(found.signals, priors, found.own, lines, whiteners)
-    here = misfit(found.signals, priors, found.own, found.outputs, whiteners)
+        priors = [
+            np.array([1.0 / item.prior**2 for item in unknowns_of(s)])
+            for s in kinematic_fit.signals
+        ]
+    lines = list(zip(kinematic_fit.outputs, kinematic_fit.jacobians, strict=True))
+    information, gradient = normal_equations(
+        kinematic_fit.signals, priors, kinematic_fit.own, lines, whiteners
+    )
+    here = misfit(
+        kinematic_fit.signals, priors, kinematic_fit.own, kinematic_fit.outputs, whiteners
+    )
     return here - 0.5 * float(gradient @ bounded_inverse(information) @ gradient)
 
 
-def positions(found: KinematicFit) -> list[np.ndarray]:
-    """For each record, where the columns of its jacobian stand in the vector of all unknowns: own
-    ones first, then the faults.
+def positions(kinematic_fit: KinematicFit) -> list[np.ndarray]:
+    """Positions of the columns of each record's Jacobian in the vector of all unknowns: own ones
+    first, then the faults.
     """
-    total, out, at = sum(len(own) for own in found.own), [], 0
-    for own in found.own:
+    total, out, at = sum(len(own) for own in kinematic_fit.own), [], 0
+    for own in kinematic_fit.own:
         out.append(
-            np.concatenate([np.arange(at, at + len(own)), total + np.arange(len(found.faults))])
+            np.concatenate(
+                [np.arange(at, at + len(own)), total + np.arange(len(kinematic_fit.faults))]
+            )
         )
         at += len(own)
     return out
 
 
-def prior_information(found: KinematicFit) -> np.ndarray:
+def prior_information(kinematic_fit: KinematicFit) -> np.ndarray:
     """Diagonal information of the priors on all unknowns."""
-    own = [[1.0 / item.prior**2 for item in unknowns_of(s)] for s in found.signals]
-    return np.concatenate([*map(np.array, own), np.zeros(len(found.faults))])
+    own = [[1.0 / item.prior**2 for item in unknowns_of(s)] for s in kinematic_fit.signals]
+    return np.concatenate([*map(np.array, own), np.zeros(len(kinematic_fit.faults))])
 
 
 def normal_equations(
@@ -302,68 +316,74 @@ _PASSES = 4
 
 @dataclass(frozen=True, eq=False)
 class Sigmas:
-    """Of a smoother fit: covariance of all unknowns under its noise, and by how much the colour of
-    what is left widens each variance.
+    """Uncertainty of a smoother fit: covariance of all unknowns under its noise, and the factor of
+    each variance for coloured residuals.
     """
 
     covariance: np.ndarray
     widening: np.ndarray
 
 
-def smoother_sigmas(found: KinematicFit) -> Sigmas:
+def smoother_sigmas(kinematic_fit: KinematicFit) -> Sigmas:
     """Covariance of a fit, corrected for innovations that are not white
     (``ident.statistics.residual_spectrum``).
     """
-    white, at = whitened(found), positions(found)
-    information = np.diag(prior_information(found))
+    white, at = whitened(kinematic_fit), positions(kinematic_fit)
+    information = np.diag(prior_information(kinematic_fit))
     for (_, jacobian), where in zip(white, at, strict=True):
         J = jacobian.reshape(-1, jacobian.shape[2])
         information[np.ix_(where, where)] += J.T @ J
     inverse, _ = inverse_information(information, floor=OPEN)
     parts = [
         (where, jacobian, e, s.valid)
-        for (e, jacobian), where, s in zip(white, at, found.signals, strict=True)
+        for (e, jacobian), where, s in zip(white, at, kinematic_fit.signals, strict=True)
     ]
-    corrected = corrected_covariance(inverse, parts, np.ones(len(found.noise.outputs)))
+    corrected = corrected_covariance(inverse, parts, np.ones(len(kinematic_fit.noise.outputs)))
     own, wide = np.diag(inverse), np.diag(corrected)
     return Sigmas(
         inverse, np.maximum(np.divide(wide, own, out=np.ones_like(wide), where=own > 0), 1.0)
     )
 
 
-def output_error(found: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
+def output_error(kinematic_fit: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
     """Values of all unknowns by output error, begun at a smoother fit, and their covariance with
     the inputs' noise accounted for.
 
     Residuals are weighed by their own mean square, as if they were white; the covariance is that
     which such weights give under the noise of outputs and inputs of the smoother fit.
     """
-    own, sizes, at = [o.copy() for o in found.own], found.sizes.copy(), positions(found)
-    prior = prior_information(found)
-    unknowns = [unknowns_of(s) for s in found.signals]
-    largest = np.array([fault.largest for fault in found.faults])
+    own, sizes, at = (
+        [o.copy() for o in kinematic_fit.own],
+        kinematic_fit.sizes.copy(),
+        positions(kinematic_fit),
+    )
+    prior = prior_information(kinematic_fit)
+    unknowns = [unknowns_of(s) for s in kinematic_fit.signals]
+    largest = np.array([fault.largest for fault in kinematic_fit.faults])
     total = len(prior) - len(sizes)
-    lines = list(zip(found.outputs, found.jacobians, strict=True))
-    parts = [part_of_controls(s) for s in found.signals]
+    lines = list(zip(kinematic_fit.outputs, kinematic_fit.jacobians, strict=True))
+    parts = [part_of_controls(s) for s in kinematic_fit.signals]
     for turn in range(_PASSES):
         if turn:
             lines = [
-                linearised(s, u, found.faults, o, sizes)
-                for s, u, o in zip(found.signals, unknowns, own, strict=True)
+                linearised(s, u, kinematic_fit.faults, o, sizes)
+                for s, u, o in zip(kinematic_fit.signals, unknowns, own, strict=True)
             ]
-        measured = [np.array([s.channels[name] for name in s.outputs]) for s in found.signals]
+        measured = [
+            np.array([s.channels[name] for name in s.outputs]) for s in kinematic_fit.signals
+        ]
         residuals = [
             np.where(s.valid, z - y, 0.0)
-            for s, z, (y, _) in zip(found.signals, measured, lines, strict=True)
+            for s, z, (y, _) in zip(kinematic_fit.signals, measured, lines, strict=True)
         ]
-        counts = np.sum([s.valid.sum(axis=1) for s in found.signals], axis=0)
+        counts = np.sum([s.valid.sum(axis=1) for s in kinematic_fit.signals], axis=0)
         variance = np.maximum(
             np.sum([(e**2).sum(axis=1) for e in residuals], axis=0) / np.maximum(counts, 1), 1e-30
         )
         information, gradient = np.diag(prior), np.zeros(len(prior))
         columns = []
         for s, part, e, (_, slope), where in zip(
-            found.signals, parts, residuals, lines, at, strict=True
+            kinematic_fit.signals, parts, residuals, lines, at, strict=True
         ):
             J = part(np.where(s.valid[:, :, None], slope, 0.0)) / variance[:, None, None]
             columns.append(J)
@@ -380,11 +400,16 @@ def output_error(found: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
         if np.all(np.abs(step) <= 0.1 * np.sqrt(np.maximum(np.diag(inverse), 1e-300))):
             break
     spread = np.diag(prior)
-    for s, J, where in zip(found.signals, columns, at, strict=True):
-        spread[np.ix_(where, where)] += np.einsum("mnc,m,mnd->cd", J, found.noise.white, J)
+    for s, J, where in zip(kinematic_fit.signals, columns, at, strict=True):
+        spread[np.ix_(where, where)] += np.einsum("mnc,m,mnd->cd", J, kinematic_fit.noise.white, J)
         ahead = np.cumsum(J[:, ::-1], axis=1)[:, ::-1][:, 1:]
-        walk = np.einsum("mi,mnc->inc", walk_gains(s, found.noise), ahead) * s.steps[None, :, None]
-        spread[np.ix_(where, where)] += np.einsum("inc,i,ind->cd", walk, found.noise.density, walk)
+        walk = (
+            np.einsum("mi,mnc->inc", walk_gains(s, kinematic_fit.noise), ahead)
+            * s.steps[None, :, None]
+        )
+        spread[np.ix_(where, where)] += np.einsum(
+            "inc,i,ind->cd", walk, kinematic_fit.noise.density, walk
+        )
     inverse, _ = inverse_information(information, floor=OPEN)
     return np.concatenate([*own, sizes]), _sandwich(inverse, spread)
 
@@ -416,7 +441,7 @@ _CLOSE = 0.95
 FAMILIES = ((DELAY,), (SCALE,), (BIAS, DRIFT))
 
 
-def cannot_tell(
+def unobservable_sentences(
     base: KinematicFit, noise: RelationNoise, channels: Sequence[str]
 ) -> tuple[str, ...]:
     """Sentences for records fitted without a fault. Sizes count in units of what is common in
@@ -433,8 +458,8 @@ def cannot_tell(
 def unobservable_faults(
     information: np.ndarray, faults: Sequence[SensorFault], channels: Sequence[str]
 ) -> tuple[str, ...]:
-    """What ``information (k, k)`` on ``faults`` of ``channels``, in units of their plausible sizes,
-    leaves open, in sentences.
+    """Sentences on combinations of ``faults`` that ``information (k, k)`` does not determine, in
+    units of plausible sizes.
     """
     silent = np.diag(information) < 1.0
     out = []
@@ -485,10 +510,10 @@ def fault_information(
         for j, fault in enumerate(faults):
             columns[:, :, len(free) + j] *= fault.plausible
             if fault.kind == LAG:
-                late = sizes.copy()
-                late[j] = fault.plausible
+                last_fault = sizes.copy()
+                last_fault[j] = fault.plausible
                 columns[:, :, len(free) + j] = (
-                    evaluate(s, unknowns, faults, own[None], late[None])[:, 0] - y
+                    evaluate(s, unknowns, faults, own[None], last_fault[None])[:, 0] - y
                 )
         white = weigher(s, noise)(np.where(s.valid[:, :, None], columns, 0.0)).reshape(
             -1, columns.shape[2]
@@ -502,7 +527,7 @@ def fault_information(
 
 
 def _simple_rows(rows: np.ndarray, named: Sequence[SensorFault]) -> list[np.ndarray]:
-    """The same space by rows of few members: Gauss-Jordan, drifts expressed by biases."""
+    """The same space by rows with few members: Gauss-Jordan, drifts expressed by biases."""
     rows, out, done = rows.copy(), [], np.zeros(len(rows), dtype=bool)
     order = sorted(range(len(named)), key=lambda i: named[i].kind != DRIFT)
     for column in order:
@@ -525,8 +550,8 @@ def _simple_rows(rows: np.ndarray, named: Sequence[SensorFault]) -> list[np.ndar
 def _alike(
     information: np.ndarray, faults: Sequence[SensorFault], seen: Sequence[int]
 ) -> list[list[SensorFault]]:
-    """Groups of faults of which each looks like each other one; biases and drifts are told by their
-    combinations.
+    """Groups of faults that cannot be distinguished from each other; biases and drifts are told by
+    their combinations.
     """
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     left, out = [i for i in seen if faults[i].kind not in (BIAS, DRIFT)], []

@@ -25,7 +25,8 @@ from sim.maths import G0, linear_recurrence
 # ---- What may be wrong with a sensor, each under its effect's name
 
 BIAS, SCALE, DELAY, LAG, DRIFT, ARM = "bias", "scale", "delay", "lag", "drift", "arm"
-RIGHT, BELOW = "arm-right", "arm-below"  # as ARM is ahead, along the other two axes
+RIGHT = "arm-right"  # position of a sensor along the right wing, as ARM along the fuselage
+BELOW = "arm-below"  # position of a sensor downward
 ARMS = (ARM, RIGHT, BELOW)
 VANES = ("alpha", "beta")
 BOOM = "boom"  # both vanes, on one boom
@@ -102,9 +103,7 @@ class SensorFault:
         )
 
     def surprise(self, size: float | np.ndarray, variance: float | np.ndarray) -> np.ndarray:
-        """Log likelihood that an estimated size with its variance loses by what is known of such
-        sizes (``spread``).
-        """
+        """Log likelihood that an estimated size with its variance loses by the prior ``spread``."""
         return np.asarray(0.5 * np.square(size) / (self.spread**2 + variance))
 
     @property
@@ -130,7 +129,7 @@ class SensorFault:
 
     @property
     def plausible(self) -> float:
-        """A size that is common in practice: the scale of what a record can tell."""
+        """A size that is common in practice: the scale of observability."""
         own = {SCALE: 0.1, DELAY: 0.05, LAG: 0.05} | dict.fromkeys(ARMS, 5.0)
         return own.get(self.kind) or (
             0.05 * _SIZES[self.channel] if self.kind == DRIFT else _SIZES[self.channel]
@@ -138,8 +137,8 @@ class SensorFault:
 
     @property
     def worth(self) -> float:
-        """The size below which a fault is no finding, however significant: what interpolation and
-        an airspeed slightly wrong make.
+        """Smallest size that counts as a finding; smaller ones come from interpolation and airspeed
+        errors.
         """
         return 0.1 * self.plausible
 
@@ -151,9 +150,7 @@ class SensorFault:
 
     @property
     def one_sided(self) -> bool:
-        """Whether only a positive size can be: nothing is recorded before it happens, and no vane
-        stands behind.
-        """
+        """Whether only a positive size is possible: no delay is negative, no vane is behind."""
         return self.kind in (DELAY, LAG) or (self.kind == ARM and self.channel in (*VANES, BOOM))
 
     @property
@@ -165,9 +162,7 @@ class SensorFault:
 
     @property
     def offset(self) -> float:
-        """What is added to the size for the effect's own parameter: a scale is given as a
-        factor.
-        """
+        """Added to the size for the effect's own parameter: 1 for a scale, which is a factor."""
         return 1.0 if self.kind == SCALE else 0.0
 
 
@@ -303,7 +298,7 @@ def samples(s: KinematicSignals, name: str, value: Values) -> np.ndarray:
 def _read(
     s: KinematicSignals, name: str, state: np.ndarray, value: Values, speed: np.ndarray
 ) -> np.ndarray:
-    """What the sensor of a state shows: arm (with the true pitch rate), then as ``shown``."""
+    """Reading of the sensor of a state: arm (with the true pitch rate), then as ``shown``."""
     arm = value(name, ARM) + s.vane_arm
     if name == "alpha" and np.any(arm):
         state = state - arm / speed * samples(s, "q", value)
@@ -311,7 +306,7 @@ def _read(
 
 
 def shown(s: KinematicSignals, name: str, y: np.ndarray, value: Values) -> np.ndarray:
-    """What a sensor makes of a signal ``(P, N)``: lag, delay, scale, bias and drift, in this
+    """Reading of a sensor of a signal ``(P, N)``: lag, delay, scale, bias and drift, in this
     order.
     """
     t = s.time

@@ -39,13 +39,18 @@ class KinematicSignals:
 
     Attributes
     ----------
-    name : the record's. channels : those that a relation uses, ``(N,)`` each, gaps bridged by
-    straight lines. outputs : states whose measurement is compared with their reconstruction. valid
-    : ``(m, N)`` samples that count. speed : ``(N,)`` m/s, measured or the constant. gravity : m/s2.
-    vane_arm : m, known beforehand. jumps : ``(N,)`` g, about how far nz may have jumped at the held
-    inputs' switches, summed up; empty without a held input. spikes : number of isolated wrong
-    samples set aside, by channel. instruments : ``(N, L)``, what the recorded controls have moved
-    (``ident.compatibility.signals``); none where no control is recorded.
+    name : the record's.
+    channels : those that a relation uses, ``(N,)`` each, gaps bridged by straight lines.
+    outputs : states whose measurement is compared with their reconstruction.
+    valid : ``(m, N)`` samples that count.
+    speed : ``(N,)`` m/s, measured or the constant.
+    gravity : m/s2.
+    vane_arm : m, known beforehand.
+    jumps : ``(N,)`` g, about how far nz may have jumped at the held inputs' switches, summed up;
+        empty without a held input.
+    spikes : number of isolated wrong samples set aside, by channel.
+    instruments : ``(N, L)``, what the recorded controls have moved
+        (``ident.compatibility.signals``); none where no control is recorded.
     """
 
     name: str
@@ -117,8 +122,8 @@ def signals_of(
         there = there.copy()
         there[np.flatnonzero(there)[wrong]] = False
         raw[name], valid[name] = np.interp(record.time, record.time[there], values[there]), there
-    found = relations(channels)
-    used = {name for joined in found.values() for name in joined}
+    relation_list = relations(channels)
+    used = {name for joined in relation_list.values() for name in joined}
     edge = EDGE if record.time[-1] - record.time[0] > 50.0 * EDGE else 0.0
     inside = (record.time >= record.time[0] + edge) & (record.time <= record.time[-1] - edge)
     speed = (
@@ -132,14 +137,16 @@ def signals_of(
         {
             name: raw[name]
             for name in channels
-            if name in used or (name == "airspeed" and "alpha" in found)
+            if name in used or (name == "airspeed" and "alpha" in relation_list)
         },
-        tuple(found),
-        np.array([valid[name] & inside for name in found]).reshape(len(found), len(record)),
+        tuple(relation_list),
+        np.array([valid[name] & inside for name in relation_list]).reshape(
+            len(relation_list), len(record)
+        ),
         speed,
         gravity,
         vane_arm,
-        _jumps(record, raw) if "alpha" in found else np.zeros(0),
+        _jumps(record, raw) if "alpha" in relation_list else np.zeros(0),
         spikes,
     )
 
@@ -226,7 +233,7 @@ _INPUTS = {"alpha": ("q", "nz", "az"), "theta": ("q",), "airspeed": ("ax", "nx")
         "beta": ("r", "ny", "ay"),
         "height": ("theta",),
         "altitude": ("theta",),
-    },
+    }
 }
 
 
@@ -251,8 +258,8 @@ class RelationNoise:
 
 
 def walking_inputs(outputs: Sequence[str]) -> tuple[str, ...]:
-    """Inputs whose noise can be told apart: where alpha alone is integrated, q stands for nz
-    too.
+    """Inputs whose noise can be estimated; if alpha alone is integrated, q includes the noise of
+    nz.
     """
     if tuple(outputs) == ("alpha",):
         return ("q",)
@@ -269,8 +276,8 @@ def inputs_of(output: str) -> tuple[str, ...]:
 
 
 def first_noise(all_signals: Sequence[KinematicSignals]) -> RelationNoise:
-    """A start from the roughness of the channels: third differences hold noise, and of a smooth
-    motion next to nothing.
+    """Starting values of the noise from third differences, which contain little of a smooth
+    motion.
     """
     outputs = all_signals[0].outputs
     inputs = walking_inputs(outputs)
@@ -316,7 +323,7 @@ def roughness(x: np.ndarray) -> float:
 
 
 def walk_gains(s: KinematicSignals, noise: RelationNoise) -> np.ndarray:
-    """How each input's noise moves each output's walk over one second, ``(m, n)``."""
+    """Effect of each input's noise on each output's walk over one second, ``(m, n)``."""
     out = np.zeros((len(noise.outputs), len(noise.inputs)))
     for i, output in enumerate(noise.outputs):
         for j, name in enumerate(noise.inputs):
@@ -338,8 +345,8 @@ def _gain(s: KinematicSignals, output: str, name: str) -> float:
 
 @dataclass(frozen=True, eq=False)
 class RelationWhitener:
-    """Cholesky factor of the differences' covariance; ``log_determinant`` without what missing
-    samples add.
+    """Cholesky factor of the differences' covariance; ``log_determinant`` without missing
+    samples.
     """
 
     band: np.ndarray
@@ -355,7 +362,7 @@ class RelationWhitener:
         )
 
     def of_differences(self, flat: np.ndarray) -> np.ndarray:
-        """The same of ``differences`` of columns ``(N m, c)``, in their order."""
+        """Whiten ``differences`` of columns ``(N m, c)``, in their order."""
         from scipy.linalg.lapack import dtbtrs
 
         # SciPy 1.17's dtbtrs writes beyond its memory for no right-hand side
@@ -525,7 +532,7 @@ def instruments_of(record: Record, every: int = 1) -> np.ndarray:
 
 
 def instrumented(signals: Sequence[KinematicSignals]) -> bool:
-    """Whether every record has controls that tell a gust from a fault."""
+    """Whether every record has controls, which distinguish a gust from a fault."""
     return all(s.instruments.shape[1] for s in signals)
 
 
@@ -546,9 +553,7 @@ def weigher(s: KinematicSignals, noise: RelationNoise) -> Weigher:
 
 @lru_cache(maxsize=24)
 def shortened(s: KinematicSignals, noise: RelationNoise) -> Callable[[np.ndarray], np.ndarray]:
-    """What ``weigher`` makes of columns ``(m, N, c)``, in fewer rows ``(K, c)`` of the same
-    products.
-    """
+    """Columns ``(m, N, c)`` after ``weigher``, as fewer rows ``(K, c)`` with the same products."""
     white = whitener(s, noise)
     if not s.instruments.shape[1]:
         return lambda columns: white.of_differences(differences(columns))
@@ -576,12 +581,14 @@ def _projection(basis: np.ndarray) -> Weigher:
 
 
 def _orthonormal(flat: np.ndarray) -> np.ndarray:
-    """Orthonormal columns ``(m N, r)`` that span what columns ``(m N, c)`` span."""
+    """Orthonormal basis ``(m N, r)`` of the columns ``(m N, c)``."""
     gram = flat.T @ flat
     scale = 1.0 / np.sqrt(np.where(np.diag(gram) > 0, np.diag(gram), 1.0))
     values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))
-    told = values > _ALIKE * values[-1]
-    return np.asarray(flat @ (scale[:, None] * vectors[:, told] / np.sqrt(values[told])))
+    determined = values > _ALIKE * values[-1]
+    return np.asarray(
+        flat @ (scale[:, None] * vectors[:, determined] / np.sqrt(values[determined]))
+    )
 
 
 def _integral(u: np.ndarray, t: np.ndarray) -> np.ndarray:

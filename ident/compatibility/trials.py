@@ -58,10 +58,10 @@ class FaultQuantity:
 class SensorEstimate:
     """One fault alone, by both methods; the other sensors are taken as right.
 
-    ``difference``: output error less smoother, in standard deviations of that difference. ``told``:
-    whether the records say anything of it, its standard deviation below the size that is common in
-    practice. ``gain`` of the log likelihood, over the colour of what is left; ``p_value`` of that
-    gain, one-sided where only one sign can be.
+    ``difference``: output error less smoother, in standard deviations of that difference.
+    ``determined``: whether the standard deviation is below the size that is common in practice.
+    ``gain``: increase of the log likelihood under coloured residuals; ``p_value`` of that gain,
+    one-sided where only one sign can be.
     """
 
     name: str
@@ -73,7 +73,7 @@ class SensorEstimate:
     difference: float
     gain: float
     p_value: float
-    told: bool
+    determined: bool
 
     @property
     def agrees(self) -> bool:
@@ -148,10 +148,12 @@ class Compatibility:
 
     Attributes
     ----------
-    channels : all that were looked at. relations : by output, the channels that its relation joins.
+    channels : all that were looked at.
+    relations : by output, the channels that its relation joins.
     joint : all records together, sensor faults in common; ``single``: each by itself, empty where
-    that was not asked. cannot_tell : sentences, from the information of the records. notes : what
-    else there is to say.
+        that was not asked.
+    cannot_tell : sentences, from the information of the records.
+    notes : what else there is to say.
     """
 
     channels: tuple[str, ...]
@@ -164,7 +166,7 @@ class Compatibility:
 
     @property
     def findings(self) -> tuple[SensorFinding, ...]:
-        """Those of all records together, the standing ones first."""
+        """Findings of all records together, accepted ones first."""
         return self.joint.findings
 
 
@@ -176,13 +178,13 @@ _DEMANDED = 3.0  # standard deviations
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
-    """A fault fitted beside others: the fit, its variance (white noise and corrected), gain and
-    p-value over the colour of what is left.
+class FaultTrial:
+    """A fault fitted beside others: the fit, its variance (white and coloured residuals), gain and
+    p-value.
     """
 
     fault: SensorFault
-    found: KinematicFit
+    fit: KinematicFit
     size: float
     white: float
     variance: float
@@ -190,14 +192,12 @@ class Trial:
     p_value: float
 
     @property
-    def told(self) -> bool:
+    def determined(self) -> bool:
         return 0.0 < self.variance < self.fault.plausible**2
 
 
-def tried(base: KinematicFit, faults: Sequence[SensorFault]) -> list[Trial]:
-    """Each fault beside those of ``base``: to first order, and fitted in full where it may come to
-    matter.
-    """
+def tried(base: KinematicFit, faults: Sequence[SensorFault]) -> list[FaultTrial]:
+    """Each fault added to those of ``base``: linearised, and fitted in full if it may matter."""
     out = []
     for fault, quick in zip(faults, one_step(base, faults), strict=True):
         first = _trial(base, fault, quick)
@@ -208,25 +208,25 @@ def tried(base: KinematicFit, faults: Sequence[SensorFault]) -> list[Trial]:
     return out
 
 
-def _trial(base: KinematicFit, fault: SensorFault, found: KinematicFit) -> Trial:
-    sigmas = smoother_sigmas(found)
+def _trial(base: KinematicFit, fault: SensorFault, kinematic_fit: KinematicFit) -> FaultTrial:
+    sigmas = smoother_sigmas(kinematic_fit)
     white = float(sigmas.covariance[-1, -1])
     widening = float(sigmas.widening[-1])
     # A likelihood counts what a gust explains too: with controls recorded only their part of the
     # residual counts.
-    before, after = base.cost, found.cost
+    before, after = base.cost, kinematic_fit.cost
     if instrumented(base.signals):
-        whiteners = [weigher(s, found.noise) for s in found.signals]
-        before, after = least_misfit(base, whiteners), least_misfit(found, whiteners)
+        whiteners = [weigher(s, kinematic_fit.noise) for s in kinematic_fit.signals]
+        before, after = least_misfit(base, whiteners), least_misfit(kinematic_fit, whiteners)
     gain = max(before - after, 0.0) / widening
-    return Trial(
+    return FaultTrial(
         fault,
-        found,
-        float(found.sizes[-1]),
+        kinematic_fit,
+        float(kinematic_fit.sizes[-1]),
         white,
         white * widening,
         gain,
-        p_value(gain, found.sizes[-1], fault),
+        p_value(gain, kinematic_fit.sizes[-1], fault),
     )
 
 
@@ -243,9 +243,9 @@ def p_value(gain: float, size: float, fault: SensorFault) -> float:
     return float(chdtrc(1.0, 2.0 * gain))
 
 
-def estimate_of(trial: Trial) -> SensorEstimate:
+def estimate_of(trial: FaultTrial) -> SensorEstimate:
     """A fault by both methods."""
-    values, covariance = output_error(trial.found)
+    values, covariance = output_error(trial.fit)
     widening = trial.variance / trial.white if trial.white > 0 else 1.0
     own = float(covariance[-1, -1]) * widening
     difference = difference_in_sigmas(float(values[-1]), own, trial.size, trial.variance)
@@ -257,10 +257,10 @@ def estimate_of(trial: Trial) -> SensorEstimate:
         fault.unit,
         FaultQuantity(float(values[-1]) + fault.offset, math.sqrt(max(own, 0.0))),
         FaultQuantity(trial.size + fault.offset, math.sqrt(max(trial.variance, 0.0))),
-        difference if trial.told else 0.0,
+        difference if trial.determined else 0.0,
         trial.gain,
         trial.p_value,
-        trial.told,
+        trial.determined,
     )
 
 
@@ -295,13 +295,13 @@ def bias_estimates(base: KinematicFit) -> tuple[SensorEstimate, ...]:
 def with_more_faults(
     base: KinematicFit, faults: Sequence[SensorFault], sizes: np.ndarray
 ) -> KinematicFit:
-    """The fit of one record with faults that stand in all."""
+    """Fit one record with the faults of all records."""
     return fit(base.signals, faults, base, sizes) if faults else base
 
 
-def replicates(bases: Sequence[KinematicFit], current: KinematicFit, trial: Trial) -> bool:
-    """Whether the records by themselves agree on a fault, beside those that stand, and demand it
-    together with the sign that it has in all.
+def replicates(bases: Sequence[KinematicFit], current: KinematicFit, trial: FaultTrial) -> bool:
+    """Whether the records agree on a fault one by one, beside the accepted ones, and together
+    require it with the common sign.
     """
     from scipy.special import chdtrc
 
@@ -311,8 +311,8 @@ def replicates(bases: Sequence[KinematicFit], current: KinematicFit, trial: Tria
         tried(with_more_faults(base, current.faults, current.sizes), [trial.fault])[0]
         for base in bases
     ]
-    v = np.array([t.size for t in alone if t.told])
-    w = np.array([1.0 / t.variance for t in alone if t.told])
+    v = np.array([t.size for t in alone if t.determined])
+    w = np.array([1.0 / t.variance for t in alone if t.determined])
     if len(v) < 2:
         return False
     mean = float(np.sum(w * v) / np.sum(w))
@@ -321,9 +321,7 @@ def replicates(bases: Sequence[KinematicFit], current: KinematicFit, trial: Tria
 
 
 def one_step(base: KinematicFit, faults: Sequence[SensorFault]) -> list[KinematicFit]:
-    """For each fault the fit in which it is added to ``base``, to first order and with the noise of
-    ``base``: one linear solve each.
-    """
+    """For each fault the linearised fit with it added to ``base``, with the noise of ``base``."""
     white, at, slopes = whitened(base), positions(base), []
     information = np.diag(prior_information(base))
     gradient = np.zeros(sum(len(own) for own in base.own) + len(base.faults))

@@ -24,7 +24,7 @@ import numpy as np
 
 from ident.estimate import Estimate, Outcome, quiet_numerics
 from ident.filters.one_record import (
-    Equations,
+    FilterEquations,
     Taylor,
     Transition,
     filter_one,
@@ -55,17 +55,18 @@ _FEW = 6  # states and parameters below which column by column is the cheaper Ja
 
 @dataclass(frozen=True)
 class FilterSettings:
-    """How a filter integrates.
+    """Integration and linearisation of a filter.
 
     Attributes
     ----------
     step : integrator of the mean (``euler_step`` or ``rk4_step``).
     transition : fundamental matrix and process noise (``Taylor(2)``, ``Taylor(3)``,
-    ``Exponential()``). max_step : longest sub-step, s; F is formed anew in each. The sampling
-    interval when infinite. passes : at most how often the record is run through; each pass starts
-    from the parameters that the one
-        before found, with the declared prior covariance, so that F is formed nearer to the truth.
-        It stops when nothing moves by more than a hundredth of a sigma. 1 is the plain filter.
+        ``Exponential()``).
+    max_step : longest sub-step, s; F is formed anew in each. The sampling interval when infinite.
+    passes : at most how often the record is run through; each pass starts from the parameters that
+        the one before found, with the declared prior covariance, so that F is formed nearer to the
+        truth. It stops when nothing moves by more than a hundredth of a sigma. 1 is the plain
+        filter.
     """
 
     step: Step = rk4_step
@@ -89,7 +90,7 @@ def run_ekf(
     system : compiled with ``online=True``; initial state, priors and noise from its declaration.
     settings : integration; RK4 mean and three Taylor terms when None.
     by : what runs a pass; ``filter_by_filterpy`` when None. ``ident.banks.bank.filter_batched`` is
-    the own kernel, equal to rounding.
+        the own kernel, equal to rounding.
 
     Returns
     -------
@@ -133,12 +134,12 @@ def filter_by_table(
     equations = table_equations(problem, settings.step, settings.transition)
     if equations is None:
         return None
-    kept = empty_history(problem)
+    buffers = empty_history(problem)
     with np.errstate(all="ignore"):
         sound = filter_one(
-            problem, equations, problem.start if start is None else start, about, kept
+            problem, equations, problem.start if start is None else start, about, buffers
         )
-        return finished(problem, kept, "ekf") if sound else None
+        return finished(problem, buffers, "ekf") if sound else None
 
 
 def filter_by_filterpy(
@@ -155,7 +156,7 @@ def filter_by_filterpy(
     problem, settings : record and System brought together, and how to integrate.
     start : ``(n,)`` mean before the first sample; the declared one when None.
     about : ``(n, N)`` trajectory at the samples to linearise about, instead of the filter's own
-    estimate.
+        estimate.
 
     Returns
     -------
@@ -170,8 +171,8 @@ def filter_by_complex_step(
     start: np.ndarray | None = None,
     about: np.ndarray | None = None,
 ) -> Estimate:
-    """``filter_by_filterpy`` with matrices from complex steps, also where the equations have a
-    table: the reference for tables.
+    """Run ``filter_by_filterpy`` with matrices from complex steps also for bilinear equations: the
+    reference of the tables.
     """
     return _filtered(problem, _by_complex_step(problem, settings), start, about)
 
@@ -214,13 +215,13 @@ def _filtered(
 
 @dataclass(frozen=True, eq=False)
 class _Linearised:
-    """The equations of one record as filterpy needs them.
+    """Equations of one record in the form that filterpy needs.
 
     Attributes
     ----------
     move : from sub-step ``s`` and a point ``(n,)``: the states ``(n_x,)`` after it, the fundamental
-    matrix and Q_k ``(n, n)``. look : from sample ``k`` and a point ``(n,)``: outputs ``(m,)`` and
-    their slopes ``(m, n)``.
+        matrix and Q_k ``(n, n)``.
+    look : from sample ``k`` and a point ``(n,)``: outputs ``(m,)`` and their slopes ``(m, n)``.
     """
 
     move: Callable[[int, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -228,14 +229,14 @@ class _Linearised:
 
 
 def _linearised(problem: FilterProblem, settings: FilterSettings) -> _Linearised:
-    """By the table of the equations where they have one, else by complex steps."""
+    """Equations by their table if they are bilinear, else by complex steps."""
     equations = table_equations(problem, settings.step, settings.transition)
     return (
         _by_complex_step(problem, settings) if equations is None else _by_table(problem, equations)
     )
 
 
-def _by_table(problem: FilterProblem, equations: Equations) -> _Linearised:
+def _by_table(problem: FilterProblem, equations: FilterEquations) -> _Linearised:
     n, n_x, m = len(problem.names), len(problem.system.states), len(problem.variance)
     point, slopes, none, one = equations.point, equations.G[:, :n], np.zeros((n, n)), np.eye(n)
 
@@ -284,7 +285,7 @@ def _by_complex_step(problem: FilterProblem, settings: FilterSettings) -> _Linea
 
 
 def _predict(ekf: Any, equations: _Linearised, s: int, point: np.ndarray | None) -> None:
-    """filterpy's prediction over one sub-step, the mean integrated in its ``predict_x``; ``point
+    """Prediction over one sub-step with filterpy, the mean integrated in its ``predict_x``; ``point
     (n,)`` to linearise at moves along.
     """
     before = ekf.x[:, 0]
@@ -314,8 +315,8 @@ def _update(
     keeper: HistoryKeeper,
     point: np.ndarray | None,
 ) -> Outcome | None:
-    """filterpy's update (Joseph's form) with the channels that have a sample; how it broke down, if
-    it did.
+    """Update (Joseph's form) with filterpy, of channels that have a sample; returns how it
+    diverged, if so.
     """
     at = ekf.x[:, 0] if point is None else point
     expected, slopes = equations.look(k, at)
@@ -362,15 +363,17 @@ def run_iterated_ekf(
     first: System | None = None,
     by: OnePass = filter_by_filterpy,
 ) -> Estimate:
-    """Estimate states and free parameters by a filter that is linearised anew about its own
-    smoothed result.
+    """Estimate states and free parameters by a filter linearised about its own smoothed trajectory,
+    iterated to convergence.
 
     Parameters
     ----------
     record, system, settings : as for ``run_ekf``; ``settings.passes`` is not used.
     iterations : limit of passes; it stops when no parameter moves by more than a hundredth of its
-    sigma. first : the same system with another start and narrower priors, for the first pass alone:
-    it gives the first point to linearise at. by : what runs a pass, as for ``run_ekf``.
+        sigma.
+    first : the same system with another start and narrower priors, for the first pass alone: it
+        gives the first point to linearise at.
+    by : what runs a pass, as for ``run_ekf``.
 
     Returns
     -------
@@ -393,7 +396,7 @@ def run_iterated_ekf(
 def settled(
     estimate: Estimate, further: Callable[[SmoothedHistory], Estimate], iterations: int
 ) -> Estimate:
-    """Passes about the smoothed result of the one before, until no parameter moves by more than a
+    """Repeat passes about the last smoothed trajectory until no parameter changes by more than a
     hundredth of its sigma.
     """
     if estimate.outcome is not Outcome.CONVERGED:

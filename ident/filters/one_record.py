@@ -1,16 +1,16 @@
 """One pass of the extended Kalman filter over one record, with transition matrices and process
 noise.
 
-Eq. 8 of the simulated-flight-data paper (Taylor series of exp(F T)) and its eq. 13,
-Q_k = integral over the step of Phi(tau) Q Phi(tau)^T, solved in closed form for each choice.
+Eq. 8 of the simulated-flight-data paper (Taylor series of exp(F T)) and its eq. 13, Q_k = integral
+over the step of Phi(tau) Q Phi(tau)^T, solved in closed form for each choice.
 
-The same filter as filterpy's in `ident.filters.ekf`, Joseph's update in two products: with G = [H,
--I, y] and W of P and R side by side, H P and S come from G W, and P becomes B W B^T with B = [I - K
-H, K]. Every product lands in the history, and what broke down is looked for once, at the end.
+The filter equals filterpy's in `ident.filters.ekf`, with Joseph's update in two products: with G =
+[H, -I, y] and W of P and R side by side, H P and S come from G W, and P becomes B W B^T with B = [I
+- K H, K]. Results are written into the history, which is checked once at the end.
 
-At this size a call costs more than its arithmetic. All that is linear in w = (1, states,
-parameters, inputs) stands side by side in one table: the Jacobian, the halves of the values, the
-factors of the Runge-Kutta step and of the fundamental matrix.
+For such small matrices a call costs more than its arithmetic. So one table, times w = (1, states,
+parameters, inputs), gives all terms that are linear in w: the Jacobian, the halves of the values,
+the factors of the Runge-Kutta step and of the fundamental matrix.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from typing import Protocol
 
 import numpy as np
 
-from ident.bilinear_table import Bilinear, held_within_steps, system_tables
-from ident.filters.problem import FilterProblem, Kept
+from ident.bilinear_table import Bilinear, constant_within_steps, system_tables
+from ident.filters.problem import FilterBuffers, FilterProblem
 from sim.propagation import Step, euler_step, rk4_step
 
 # ---- Fundamental matrix and discrete process noise over one step
@@ -89,11 +89,11 @@ class Taylor:
 def noise_of_series(
     r: int, density: np.ndarray, terms: int
 ) -> Callable[[list[np.ndarray], np.ndarray, float], np.ndarray | None]:
-    """Prepare the first r rows of Q_k for ``Phi = I + M_1 + ... `` of so many terms, M_k = F^k dt^k
-    / k!, F zero below its first r rows.
+    """Prepare the first r rows of Q_k for ``Phi = I + M_1 + ...`` with ``terms`` terms, M_k = F^k
+    dt^k / k!, F zero below its first r rows.
 
-    The function takes the same rows of the M_k ``(..., r, n)``, an array of their shape and the
-    step, and gives None where nothing drives.
+    The returned function takes the same rows of the M_k ``(..., r, n)``, an array of their shape
+    and the step (s); it gives None without process noise.
     """
     driven = np.flatnonzero(density)
     walking, width, walks = driven >= r, driven.size, bool(np.any(driven >= r))
@@ -179,19 +179,20 @@ def log_gaussian(y: np.ndarray, S: np.ndarray) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class Equations:
-    """The equations of one filter, evaluated at a point that they keep (n states and free
-    parameters, n_x states, m outputs).
+class FilterEquations:
+    """Equations of one filter at its point of linearisation (n states and free parameters, n_x
+    states, m outputs).
 
     Attributes
     ----------
     point : ``(n,)`` where they are linearised.
     move : over sub-step ``s``: moves the states of the point, writes the state rows ``(n_x, n)`` of
-    the fundamental matrix into its second
-        argument and returns Q_k ``(n, n)``, None without process noise.
+        the fundamental matrix into its second argument and returns Q_k ``(n, n)``, None without
+        process noise.
     look : at sample ``k``: writes the outputs ``(m,)`` at the point into its second argument and,
-    where ``varying``, their slopes into ``G``. G : ``(m, n + m + 1)``, the slopes, minus the unit
-    matrix, and room for a column. varying : whether the slopes of the outputs change.
+        where ``varying``, their slopes into ``G``.
+    G : ``(m, n + m + 1)``, the slopes, minus the unit matrix, and room for a column.
+    varying : whether the slopes of the outputs change.
     """
 
     point: np.ndarray
@@ -203,23 +204,23 @@ class Equations:
 
 def filter_one(
     problem: FilterProblem,
-    equations: Equations,
+    equations: FilterEquations,
     start: np.ndarray,
     about: np.ndarray | None,
-    kept: Kept,
+    buffers: FilterBuffers,
 ) -> bool:
-    """Filter a record from ``start (n,)``, linearised about the trajectory ``about (n, N)`` where
-    given; fills ``kept``.
+    """Filter a record from ``start (n,)`` and fill ``buffers``; ``about (n, N)``: trajectory to
+    linearise about.
 
-    False where an innovation's covariance is not positive definite. Other numbers may be infinite
-    or NaN: the caller looks.
+    Returns False if the covariance of an innovation is not positive definite. Other results may be
+    infinite or NaN; the caller checks them.
     """
     from scipy.linalg.lapack import dposv
 
     point, look, G = equations.point, equations.look, equations.G
     varying, dot, subtract = equations.varying, np.dot, np.subtract
     m, n = len(G), len(point)
-    predict = _prediction(problem, equations, about, kept.transition)
+    predict = _prediction(problem, equations, about, buffers.transition)
     point[:] = start
     x = point if about is None else start.copy()
     W = np.zeros((n + m + 1, n + m + 1))
@@ -238,9 +239,9 @@ def filter_one(
     }
     z = np.where(problem.valid, problem.z, 0.0).T.copy()
     P = problem.covariance
-    before = zip(kept.predicted_mean, kept.predicted_covariance, strict=True)
-    after = zip(kept.mean, kept.covariance, strict=True)
-    samples = zip(before, after, kept.S, kept.outputs, z, strict=True)
+    before = zip(buffers.predicted_mean, buffers.predicted_covariance, strict=True)
+    after = zip(buffers.mean, buffers.covariance, strict=True)
+    samples = zip(before, after, buffers.S, buffers.outputs, z, strict=True)
     for k, ((x_before, P_before), (mean, P_after), S, expected, measured) in enumerate(samples):
         if k:
             predict(k, x, P, P_before)
@@ -256,7 +257,7 @@ def filter_one(
         gone = missing.get(k)
         whole = None if gone is None else _left_out(gone, G, W)
         if varying:
-            kept.sensitivity[k] = H
+            buffers.sensitivity[k] = H
         W_P[:] = P_before
         dot(G, W, GW)
         dot(GW, G_turned, S)
@@ -271,15 +272,15 @@ def filter_one(
         x[:], P = mean, P_after
         if whole is not None:
             G[:], W[noise, noise] = whole, problem.variance
-    kept.innovation[:] = np.where(problem.valid.T, z - kept.outputs, 0.0)
+    buffers.innovation[:] = np.where(problem.valid.T, z - buffers.outputs, 0.0)
     if not varying:
-        kept.sensitivity[:] = H * problem.valid.T[:, :, None]
+        buffers.sensitivity[:] = H * problem.valid.T[:, :, None]
     return True
 
 
 def _left_out(gone: np.ndarray, G: np.ndarray, W: np.ndarray) -> np.ndarray:
-    """Make the channels ``gone`` ones that say nothing: no slopes, no innovation, one in S. Returns
-    ``G`` as it was.
+    """Remove the channels ``gone`` from an update: zero slopes and innovation, one in S. Returns
+    the old ``G``.
     """
     n, whole = len(W) - len(G) - 1, G.copy()
     G[gone, :n] = G[gone, -1] = 0.0
@@ -288,10 +289,13 @@ def _left_out(gone: np.ndarray, G: np.ndarray, W: np.ndarray) -> np.ndarray:
 
 
 def _prediction(
-    problem: FilterProblem, equations: Equations, about: np.ndarray | None, transition: np.ndarray
+    problem: FilterProblem,
+    equations: FilterEquations,
+    about: np.ndarray | None,
+    transition: np.ndarray,
 ) -> Callable[[int, np.ndarray, np.ndarray, np.ndarray], None]:
-    """Moves the mean in place and the covariance into its place over the sub-steps to sample k, and
-    fills their fundamental matrix.
+    """Function that moves mean and covariance over the sub-steps to sample k, and fills the
+    fundamental matrix.
     """
     move, point, n = equations.move, equations.point, len(problem.names)
     n_x, dot = len(problem.system.states), np.dot
@@ -329,28 +333,30 @@ _ORDERS = {rk4_step: 4, euler_step: 1}
 _TERMS = {Taylor(2): 2, Taylor(3): 3}
 
 
-def table_equations(problem: FilterProblem, step: Step, transition: Transition) -> Equations | None:
-    """None where the equations are not bilinear, an input changes within a step, or integrator or
-    transition are none of those written here.
+def table_equations(
+    problem: FilterProblem, step: Step, transition: Transition
+) -> FilterEquations | None:
+    """Equations from the table; None if they are not bilinear, an input changes within a step, or
+    there is no closed form for integrator or transition.
     """
-    if step not in _ORDERS or transition not in _TERMS or not held_within_steps(problem.drive):
+    if step not in _ORDERS or transition not in _TERMS or not constant_within_steps(problem.drive):
         return None
-    found = system_tables(problem.system, problem.p)
-    if found is None:
+    result = system_tables(problem.system, problem.p)
+    if result is None:
         return None
-    f, h = found
+    f, h = result
     w = np.zeros(len(f.table))
     w[0] = 1.0
     move = _motion(f, w, problem, _ORDERS[step], _TERMS[transition])
     look, G, varying = _outputs(h, w, problem)
-    return Equations(w[1 : 1 + f.n], move, look, G, varying)
+    return FilterEquations(w[1 : 1 + f.n], move, look, G, varying)
 
 
 def _motion(
     f: Bilinear, w: np.ndarray, problem: FilterProblem, steps: int, terms: int
 ) -> Callable[[int, np.ndarray], np.ndarray | None]:
-    """``Equations.move``: moves the states in ``w`` and fills the state rows of the fundamental
-    matrix.
+    """``FilterEquations.move``: moves the states in ``w`` and fills the state rows of the
+    fundamental matrix.
     """
     width, n, n_x = len(w), f.n, len(problem.system.states)
     coefficients = f.table.reshape(width, n_x, n + width)
@@ -372,11 +378,11 @@ def _motion(
     )
     shapes = [np.block(pair[0]).shape[1:] for pair in blocks]
     ends = np.cumsum([0, *(rows * columns for rows, columns in shapes)]).tolist()
-    room = np.concatenate([np.zeros(ends[-1]), np.eye(n_x, n).ravel()])
+    workspace = np.concatenate([np.zeros(ends[-1]), np.eye(n_x, n).ravel()])
     of_values, *stages, blend, F = (
-        room[a:b].reshape(shape) for (a, b), shape in zip(pairwise(ends), shapes, strict=True)
+        workspace[a:b].reshape(shape) for (a, b), shape in zip(pairwise(ends), shapes, strict=True)
     )
-    product, F_on_one = room[: ends[-1]], room[ends[-2] :].reshape(2 * n_x, n)
+    product, F_on_one = workspace[: ends[-1]], workspace[ends[-2] :].reshape(2 * n_x, n)
     states, table, sizes = w[1 : 1 + n_x], np.empty_like(constant), problem.grid.steps.tolist()
     values = np.zeros(n_x)
     way = [(stage, np.zeros(len(stage))) for stage in stages]
@@ -396,9 +402,9 @@ def _motion(
         dot(w, table, product)
         dot(of_values, w, values)
         last = values
-        for stage, found in way:
-            dot(stage, last, found)
-            last = found
+        for stage, result in way:
+            dot(stage, last, result)
+            last = result
         add(states, change, states)
         dot(blend, F_on_one, rows)
         return None if noise_of is None else noise_of(dt)
@@ -409,8 +415,8 @@ def _motion(
 def _stages(
     A: np.ndarray, none: np.ndarray, one: np.ndarray, steps: int
 ) -> list[tuple[list[list[np.ndarray]], list[list[np.ndarray]]]]:
-    """Matrices that lead from f to (I + A/2 (I + A/3 (I + A/4))) f one after the other, f carried
-    along in between; none for a single step.
+    """Matrices that lead from f to (I + A/2 (I + A/3 (I + A/4))) f one after the other; none for a
+    single step.
     """
     if steps == 1:
         return []
@@ -421,8 +427,8 @@ def _stages(
 
 
 def _feeding(w: np.ndarray, n: int, rows: Sequence[np.ndarray]) -> Callable[[int], None]:
-    """Writes the inputs of a step into the end of ``w``, after one and ``n`` more; a single one,
-    the usual case, as a number.
+    """Function that writes the inputs of a step into the end of ``w``, after one and ``n``
+    entries.
     """
     inputs = w[1 + n :]
     if not len(inputs):
@@ -445,10 +451,10 @@ def _feeding(w: np.ndarray, n: int, rows: Sequence[np.ndarray]) -> Callable[[int
 def _noise(
     problem: FilterProblem, half: np.ndarray, slopes: np.ndarray, terms: int
 ) -> Noise | None:
-    """Q_k of the step that was made last, None where nothing drives: sum over i, j of M_i Q M_j^T
-    dt / (i + j + 1), M_i the terms of Phi.
+    """Q_k of the last step, None without process noise: sum over i, j of M_i Q M_j^T dt / (i + j +
+    1), M_i the terms of Phi.
 
-    ``half (n_x, n_x)`` is I + A/2, ``slopes (n_x, n)`` F, both with the step in them.
+    ``half (n_x, n_x)``: I + A/2; ``slopes (n_x, n)``: F; both times the step.
     """
     driven, order = np.flatnonzero(problem.density), np.arange(terms)
     if not driven.size:
@@ -471,7 +477,7 @@ def _noise(
 def _outputs(
     h: Bilinear, w: np.ndarray, problem: FilterProblem
 ) -> tuple[Callable[[int, np.ndarray], None], np.ndarray, bool]:
-    """``look``, ``G`` and ``varying`` of ``Equations``."""
+    """``look``, ``G`` and ``varying`` of ``FilterEquations``."""
     width, n, m = len(w), h.n, len(problem.variance)
     coefficients = h.table.reshape(width, m, n + width)
     beside = np.zeros((width, m, m + 1))

@@ -1,6 +1,4 @@
-"""What a filter starts from and what it keeps: data, grid, start and covariance; histories and the
-Estimate.
-"""
+"""Data, grid, start and covariance of a filter; its histories and its Estimate."""
 
 from __future__ import annotations
 
@@ -58,8 +56,7 @@ def filter_problem(record: Record, system: System, max_step: float) -> FilterPro
     Raises
     ------
     ModelError : no free parameter has data (no output in common), an unknown noise level, a free
-    parameter or
-        state without a prior standard deviation, an effect that cannot run on line.
+        parameter or state without a prior standard deviation, an effect that cannot run on line.
     """
     present = [name for name in system.output_names if name in record.output_names]
     if not present:
@@ -115,7 +112,7 @@ def filter_problem(record: Record, system: System, max_step: float) -> FilterPro
 
 
 def with_free(p: Sequence[float], free: Sequence[int], values: Sequence[object]) -> list:
-    """All parameters with the free ones replaced, for calling a System."""
+    """All parameters, the free ones replaced by ``values``, as a System takes them."""
     out: list = list(p)
     for index, value in zip(free, values, strict=True):
         out[index] = value
@@ -123,8 +120,8 @@ def with_free(p: Sequence[float], free: Sequence[int], values: Sequence[object])
 
 
 def prior_std(system: System, name: str, *, state: bool) -> float:
-    """Prior standard deviation of a state or a free parameter, zero for a state that is held;
-    ModelError where none is declared.
+    """Prior standard deviation of a state or free parameter, 0 for a fixed state; ModelError if
+    none is declared.
     """
     item = system.initial[name] if state else system.parameters[name]
     if state and not item.free:
@@ -151,7 +148,7 @@ def proportional_priors(
     Parameters
     ----------
     engineering : standard deviations by name; it overrides the share, and may name what is not
-    free.
+        free.
 
     Raises
     ------
@@ -179,8 +176,8 @@ LOG_TWO_PI = float(np.log(2.0 * np.pi))
 def breakdown(
     mean: np.ndarray, covariance: np.ndarray, *further: np.ndarray | float
 ) -> Outcome | None:
-    """How a filter broke down, None for a sound mean ``(n,)``, covariance ``(n, n)`` and further
-    numbers.
+    """How a filter diverged; None if mean ``(n,)``, covariance ``(n, n)`` and further numbers are
+    finite.
     """
     numbers = (mean, covariance, *further)
     # Sums of squares are the cheaper bound, and a NaN fails either comparison.
@@ -192,10 +189,10 @@ def breakdown(
 
 
 class HistoryKeeper:
-    """Collects predictions, innovations and updates of one pass; any filter can use it.
+    """Collects predictions, innovations and updates of one pass of any filter.
 
-    A filter that breaks down leaves the samples after the last sound one at that sample's values,
-    so no history holds anything but finite numbers.
+    After a divergence the remaining samples keep the last finite values, so that a history has only
+    finite numbers.
     """
 
     def __init__(self, problem: FilterProblem) -> None:
@@ -221,7 +218,7 @@ class HistoryKeeper:
     def predicted(
         self, k: int, mean: np.ndarray, covariance: np.ndarray, transition: np.ndarray
     ) -> None:
-        """Before the update at sample ``k``."""
+        """Store the prediction before the update at sample ``k``."""
         self._predicted_mean[:, k], self._predicted_covariance[k], self._transition[k] = (
             mean,
             covariance,
@@ -229,11 +226,11 @@ class HistoryKeeper:
         )
 
     def transition(self, k: int) -> np.ndarray:
-        """The transition kept for sample ``k``."""
+        """Transition stored for sample ``k``."""
         return self._transition[k]
 
     def outputs(self, k: int, y: np.ndarray) -> None:
-        """All outputs ``(m,)`` that the filter expects at sample ``k``, also of channels without a
+        """Store all outputs ``(m,)`` predicted at sample ``k``, also of channels without a
         sample.
         """
         self._outputs[:, k] = y
@@ -248,19 +245,19 @@ class HistoryKeeper:
         log_likelihood: float,
         nis: float,
     ) -> None:
-        """Innovation ``y`` of the channels ``rows``, its covariance ``S``, and the output
-        sensitivity ``H`` that gave the gain.
+        """Store the innovation ``y`` of the channels ``rows``, its covariance ``S``, and the output
+        sensitivity ``H`` of the gain.
         """
         self._innovation[rows, k], self._valid[rows, k], self._sensitivity[k, rows] = y, True, H
         self._innovation_covariance[k][np.ix_(rows, rows)] = S
         self._log_likelihood[k], self._nis[k], self._degrees[k] = log_likelihood, nis, len(rows)
 
     def filtered(self, k: int, mean: np.ndarray, covariance: np.ndarray) -> None:
-        """After the update at sample ``k``, which was sound."""
+        """Store the result of the update at sample ``k``, which was finite."""
         self._mean[:, k], self._covariance[k], self._last = mean, covariance, k
 
     def estimate(self, method: str, outcome: Outcome) -> Estimate:
-        """The estimate after the last sound sample."""
+        """Return the estimate after the last finite sample."""
         problem, last, N = self._problem, self._last, len(self._problem.time)
         final_mean = self._mean[:, last] if last >= 0 else problem.start
         final_covariance = self._covariance[last] if last >= 0 else problem.covariance
@@ -301,10 +298,13 @@ class HistoryKeeper:
         )
 
 
-class Kept(NamedTuple):
-    """What a pass writes while it runs, the sample first: means ``(N, n)`` and covariances ``(N, n,
-    n)`` before and after each update, the transition to it, innovations ``(N, m)`` with ``S (N, m,
-    m)``, sensitivities ``(N, m, n)`` and expected outputs ``(N, m)``."""
+class FilterBuffers(NamedTuple):
+    """Arrays that a pass fills, the sample first.
+
+    Means ``(N, n)`` and covariances ``(N, n, n)`` before and after each update, the transition to
+    it, innovations ``(N, m)`` with ``S (N, m, m)``, sensitivities ``(N, m, n)`` and predicted
+    outputs ``(N, m)``.
+    """
 
     mean: np.ndarray
     covariance: np.ndarray
@@ -317,8 +317,8 @@ class Kept(NamedTuple):
     outputs: np.ndarray
 
 
-def empty_history(problem: FilterProblem) -> Kept:
-    """Room for a pass; transitions are the identity."""
+def empty_history(problem: FilterProblem) -> FilterBuffers:
+    """Return the arrays of a pass; transitions are the identity."""
     n, (m, N) = len(problem.names), problem.valid.shape
     whole, mean, output = (N, n, n), (N, n), (N, m)
     transition = np.array(np.broadcast_to(np.eye(n), whole), order="C")
@@ -331,61 +331,61 @@ def empty_history(problem: FilterProblem) -> Kept:
         np.empty(output),
         np.empty((N, m, m)),
     )
-    return Kept(*arrays, np.empty((N, m, n)), np.empty(output))
+    return FilterBuffers(*arrays, np.empty((N, m, n)), np.empty(output))
 
 
-def finished(problem: FilterProblem, kept: Kept, method: str) -> Estimate | None:
-    """The estimate of a pass that went through; None where a number is not finite, or a variance
-    negative, by the rules of ``breakdown``.
+def finished(problem: FilterProblem, buffers: FilterBuffers, method: str) -> Estimate | None:
+    """Estimate of a completed pass; None if a number is not finite or a variance negative
+    (``breakdown``).
     """
-    variance = np.diagonal(kept.covariance, axis1=1, axis2=2)
+    variance = np.diagonal(buffers.covariance, axis1=1, axis2=2)
     if (
         not all(
-            each.max(initial=0.0) < LARGEST and each.min(initial=0.0) > -LARGEST for each in kept
+            each.max(initial=0.0) < LARGEST and each.min(initial=0.0) > -LARGEST for each in buffers
         )
         or variance.min(initial=0.0) < 0.0
     ):
         return None
     try:
-        root = np.linalg.cholesky(kept.S)
+        root = np.linalg.cholesky(buffers.S)
     except np.linalg.LinAlgError:
         return None
     # A channel that is missing has zero in y and one in S, which adds nothing.
-    nis = np.square(np.linalg.solve(root, kept.innovation[:, :, None])[:, :, 0]).sum(axis=1)
+    nis = np.square(np.linalg.solve(root, buffers.innovation[:, :, None])[:, :, 0]).sum(axis=1)
     if not np.all(nis < LARGEST):
         return None
     degrees = np.count_nonzero(problem.valid, axis=0)
     log_likelihood = -0.5 * (nis + degrees * LOG_TWO_PI) - np.log(
         np.diagonal(root, axis1=1, axis2=2)
     ).sum(axis=1)
-    for P in (kept.predicted_covariance, kept.covariance):
+    for P in (buffers.predicted_covariance, buffers.covariance):
         np.add(P, P.transpose(0, 2, 1), out=P)
         np.multiply(P, 0.5, out=P)
     history = FilterHistory(
         problem.time,
         problem.names,
-        kept.mean.T.copy(),
+        buffers.mean.T.copy(),
         np.sqrt(variance.T),
-        kept.innovation.T.copy(),
-        np.sqrt(np.diagonal(kept.S, axis1=1, axis2=2).T),
+        buffers.innovation.T.copy(),
+        np.sqrt(np.diagonal(buffers.S, axis1=1, axis2=2).T),
         problem.valid.copy(),
         log_likelihood,
         nis,
         degrees,
-        kept.predicted_mean.T.copy(),
-        kept.predicted_covariance,
-        kept.covariance,
-        kept.transition,
-        kept.sensitivity,
-        kept.S,
+        buffers.predicted_mean.T.copy(),
+        buffers.predicted_covariance,
+        buffers.covariance,
+        buffers.transition,
+        buffers.sensitivity,
+        buffers.S,
     )
     return _estimate(
         problem,
         method,
         Outcome.CONVERGED,
-        kept.mean[-1],
-        kept.covariance[-1],
-        kept.outputs.T.copy(),
+        buffers.mean[-1],
+        buffers.covariance[-1],
+        buffers.outputs.T.copy(),
         history,
     )
 

@@ -61,17 +61,19 @@ def smooth(history: FilterHistory) -> SmoothedHistory:
         lost = np.flatnonzero(
             ~(np.all(np.isfinite(x), axis=0) & np.all(np.isfinite(reduced), axis=(1, 2)))
         )
-    held = slice(lost[-1] + 1 if lost.size else 0, N - 1)
-    mean[:, held] = x[:, held]
-    symmetric = 0.5 * (reduced[held] + reduced[held].transpose(0, 2, 1))
-    covariance[held] = _at_most(symmetric, np.diagonal(covariance[held], axis1=1, axis2=2))
+    fixed_rows = slice(lost[-1] + 1 if lost.size else 0, N - 1)
+    mean[:, fixed_rows] = x[:, fixed_rows]
+    symmetric = 0.5 * (reduced[fixed_rows] + reduced[fixed_rows].transpose(0, 2, 1))
+    covariance[fixed_rows] = _at_most(
+        symmetric, np.diagonal(covariance[fixed_rows], axis1=1, axis2=2)
+    )
     std = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2).T, 0.0))
     return SmoothedHistory(history.time, history.names, mean, std, covariance)
 
 
 def _backwards(history: FilterHistory) -> tuple[np.ndarray, np.ndarray]:
     """r and W at every sample but the last, ``(N - 1, n)`` and ``(N - 1, n, n)``: r <- c + M^T r, W
-    <- D + M^T W M with what each sample brings.
+    <- D + M^T W M, with c, D and M of each sample.
     """
     H, G, later = history.sensitivity[1:], history.transition[1:], slice(1, None)
     N, n = len(G), len(history.names)
@@ -84,12 +86,12 @@ def _backwards(history: FilterHistory) -> tuple[np.ndarray, np.ndarray]:
     r, W = np.empty((N, n)), np.empty((N, n, n))
     if N:
         r[-1], W[-1] = c[-1], D[-1]
-    room, dot, add = np.empty((n, n)), np.dot, np.add
+    workspace, dot, add = np.empty((n, n)), np.dot, np.add
     for k in range(N - 1, 0, -1):
         turned, before = M_turned[k - 1], W[k - 1]
         add(dot(turned, r[k]), c[k - 1], r[k - 1])
-        dot(turned, W[k], room)
-        dot(room, M[k - 1], before)
+        dot(turned, W[k], workspace)
+        dot(workspace, M[k - 1], before)
         add(before, D[k - 1], before)
     return r, W
 
@@ -114,7 +116,7 @@ _ROUNDING = 1e-9  # of a covariance, below which a difference of two is no proce
 
 @dataclass(frozen=True, eq=False)
 class ColouredInnovations:
-    """What coloured innovations do to the standard deviations of a filter's parameters.
+    """Corrections of a filter's standard deviations for coloured innovations.
 
     Attributes
     ----------
@@ -122,8 +124,8 @@ class ColouredInnovations:
     covariance : ``(s, s)`` of the parameters, corrected.
     factor : ``(s,)`` corrected standard deviations over those of white noise; at least one.
     lag_one : autocorrelation of the whitened residuals one sample apart, by output that was
-    measured. significant : whether the autocorrelation of some output is more than white noise
-    shows.
+        measured.
+    significant : whether the autocorrelation of some output is more than white noise shows.
     """
 
     names: tuple[str, ...]
@@ -139,7 +141,7 @@ def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
     Parameters
     ----------
     estimate : of an extended or unscented filter, with its history; its parameters are no random
-    walks.
+        walks.
 
     Returns
     -------
@@ -169,11 +171,13 @@ def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
             return None
         part = np.arange(len(free)), scaled, residual, history.valid
         try:
-            found = corrected_covariance(inverse, [part], np.ones(len(residual)), np.eye(len(free)))
+            result = corrected_covariance(
+                inverse, [part], np.ones(len(residual)), np.eye(len(free))
+            )
         except np.linalg.LinAlgError:
             return None
     scale = prior[at]
-    covariance = found[np.ix_(at, at)] * np.outer(scale, scale)
+    covariance = result[np.ix_(at, at)] * np.outer(scale, scale)
     white = np.diagonal(inverse)[at] * scale**2
     if not (np.all(np.isfinite(covariance)) and np.all(white > 0.0)):
         return None
@@ -197,23 +201,23 @@ def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
 
 
 def with_coloured_covariance(estimate: Estimate) -> Estimate:
-    """The estimate with its covariance corrected for coloured innovations; unchanged where there is
-    no correction.
+    """The estimate with its covariance corrected for coloured innovations, if there is a
+    correction.
     """
-    found = coloured_innovations(estimate)
+    result = coloured_innovations(estimate)
     return (
         estimate
-        if found is None or found.names != estimate.names
-        else replace(estimate, covariance=found.covariance)
+        if result is None or result.names != estimate.names
+        else replace(estimate, covariance=result.covariance)
     )
 
 
 def _whitened(history: FilterHistory, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals ``(m, N)`` and their slopes ``(m, N, n)`` with the initial state and the parameters
-    at their smoothed values, of unit variance.
+    """Residuals ``(m, N)`` and slopes ``(m, N, n)`` at the smoothed initial state and parameters,
+    scaled to unit variance.
 
-    The history is a linear filter: what it predicted, its matrices and its innovations give the
-    same filter from another start, whose covariance is that of the process noise alone.
+    The history is that of a linear filter: its predictions, matrices and innovations give the same
+    filter from another start, whose covariance is that of the process noise alone.
     """
     H, Phi, n, N = history.sensitivity, history.transition, len(history.names), len(history.time)
     noise = _process_noise(history)
@@ -232,15 +236,13 @@ def _whitened(history: FilterHistory, variance: np.ndarray) -> tuple[np.ndarray,
         residual[:, k], slopes[:, k] = np.linalg.solve(root, e), np.linalg.solve(root, J)
         if noise is not None:
             K = np.linalg.solve(S, H[k] @ P).T
-            x, kept = x + K @ e, np.eye(n) - K @ H[k]
-            D, P = kept @ D, kept @ P @ kept.T + K @ R @ K.T
+            x, I_KH = x + K @ e, np.eye(n) - K @ H[k]
+            D, P = I_KH @ D, I_KH @ P @ I_KH.T + K @ R @ K.T
     return np.where(history.valid, residual, 0.0), slopes
 
 
 def _process_noise(history: FilterHistory) -> np.ndarray | None:
-    """Q_k ``(N, n, n)`` of each step, what a prediction added to the covariance; None where that is
-    rounding alone.
-    """
+    """Q_k ``(N, n, n)`` that each prediction added to the covariance; None if that is rounding."""
     Phi, after = history.transition[1:], history.covariance[:-1]
     before = history.predicted_covariance[1:]
     added = before - Phi @ after @ Phi.transpose(0, 2, 1)
@@ -253,6 +255,6 @@ def _process_noise(history: FilterHistory) -> np.ndarray | None:
     )
 
 
-def _lag_one(row: np.ndarray, known: np.ndarray) -> float:
-    both, power = known[1:] & known[:-1], float(np.sum(np.square(row[known])))
+def _lag_one(row: np.ndarray, covariance: np.ndarray) -> float:
+    both, power = covariance[1:] & covariance[:-1], float(np.sum(np.square(row[covariance])))
     return float(np.sum(row[1:][both] * row[:-1][both]) / power) if power > 0.0 else 0.0

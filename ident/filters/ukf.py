@@ -35,7 +35,9 @@ from sim.record import Record
 
 # ---- Unscented Kalman filter for states and parameters, on filterpy's UnscentedKalmanFilter
 
-ALPHA, BETA, KAPPA = 1.0, 2.0, 0.0
+ALPHA = 1.0  # spread of the sigma points (Wan and van der Merwe)
+BETA = 2.0  # prior weight of the mean's kurtosis, 2 for a Gaussian
+KAPPA = 0.0  # secondary scaling
 SMALLEST = 1e-14  # share of the largest eigenvalue that is rounding
 
 
@@ -46,7 +48,7 @@ def run_ukf(record: Record, system: System, settings: FilterSettings | None = No
     ----------
     record, system : as for ``run_ekf``.
     settings : ``step``, ``max_step`` and ``passes`` as for ``run_ekf``; ``transition`` serves the
-    process noise only.
+        process noise only.
 
     Returns
     -------
@@ -92,9 +94,12 @@ def square_root(P: np.ndarray) -> np.ndarray:
 
 
 def slopes(P: np.ndarray, half_differences: np.ndarray) -> np.ndarray:
-    """Statistical linearisation ``(rows, n)``: L with ``P L^T`` the cross-covariance, from half the
-    differences of what the paired points ``x +- U_i``, ``U = square_root(P)``, give, ``(n, rows)``.
-    With the root instead of P half the digits of a nearly singular P are kept."""
+    """Statistical linearisation ``(rows, n)``: L with ``P L^T`` the cross-covariance.
+
+    ``half_differences (n, rows)``: half the differences of the images of the paired points ``x +-
+    U_i``, ``U = square_root(P)``. Dividing by the root instead of P keeps the digits of a nearly
+    singular P.
+    """
     return (roots(P)[1] @ half_differences).T
 
 
@@ -188,11 +193,11 @@ def _predict(
         noise = settings.transition(F, problem.density, dt)[1]
     ukf.x, ukf.P = unscented_transform(after, ukf.Wm, ukf.Wc, noise)
     ukf.P = 0.5 * (ukf.P + ukf.P.T)
-    return slopes(len(P) * P, _half_differences(after))
+    return slopes(len(P) * P, _central_differences(after))
 
 
 def _update(ukf: Any, problem: FilterProblem, k: int, keeper: HistoryKeeper) -> Outcome | None:
-    """filterpy's update with the channels that have a sample; how it broke down, if it did."""
+    """Update by filterpy with the channels that have a sample; returns how it diverged, if so."""
     n_x, at = len(problem.system.states), problem.grid.sample[k]
     ukf.sigmas_f = ukf.points_fn.sigma_points(ukf.x, ukf.P)
     columns = list(ukf.sigmas_f.T)
@@ -219,14 +224,14 @@ def _update(ukf: Any, problem: FilterProblem, k: int, keeper: HistoryKeeper) -> 
     if trouble is None:
         keeper.outputs(k, expected)
         if rows.size:
-            H = slopes(len(before) * before, _half_differences(outputs[rows].T))
+            H = slopes(len(before) * before, _central_differences(outputs[rows].T))
             keeper.innovation(k, rows, ukf.y, ukf.S, H, log_likelihood, nis)
     return trouble
 
 
-def _half_differences(rows: np.ndarray) -> np.ndarray:
-    """Of the values ``(2n + 1, ...)`` at the sigma points, which lie one root of ``n P`` out in
-    pairs, ``(n, ...)``.
+def _central_differences(rows: np.ndarray) -> np.ndarray:
+    """Half differences ``(n, ...)`` of values ``(2n + 1, ...)`` at paired sigma points, which are
+    one root of ``n P`` away from the mean.
     """
     n = len(rows) // 2
     return 0.5 * (rows[1 : n + 1] - rows[n + 1 :])
@@ -246,15 +251,16 @@ def run_iterated_ukf(
     iterations: int = 15,
     first: System | None = None,
 ) -> Estimate:
-    """Estimate states and free parameters by an unscented filter that is linearised anew about its
-    own smoothed result.
+    """Estimate states and free parameters by an unscented filter linearised about its own smoothed
+    result, iterated to convergence.
 
     Parameters
     ----------
     record, system, settings : as for ``run_ukf``; ``settings.passes`` is not used.
     iterations : limit of passes; it stops when no parameter moves by more than a hundredth of its
-    sigma. first : the same system with narrower priors, for the first pass alone, whose points
-    reach over the prior.
+        sigma.
+    first : the same system with narrower priors, for the first pass alone, whose points reach over
+        the prior.
 
     Returns
     -------
@@ -276,8 +282,8 @@ def run_iterated_ukf(
 
 @dataclass(frozen=True, eq=False)
 class _Cloud:
-    """Sigma points ``(2n + 1, n)`` of a mean and a covariance, the mean first, and what turns half
-    differences of their images into slopes.
+    """Sigma points ``(2n + 1, n)`` of a mean and a covariance, the mean first, and the matrix that
+    turns half differences of their images into slopes.
     """
 
     points: np.ndarray
@@ -308,7 +314,7 @@ def _cloud(about: SmoothedHistory, k: int, reach: np.ndarray) -> _Cloud:
 def _pass_about(
     problem: FilterProblem, settings: FilterSettings, about: SmoothedHistory
 ) -> Estimate:
-    """One pass of the Kalman filter of the functions linearised over ``about``."""
+    """One pass of the Kalman filter with the functions linearised over ``about``."""
     keeper, grid = HistoryKeeper(problem), problem.grid
     x, P = problem.start.astype(float), problem.covariance.copy()
     reach = np.sqrt(np.maximum(np.diagonal(about.covariance[-1]), 0.0))
@@ -336,8 +342,8 @@ def _pass_about(
 def _moved(
     problem: FilterProblem, settings: FilterSettings, cloud: _Cloud, first: int, last: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """From one sample to the next, the sub-steps ``first`` to ``last``: the mean's image, its
-    slopes, and noise and curvature together.
+    """Prediction from one sample to the next, sub-steps ``first`` to ``last``: mean, slopes, and
+    covariance of noise and curvature.
     """
     system, n_x, points = problem.system, len(problem.system.states), cloud.points
     noise = np.zeros_like(cloud.back)
@@ -359,7 +365,7 @@ def _moved(
 
 
 def _slopes(problem: FilterProblem, at: np.ndarray, t: float, u: list[float]) -> np.ndarray:
-    """F ``(n, n)`` at a point, for the process noise alone."""
+    """F ``(n, n)`` at a point, for the process noise."""
     n_x, F = len(problem.system.states), np.zeros((len(at), len(at)))
     F[:n_x] = complex_step_jacobian(
         lambda a: problem.system.f(t, a[:n_x], u, with_free(problem.p, problem.free, a[n_x:])),
@@ -376,8 +382,8 @@ def _updated(
     P: np.ndarray,
     cloud: _Cloud,
 ) -> tuple[np.ndarray, np.ndarray, Outcome | None]:
-    """Mean and covariance with the channels that have a sample (Joseph's form), and how the update
-    broke down, if it did.
+    """Mean and covariance after the update with the available channels (Joseph's form), and how it
+    diverged, if so.
     """
     system, n_x, at = problem.system, len(problem.system.states), problem.grid.sample[k]
     columns, u = list(cloud.points.T), [float(row[at]) for row in problem.drive.begin]
@@ -400,8 +406,8 @@ def _updated(
         except np.linalg.LinAlgError:
             return x, P, breakdown(x, S) or Outcome.INDEFINITE
         K = np.linalg.solve(S, H @ P).T
-        kept = np.eye(len(x)) - K @ H
-        x, P = x + K @ innovation, _symmetric(kept @ P @ kept.T + K @ R @ K.T)
+        I_KH = np.eye(len(x)) - K @ H
+        x, P = x + K @ innovation, _symmetric(I_KH @ P @ I_KH.T + K @ R @ K.T)
     trouble = breakdown(x, P, keeper.transition(k), expected, nis)
     if trouble is None:
         keeper.outputs(k, expected)
@@ -411,10 +417,11 @@ def _updated(
 
 
 def _linearised(images: np.ndarray, cloud: _Cloud) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Statistical linear regression of the points' images ``(2n + 1, rows)``: mean, slopes, and the
-    covariance of what is no straight line.
+    """Statistical linear regression of the images ``(2n + 1, rows)`` of the points: mean, slopes,
+    and covariance of the nonlinear part.
 
-    With even and odd parts of each pair apart nothing cancels, and the covariance is semi-definite.
+    Even and odd parts of each pair are separate, so that nothing cancels and the covariance is
+    semi-definite.
     """
     n = len(cloud.back)
     plus, minus = images[1 : n + 1], images[n + 1 :]

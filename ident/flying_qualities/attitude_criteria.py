@@ -16,11 +16,13 @@ from ident.frequency_response.transfer_function import (
     DELAY,
     FORMS,
     FittedResponse,
-    Target,
+    ResponseTarget,
     shared_correlation,
 )
 
-NEUTRAL, MARGIN, GAIN_MARGIN = -180.0, 45.0, 6.0  # deg, deg, dB
+NEUTRAL = -180.0  # deg, phase of neutral stability
+MARGIN = 45.0  # deg, phase margin that defines the bandwidth
+GAIN_MARGIN = 6.0  # dB, gain margin that defines the bandwidth
 REACH = 0.2  # of ln(omega), about a crossing, over which a parabola is fitted
 _FEWEST = 5  # points of a parabola
 _EVEN = 41  # points of the straight line of the phase delay
@@ -41,8 +43,9 @@ class Bandwidth:
 
     Attributes
     ----------
-    neutral : rad/s, where the phase is -180 deg. phase : rad/s, phase bandwidth, where it is
-        -135 deg. gain : rad/s, gain bandwidth, 6 dB above the gain at ``neutral``.
+    neutral : rad/s, where the phase is -180 deg.
+    phase : rad/s, phase bandwidth, where it is -135 deg.
+    gain : rad/s, gain bandwidth, 6 dB above the gain at ``neutral``.
     delay : s, phase delay, by a straight line between ``neutral`` and twice that.
     notes : why something is None, one sentence each.
     """
@@ -61,7 +64,7 @@ class Bandwidth:
         return min(both, key=lambda each: each.value) if len(both) == 2 else None
 
 
-class Curve(Protocol):
+class FrequencyPoints(Protocol):
     """Points over frequency whose errors neighbours share: rad/s ``(F,)``, and the effective length
     of the windows, s."""
 
@@ -85,7 +88,7 @@ class AttitudeCurve:
     length: float | np.ndarray
 
 
-def attitude_bandwidth(target: Target, *, rate: bool) -> Bandwidth:
+def attitude_bandwidth(target: ResponseTarget, *, rate: bool) -> Bandwidth:
     """Bandwidth and phase delay from an estimated response along its usable band.
 
     Each crossing is found on a parabola through the points about it, whose errors are
@@ -186,7 +189,7 @@ def _propagated(
     return BandwidthQuantity(value(p), math.sqrt(max(float(row @ function.covariance @ row), 0.0)))
 
 
-def attitude_curve(target: Target, *, rate: bool) -> AttitudeCurve:
+def attitude_curve(target: ResponseTarget, *, rate: bool) -> AttitudeCurve:
     """The attitude response of a target. ``rate`` : it is that of a rate, which is integrated. Half
     turns are added until the phase begins near -60 deg."""
     omega = target.omega
@@ -208,8 +211,9 @@ def _crossing(
     extra: float,
     before: float | None = None,
 ) -> BandwidthQuantity | None:
-    """Where a curve falls through a level whose own deviation is ``extra``: for the first time, or
-    for the last time before a frequency."""
+    """Frequency where a curve falls through a level whose own deviation is ``extra``: the first
+    one, or the last one before a frequency.
+    """
     below = np.flatnonzero((values[:-1] > level) & (values[1:] <= level))
     if before is not None:
         below = below[curve.omega[below] < before][::-1]
@@ -231,8 +235,8 @@ def _line(
     curve: AttitudeCurve, values: np.ndarray, std: np.ndarray, at: float
 ) -> tuple[float, float, float]:
     """Value, slope by ln(omega) and deviation of the value, of a parabola about ``at``."""
-    found = parabola_at(curve, values, std, at)
-    return found.value, found.slope, found.std
+    result = parabola_at(curve, values, std, at)
+    return result.value, result.slope, result.std
 
 
 @dataclass(frozen=True)
@@ -248,22 +252,22 @@ class Parabola:
     weights: np.ndarray
 
 
-def parabola_at(curve: Curve, values: np.ndarray, std: np.ndarray, at: float) -> Parabola:
+def parabola_at(curve: FrequencyPoints, values: np.ndarray, std: np.ndarray, at: float) -> Parabola:
     """The parabola through the points of a curve about ``at``, rad/s, in ln(omega).
 
     ``values``, ``std`` : ``(F,)``, of the curve and its errors, which neighbours share as the
     windows do.
     """
     gain, covariance, near = parabola_weights(curve, std, at)
-    found = gain @ values[near]
+    result = gain @ values[near]
     spread = math.sqrt(max(float(covariance[0, 0]), 0.0))
     weights = np.zeros(curve.omega.size)
     weights[near] = gain[0]
-    return Parabola(float(found[0]), float(found[1]), 2.0 * float(found[2]), spread, weights)
+    return Parabola(float(result[0]), float(result[1]), 2.0 * float(result[2]), spread, weights)
 
 
 def parabola_weights(
-    curve: Curve, std: np.ndarray, at: float
+    curve: FrequencyPoints, std: np.ndarray, at: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weights ``(3, N)`` of the N points about ``at``, rad/s, in the coefficients of a parabola in
     ln(omega), the covariance ``(3, 3)`` of the coefficients, and the points' places ``(N,)``."""
@@ -290,7 +294,7 @@ def _phase_delay(curve: AttitudeCurve, neutral: float) -> BandwidthQuantity:
     return BandwidthQuantity(-half * slope, half * math.sqrt(max(float(covariance[1, 1]), 0.0)))
 
 
-def shared_covariance(curve: Curve, std: np.ndarray, places: np.ndarray) -> np.ndarray:
+def shared_covariance(curve: FrequencyPoints, std: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Covariance of errors that neighbours share."""
     length = np.broadcast_to(curve.length, curve.omega.shape)
     alike = _correlation(curve.omega.tobytes(), np.asarray(length, dtype=float).tobytes())
@@ -308,14 +312,16 @@ LEVELS = (3.0, 9.0)  # dB, of the resonance: limits of levels 1 and 2
 # rad/s by category of the flight phase, and s
 BANDWIDTHS: Mapping[str, float] = {"A": 3.5, "B": 1.5, "C": 1.5}
 PILOT_DELAY = 0.25
-DRAWS, POINTS, SEED = 100, 60, 20
+DRAWS = 100  # samples of the response for standard deviations
+POINTS = 60  # frequencies of a scan
+SEED = 20  # of the random numbers
 _STEEPEST = 85.0  # deg of lead or lag
 _GRID = 69  # compensations that are tried
 
 
 @dataclass(frozen=True)
 class PilotDemand:
-    """What is asked of the pilot: closed-loop ``bandwidth``, rad/s, and own ``delay``, s."""
+    """Task of the pilot: closed-loop ``bandwidth``, rad/s, and own ``delay``, s."""
 
     bandwidth: float
     delay: float = PILOT_DELAY
@@ -327,10 +333,14 @@ class NealSmith:
 
     Attributes
     ----------
-    demand : what was asked. resonance : dB, the peak of the closed loop. compensation : deg, phase
-        of the pilot's lead (positive) or lag at the bandwidth, without the delay.
-    level : 1, 2 or 3, by the resonance; best, worst : within two standard deviations.
-    droop : dB, the least of the closed loop below the bandwidth. correlation : of both errors.
+    demand : what was asked.
+    resonance : dB, the peak of the closed loop.
+    compensation : deg, phase of the pilot's lead (positive) or lag at the bandwidth, without the
+        delay.
+    level : 1, 2 or 3, by the resonance;
+    best, worst : within two standard deviations.
+    droop : dB, the least of the closed loop below the bandwidth.
+    correlation : of both errors.
     notes : one sentence each.
     """
 
@@ -365,14 +375,14 @@ def neal_smith(curve: AttitudeCurve, demand: PilotDemand) -> NealSmith | str:
         )
     omega = np.unique(np.append(np.geomspace(low, high, POINTS), demand.bandwidth))
     centre, draws = _smoothed(curve, omega)
-    found = _adjusted(omega, centre[None], demand)
-    if found is None:
+    result = _adjusted(omega, centre[None], demand)
+    if result is None:
         return "no Neal-Smith pilot: no lead or lag gives the bandwidth"
-    resonance, compensation, droop = (float(each[0]) for each in found)
-    drawn = _adjusted(omega, draws, demand)
-    assert drawn is not None
-    stds = [float(np.std(each)) for each in drawn[:2]]
-    alike = np.corrcoef(drawn[0], drawn[1])[0, 1] if min(stds) > 0.0 else 0.0
+    resonance, compensation, droop = (float(each[0]) for each in result)
+    sampled = _adjusted(omega, draws, demand)
+    assert sampled is not None
+    stds = [float(np.std(each)) for each in sampled[:2]]
+    alike = np.corrcoef(sampled[0], sampled[1])[0, 1] if min(stds) > 0.0 else 0.0
     levels = [resonance_level(resonance + sign * 2.0 * stds[0]) for sign in (-1.0, 1.0)]
     notes = []
     if droop < DROOP - 0.05:
@@ -456,12 +466,12 @@ def _adjusted(
 def _least(tried: np.ndarray, droop: np.ndarray) -> float:
     """The most lead with a droop of 3 dB at most, between the grid's points: more would droop, less
     resonates. Of none the one that droops least."""
-    known = np.flatnonzero(np.isfinite(droop))
-    fit = known[droop[known] >= DROOP]
-    if not known.size:
+    finite_rows = np.flatnonzero(np.isfinite(droop))
+    fit = finite_rows[droop[finite_rows] >= DROOP]
+    if not finite_rows.size:
         return math.nan
     if not fit.size:
-        return float(tried[known[np.argmax(droop[known])]])
+        return float(tried[finite_rows[np.argmax(droop[finite_rows])]])
     best = int(fit[-1])
     if best + 1 >= tried.size or not np.isfinite(droop[best + 1]):
         return float(tried[best])
@@ -499,8 +509,8 @@ def step_response(function: FittedResponse, duration: float | None = None) -> St
     def value(p: Mapping[str, float]) -> np.ndarray:
         top, bottom = function.form.polynomials(p)
         _, out = signal.step((top, bottom), T=np.linspace(0.0, length, 301))
-        late = np.interp(time - p["delay"], time, out, left=0.0)
-        return np.asarray(late * bottom[-1] / top[-1])
+        delayed = np.interp(time - p["delay"], time, out, left=0.0)
+        return np.asarray(delayed * bottom[-1] / top[-1])
 
     return StepResponse(time, value(function.values), _spread(function, value))
 

@@ -54,7 +54,7 @@ SIGMAS = 2.0
 
 @dataclass(frozen=True)
 class Quality:
-    """One quantity: value and standard deviation by linearisation, in ``unit``."""
+    """A flying-qualities parameter: value and standard deviation (by linearisation) in ``unit``."""
 
     name: str
     value: float
@@ -63,12 +63,12 @@ class Quality:
 
 
 @dataclass(frozen=True)
-class Criterion:
-    """Ranges ``(low, high)`` of levels 1, 2 and 3 of a quantity for a flight-phase category, and
-    where they stand.
+class LevelCriterion:
+    """Ranges ``(low, high)`` of levels 1, 2 and 3 of a parameter in one flight-phase category.
 
-    ``classes`` of aircraft that they hold for. ``raised_by``: of a Dutch roll, by how much the low
-    ends rise with each (rad/s)^2 by which its squared frequency times |phi/beta| exceeds 20.
+    ``source``: paragraph of the specification; ``classes`` of aircraft it applies to.
+    ``raised_by``: increase of the low ends of a Dutch roll for each (rad/s)^2 by which its squared
+    frequency times |phi/beta| exceeds 20.
     """
 
     quantity: str
@@ -80,8 +80,8 @@ class Criterion:
 
 
 @dataclass(frozen=True)
-class Level:
-    """A quantity held against a criterion.
+class QualityLevel:
+    """A parameter compared with a criterion.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class Level:
     best, worst : the range of levels within two standard deviations.
     """
 
-    criterion: Criterion
+    criterion: LevelCriterion
     quality: Quality
     level: int
     best: int
@@ -111,7 +111,7 @@ def qualities(
     ----------
     airspeed, gravity : m/s, m/s2.
     fixed : values of the parameters that were not estimated, e.g. ``{"delay": 0.125}``; they carry
-    no uncertainty.
+        no uncertainty.
 
     Returns
     -------
@@ -123,20 +123,20 @@ def qualities(
     ------
     ModelError : a parameter that is neither estimated nor fixed.
     """
-    known = {**(fixed or {}), **estimate.as_dict()}
+    values = {**(fixed or {}), **estimate.as_dict()}
     for name in _NEEDED:
-        if name not in known:
+        if name not in values:
             raise ModelError(
                 "it is neither estimated nor given",
                 where=f"handling qualities, {name}",
                 remedy="give its value under fixed",
             )
-    centre = _evaluate(known, airspeed, gravity)
+    centre = _evaluate(values, airspeed, gravity)
     gradients = {name: np.zeros(len(estimate.names)) for name in centre}
     for column, name in enumerate(estimate.names):
         if name in _NEEDED:
             moved = _evaluate(
-                {**known, name: complex(known[name], COMPLEX_STEP)}, airspeed, gravity
+                {**values, name: complex(values[name], COMPLEX_STEP)}, airspeed, gravity
             )
             for quantity in centre:
                 gradients[quantity][column] = np.imag(moved[quantity]) / COMPLEX_STEP
@@ -149,20 +149,18 @@ def qualities(
     return tuple(out)
 
 
-def criteria(aircraft_class: str = "IV") -> tuple[Criterion, ...]:
-    """The boundaries of the data file for a class of ``CLASSES``; a fighter's when none is
-    named.
-    """
+def criteria(aircraft_class: str = "IV") -> tuple[LevelCriterion, ...]:
+    """Return the boundaries for an aircraft class of ``CLASSES``; class IV if none is given."""
     return tuple(criterion for criterion in _every() if aircraft_class in criterion.classes)
 
 
 @cache
-def _every() -> tuple[Criterion, ...]:
+def _every() -> tuple[LevelCriterion, ...]:
     entries = tomllib.loads(
         (files("ident.flying_qualities") / "handling_qualities.toml").read_text(encoding="utf-8")
     )["criteria"]
     return tuple(
-        Criterion(
+        LevelCriterion(
             e["quantity"],
             e["category"],
             tuple((float(a), float(b)) for a, b in e["levels"]),
@@ -175,10 +173,10 @@ def _every() -> tuple[Criterion, ...]:
 
 
 def levels(
-    found: Sequence[Quality], against: Sequence[Criterion] | None = None
-) -> tuple[Level, ...]:
-    """Every quantity against every criterion for it, in the order of the criteria."""
-    by_name = {quality.name: quality for quality in found}
+    quality_values: Sequence[Quality], against: Sequence[LevelCriterion] | None = None
+) -> tuple[QualityLevel, ...]:
+    """Compare every parameter with every criterion for it, in the order of the criteria."""
+    by_name = {quality.name: quality for quality in quality_values}
     out = []
     for criterion in criteria() if against is None else against:
         if criterion.quantity not in by_name:
@@ -193,15 +191,15 @@ def levels(
         inside = [0.5 * (a + b) for a, b in pairwise(spots)]
         reached = [level_of(value, criterion) for value in (low, *inside, high)]
         out.append(
-            Level(
+            QualityLevel(
                 criterion, quality, level_of(quality.value, criterion), min(reached), max(reached)
             )
         )
     return tuple(out)
 
 
-def level_of(value: float, criterion: Criterion) -> int:
-    """The best level whose range holds the value, 4 when none does."""
+def level_of(value: float, criterion: LevelCriterion) -> int:
+    """Return the best level whose range contains the value, 4 if none does."""
     for number, (low, high) in enumerate(criterion.levels, start=1):
         if low <= value <= high:
             return number
@@ -258,10 +256,8 @@ MODES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 
 @dataclass(frozen=True)
-class Flown:
-    """An aircraft's class and the category of its flight phase; ``assumed`` are those of the two
-    that nobody declared.
-    """
+class FlightPhase:
+    """Aircraft class and flight-phase category; ``assumed`` names those that nobody declared."""
 
     aircraft_class: str = "II-L"
     category: str = "B"
@@ -275,9 +271,11 @@ class ModeLevel:
     Attributes
     ----------
     mode : one of ``MODES``.
-    level : the most probable, ``WORST`` below level 3. probabilities : of levels 1, 2, 3 and of
-    none of them. decided_by : the quantity that keeps the estimate from the next better level,
-    empty at level 1; ``value`` and ``limit`` are its own. sources : paragraphs of the standard.
+    level : the most probable, ``WORST`` below level 3.
+    probabilities : of levels 1, 2, 3 and of none of them.
+    decided_by : the quantity that keeps the estimate from the next better level, empty at level 1;
+        ``value`` and ``limit`` are its own.
+    sources : paragraphs of the standard.
     """
 
     mode: str
@@ -290,23 +288,24 @@ class ModeLevel:
 
     @property
     def probability(self) -> float:
-        """Of the most probable level."""
+        """Probability of the most probable level."""
         return self.probabilities[self.level - 1]
 
     @property
     def determined(self) -> bool:
-        """Whether these data tell the level."""
+        """Whether one level is clearly the most probable."""
         return self.probability >= DETERMINED
 
 
-def flown_as(aircraft_class: str | None, category: str | None) -> Flown:
-    """A declared class (II stands for II-L, from land) and category; what is None is assumed.
-    Raises DeclarationError for what does not exist.
+def flight_phase_of(aircraft_class: str | None, category: str | None) -> FlightPhase:
+    """Return a declared class (II means II-L, land-based) and category, assumed where None.
+
+    Raises DeclarationError for an unknown one.
     """
     assumed = tuple(
         name for name, given in (("class", aircraft_class), ("category", category)) if given is None
     )
-    default = Flown()
+    default = FlightPhase()
     chosen = default.aircraft_class if aircraft_class is None else aircraft_class.strip().upper()
     chosen, phase = (
         "II-L" if chosen == "II" else chosen,
@@ -324,33 +323,34 @@ def flown_as(aircraft_class: str | None, category: str | None) -> Flown:
             where="--category",
             remedy="use A rapid, B gradual or C terminal",
         )
-    return Flown(chosen, phase, assumed)
+    return FlightPhase(chosen, phase, assumed)
 
 
-def mode_levels(found: Characteristics, flown: Flown) -> tuple[ModeLevel, ...]:
-    """The level of each mode that the model has, in the order of ``MODES``; the same
-    characteristics give the same numbers.
+def mode_levels(characteristics: Characteristics, flown: FlightPhase) -> tuple[ModeLevel, ...]:
+    """Return the level of each mode of a model, in the order of ``MODES``.
+
+    The random samples of the characteristics are the same at every call.
     """
     rules = [
         rule for rule in criteria(flown.aircraft_class) if rule.category in (flown.category, "all")
     ]
-    centre = _quantities(found.names, found.values[:, None])
-    drawn = _quantities(found.names, _draws(found))
+    centre = _quantities(characteristics.names, characteristics.values[:, None])
+    sampled = _quantities(characteristics.names, _draws(characteristics))
     out = []
     for mode, names in MODES.items():
-        mine = [rule for rule in rules if rule.quantity in names and rule.quantity in drawn]
+        mine = [rule for rule in rules if rule.quantity in names and rule.quantity in sampled]
         if mine:
-            out.append(_level(mode, mine, centre, drawn))
+            out.append(_level(mode, mine, centre, sampled))
     return tuple(out)
 
 
 def _level(
     mode: str,
-    rules: Sequence[Criterion],
+    rules: Sequence[LevelCriterion],
     centre: Mapping[str, np.ndarray],
-    drawn: Mapping[str, np.ndarray],
+    sampled: Mapping[str, np.ndarray],
 ) -> ModeLevel:
-    reached = np.max([_reached(rule, drawn) for rule in rules], axis=0)
+    reached = np.max([_reached(rule, sampled) for rule in rules], axis=0)
     shares = tuple(float(np.mean(reached == number)) for number in range(1, WORST + 1))
     level = int(np.argmax(shares)) + 1
     worst = max(rules, key=lambda rule: int(_reached(rule, centre)[0]))
@@ -371,8 +371,8 @@ def _level(
     )
 
 
-def _reached(rule: Criterion, quantities: Mapping[str, np.ndarray]) -> np.ndarray:
-    """The best level that each draw meets."""
+def _reached(rule: LevelCriterion, quantities: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Best level that each random sample ``(N,)`` meets."""
     value = quantities[rule.quantity]
     reached = np.full(value.shape, WORST)
     for number in range(len(rule.levels), 0, -1):
@@ -382,7 +382,7 @@ def _reached(rule: Criterion, quantities: Mapping[str, np.ndarray]) -> np.ndarra
 
 
 def _range(
-    rule: Criterion, number: int, quantities: Mapping[str, np.ndarray]
+    rule: LevelCriterion, number: int, quantities: Mapping[str, np.ndarray]
 ) -> tuple[np.ndarray | float, float]:
     low, high = rule.levels[number - 1]
     if not rule.raised_by:
@@ -391,19 +391,19 @@ def _range(
     return low + rule.raised_by[number - 1] * np.maximum(excess, 0.0), high
 
 
-def _draws(found: Characteristics) -> np.ndarray:
-    """``(k, DRAWS)`` of a Gaussian, the same each time; each draw has its mirror image."""
-    scale = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+def _draws(characteristics: Characteristics) -> np.ndarray:
+    """Random samples ``(k, DRAWS)`` of a Gaussian, the same at every call, in antithetic pairs."""
+    scale = np.sqrt(np.maximum(np.diag(characteristics.covariance), 0.0))
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
-    values, vectors = np.linalg.eigh(found.covariance * np.outer(inverse, inverse))
+    values, vectors = np.linalg.eigh(characteristics.covariance * np.outer(inverse, inverse))
     root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
     half = root @ np.random.default_rng(0).standard_normal((len(scale), DRAWS // 2))
-    return found.values[:, None] + np.concatenate([half, -half], axis=1)
+    return characteristics.values[:, None] + np.concatenate([half, -half], axis=1)
 
 
 def _quantities(names: Sequence[str], draws: np.ndarray) -> dict[str, np.ndarray]:
-    """What the limits speak of, for each draw ``(k, N)`` of the characteristics ``names``."""
-    known = dict(zip(names, draws, strict=True))
+    """Parameters of the limits for each sample ``(k, N)`` of the characteristics ``names``."""
+    values = dict(zip(names, draws, strict=True))
     out: dict[str, np.ndarray] = {}
     for mode, prefix in (
         ("short_period", ""),
@@ -411,15 +411,15 @@ def _quantities(names: Sequence[str], draws: np.ndarray) -> dict[str, np.ndarray
         ("dutch_roll", "dutch_roll_"),
         ("roll_spiral", "roll_spiral_"),
     ):
-        if f"{mode}_rate" in known:
+        if f"{mode}_rate" in values:
             out |= {
                 f"{prefix}{name}": value
                 for name, value in _of_pair(
-                    known[f"{mode}_rate"], known[f"{mode}_stiffness"]
+                    values[f"{mode}_rate"], values[f"{mode}_stiffness"]
                 ).items()
             }
-    if "natural_frequency" in out and "load_factor_slope" in known:
-        slope = known["load_factor_slope"]
+    if "natural_frequency" in out and "load_factor_slope" in values:
+        slope = values["load_factor_slope"]
         out["load_factor_slope"] = slope
         out["control_anticipation"] = np.divide(
             out["natural_frequency"] ** 2,
@@ -427,20 +427,20 @@ def _quantities(names: Sequence[str], draws: np.ndarray) -> dict[str, np.ndarray
             out=np.full_like(slope, -math.inf),
             where=slope > 0,
         )
-    if "roll_root" in known:
-        root = known["roll_root"]
+    if "roll_root" in values:
+        root = values["roll_root"]
         out["roll_time_constant"] = np.divide(
             -1.0, root, out=np.full_like(root, math.inf), where=root < 0
         )
-        out["spiral_time_to_double"] = _doubling(known["spiral_root"])
-    if "delay" in known:
-        out["delay"] = np.maximum(known["delay"], 0.0)  # a draw below zero is as good as none
-    return out | {name: known[name] for name in ("bank_ratio",) if name in known}
+        out["spiral_time_to_double"] = _doubling(values["spiral_root"])
+    if "delay" in values:
+        out["delay"] = np.maximum(values["delay"], 0.0)  # a draw below zero is as good as none
+    return out | {name: values[name] for name in ("bank_ratio",) if name in values}
 
 
 def _of_pair(rate: np.ndarray, stiffness: np.ndarray) -> dict[str, np.ndarray]:
-    """Of the roots of s^2 + rate s + stiffness; a pair with a root above zero and one below has no
-    frequency, and less than no damping.
+    """Frequency and damping of the roots of s^2 + rate s + stiffness; a pair with real roots of
+    opposite sign has no frequency and negative damping.
     """
     frequency = np.sqrt(np.maximum(stiffness, 0.0))
     damping = np.divide(
@@ -481,7 +481,8 @@ Values = Mapping[str, float]
 def form_qualities(
     function: FittedResponse, airspeed: float | None = None, *, dutch_roll: bool = True
 ) -> tuple[Quality, ...]:
-    """Quantities of a fitted form with standard deviations by linearisation; none of plain orders.
+    """Parameters of a fitted low-order form with standard deviations by linearisation; none for
+    transfer functions given by their orders.
 
     Parameters
     ----------
@@ -492,18 +493,18 @@ def form_qualities(
     for name, value in _quantities_of_form(
         function.form.name, airspeed, dutch_roll=dutch_roll
     ).items():
-        found = _propagated(function, value)
-        if found is not None:
-            out.append(Quality(name, *found, UNITS_OF_FORMS[name]))
+        result = _propagated(function, value)
+        if result is not None:
+            out.append(Quality(name, *result, UNITS_OF_FORMS[name]))
     return tuple(out)
 
 
 def form_levels(
-    found: tuple[Quality, ...], aircraft_class: str, category: str
-) -> tuple[Level, ...]:
-    """Quantities against the limits of a class of aircraft and a category of flight phase."""
+    quality_values: tuple[Quality, ...], aircraft_class: str, category: str
+) -> tuple[QualityLevel, ...]:
+    """Compare parameters with the limits for an aircraft class and a flight-phase category."""
     chosen = [each for each in criteria(aircraft_class) if each.category in (category, EVERY)]
-    return levels(found, chosen)
+    return levels(quality_values, chosen)
 
 
 def _quantities_of_form(
@@ -538,7 +539,7 @@ def _quantities_of_form(
 def _propagated(
     function: FittedResponse, value: Callable[[Values], float]
 ) -> tuple[float, float] | None:
-    """Value and standard deviation; None where it is not finite."""
+    """Value and standard deviation of a function of estimates; None if not finite."""
     p = dict(function.values)
     slopes = []
     try:

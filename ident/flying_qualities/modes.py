@@ -106,8 +106,8 @@ def level_flight(system: System, p: np.ndarray) -> tuple[list[float], list[float
         return x, u
 
     def rates(unknown: Sequence[float]) -> list[float]:
-        found = system.f(0.0, *flown(unknown), values)
-        return [found[i] for i in resting]
+        result = system.f(0.0, *flown(unknown), values)
+        return [result[i] for i in resting]
 
     at = np.array([START_ALPHA, 0.0, 0.0])
     with np.errstate(all="ignore"):
@@ -134,7 +134,7 @@ def _roots(
 
 
 def _pairs(roots: np.ndarray) -> list[complex]:
-    """One root of each oscillation, the slowest first."""
+    """One root of each oscillation, sorted by frequency."""
     return sorted((complex(root) for root in roots if root.imag > 1e-9), key=abs)
 
 
@@ -165,20 +165,20 @@ MODAL_UNITS: Mapping[str, str] = MappingProxyType(
 
 
 def slowest_oscillation(
-    system: System, p: np.ndarray, held: Collection[str] = ()
+    system: System, p: np.ndarray, fixed_states: Collection[str] = ()
 ) -> tuple[float, float] | None:
     """Undamped natural frequency (rad/s) and damping ratio of the slowest complex pair at rest;
     None if all roots are real, or there is no rest.
 
     For a short-period model this is the short period, also when elastic modes are present.
-    ``held``: names of states that do not move, those of motion slower than what is asked for (a
+    ``fixed_states``: names of states held constant, those of slower motion than the wanted mode (a
     phugoid: its speed and attitude).
     """
     n, u = len(system.states), [0.0] * len(system.inputs)
     F = complex_step_jacobian(lambda x: system.f(0.0, x, u, p.tolist()), [0.0] * n)
     if not np.all(np.isfinite(F)):  # a model of totals may have no rest
         return None
-    moving = [i for i, state in enumerate(system.states) if state.name not in held]
+    moving = [i for i, state in enumerate(system.states) if state.name not in fixed_states]
     roots = [root for root in np.linalg.eigvals(F[np.ix_(moving, moving)]) if root.imag > 1e-9]
     if not roots:
         return None
@@ -187,18 +187,18 @@ def slowest_oscillation(
 
 
 def modal_estimate(
-    system: System, estimate: Estimate, held: Collection[str] = ()
+    system: System, estimate: Estimate, fixed_states: Collection[str] = ()
 ) -> dict[str, tuple[float, float]]:
     """Modes with standard deviations, by name (``MODAL_UNITS``); those that the model does not have
     are left out.
 
     ``natural_frequency`` and ``damping_ratio`` of a short period; the modes of ``whole_axes`` where
     the states are those of a lateral or a whole longitudinal motion. Standard deviations by
-    linearisation in the estimated parameters, as TM-101722 does for its figure 8. ``held`` as in
-    ``slowest_oscillation``. Modes that no estimated parameter moves are left out: they are
+    linearisation in the estimated parameters, as TM-101722 does for its figure 8. ``fixed_states``
+    as in ``slowest_oscillation``. Modes that no estimated parameter moves are left out: they are
     declared, not estimated.
     """
-    names, centre, gradient = propagated(_modes_of(system, held), system, estimate)
+    names, centre, gradient = propagated(_modes_of(system, fixed_states), system, estimate)
     std = np.sqrt(variance_along(estimate.covariance, gradient))
     return {
         name: (float(value), float(sigma))
@@ -235,8 +235,10 @@ def propagated(
     )
 
 
-def _modes_of(system: System, held: Collection[str]) -> Callable[[np.ndarray], dict[str, float]]:
-    """From all parameters to the modes of the system."""
+def _modes_of(
+    system: System, fixed_states: Collection[str]
+) -> Callable[[np.ndarray], dict[str, float]]:
+    """Function from all parameters to the modes of the system."""
     states = {state.name for state in system.states}
     if states.issuperset(LATERAL_STATES):
         return lambda p: lateral_modes(system, p)
@@ -244,11 +246,11 @@ def _modes_of(system: System, held: Collection[str]) -> Callable[[np.ndarray], d
         return lambda p: longitudinal_modes(system, p)
 
     def short_period(p: np.ndarray) -> dict[str, float]:
-        found = slowest_oscillation(system, p, held)
+        result = slowest_oscillation(system, p, fixed_states)
         return (
             {}
-            if found is None
-            else dict(zip(("natural_frequency", "damping_ratio"), found, strict=True))
+            if result is None
+            else dict(zip(("natural_frequency", "damping_ratio"), result, strict=True))
         )
 
     return short_period
@@ -280,19 +282,19 @@ class Characteristics:
 
 
 def characteristics(
-    system: System, estimate: Estimate, held: Collection[str] = ()
+    system: System, estimate: Estimate, fixed_states: Collection[str] = ()
 ) -> Characteristics | None:
     """Those that the model has, at an estimate of its parameters; None where it has none, or where
     the data leave a parameter open.
 
-    Linearised in the estimated parameters. ``held``: states that do not move, as for
+    Linearised in the estimated parameters. ``fixed_states``: states that do not move, as for
     ``modal_estimate``.
     """
-    known = np.all(np.isfinite(estimate.values)) and np.all(np.isfinite(estimate.covariance))
-    if not known or estimate.outcome is Outcome.NOT_IDENTIFIABLE:
+    finite = np.all(np.isfinite(estimate.values)) and np.all(np.isfinite(estimate.covariance))
+    if not finite or estimate.outcome is Outcome.NOT_IDENTIFIABLE:
         return None
     names, values, gradient = propagated(
-        lambda p: _without(characteristics_at(system, p, held), estimate), system, estimate
+        lambda p: _without(characteristics_at(system, p, fixed_states), estimate), system, estimate
     )
     if not names or not np.all(np.isfinite(gradient)):
         return None
@@ -300,16 +302,18 @@ def characteristics(
 
 
 def characteristics_at(
-    system: System, p: np.ndarray, held: Collection[str] = ()
+    system: System, p: np.ndarray, fixed_states: Collection[str] = ()
 ) -> dict[str, float]:
-    """The same numbers for all parameters ``p`` of the System, without their covariance."""
+    """The characteristics at parameters ``p`` of the System, without covariance."""
     states = {state.name for state in system.states}
     if states.issuperset(LATERAL_STATES):
         out = _lateral(system, p)
     elif states.issuperset(LONGITUDINAL_STATES):
         out = _longitudinal(system, p)
     elif states.issuperset(("alpha", "q")):
-        out = _short_period(system, p, [name for name in system.state_names if name not in held])
+        out = _short_period(
+            system, p, [name for name in system.state_names if name not in fixed_states]
+        )
     else:
         return {}
     if out and "delay" in system.parameters and "stick" in system.input_names:
@@ -317,10 +321,10 @@ def characteristics_at(
     return out
 
 
-def _without(found: dict[str, float], estimate: Estimate) -> dict[str, float]:
-    """Less a delay that was not estimated: what a file starts from is no knowledge of it."""
+def _without(values: dict[str, float], estimate: Estimate) -> dict[str, float]:
+    """The characteristics without a delay that was not estimated."""
     return {
-        name: value for name, value in found.items() if name != "delay" or name in estimate.names
+        name: value for name, value in values.items() if name != "delay" or name in estimate.names
     }
 
 
@@ -403,7 +407,7 @@ def _load_factor_slope(
 def _slopes(
     system: System, x: list[float], u: list[float], p: np.ndarray, names: Collection[str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of the rates of ``names``: by these states, and by all inputs."""
+    """Slopes of the rates of ``names``: by these states, and by all inputs."""
     values, at = p.tolist(), [system.state_names.index(name) for name in names]
     F = complex_step_jacobian(lambda state: system.f(0.0, state, u, values), x)[np.ix_(at, at)]
     return F, complex_step_jacobian(lambda inputs: system.f(0.0, x, inputs, values), u)[at]
@@ -419,8 +423,8 @@ def _pair(name: str, one: complex, other: complex) -> dict[str, float]:
 # ---- A model linearised about a point
 
 PADE = 4  # order of the approximation of a delay: within two degrees of phase up to omega delay = 5
-# the parameter and the stage of the low-order equivalent system's own delay
-DELAY, DELAY_STAGE = "delay", "input-delay"
+DELAY = "delay"  # parameter of a low-order equivalent system
+DELAY_STAGE = "input-delay"  # effect that the delay belongs to
 
 
 @dataclass(frozen=True, eq=False)
@@ -432,8 +436,10 @@ class StateSpace:
     A, B, C, D : ``(n, n)``, ``(n, m)``, ``(k, n)``, ``(k, m)``.
     states, inputs, outputs : names and units of the n, m and k signals.
     x0, u0, y0 : the point about which it is linearised; ``rates`` are those of the states there,
-    zero in equilibrium. delays : pure delay (s) of each input that has one. left_out : effects with
-    a memory of their own on the way of inputs or outputs, which no matrix here holds.
+        zero in equilibrium.
+    delays : pure delay (s) of each input that has one.
+    left_out : effects with a memory of their own on the way of inputs or outputs, which no matrix
+        here holds.
     """
 
     A: np.ndarray
@@ -452,7 +458,7 @@ class StateSpace:
 
     @property
     def eigenvalues(self) -> np.ndarray:
-        """Of A (1/s), the slowest first."""
+        """Eigenvalues of A (1/s), sorted by magnitude."""
         return np.array(sorted(np.linalg.eigvals(self.A), key=lambda root: (abs(root), root.imag)))
 
 
@@ -548,14 +554,14 @@ def to_control(space: StateSpace, pade: int = PADE) -> control.StateSpace:
         delay = space.delays.get(signal.name, 0.0)
         if pade < 1 or not delay > 0.0:
             continue
-        late = control.tf2ss(*control.pade(delay, pade))
-        order, old = late.nstates, len(A)
+        delay_system = control.tf2ss(*control.pade(delay, pade))
+        order, old = delay_system.nstates, len(A)
         column, through = B[:, i : i + 1].copy(), D[:, i : i + 1].copy()
-        A = np.block([[A, column @ late.C], [np.zeros((order, old)), late.A]])
+        A = np.block([[A, column @ delay_system.C], [np.zeros((order, old)), delay_system.A]])
         B = np.vstack([B, np.zeros((order, B.shape[1]))])
-        B[:, i : i + 1] = np.vstack([column @ late.D, late.B])
-        C, D = np.hstack([C, through @ late.C]), D.copy()
-        D[:, i : i + 1] = through @ late.D
+        B[:, i : i + 1] = np.vstack([column @ delay_system.D, delay_system.B])
+        C, D = np.hstack([C, through @ delay_system.C]), D.copy()
+        D[:, i : i + 1] = through @ delay_system.D
         names += [f"{signal.name}_delay_{k + 1}" for k in range(order)]
     named: dict[str, Any] = {
         "states": names,

@@ -22,13 +22,15 @@ from ident.flying_qualities.attitude_criteria import (
     parabola_at,
     parabola_weights,
 )
-from ident.frequency_response.transfer_function import Target
+from ident.frequency_response.transfer_function import ResponseTarget
 
-REQUIRED_GAIN, REQUIRED_PHASE = 6.0, 45.0  # dB and deg, below the first structural mode
-LEVEL, NORMAL = 0.95, 1.959964  # probability of an interval, and its standard deviations
+REQUIRED_GAIN = 6.0  # dB, below the first structural mode
+REQUIRED_PHASE = 45.0  # deg, below the first structural mode
+LEVEL = 0.95  # probability of an interval
+NORMAL = 1.959964  # its half width, standard deviations of a normal distribution
 _STEPS = 6  # of Newton's method towards a crossing
-# of an interval's scan: ln(omega) at most, and share of the crossing's std
-_STEP, _SHARE = 0.02, 0.2
+_STEP = 0.02  # largest step of the scan of an interval, ln(omega)
+_SHARE = 0.2  # step as a share of the standard deviation of the crossing
 _DECIBEL = 20.0 / math.log(10.0)
 
 
@@ -42,8 +44,8 @@ class Margin:
     size : the margin and its standard deviation. A gain margin is the change of the loop gain that
         makes the loop unstable: positive where it may rise, negative where it may fall.
     frequency : rad/s, of the crossing.
-    low, high : ends of the 95 % interval. open : the interval reaches an end of the usable band, so
-        that it may be wider.
+    low, high : ends of the 95 % interval.
+    open : the interval reaches an end of the usable band, so that it may be wider.
     """
 
     kind: str
@@ -60,10 +62,11 @@ class StabilityMargins:
 
     Attributes
     ----------
-    gains : at every phase of -180 deg (and whole turns from it). phases : at every gain of one.
-    delay : of the gain crossing that bears the least delay. distance : least distance of the
-        response from -1, the inverse of the peak of the sensitivity; None where it lies at an end
-        of the usable band.
+    gains : at every phase of -180 deg (and whole turns from it).
+    phases : at every gain of one.
+    delay : of the gain crossing that bears the least delay.
+    distance : least distance of the response from -1, the inverse of the peak of the sensitivity;
+        None where it lies at an end of the usable band.
     notes : why something is not known, one sentence each.
     """
 
@@ -123,7 +126,7 @@ class LoopCurve:
     length: float | np.ndarray
 
 
-def loop_curve(target: Target) -> LoopCurve:
+def loop_curve(target: ResponseTarget) -> LoopCurve:
     """The curve of a broken-loop response L; 1 + L = 0 closes the loop."""
     share = target.std / np.abs(target.response)
     away = np.abs(1.0 + target.response)
@@ -139,7 +142,7 @@ def loop_curve(target: Target) -> LoopCurve:
     )
 
 
-def stability_margins(target: Target) -> StabilityMargins:
+def stability_margins(target: ResponseTarget) -> StabilityMargins:
     """Margins of a broken-loop response along its usable band.
 
     At a crossing gain and phase are parabolas in ln(omega) through the points about it. The errors
@@ -204,13 +207,13 @@ def _crossings(
 
 
 def _determined(
-    found: list[tuple[float, float, float]],
+    crossings: list[tuple[float, float, float]],
 ) -> tuple[list[tuple[float, float, float]], list[float]]:
     """Crossings whose frequency is known to within the reach of the parabola, and where the others
     are.
     """
-    known = [(at, slope, std) for at, slope, std in found if std <= REACH * abs(slope)]
-    return known, [at for at, slope, std in found if std > REACH * abs(slope)]
+    determined = [(at, slope, std) for at, slope, std in crossings if std <= REACH * abs(slope)]
+    return determined, [at for at, slope, std in crossings if std > REACH * abs(slope)]
 
 
 def _across(curve: LoopCurve, kind: str, at: float, slope: float, std: float) -> Margin:
@@ -236,7 +239,7 @@ def _across(curve: LoopCurve, kind: str, at: float, slope: float, std: float) ->
                 open_ = True
                 break
             near = _at(curve, kind, there)
-            spare = limit - near.apart**2
+            spare = limit - near.sigmas_from_crossing**2
             if spare < 0.0:
                 break
             half = near.std * math.sqrt(spare)
@@ -247,30 +250,30 @@ def _across(curve: LoopCurve, kind: str, at: float, slope: float, std: float) ->
 
 
 @dataclass(frozen=True)
-class _Near:
+class _CrossingMargin:
     """A margin if the curve crossed at a frequency: its value and deviation, its slope by
     ln(omega), and how many deviations the other curve is from crossing there."""
 
     value: float
     std: float
     own_slope: float
-    apart: float
+    sigmas_from_crossing: float
 
 
-def _at(curve: LoopCurve, kind: str, at: float) -> _Near:
+def _at(curve: LoopCurve, kind: str, at: float) -> _CrossingMargin:
     gain = parabola_at(curve, curve.gain, curve.gain_std, at)
     phase = parabola_at(curve, curve.phase, curve.phase_std, at)
     turned_by = math.remainder(phase.value, 360.0)
     if kind == "gain":
-        return _Near(-gain.value, gain.std, gain.slope, turned_by / phase.std)
+        return _CrossingMargin(-gain.value, gain.std, gain.slope, turned_by / phase.std)
     if kind == "phase":
-        return _Near(turned_by, phase.std, phase.slope, gain.value / gain.std)
+        return _CrossingMargin(turned_by, phase.std, phase.slope, gain.value / gain.std)
     angle = math.radians(turned_by) % (2.0 * math.pi)
     slope = (math.radians(phase.slope) - angle) / at
-    return _Near(angle / at, math.radians(phase.std) / at, slope, gain.value / gain.std)
+    return _CrossingMargin(angle / at, math.radians(phase.std) / at, slope, gain.value / gain.std)
 
 
-def _least_distance(target: Target) -> Margin | None:
+def _least_distance(target: ResponseTarget) -> Margin | None:
     """The least distance from -1, where the slope of the smoothed distance is zero.
 
     Its interval holds every distance d whose pair (d, slope 0) is, at some frequency, no further
@@ -288,14 +291,17 @@ def _least_distance(target: Target) -> Margin | None:
     start = float(target.omega[least])
     at = start
     for _ in range(_STEPS):
-        near = _apart(target, at)
+        near = _critical_distance(target, at)
         if not near.curvature > 0.0:
             break
         move = float(np.clip(-near.slope / near.curvature, -0.25 * REACH, 0.25 * REACH))
         at = float(np.clip(at * math.exp(move), first, last))
-    if abs(math.log(at / start)) > REACH or _apart(target, at).value > _apart(target, start).value:
+    if (
+        abs(math.log(at / start)) > REACH
+        or _critical_distance(target, at).value > _critical_distance(target, start).value
+    ):
         at = start  # the parabola turned elsewhere
-    middle = _apart(target, at)
+    middle = _critical_distance(target, at)
     limit, std = float(chi2.ppf(LEVEL, 1)), math.sqrt(middle.variance)
     low, high, open_ = middle.value - NORMAL * std, middle.value + NORMAL * std, False
     spread = math.sqrt(middle.slope_variance) / max(middle.curvature, 1e-12)
@@ -306,7 +312,7 @@ def _least_distance(target: Target) -> Margin | None:
             if not first <= there <= last:
                 open_ = True
                 break
-            near = _apart(target, there)
+            near = _critical_distance(target, there)
             spare = limit - near.slope**2 / max(near.slope_variance, 1e-300)
             if spare < 0.0:
                 break
@@ -321,7 +327,7 @@ def _least_distance(target: Target) -> Margin | None:
 
 
 @dataclass(frozen=True)
-class _Apart:
+class _CriticalDistance:
     """Distance of a smoothed response from -1 at a frequency, its slope and curvature by ln(omega),
     the variances of distance and slope, and their covariance."""
 
@@ -333,7 +339,7 @@ class _Apart:
     covariance: float
 
 
-def _apart(target: Target, at: float) -> _Apart:
+def _critical_distance(target: ResponseTarget, at: float) -> _CriticalDistance:
     """1 + L as a complex parabola in ln(omega) through the points about ``at``, rad/s.
 
     The distance itself is no parabola where the response passes -1 closely, the response is. Its
@@ -345,7 +351,7 @@ def _apart(target: Target, at: float) -> _Apart:
     along = np.conj(a / size) if size > 0.0 else np.ones(3)
     turn = float((along[0] * a[1]).imag) if size > 0.0 else 0.0
     share = turn / size if size > 0.0 else 0.0
-    return _Apart(
+    return _CriticalDistance(
         float(size),
         float((along[0] * a[1]).real),
         float((along[0] * 2.0 * a[2]).real) + turn * share,
@@ -361,7 +367,9 @@ class WorstMargin:
 
     Attributes
     ----------
-    name : ``"phase_margin"`` and so on. margin : the least. maneuver : its number, from 0.
+    name : ``"phase_margin"`` and so on.
+    margin : the least.
+    maneuver : its number, from 0.
     half : half width of its interval that holds for all maneuvers together with 95 %.
     values : of every maneuver, None where it does not show the margin.
     p_value : chance that maneuvers of one and the same margin differ as much; one where fewer than
@@ -392,12 +400,12 @@ def worst_margins(maneuvers: Sequence[StabilityMargins]) -> tuple[WorstMargin, .
         sizes = np.array([each.size.value for _, each in known])
         weights = np.array([max(each.size.std, 1e-300) for _, each in known]) ** -2.0
         mean = float(weights @ sizes / weights.sum())
-        apart = float(weights @ (sizes - mean) ** 2)
-        p = float(chi2.sf(apart, len(known) - 1)) if len(known) > 1 else 1.0
+        spread = float(weights @ (sizes - mean) ** 2)
+        p = float(chi2.sf(spread, len(known) - 1)) if len(known) > 1 else 1.0
         out.append(WorstMargin(name, least, number, wide * least.size.std, tuple(values), p))
     return tuple(out)
 
 
-def turned(target: Target) -> Target:
-    """The target with its sign turned: of a loop that adds what returns."""
+def turned(target: ResponseTarget) -> ResponseTarget:
+    """The target with its sign reversed, for a loop with positive feedback."""
     return replace(target, response=-target.response)

@@ -37,7 +37,9 @@ from sim.declaration.model import System
 from sim.errors import ModelError
 from sim.maths import COMPLEX_STEP, complex_step_jacobian
 
-LOW, HIGH, SPACING = 0.1, 2.0, 0.04  # Hz, as Morelli's: no slower drift, no structural modes
+LOW = 0.1  # Hz, as Morelli's: above slow drifts
+HIGH = 2.0  # Hz, as Morelli's: below structural modes
+SPACING = 0.04  # Hz
 LINEAR = 1e-7  # share of a rate by which an equation may bend with its parameters, rounding
 PASSES = 4  # of the regression, each with the noise spectrum that the last one left
 KEPT = 0.5  # least share of the information that must be left when the noise's is taken off
@@ -51,12 +53,15 @@ class OnlineEquations:
 
     Attributes
     ----------
-    system : what is identified. names : of its parameters, ``(q,)``; ``positions`` among all.
-    states : rows of the System's states whose equations count. readings : rows of its outputs that
-        are no states. sources : of each state, the row of the output that measures it, -1 where the
-        caller computes it.
-    omega : rad/s, ``(F,)``, evenly spaced. unmixed : ``(n, n)``, states from their outputs: a vane
-        ahead of the centre of gravity reads the pitch rate as well.
+    system : what is identified.
+    names : of its parameters, ``(q,)``; ``positions`` among all.
+    states : rows of the System's states whose equations count.
+    readings : rows of its outputs that are no states.
+    sources : of each state, the row of the output that measures it, -1 where the caller computes
+        it.
+    omega : rad/s, ``(F,)``, evenly spaced.
+    unmixed : ``(n, n)``, states from their outputs: a vane ahead of the centre of gravity reads the
+        pitch rate as well.
     """
 
     system: System
@@ -81,16 +86,19 @@ class Sums:
 
     Attributes
     ----------
-    rows : that counted. time, x, u : of the last, ``(n,)`` and ``(r,)``; None before the first.
-    left : ``(e, F)``, known sides. regressors : ``(e, q, F)``. constant : ``(e, F)``, transform of
-    one. apart, beside : ``(F,)`` and ``(2F - 1,)``, sums of exp(-j omega t) at differences and sums
-    of
+    rows : that counted.
+    time, x, u : of the last, ``(n,)`` and ``(r,)``; None before the first.
+    left : ``(e, F)``, known sides.
+    regressors : ``(e, q, F)``.
+    constant : ``(e, F)``, transform of one.
+    apart, beside : ``(F,)`` and ``(2F - 1,)``, sums of exp(-j omega t) at differences and sums of
         two frequencies.
     noisy : ``(e, n, q + 1, q + 1)``, squares of the slopes by each state of the regressors and,
         last, of the known side, over all samples.
     noise : ``(n + m,)``, sums of the noise deviations of the states and of the outputs that are no
         states, times the samples ``counted``.
-    recent : ``(n + m, 3)``, the last samples of these. first : s, time of the first row.
+    recent : ``(n + m, 3)``, the last samples of these.
+    first : s, time of the first row.
     """
 
     rows: int
@@ -116,14 +124,16 @@ class Sums:
 
 @dataclass(frozen=True, eq=False)
 class OnlineEstimate:
-    """What the sums say of the parameters.
+    """Parameters from the sums.
 
     Attributes
     ----------
     values, covariance : ``(q,)`` and ``(q, q)``, the latter by Student's distribution: two standard
         deviations hold 95 %. A parameter that nothing determines has an infinite variance.
-    cost : minus the log likelihood less constants. residuals : ``(e, F)`` complex. levels :
-        ``(e, F)``, their spectrum. degrees : real ones of the noise.
+    cost : minus the log likelihood less constants.
+    residuals : ``(e, F)`` complex.
+    levels : ``(e, F)``, their spectrum.
+    degrees : real ones of the noise.
     """
 
     values: np.ndarray
@@ -152,8 +162,8 @@ def online_equations(
 
     Parameters
     ----------
-    measured : names of the outputs that the stream has. computed : states that the caller computes
-        from the inputs; their equations are left out.
+    measured : names of the outputs that the stream has.
+    computed : states that the caller computes from the inputs; their equations are left out.
 
     Raises
     ------
@@ -221,14 +231,14 @@ def _unmixed(system: System, positions: Sequence[int], sources: Sequence[int]) -
 
 
 def begin(equations: OnlineEquations) -> Sums:
-    """Sums over nothing."""
+    """Empty sums."""
     e, q = len(equations.states) + len(equations.readings), len(equations.names)
     n, f = len(equations.system.states), equations.omega.size
     watched = n + len(equations.readings)
     zero = np.zeros((e, f), dtype=complex)
     wide = np.zeros((e, q, f), dtype=complex)
     noisy, blank = np.zeros((e, n, q + 1, q + 1)), np.full((watched, 3), np.nan)
-    apart, beside = np.zeros(f, dtype=complex), np.zeros(2 * f - 1, dtype=complex)
+    differences, beside = np.zeros(f, dtype=complex), np.zeros(2 * f - 1, dtype=complex)
     return Sums(
         0,
         -math.inf,
@@ -237,7 +247,7 @@ def begin(equations: OnlineEquations) -> Sums:
         zero,
         wide,
         zero,
-        apart,
+        differences,
         beside,
         noisy,
         np.zeros(watched),
@@ -259,10 +269,13 @@ def advance(
 
     Parameters
     ----------
-    time : s, ``(N,)``, increasing. inputs : ``(r, N)``, held. outputs : ``(m, N)`` in the System's
-        order, NaN where a sample is missing; a row without one of the states is bridged.
+    time : s, ``(N,)``, increasing.
+    inputs : ``(r, N)``, held.
+    outputs : ``(m, N)`` in the System's order, NaN where a sample is missing; a row without one of
+        the states is bridged.
     values : the last estimate of the parameters, for the curvature within a step; None for the
-    start. computed : ``(n, N)``, states that the caller computes, in their rows.
+        start.
+    computed : ``(n, N)``, states that the caller computes, in their rows.
     """
     n = len(equations.system.states)
     rows = [outputs[source] if source >= 0 else np.zeros(time.size) for source in equations.sources]
@@ -353,7 +366,7 @@ def _with_steps(
     states: np.ndarray,
     held: np.ndarray,
 ) -> Sums:
-    """With the increments of the states between the rows, and the integrals of their rates."""
+    """Sums with the increments of the states between the rows, and the integrals of their rates."""
     if times.size < 2:
         return sums
     step = np.diff(times)
@@ -406,7 +419,7 @@ def _with_readings(
     u: np.ndarray,
     outputs: np.ndarray,
 ) -> Sums:
-    """With the outputs that are no states, sample by sample."""
+    """Sums with the outputs that are no states, sample by sample."""
     if not equations.readings:
         return sums
     known, slopes = points.of(equations.system.h, time, x, u)
@@ -434,17 +447,17 @@ def _with_noise(
     held: np.ndarray,
     came: np.ndarray,
 ) -> Sums:
-    """With the noise of the samples that ``came`` ``(n + m, N)``, by their third differences, and
-    the states' share of the regressors and of the known side.
+    """Sums with the noise of the new samples ``came`` ``(n + m, N)``, by their third differences,
+    and the states' share of the regressors and of the known side.
     """
     rows = np.concatenate([sums.recent, came], axis=1)
     third = np.diff(rows, 3, axis=1)
     noise, counted = sums.noise.copy(), sums.counted.copy()
     for k, row in enumerate(third):
-        known = row[np.isfinite(row)]
-        if known.size and (k >= len(equations.sources) or equations.sources[k] >= 0):
-            noise[k] += known.size * _NORMAL * float(np.median(np.abs(known))) / math.sqrt(_THIRD)
-            counted[k] += known.size
+        finite = row[np.isfinite(row)]
+        if finite.size and (k >= len(equations.sources) or equations.sources[k] >= 0):
+            noise[k] += finite.size * _NORMAL * float(np.median(np.abs(finite))) / math.sqrt(_THIRD)
+            counted[k] += finite.size
     system, n = equations.system, len(equations.system.states)
     at, x, u = times[-1:], states[:, -1:], held[:, -1:]
     noisy = sums.noisy.copy()
@@ -490,8 +503,8 @@ def _refuse_bent(
             moved[position] = p[position] + sign * size
             ones.append(at(moved))
         bent = np.abs(ones[0] + ones[1] - 2.0 * base)
-        room = LINEAR * np.maximum(np.abs(ones[0] - ones[1]), np.abs(base)) + 1e-300
-        if np.any(bent > room):
+        tolerance = LINEAR * np.maximum(np.abs(ones[0] - ones[1]), np.abs(base)) + 1e-300
+        if np.any(bent > tolerance):
             what = f"the equations are not linear in {name}"
             raise ModelError(
                 what, where="equation error on line", remedy=f"fix {name}, or use flightid identify"
@@ -526,12 +539,12 @@ def estimate(
     degrees = 2.0 * independent * e - np.count_nonzero(np.any(np.abs(whole) > 0.0, axis=(0, 2)))
     if degrees < 3.0:
         return None
-    found = None
+    result = None
     for _ in range(PASSES):
-        found = _regressed(sums, whole, levels, q - sums.regressors.shape[1])
-        if found is None:
+        result = _regressed(sums, whole, levels, q - sums.regressors.shape[1])
+        if result is None:
             return None
-        theta, gain, unknown = found
+        theta, gain, unknown = result
         residuals = sums.left - np.einsum("ecf,c->ef", whole, theta)
         # What the regression takes of each equation: the trace of its part of the hat matrix.
         spare = 2.0 * independent - np.einsum("aef,eaf->e", gain, whole).real
@@ -540,7 +553,7 @@ def estimate(
         sensors = _sensor_levels(equations, sums, theta[: len(equations.names)], count)
         known = sensors.within + sensors.ends
         levels = _levels(residuals, equations.omega, 2.0 * independent / spare, sizes, known)
-    assert found is not None
+    assert result is not None
     covariance = _covariance(gain, residuals, levels, sensors, sums, equations.omega, count)
     from scipy.stats import t
 
@@ -563,17 +576,17 @@ def _regressed(
     scale = np.sqrt(np.maximum(np.diag(normal), 0.0))
     unknown = scale <= 1e-12 * max(float(scale.max()), 1e-300)
     scale = np.where(unknown, 1.0, scale)
-    plain = normal / np.outer(scale, scale)
-    plain[unknown, :] = plain[:, unknown] = 0.0
+    scaled = normal / np.outer(scale, scale)
+    scaled[unknown, :] = scaled[:, unknown] = 0.0
     taken = np.zeros_like(normal)
     p = sums.regressors.shape[1]
     noise, n = sums.noise_variance, sums.noisy.shape[1]
     share = sums.noisy[:, :, :p, :p]
     taken[:p, :p] = np.einsum("esab,s,e->ab", share, noise[:n], weights.sum(axis=1))
-    less = plain - taken / np.outer(scale, scale)
-    values, vectors = np.linalg.eigh(plain)
+    less = scaled - taken / np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(scaled)
     open_ = values < 1e-10 * max(float(values[-1]), 1e-300)
-    inverse = _inverse(plain, values, vectors)
+    inverse = _inverse(scaled, values, vectors)
     # The share of the information that the noise had, in the direction where it is largest.
     root = vectors[:, ~open_] / np.sqrt(values[~open_])
     kept = np.linalg.eigvalsh(root.T @ less @ root)
@@ -593,8 +606,8 @@ def _regressed(
 
 
 def _inverse(matrix: np.ndarray, values: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    kept = values >= 1e-10 * max(float(values[-1]), 1e-300)
-    return np.asarray((vectors[:, kept] / values[kept]) @ vectors[:, kept].T)
+    significant = values >= 1e-10 * max(float(values[-1]), 1e-300)
+    return np.asarray((vectors[:, significant] / values[significant]) @ vectors[:, significant].T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -612,8 +625,9 @@ class SensorLevels:
 def _sensor_levels(
     equations: OnlineEquations, sums: Sums, theta: np.ndarray, count: float
 ) -> SensorLevels:
-    """What white noise of the samples, with the variances of their third differences, leaves in the
-    residuals: of a state its increments and its share of the rates, of a reading itself."""
+    """Variance of the residuals from white noise of the samples: of a state its increments and its
+    share of the rates, of an output itself.
+    """
     noise, e, n = sums.noise_variance, len(equations.states), sums.noisy.shape[1]
     step = (sums.time - sums.first) / count
     turned = np.abs(1.0 - np.exp(-1j * equations.omega * step)) ** 2
@@ -648,8 +662,8 @@ def _levels(
         floor = 1e-24 * sizes[k] ** 2
         level = np.maximum(max(float(power.mean()), floor), known[k])
         for _ in range(3):
-            found = nnls(shapes / level[:, None], (power - known[k]) / level)[0]
-            level = known[k] + shapes @ found
+            solution = nnls(shapes / level[:, None], (power - known[k]) / level)[0]
+            level = known[k] + shapes @ solution
             level = np.maximum(level, 1e-3 * max(float(level.max()), floor))
         out[k] = np.maximum(level, floor)
     return out
@@ -680,9 +694,9 @@ def _covariance(
     g = gain * spread
     total = np.zeros((gain.shape[0],) * 2)
     for k in range(e):
-        plain, turned = g[:, k] @ near, g[:, k] @ far
+        near_sum, turned = g[:, k] @ near, g[:, k] @ far
         for m in range(e):
-            both = plain @ g[:, m].conj().T + turned @ g[:, m].T
+            both = near_sum @ g[:, m].conj().T + turned @ g[:, m].T
             total += 0.5 * alike[k, m] * both.real
     for at in (sums.first, sums.time):
         reached = np.einsum("aef,f->ae", gain, np.exp(-1j * omega * at)).real

@@ -29,10 +29,13 @@ from ident.frequency_domain.online import (
 from sim.declaration.model import System
 
 LAG, DELAY, STATE = "inv_tau", "delay", "delta"
-SHORTEST, LONGEST, LATEST = 0.005, 2.0, 0.5  # s, of the lag's time constant, and of the delay
+SHORTEST = 0.005  # s, smallest time constant of the lag
+LONGEST = 2.0  # s, largest time constant of the lag
+LATEST = 0.5  # s, largest delay
 FACTORS = (1.0, 0.4, 2.5)  # of the lag, from which a search begins
 AGAIN = 2  # times as many rows as at the last search from everywhere: the next one
-STEPS, SHARES = 8, (1.0, 0.3, 0.1, 0.03)
+STEPS = 8  # most steps of a search
+SHARES = (1.0, 0.3, 0.1, 0.03)  # shares of a step that are tried
 MOST_ROWS = 6000  # that the pseudo-control is filtered over anew: two and a half minutes at 40 Hz
 
 
@@ -42,12 +45,13 @@ class LagStream:
 
     Attributes
     ----------
-    equations : with lag and delay held. sums : of the rows so far, the pseudo-control at zero.
-    times, stick : of the rows, ``(N,)``. turns : ``(N, F)``, exp(-j omega t).
+    equations : with lag and delay held.
+    sums : of the rows so far, the pseudo-control at zero.
+    times, stick : of the rows, ``(N,)``.
+    turns : ``(N, F)``, exp(-j omega t).
     slopes : ``(e, q)``, how the regressors go with the pseudo-control.
     place : the last time constant of the lag and delay, s; ``searched``: rows at the last search
-    from
-        everywhere.
+        from everywhere.
     """
 
     equations: OnlineEquations
@@ -89,8 +93,8 @@ def taken(
     """The stream after further rows: ``time``, ``stick`` ``(N,)``, ``outputs`` ``(m, N)``;
     ``values`` : the last estimate, for the curvature within a step. Rows beyond ``MOST_ROWS`` are
     left out."""
-    room = slice(0, max(MOST_ROWS - stream.times.size, 0))
-    time, stick, outputs = time[room], stick[room], outputs[:, room]
+    free_rows = slice(0, max(MOST_ROWS - stream.times.size, 0))
+    time, stick, outputs = time[free_rows], stick[free_rows], outputs[:, free_rows]
     if not time.size:
         return stream
     few = None if values is None else values[: len(stream.equations.names)]
@@ -118,10 +122,10 @@ def estimated(stream: LagStream) -> tuple[OnlineEstimate | None, LagStream]:
             (factor * stream.place[0], float(delay)) for factor in FACTORS for delay in delays
         ]
         stream = replace(stream, searched=stream.times.size)
-    found = [(each, one) for one in starts if (each := _at(stream, *one)) is not None]
-    if not found:
+    outcome = [(each, one) for one in starts if (each := _at(stream, *one)) is not None]
+    if not outcome:
         return None, stream
-    best, place = min(found, key=lambda pair: pair[0].cost)
+    best, place = min(outcome, key=lambda pair: pair[0].cost)
     q = len(stream.equations.names)
     for _ in range(STEPS):
         both = _at(stream, *place, best.values[:q])
@@ -152,13 +156,13 @@ def estimated(stream: LagStream) -> tuple[OnlineEstimate | None, LagStream]:
 
 
 def _at(
-    stream: LagStream, time: float, late: float, values: np.ndarray | None = None
+    stream: LagStream, time: float, delay: float, values: np.ndarray | None = None
 ) -> OnlineEstimate | None:
     """The regression with time constant of the lag and delay given, s; with ``values`` of the other
     parameters also over small changes of the two, whose coefficients follow."""
     sums = stream.sums
     filled = (
-        sums.regressors + stream.slopes[:, :, None] * _transforms(stream, time, late)[:, None, :]
+        sums.regressors + stream.slopes[:, :, None] * _transforms(stream, time, delay)[:, None, :]
     )
     whole = replace(sums, regressors=filled)
     if values is None:
@@ -168,7 +172,7 @@ def _at(
     for k, reach in enumerate((1e-3 * time, 1e-4)):
         ends = []
         for sign in (1.0, -1.0):
-            there = [time, late]
+            there = [time, delay]
             there[k] += sign * reach
             ends.append(_transforms(stream, *there))
         columns.append(size[:, None] * (ends[0] - ends[1]) / (2.0 * reach))
@@ -177,7 +181,7 @@ def _at(
 
 
 def _slopes(equations: OnlineEquations) -> np.ndarray:
-    """How the regressors of every equation go with the pseudo-control, ``(e, q)``."""
+    """Slopes of every equation's regressors by the pseudo-control, ``(e, q)``."""
     system, points = equations.system, Points(equations, None)
     n, at = len(system.states), np.zeros(1)
     unit = np.zeros((n, 1))
@@ -192,21 +196,21 @@ def _slopes(equations: OnlineEquations) -> np.ndarray:
     return np.array(rows)
 
 
-def _transforms(stream: LagStream, time: float, late: float) -> np.ndarray:
-    """Of the pseudo-control ``(e, F)``: its integrals from row to row for rates, itself for
-    readings.
+def _transforms(stream: LagStream, time: float, delay: float) -> np.ndarray:
+    """Transforms of the pseudo-control ``(e, F)``: its integrals over the rows for rates, itself
+    for outputs.
     """
-    delta, whole = pseudo_control(stream.times, stream.stick, 1.0 / time, late)
-    kept = np.abs(stream.turns[:, 0]) > 0.0
-    turns, e = stream.turns[kept], len(stream.equations.states)
+    delta, whole = pseudo_control(stream.times, stream.stick, 1.0 / time, delay)
+    recorded = np.abs(stream.turns[:, 0]) > 0.0
+    turns, e = stream.turns[recorded], len(stream.equations.states)
     out = np.empty((len(stream.slopes), turns.shape[1]), dtype=complex)
-    out[:e] = np.diff(whole[kept]) @ turns[:-1]
-    out[e:] = delta[kept] @ turns
+    out[:e] = np.diff(whole[recorded]) @ turns[:-1]
+    out[e:] = delta[recorded] @ turns
     return out
 
 
 def pseudo_control(
-    times: np.ndarray, stick: np.ndarray, lag: float, late: float
+    times: np.ndarray, stick: np.ndarray, lag: float, delay: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """The pseudo-control and its integral at the rows, ``(N,)`` each, of a stick that is held.
 
@@ -220,7 +224,7 @@ def pseudo_control(
     grid = times[0] + step * np.arange(count)
     at = np.clip(np.searchsorted(times, grid + 1e-6 * step, side="right") - 1, 0, times.size - 1)
     u = stick[at] - stick[0]
-    whole, rest = divmod(max(late, 0.0), step)
+    whole, rest = divmod(max(delay, 0.0), step)
     before = np.concatenate([np.zeros(int(whole) + 1), u])[:count]
     now = np.concatenate([np.zeros(int(whole)), u])[:count]
     first, second = np.exp(-lag * rest), np.exp(-lag * (step - rest))

@@ -46,21 +46,24 @@ from sim.record import Record
 
 # ---- Output error in the frequency domain
 
-# steps that gained less log likelihood than this together (0.04 sigmas) will gain no more
-_WINDOW, _NOTHING = 8, 1e-3
+_WINDOW = 8  # steps over which the progress is measured
+_NOTHING = 1e-3  # log likelihood (0.04 sigmas): a smaller gain over these steps ends the search
 _ROUNDING = 1e-24  # of an output's mean square, below which it is met exactly
 
 
 @dataclass(frozen=True, eq=False)
 class FrequencyProblem:
-    """What is fitted.
+    """A fit of a linear System to transforms of records.
 
     Attributes
     ----------
-    system : linear. records : their transforms. delays : position of an input -> name of the
-    parameter by which it is late. names : the shared parameters. start, low, high : of them,
-    ``(q,)``. prior : information on each, ``(q,)``, about the start; zero: none. bands : of each
-    record, the noise band of each frequency.
+    system : linear.
+    records : their transforms.
+    delays : position of an input -> name of the parameter by which it is late.
+    names : the shared parameters.
+    start, low, high : of them, ``(q,)``.
+    prior : information on each, ``(q,)``, about the start; zero: none.
+    bands : of each record, the noise band of each frequency.
     """
 
     system: System
@@ -91,7 +94,9 @@ class FrequencyProblem:
         )
 
     def columns(self, r: int) -> np.ndarray:
-        """Positions in theta of what record ``r`` sees: the shared parameters and its own ends."""
+        """Positions in theta of the unknowns of record ``r``: the shared parameters and its own
+        ends.
+        """
         q, n = len(self.names), len(self.system.states)
         return np.concatenate([np.arange(q), q + r * n + np.arange(n)])
 
@@ -104,11 +109,11 @@ class FrequencyProblem:
 
 @dataclass(frozen=True, eq=False)
 class FrequencyFit:
-    """A fit, finished or on its way: ``theta (k,)``; ``modelled (m, f)``, ``residuals (m, f)`` and
-    ``slopes (m, f, c)`` a record; ``levels (m, b)``.
+    """A fit, finished or in progress.
 
-    ``counts (m, b)`` of complex residuals; ``cost`` minus the log likelihood less constants, the
-    prior's term included.
+    ``theta (k,)``; by record ``modelled (m, f)``, ``residuals (m, f)`` and ``slopes (m, f, c)``;
+    ``levels (m, b)`` of noise; ``counts (m, b)`` of complex residuals; ``cost``: minus the log
+    likelihood without constants, with the prior's term.
     """
 
     problem: FrequencyProblem
@@ -124,7 +129,7 @@ class FrequencyFit:
 
     @property
     def log_likelihood(self) -> float:
-        """Of the transforms within the band."""
+        """Log likelihood of the transforms within the band."""
         return -self.cost - float(self.counts.sum()) * (1.0 + np.log(np.pi))
 
     def weight(self, r: int) -> np.ndarray:
@@ -132,7 +137,7 @@ class FrequencyFit:
         not recorded.
         """
         record = self.problem.records[r]
-        return np.where(record.known[:, None], 2.0 / self.levels[:, self.problem.bands[r]], 0.0)
+        return np.where(record.usable[:, None], 2.0 / self.levels[:, self.problem.bands[r]], 0.0)
 
     @cached_property
     def normal_equations(self) -> tuple[np.ndarray, np.ndarray]:
@@ -163,9 +168,7 @@ class FrequencyFit:
 
 
 def at_start(problem: FrequencyProblem) -> FrequencyFit | None:
-    """The start's parameters with the ends of each record's motion at their best; None where a
-    number is not finite.
-    """
+    """The fit at the starting parameters, with the best ends of each record; None if not finite."""
     n, q = len(problem.system.states), len(problem.names)
     fit = evaluate(problem, np.concatenate([problem.start, np.zeros(n * len(problem.records))]))
     if fit is None:
@@ -190,18 +193,18 @@ def evaluate(problem: FrequencyProblem, theta: np.ndarray) -> FrequencyFit | Non
         delays = {i: _delay(problem, name, p) for i, name in problem.delays.items()}
         for r, record in enumerate(problem.records):
             try:
-                found = response(model, record, delays, theta[problem.columns(r)[q:]])
+                result = response(model, record, delays, theta[problem.columns(r)[q:]])
             # a root upon a harmonic, or matrices beyond all numbers
             except (np.linalg.LinAlgError, ValueError):
                 return None
-            slope = np.concatenate([found.by_parameter, found.by_ends], axis=2)
-            if not (np.all(np.abs(found.y) < LARGEST) and np.all(np.abs(slope) < LARGEST)):
+            slope = np.concatenate([result.by_parameter, result.by_ends], axis=2)
+            if not (np.all(np.abs(result.y) < LARGEST) and np.all(np.abs(slope) < LARGEST)):
                 return None
-            modelled.append(found.y)
-            residuals.append(np.where(record.known[:, None], record.outputs - found.y, 0.0))
+            modelled.append(result.y)
+            residuals.append(np.where(record.usable[:, None], record.outputs - result.y, 0.0))
             slopes.append(slope)
-    known = [record.known for record in problem.records]
-    level, counts = levels(residuals, known, problem.bands, problem.floor)
+    usable = [record.usable for record in problem.records]
+    level, counts = levels(residuals, usable, problem.bands, problem.floor)
     away = theta[:q] - problem.start
     cost = float(np.sum(counts * np.log(level))) + 0.5 * float(away @ (problem.prior * away))
     return FrequencyFit(
@@ -212,11 +215,9 @@ def evaluate(problem: FrequencyProblem, theta: np.ndarray) -> FrequencyFit | Non
 def fit_transforms(
     problem: FrequencyProblem, begun: FrequencyFit | None = None
 ) -> FrequencyFit | None:
-    """Levenberg-Marquardt from the start, or from another fit's unknowns; None where no cost was
-    finite.
+    """Levenberg-Marquardt from the start, or from another fit; None if no cost was finite.
 
-    Outcomes ``CONVERGED`` and ``MAX_ITERATIONS``; whether all directions are determined is for the
-    caller to judge.
+    Outcomes ``CONVERGED`` and ``MAX_ITERATIONS``; the caller checks observability.
     """
     fit = (
         at_start(problem)
@@ -239,19 +240,17 @@ def fit_transforms(
     def settled(fit: FrequencyFit, model: LocalModel) -> bool:
         return model.promised < 0.5 * problem.tolerance**2 or _between(costs, refused)
 
-    found = minimise(Descent(lambda fit: fit.model, trial, settled), fit, problem.iterations)
-    done = settled(found.point, found.model)
+    solution = minimise(Descent(lambda fit: fit.model, trial, settled), fit, problem.iterations)
+    done = settled(solution.point, solution.model)
     return replace(
-        found.point,
+        solution.point,
         outcome=Outcome.CONVERGED if done else Outcome.MAX_ITERATIONS,
-        iterations=found.steps,
+        iterations=solution.steps,
     )
 
 
 def _between(costs: Sequence[float], refused: Sequence[bool]) -> bool:
-    """Whether steps to either side lead nowhere: a delay of whole samples of a held input is a
-    kink, and may be the best of all.
-    """
+    """Whether no step to either side lowers the cost: a delay of whole samples is a kink."""
     return (
         len(costs) > _WINDOW
         and costs[-1 - _WINDOW] - costs[-1] < _NOTHING
@@ -265,7 +264,7 @@ def _delay(problem: FrequencyProblem, name: str, p: np.ndarray) -> Delay:
 
 
 def with_bands(problem: FrequencyProblem, bands: Sequence[np.ndarray]) -> FrequencyProblem:
-    """The same problem with other bands of the noise."""
+    """The problem with other noise bands."""
     return replace(problem, bands=tuple(bands))
 
 
@@ -275,8 +274,8 @@ def with_bands(problem: FrequencyProblem, bands: Sequence[np.ndarray]) -> Freque
 def profile_intervals(
     fit: FrequencyFit, names: Sequence[str], covariance: np.ndarray
 ) -> tuple[ProfileInterval, ...]:
-    """Intervals of the parameters ``names``; ``covariance (q, q)`` as it is printed, by which the
-    threshold grows with the noise's colour.
+    """Return intervals of the parameters ``names``; ``covariance (q, q)``: the printed one, whose
+    ratio to the white one scales the threshold.
     """
     inverse, _ = inverse_information(fit.normal_equations[0], fit.theta)
     problem = fit.problem
@@ -294,9 +293,7 @@ def profile_intervals(
 def _refit(
     fit: FrequencyFit, j: int, along: np.ndarray
 ) -> Callable[[float, FrequencyFit | None], tuple[float, FrequencyFit] | None]:
-    """Cost with parameter ``j`` held at a value; the others begin where the curvature at the
-    maximum puts them.
-    """
+    """Return a function of a value of parameter ``j`` that refits the others and gives the cost."""
 
     def refit(value: float, begun: FrequencyFit | None) -> tuple[float, FrequencyFit] | None:
         near = begun or fit
@@ -304,8 +301,10 @@ def _refit(
         low, high = fit.problem.low.copy(), fit.problem.high.copy()
         low[j] = high[j] = value
         # Priors stay about the fit's own start: only the bounds differ.
-        found = fit_transforms(replace(fit.problem, low=low, high=high), replace(near, theta=theta))
-        return None if found is None else (found.cost, found)
+        result = fit_transforms(
+            replace(fit.problem, low=low, high=high), replace(near, theta=theta)
+        )
+        return None if result is None else (result.cost, result)
 
     return refit
 
@@ -320,8 +319,8 @@ _SPARE = 2.0  # real numbers in the transforms for each unknown, at least
 
 @dataclass(frozen=True)
 class FrequencySettings:
-    """How a fit runs: ``band`` in Hz (None: from the inputs' power), ``use_priors`` on parameters,
-    ``coloured`` corrects sigmas for colour.
+    """Options of a fit: ``band`` in Hz (None: from the power of the inputs), ``use_priors`` on
+    parameters, ``coloured`` to correct sigmas for coloured residuals.
     """
 
     band: tuple[float, float] | None = None
@@ -341,8 +340,9 @@ def fit_frequency_domain(
     Parameters
     ----------
     records : one or more, evenly sampled; each begins and ends as it will. Biases have no part in
-    it. delays : input -> the parameter by which it is late, s; the only effect on the input path
-    that may act.
+        it.
+    delays : input -> the parameter by which it is late, s; the only effect on the input path that
+        may act.
 
     Returns
     -------
@@ -354,8 +354,8 @@ def fit_frequency_domain(
     Raises
     ------
     ModelError : no input, a rate or output that is not linear, effects on the input or sensor path
-    besides the delays, nothing to estimate. RecordError : uneven samples, missing ones, or no
-    harmonic within the band.
+        besides the delays, nothing to estimate.
+    RecordError : uneven samples, missing ones, or no harmonic within the band.
     """
     fit, problem = frequency_fit(records, system, settings, delays=delays)
     return _failed(problem) if fit is None else _estimate_of(fit, settings or FrequencySettings())
@@ -368,9 +368,7 @@ def frequency_fit(
     *,
     delays: Mapping[str, str] | None = None,
 ) -> tuple[FrequencyFit | None, FrequencyProblem]:
-    """The fit behind ``fit_frequency_domain``, None where no start has a finite cost, and the
-    problem.
-    """
+    """The fit of ``fit_frequency_domain``, None if no start has a finite cost, and the problem."""
     settings = settings or FrequencySettings()
     refuse_unfit(records, system, delays or {})
     problem = _problem_of(records, system, settings, delays or {})
@@ -378,7 +376,7 @@ def frequency_fit(
     if fit is not None:
         bands = equal_bands([record.omega for record in problem.records])
         if coloured(
-            fit.residuals, [record.known for record in problem.records], bands, problem.floor
+            fit.residuals, [record.usable for record in problem.records], bands, problem.floor
         ):
             again = fit_transforms(with_bands(problem, bands), fit)
             fit = fit if again is None or again.outcome is not Outcome.CONVERGED else again
@@ -386,11 +384,10 @@ def frequency_fit(
 
 
 def _as_if_left_out(fit: FrequencyFit, r: int, inverse: np.ndarray) -> np.ndarray:
-    """Residuals ``(m, f)`` of a record, each as if it had had no part in the fit, which follows the
-    strongest frequencies closely.
+    """Residuals ``(m, f)`` scaled as if their record had not been fitted.
 
-    Their squares are those over one less their leverage (MacKinnon and White, J. Econometrics 29,
-    1985: HC2); the leverage is the mean over both parts.
+    Their squares are divided by one minus the leverage (MacKinnon and White, J. Econometrics 29,
+    1985: HC2), the mean over real and imaginary parts.
     """
     slope = fit.slopes[r]
     leverage = (
@@ -402,8 +399,8 @@ def _as_if_left_out(fit: FrequencyFit, r: int, inverse: np.ndarray) -> np.ndarra
 
 
 def band_for(records: Sequence[Record], system: System) -> tuple[float, float]:
-    """The band (Hz) of a fit that is given none: where the inputs' power lies, and wide enough for
-    as many harmonics as there are unknowns.
+    """Band (Hz) of a fit without a given one: where the inputs have power, and wide enough for as
+    many harmonics as unknowns.
     """
     free = [name for name in system.parameters.free_names if not name.startswith("bias_")]
     unknown = len(free) + len(records) * len(system.states)
@@ -416,12 +413,12 @@ def band_for(records: Sequence[Record], system: System) -> tuple[float, float]:
 
 
 def covariance_of(fit: FrequencyFit, *, colour: bool) -> tuple[np.ndarray, bool]:
-    """Covariance of all unknowns and whether all are determined; larger by what the unknowns took
-    from the noise levels.
+    """Return the covariance of all unknowns, and whether all are observable; corrected for the
+    degrees of freedom.
 
-    With ``colour`` the scatter of the gradient is formed with the residuals' power about each
-    frequency (Morelli and Klein 1997 in the frequency domain), and with what the residuals of two
-    outputs have in common there: gusts move all outputs. No sigma is below that of level noise.
+    With ``colour`` the scatter of the gradient uses the power of the residuals about each frequency
+    (Morelli and Klein 1997) and their correlation between outputs, which gusts cause. No sigma is
+    below that of white residuals.
     """
     information, _ = fit.normal_equations
     whole, determined = inverse_information(information, fit.theta)
@@ -473,26 +470,24 @@ def _problem_of(
             remedy="release at least one",
         )
     band = settings.band or band_for(records, system)
-    found = tuple(transformed(record, system, band) for record in records)
+    result = tuple(transformed(record, system, band) for record in records)
     items = [system.parameters[name] for name in names]
     prior = np.array([item.prior_std if settings.use_priors else np.inf for item in items]) ** -2.0
     return FrequencyProblem(
         system,
-        found,
+        result,
         {system.input_names.index(name): parameter for name, parameter in delays.items()},
         names,
         np.array([item.value for item in items]),
         np.array([item.bounds[0] for item in items]),
         np.array([item.bounds[1] for item in items]),
         prior,
-        tuple(one_band(len(record.omega)) for record in found),
+        tuple(one_band(len(record.omega)) for record in result),
     )
 
 
 def refuse_unfit(records: Sequence[Record], system: System, delays: Mapping[str, str]) -> None:
-    """Raise ModelError where a System has no frequency response that such a fit could use: see
-    ``fit_frequency_domain``.
-    """
+    """Raise ModelError for a System without a frequency response that can be fitted."""
     where, remedy = f"model with states {', '.join(system.state_names)}", "use output-error"
     if not system.inputs:
         raise ModelError(
@@ -508,20 +503,20 @@ def refuse_unfit(records: Sequence[Record], system: System, delays: Mapping[str,
 
 
 def from_best_start(problem: FrequencyProblem, records: Sequence[Record]) -> FrequencyFit | None:
-    """The fit from the declared values; where it does not settle from equation error as well, if
-    the record has all states. None: no finite cost.
+    """The fit from the declared values or, if that does not converge and the record has all states,
+    from equation error; None without a finite cost.
     """
     first = fit_transforms(problem)
     if first is not None and first.outcome is Outcome.CONVERGED:
         return first
     try:
-        found = run_equation_error(records, problem.system)
+        estimate = run_equation_error(records, problem.system)
     except FlightidError:
         return first
-    if found.names != problem.names or not np.all(np.isfinite(found.values)):
+    if estimate.names != problem.names or not np.all(np.isfinite(estimate.values)):
         return first
     # The prior stays about the declared values: the data are not to be counted twice.
-    begun = at_start(replace(problem, start=np.clip(found.values, problem.low, problem.high)))
+    begun = at_start(replace(problem, start=np.clip(estimate.values, problem.low, problem.high)))
     second = None if begun is None else fit_transforms(problem, begun)
     return min(
         (fit for fit in (first, second) if fit is not None), key=lambda fit: fit.cost, default=None
@@ -565,18 +560,18 @@ def _turned_back(fit: FrequencyFit, r: int) -> np.ndarray:
 
 def _said(fit: FrequencyFit) -> str:
     frequencies = np.concatenate([record.omega for record in fit.problem.records]) / (2.0 * np.pi)
-    told = [
+    texts = [
         f"{len(frequencies)} harmonics from {frequencies.min():.3g} to {frequencies.max():.3g} Hz"
     ]
     if fit.levels.shape[1] > 1:
-        told.append(
+        texts.append(
             f"the noise is not level along the frequency: {fit.levels.shape[1]} bands, each with "
             "its own"
         )
     filled = sum(record.filled for record in fit.problem.records)
     if filled:
-        told.append(f"{filled} missing samples bridged")
-    return "; ".join(told)
+        texts.append(f"{filled} missing samples bridged")
+    return "; ".join(texts)
 
 
 def _failed(problem: FrequencyProblem) -> Estimate:

@@ -45,10 +45,12 @@ class TransformedRecord:
 
     Attributes
     ----------
-    omega : ``(f,)`` rad/s. ahead : ``(f,)`` exp(j omega dt). bins : ``(f,)`` harmonics that these
-    are. outputs : ``(m, f)`` complex, zero where a channel was not recorded; ``known (m,)``. inputs
-    : ``(r, N)`` samples, of which a delay may shift any. filled : samples of the outputs that were
-    bridged.
+    omega : ``(f,)`` rad/s.
+    ahead : ``(f,)`` exp(j omega dt).
+    bins : ``(f,)`` harmonics that these are.
+    outputs : ``(m, f)`` complex, zero where a channel was not recorded; ``known (m,)``.
+    inputs : ``(r, N)`` samples, of which a delay may shift any.
+    filled : samples of the outputs that were bridged.
     """
 
     record: Record
@@ -58,7 +60,7 @@ class TransformedRecord:
     omega: np.ndarray
     ahead: np.ndarray
     outputs: np.ndarray
-    known: np.ndarray
+    usable: np.ndarray
     inputs: np.ndarray
     filled: int
 
@@ -77,8 +79,8 @@ class TransformedRecord:
 def usual_band(
     records: Sequence[Record], inputs: Sequence[str], fewest: int
 ) -> tuple[float, float]:
-    """From the first harmonic to where 95 % of every input's power lies, Hz, and as far as
-    ``fewest`` harmonics of all records need.
+    """Band from the first harmonic to where 95 % of every input's power lies, Hz, and up to
+    ``fewest`` harmonics of all records.
     """
     high, steps, spans = 0.0, [], []
     for record in records:
@@ -104,9 +106,9 @@ def transformed(record: Record, system: System, band: tuple[float, float]) -> Tr
     """
     step, count = step_of(record), len(record)
     rows, valid = record.output_array(system.output_names)
-    known = np.asarray(valid.any(axis=1))
+    usable = np.asarray(valid.any(axis=1))
     filled = 0
-    for i in np.flatnonzero(known & ~valid.all(axis=1)):
+    for i in np.flatnonzero(usable & ~valid.all(axis=1)):
         lost = int(np.count_nonzero(~valid[i]))
         if lost > FILLED * count:
             what = (
@@ -126,8 +128,8 @@ def transformed(record: Record, system: System, band: tuple[float, float]) -> Tr
         raise RecordError(what, where=record.name, remedy="widen --band")
     omega = 2.0 * np.pi * bins / (count * step)
     outputs = np.where(
-        known[:, None],
-        np.fft.rfft(np.where(known[:, None], rows, 0.0))[:, bins] / np.sqrt(count),
+        usable[:, None],
+        np.fft.rfft(np.where(usable[:, None], rows, 0.0))[:, bins] / np.sqrt(count),
         0.0,
     )
     inputs = record.input_array(system.input_names)
@@ -139,7 +141,7 @@ def transformed(record: Record, system: System, band: tuple[float, float]) -> Tr
         omega,
         np.exp(1j * omega * step),
         outputs,
-        known,
+        usable,
         inputs,
         filled,
     )
@@ -237,12 +239,12 @@ def bent(system: System, records: Sequence[Record]) -> str:
     ]
     with np.errstate(all="ignore"):
         start = _values(system, points[-1], p, np.zeros(1))
-        room = STRAIGHT * np.maximum(
+        tolerance = STRAIGHT * np.maximum(
             np.max(np.abs(matrix * sizes), axis=1), 1e-300
         ) + 1e-12 * np.abs(start[:, 0])
         for point in points:
-            found, expected = _values(system, point, p, times) - start, matrix @ point
-            off = ~np.all(np.abs(found - expected[:, None]) <= room[:, None], axis=1)
+            result, expected = _values(system, point, p, times) - start, matrix @ point
+            off = ~np.all(np.abs(result - expected[:, None]) <= tolerance[:, None], axis=1)
             if np.any(off):
                 return names[int(np.argmax(off))]
     return ""
@@ -259,13 +261,13 @@ def _values(system: System, point: np.ndarray, p: np.ndarray, times: np.ndarray)
 
 def _size(name: str, records: Sequence[Record]) -> float:
     """Largest recorded value of a signal, one where it is not recorded."""
-    found = [
+    result = [
         np.max(np.abs(channel.values[channel.valid]), initial=0.0)
         for record in records
         for channel in record.channels
         if channel.name == name
     ]
-    return float(max(found, default=0.0)) or 1.0
+    return float(max(result, default=0.0)) or 1.0
 
 
 # ---- Response of a linear model to recorded inputs at the harmonics of a record
@@ -276,8 +278,8 @@ NEIGHBOURS = (-1, 0, 1)
 
 @dataclass(frozen=True)
 class Delay:
-    """``seconds`` late, and the position of that parameter among the wanted ones, None where it is
-    held.
+    """Delay of an input: ``seconds``, and the position of its parameter among the wanted ones, None
+    if fixed.
     """
 
     seconds: float = 0.0
@@ -285,7 +287,7 @@ class Delay:
 
 
 @dataclass(frozen=True, eq=False)
-class Response:
+class TransformedResponse:
     """``y (m, f)`` of motion from rest to rest; ``by_parameter (m, f, q)`` and ``by_ends (m, f,
     n)``, the last of any x[0] - x[N].
     """
@@ -297,8 +299,8 @@ class Response:
 
 def response(
     model: LinearModel, record: TransformedRecord, delays: Mapping[int, Delay], ends: np.ndarray
-) -> Response:
-    """Response to a record's inputs, those at the positions in ``delays`` late; ``ends (n,)`` is
+) -> TransformedResponse:
+    """Response to a record's inputs, with ``delays`` by position of the input; ``ends (n,)`` is
     x[0] - x[N].
     """
     n, q = len(model.A), len(model.dA)
@@ -317,14 +319,14 @@ def response(
         + np.einsum("mr,frq->mfq", model.D, dU)
     )
     by_parameter = direct + np.einsum("mn,fnq->mfq", model.C, dX)
-    return Response(y, by_parameter, np.einsum("mn,fnk->mfk", model.C, solved[:, :, 1:]))
+    return TransformedResponse(y, by_parameter, np.einsum("mn,fnk->mfk", model.C, solved[:, :, 1:]))
 
 
 def _stepped(
     model: LinearModel, record: TransformedRecord, delays: Mapping[int, Delay]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Phi ``(n, n)``, its slopes ``(q, n, n)``, what the inputs do to the state ``(f, n)`` and its
-    slopes ``(f, n, q)``.
+    """Phi ``(n, n)``, its slopes ``(q, n, n)``, the effect of the inputs on the state ``(f, n)``
+    and its slopes ``(f, n, q)``.
     """
     n, q = len(model.A), len(model.dA)
     width = max(q, 1)
@@ -335,11 +337,11 @@ def _stepped(
     forced = np.zeros((len(record.omega), n), dtype=complex)
     d_forced = np.zeros((len(record.omega), n, q), dtype=complex)
     for i in range(model.B.shape[1]):
-        late, part = _parted(delays.get(i, Delay()), record.step, width)
+        delay, part = _parted(delays.get(i, Delay()), record.step, width)
         for offset, G in zip(NEIGHBOURS, _gains(A, B[:, :, i], part, record), strict=True):
             if not np.any(G):
                 continue
-            U = record.shifted(i, late - offset)
+            U = record.shifted(i, delay - offset)
             forced += U[:, None] * G[0].real
             d_forced += U[:, None, None] * (G.imag / COMPLEX_STEP).T[None, :, :q]
     return Phi[0].real, Phi[:q].imag / COMPLEX_STEP, forced, d_forced
@@ -386,16 +388,16 @@ def _times(Phi: np.ndarray, rows: np.ndarray) -> np.ndarray:
 def _transition(
     A: np.ndarray, b: np.ndarray, time: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Over ``time (q,)``: the transition ``(q, n, n)``, and what an input of one and one that grows
-    as the time do, ``(q, n)``.
+    """Over ``time (q,)``: the transition ``(q, n, n)``, and the effects of a constant input and of
+    a ramp, ``(q, n)``.
     """
     from scipy.linalg import expm
 
     q, n = len(A), A.shape[1]
     block = np.zeros((q, n + 2, n + 2), dtype=complex)
     block[:, :n, :n], block[:, :n, n], block[:, n, n + 1] = A, b, 1.0
-    found = expm(block * time[:, None, None])
-    return found[:, :n, :n], found[:, :n, n], found[:, :n, n + 1]
+    result = expm(block * time[:, None, None])
+    return result[:, :n, :n], result[:, :n, n], result[:, :n, n + 1]
 
 
 def _read(
@@ -409,9 +411,9 @@ def _read(
     dU = np.zeros((len(record.omega), count, q), dtype=complex)
     for i in range(count):
         delay = delays.get(i, Delay())
-        late, rest = _parted(Delay(delay.seconds), record.step, 1)
+        delay_value, rest = _parted(Delay(delay.seconds), record.step, 1)
         share = float(rest[0].real)
-        now, before = record.shifted(i, late), record.shifted(i, late + 1)
+        now, before = record.shifted(i, delay_value), record.shifted(i, delay_value + 1)
         if record.hold is Hold.PREVIOUS:
             U[:, i] = before if share > 0.0 else now
             continue
@@ -449,7 +451,7 @@ def equal_bands(omegas: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 def levels(
     residuals: Sequence[np.ndarray],
-    known: Sequence[np.ndarray],
+    usable: Sequence[np.ndarray],
     bands: Sequence[np.ndarray],
     floor: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -458,7 +460,7 @@ def levels(
     """
     width = 1 + max(int(np.max(band)) for band in bands)
     total, count = np.zeros((len(floor), width)), np.zeros((len(floor), width))
-    for residual, measured, band in zip(residuals, known, bands, strict=True):
+    for residual, measured, band in zip(residuals, usable, bands, strict=True):
         for b in range(width):
             total[:, b] += np.where(
                 measured, np.sum(np.abs(residual[:, band == b]) ** 2, axis=1), 0.0
@@ -471,7 +473,7 @@ def levels(
 
 def coloured(
     residuals: Sequence[np.ndarray],
-    known: Sequence[np.ndarray],
+    usable: Sequence[np.ndarray],
     bands: Sequence[np.ndarray],
     floor: np.ndarray,
 ) -> bool:
@@ -482,16 +484,18 @@ def coloured(
     """
     from scipy.special import gammaincc  # scipy.stats takes half a second to load
 
-    apart, count = levels(residuals, known, bands, floor)
-    together, _ = levels(residuals, known, [np.zeros_like(band) for band in bands], floor)
-    degrees = apart.shape[1] - 1
+    split_levels, count = levels(residuals, usable, bands, floor)
+    together, _ = levels(residuals, usable, [np.zeros_like(band) for band in bands], floor)
+    degrees = split_levels.shape[1] - 1
     if degrees == 0:
         return False
-    told = np.flatnonzero(count.sum(axis=1) > 0)
-    ratio = 2.0 * np.sum(count[told] * np.log(together[told] / apart[told]), axis=1)
+    determined = np.flatnonzero(count.sum(axis=1) > 0)
+    ratio = 2.0 * np.sum(
+        count[determined] * np.log(together[determined] / split_levels[determined]), axis=1
+    )
     return bool(
         np.min(gammaincc(0.5 * degrees, 0.5 * np.maximum(ratio, 0.0)), initial=1.0)
-        * max(len(told), 1)
+        * max(len(determined), 1)
         < SURE
     )
 

@@ -6,10 +6,10 @@
 
 from ident.frequency_response.estimate import (
     LEAST_COHERENCE,
+    EvenSignals,
     FrequencyResponses,
-    Signals,
     Spectra,
     estimate_responses,
 )
 
-__all__ = ["LEAST_COHERENCE", "FrequencyResponses", "Signals", "Spectra", "estimate_responses"]
+__all__ = ["LEAST_COHERENCE", "EvenSignals", "FrequencyResponses", "Spectra", "estimate_responses"]

@@ -41,14 +41,13 @@ _SIMILAR = 5  # neighbours over which weights and coherence are smoothed
 
 
 @dataclass(frozen=True, eq=False)
-class Signals:
+class EvenSignals:
     """Evenly sampled signals of one record.
 
     Attributes
     ----------
     step : s. inputs ``(q, N)``, outputs ``(m, N)``, references ``(q or 0, N)``: excitations that
-    the
-        noise does not reach.
+        the noise does not reach.
     """
 
     step: float
@@ -70,8 +69,8 @@ class Spectra:
 
     Attributes
     ----------
-    windows : s, lengths of the Hann windows, the longest first. tapers : sine tapers of each whole
-        record instead; 0 for windows.
+    windows : s, lengths of the Hann windows, the longest first.
+    tapers : sine tapers of each whole record instead; 0 for windows.
     derivatives : of the window, taken along in the regression against the bias of the windows.
     least_coherence : of the usable band.
     """
@@ -99,8 +98,9 @@ class FrequencyResponses:
     input_coherence : ``(q, F)``, of each input with the other inputs, zero with one; of a joint
         estimate of each input with the references.
     usable : bool ``(m, q, F)``, the usable band.
-    averages : ``(m, F)``, number of independent averages. lengths : ``(m, F)``, s, weighted
-        geometric mean of the windows' lengths, by which the errors of neighbours are correlated.
+    averages : ``(m, F)``, number of independent averages.
+    lengths : ``(m, F)``, s, weighted geometric mean of the windows' lengths, by which the errors of
+        neighbours are correlated.
     spectra : how it was estimated.
     joint : whether it is a joint input-output estimate.
     leaked : bool ``(q, F)``, where an input (its reference) has no power of its own: what its
@@ -160,7 +160,7 @@ class FrequencyResponses:
 
 
 def estimate_responses(
-    records: Sequence[Signals], frequency: np.ndarray, spectra: Spectra
+    records: Sequence[EvenSignals], frequency: np.ndarray, spectra: Spectra
 ) -> FrequencyResponses:
     """Estimate the responses of all outputs to all inputs from the records together.
 
@@ -228,7 +228,7 @@ def responses_of_segments(
         std = np.where(
             _instrument_tells(of_inputs[0], averages), std, np.maximum(std, np.abs(response))
         )
-    found = FrequencyResponses(
+    result = FrequencyResponses(
         frequency,
         response,
         std,
@@ -242,8 +242,8 @@ def responses_of_segments(
         spectra,
         joint,
     )
-    leaked = _leaked(segments, left, usable_rows) if not spectra.tapers else found.leaked
-    return replace(found, usable=_usable(found, aside), leaked=leaked)
+    leaked = _leaked(segments, left, usable_rows) if not spectra.tapers else result.leaked
+    return replace(result, usable=_usable(result, aside), leaked=leaked)
 
 
 def detrended(signals: np.ndarray) -> np.ndarray:
@@ -345,13 +345,13 @@ def _smoothed(errors: np.ndarray) -> np.ndarray:
     """Squared errors ``(W, F)``, geometric means over neighbouring frequencies of one window."""
     out = errors.copy()
     for row, each in enumerate(errors):
-        known = np.isfinite(each)
-        if not known.any():
+        finite = np.isfinite(each)
+        if not finite.any():
             continue
-        logs = np.where(known, np.log(np.maximum(np.where(known, each, 1.0), 1e-300)), 0.0)
+        logs = np.where(finite, np.log(np.maximum(np.where(finite, each, 1.0), 1e-300)), 0.0)
         kernel = np.ones(min(_SIMILAR, each.size))
-        sums, count = np.convolve(logs, kernel, "same"), np.convolve(known, kernel, "same")
-        out[row] = np.where(known, np.exp(sums / np.maximum(count, 1.0)), np.inf)
+        sums, count = np.convolve(logs, kernel, "same"), np.convolve(finite, kernel, "same")
+        out[row] = np.where(finite, np.exp(sums / np.maximum(count, 1.0)), np.inf)
     return out
 
 
@@ -375,7 +375,7 @@ def _pooled(
         here = open_ & (_carried(averages, q, order) | (order == 0))
         if not here.any():
             continue
-        plain = np.arange(q) * terms
+        rows = np.arange(q) * terms
         together = max(1, _NUMBERS // (len(y) * q * terms))
         places = np.flatnonzero(here)
         for at in (places[n : n + together] for n in range(0, places.size, together)):
@@ -383,10 +383,10 @@ def _pooled(
                 segments.transforms[each, :terms][..., at].reshape(q * terms, -1, at.size)
                 for each in (inputs, left)
             )
-            found = regress(y[:, at], z, weights[:, at], segments.overlap, instruments)
-            response[:, at] = found.coefficients[:, plain].T
-            std[:, at] = np.sqrt(np.einsum("fkk->fk", found.covariance).real[:, plain]).T
-            degrees[at] = found.degrees
+            result = regress(y[:, at], z, weights[:, at], segments.overlap, instruments)
+            response[:, at] = result.coefficients[:, rows].T
+            std[:, at] = np.sqrt(np.einsum("fkk->fk", result.covariance).real[:, rows]).T
+            degrees[at] = result.degrees
         open_ &= ~here
     return response, std, degrees
 
@@ -448,7 +448,7 @@ def _instrument_tells(coherence: np.ndarray, averages: np.ndarray) -> np.ndarray
     return np.asarray(coherence[None] >= least[:, None])
 
 
-def _usable(found: FrequencyResponses, aside: np.ndarray) -> np.ndarray:
+def _usable(responses: FrequencyResponses, aside: np.ndarray) -> np.ndarray:
     """The longest run of frequencies, in octaves, whose coherence and random error reach their
     limits and whose input has power on both sides.
 
@@ -458,18 +458,18 @@ def _usable(found: FrequencyResponses, aside: np.ndarray) -> np.ndarray:
     """
     from scipy.ndimage import median_filter
 
-    out = np.zeros(found.response.shape, dtype=bool)
-    log = np.log(found.frequency)
-    for output, row in enumerate(found.partial_coherence):
+    out = np.zeros(responses.response.shape, dtype=bool)
+    log = np.log(responses.frequency)
+    for output, row in enumerate(responses.partial_coherence):
         for one, partial in enumerate(row):
-            if found.joint:
-                partial = np.minimum(found.coherence[output], found.input_coherence[one])
+            if responses.joint:
+                partial = np.minimum(responses.coherence[output], responses.input_coherence[one])
             size = min(_SIMILAR, partial.size)
             coherent, error, away = (
                 median_filter(each, size=size, mode="nearest")
-                for each in (partial, found.random_error[output, one], aside[output, one])
+                for each in (partial, responses.random_error[output, one], aside[output, one])
             )
-            good = (coherent >= found.spectra.least_coherence) & (error <= RANDOM_ERROR)
+            good = (coherent >= responses.spectra.least_coherence) & (error <= RANDOM_ERROR)
             out[output, one] = longest_run(good & (np.abs(away) <= ASIDE), log)
     return out
 
@@ -504,7 +504,8 @@ POWER = 0.99  # of the inputs, that lies within a band that is not given
 PER_DECADE = 40  # frequencies
 _FEWEST = 12  # frequencies of a narrow band
 WINDOWS = 4  # lengths, each half of the one before
-_SHARE, _MOST = 0.25, 0.5  # of the longest record: the longest window, usually and at most
+_SHARE = 0.25  # usual longest window, as a share of the longest record
+_MOST = 0.5  # largest longest window, as a share of the longest record
 _CYCLES = 2.5  # periods of the lowest frequency, that the longest window holds where it can
 
 
@@ -523,7 +524,7 @@ def window_lengths(
     return tuple(longest / 2**n for n in range(count))
 
 
-def input_band(records: Sequence[Signals], low: float) -> tuple[float, float]:
+def input_band(records: Sequence[EvenSignals], low: float) -> tuple[float, float]:
     """From ``low`` to the frequency, Hz, below which the inputs have 99 % of their power, at most a
     fifth of the rate; of several inputs the one that reaches highest counts."""
     step = records[0].step
@@ -548,7 +549,7 @@ def lowest_frequency(windows: Sequence[float]) -> float:
     return LOWEST / max(windows)
 
 
-def decimated(records: Sequence[Signals], high: float) -> tuple[list[Signals], int]:
+def decimated(records: Sequence[EvenSignals], high: float) -> tuple[list[EvenSignals], int]:
     """The records with every n-th sample behind a zero-phase filter, the same for all signals, so
     that five samples a period are left at ``high``, Hz; and n, 1 where nothing is to be left
     out."""
@@ -562,6 +563,6 @@ def decimated(records: Sequence[Signals], high: float) -> tuple[list[Signals], i
         return np.asarray(resample_poly(detrended(rows), 1, factor, axis=1)) if len(rows) else rows
 
     return [
-        Signals(factor * step, fewer(each.inputs), fewer(each.outputs), fewer(each.references))
+        EvenSignals(factor * step, fewer(each.inputs), fewer(each.outputs), fewer(each.references))
         for each in records
     ], factor

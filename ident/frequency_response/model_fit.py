@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.frequency_response.transfer_function import (
-    Target,
+    ResponseTarget,
     mismatch_cost,
     weighted_errors,
     weighted_noise,
@@ -34,10 +34,13 @@ class ModelFit:
 
     Attributes
     ----------
-    names, values, start : of the free parameters, ``(q,)``. covariance : ``(q, q)``, under the
-        errors of the responses. cramer_rao, insensitivity : ``(q,)``, Tischler's.
-    fixed : values that were held. costs : of each response; ``cost`` their mean.
-    responses : of the fitted model at the targets' frequencies. converged : the search ended.
+    names, values, start : of the free parameters, ``(q,)``.
+    covariance : ``(q, q)``, under the errors of the responses.
+    cramer_rao, insensitivity : ``(q,)``, Tischler's.
+    fixed : values that were held.
+    costs : of each response; ``cost`` their mean.
+    responses : of the fitted model at the targets' frequencies.
+    converged : the search ended.
     """
 
     names: tuple[str, ...]
@@ -68,7 +71,7 @@ class ModelFit:
 
 
 def fit_model(
-    targets: Sequence[Target],
+    targets: Sequence[ResponseTarget],
     responses: Responses,
     start: Mapping[str, float],
     fixed: Mapping[str, float],
@@ -79,8 +82,10 @@ def fit_model(
     Parameters
     ----------
     responses : from all parameters the complex responses at the targets' frequencies, in their
-        order. start : of the free parameters; each is searched for from itself, 0.7 and 1.4 times
-        itself. fixed : values that are held. low : least values of some.
+        order.
+    start : of the free parameters; each is searched for from itself, 0.7 and 1.4 times itself.
+    fixed : values that are held.
+    low : least values of some.
 
     Raises
     ------
@@ -114,9 +119,9 @@ def fit_model(
     for factor in SPREAD:
         p = np.maximum(factor * begin, np.where(np.isfinite(bounds), bounds + 1e-6, -np.inf))
         scale = np.maximum(np.abs(p), 1e-2)
-        found = least_squares(residuals, p, bounds=(bounds, np.inf), x_scale=scale, max_nfev=200)
-        if found.cost < least * (1.0 - 1e-6):
-            best, least, ended = found.x, float(found.cost), found.status > 0
+        solution = least_squares(residuals, p, bounds=(bounds, np.inf), x_scale=scale, max_nfev=200)
+        if solution.cost < least * (1.0 - 1e-6):
+            best, least, ended = solution.x, float(solution.cost), solution.status > 0
     if least >= 0.5 * _FURTHEST**2:
         what = "the model has no finite responses at its starting values"
         raise ModelError(what, where="fit", remedy="check them in the vehicle file")
@@ -157,5 +162,5 @@ def _slopes(residuals: Callable[[np.ndarray], np.ndarray], p: np.ndarray) -> np.
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    plain = matrix / np.outer(scale, scale)
-    return np.asarray(np.linalg.pinv(plain, rcond=1e-12, hermitian=True) / np.outer(scale, scale))
+    scaled = matrix / np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(scaled, rcond=1e-12, hermitian=True) / np.outer(scale, scale))

@@ -66,9 +66,12 @@ class OnlineResponses:
 
     Attributes
     ----------
-    step : s. frequency : Hz, ``(F,)``. spectra : window lengths and least coherence.
+    step : s.
+    frequency : Hz, ``(F,)``.
+    spectra : window lengths and least coherence.
     outputs, inputs : how many; with ``joint`` as many references follow as there are inputs.
-    memory : s. samples : taken so far, those left out counted by their place.
+    memory : s.
+    samples : taken so far, those left out counted by their place.
     """
 
     step: float
@@ -102,9 +105,11 @@ def online_responses(
 
     Parameters
     ----------
-    step : s, between samples. frequency : Hz, ``(F,)``, below half of the rate. lengths : s, of the
-        Hann windows. outputs, inputs : how many signals; ``joint``: with a reference for each
-        input. memory : s, after which a window is forgotten.
+    step : s, between samples.
+    frequency : Hz, ``(F,)``, below half of the rate.
+    lengths : s, of the Hann windows.
+    outputs, inputs : how many signals; ``joint``: with a reference for each input.
+    memory : s, after which a window is forgotten.
 
     Raises
     ------
@@ -172,16 +177,16 @@ def estimated(stream: OnlineResponses) -> FrequencyResponses | None:
     there = segments.usable(stream.frequency).any(axis=0)
     if not there.any():
         return None
-    known = Segments(transforms[..., there], segments.windows, segments.lengths, overlap)
+    present = Segments(transforms[..., there], segments.windows, segments.lengths, overlap)
     frequency = stream.frequency[there]
-    found = responses_of_segments(
-        known, frequency, stream.spectra, stream.outputs, stream.inputs, stream.joint
+    result = responses_of_segments(
+        present, frequency, stream.spectra, stream.outputs, stream.inputs, stream.joint
     )
-    return replace(found, usable=_excited_runs(stream, known, found))
+    return replace(result, usable=_excited_runs(stream, present, result))
 
 
 def _excited_runs(
-    stream: OnlineResponses, segments: Segments, found: FrequencyResponses
+    stream: OnlineResponses, segments: Segments, responses: FrequencyResponses
 ) -> np.ndarray:
     """The usable bands ``(m, q, F)`` without frequencies that no excitation has reached yet.
 
@@ -192,12 +197,12 @@ def _excited_runs(
     zero, the sweep has come but not passed, and the response is extrapolated from one side.
     """
     m, q = stream.outputs, stream.inputs
-    usable = segments.usable(found.frequency)
+    usable = segments.usable(responses.frequency)
     counts = np.maximum(np.bincount(segments.windows, minlength=len(segments.lengths)), 1)
     share = usable / counts[segments.windows][:, None]
     length = np.array(segments.lengths)[segments.windows][:, None] / (2.0 * math.pi)
-    out = np.zeros_like(found.usable)
-    log = np.log(found.frequency)
+    out = np.zeros_like(responses.usable)
+    log = np.log(responses.frequency)
     for one in range(q):
         plain, under = segments.transforms[m + q + one if stream.joint else m + one, :2]
         power = np.sum(share * np.abs(plain) ** 2, axis=0)
@@ -205,7 +210,7 @@ def _excited_runs(
         aside = np.sum(share * length * (np.conj(plain) * under).imag, axis=0)
         excited = (away <= HALF_LOBE**2 * power) & (np.abs(aside) <= ONE_SIDED * power)
         for output in range(m):
-            out[output, one] = longest_run(found.usable[output, one] & excited, log)
+            out[output, one] = longest_run(responses.usable[output, one] & excited, log)
     return out
 
 

@@ -46,13 +46,14 @@ _SMALLEST = np.finfo(float).tiny
 
 @dataclass(frozen=True, eq=False)
 class Regression:
-    """Coefficients of one output.
+    """Complex coefficients of one output, from ``regress``.
 
     Attributes
     ----------
     coefficients : complex ``(F, K)``.
     covariance : ``(F, K, K)``, of the real and of the imaginary part of each: half of E[|error|^2].
-    noise : ``(F,)``, the noise spectrum S. degrees : ``(F,)``, real degrees of freedom of it.
+    noise : ``(F,)``, the noise spectrum S.
+    degrees : ``(F,)``, real degrees of freedom of it.
     """
 
     coefficients: np.ndarray
@@ -72,8 +73,10 @@ def regress(
 
     Parameters
     ----------
-    output : complex ``(R, F)``. regressors, instruments : complex ``(K, R, F)``.
-    weights : ``(R, F)``, not negative. overlap : ``(R, R)``.
+    output : complex ``(R, F)``.
+    regressors, instruments : complex ``(K, R, F)``.
+    weights : ``(R, F)``, not negative.
+    overlap : ``(R, R)``.
     """
     z = np.moveaxis(regressors, 2, 0)  # (F, K, R)
     left = z if instruments is None else np.moveaxis(instruments, 2, 0)
@@ -133,9 +136,9 @@ def coherences(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     matrix, 1 - 1/(S_yy P_yy) and |P_iy|^2/(P_ii P_yy).
     """
     scale = np.sqrt(np.maximum(np.einsum("fss->fs", matrix).real, _SMALLEST))
-    plain = matrix / (scale[:, :, None] * scale[:, None, :])
+    scaled = matrix / (scale[:, :, None] * scale[:, None, :])
     size = matrix.shape[1]
-    inverse = np.linalg.inv(plain + 1e-13 * np.eye(size))
+    inverse = np.linalg.inv(scaled + 1e-13 * np.eye(size))
     last = inverse[:, -1, -1].real
     multiple = 1.0 - 1.0 / np.maximum(last, 1.0)
     partial = np.abs(inverse[:, :-1, -1]) ** 2 / (
@@ -158,12 +161,12 @@ class Segments:
 
     Attributes
     ----------
-    transforms : complex ``(S, D, R, F)``: signal, derivative of the window, segment, frequency;
-        the phase counts from the first sample of the record. The windows have unit energy.
+    transforms : complex ``(S, D, R, F)``: signal, derivative of the window, segment, frequency; the
+        phase counts from the first sample of the record. The windows have unit energy.
     windows : ``(R,)``, number of the window length of each row.
     lengths : s, the window lengths.
     overlap : sparse ``(R, R)``, inner products of the windows: the correlation of white noise in
-    two rows.
+        two rows.
     """
 
     transforms: np.ndarray
@@ -172,10 +175,10 @@ class Segments:
     overlap: csr_array
 
     def usable(self, frequency: np.ndarray, shorter: float = SHORTER) -> np.ndarray:
-        """Whether a row's window is long enough for a frequency in Hz, bool ``(R, F)``.
+        """Whether the window of a row is long enough for a frequency in Hz, bool ``(R, F)``.
 
-        The longest window of those that are there serves down to ``LOWEST`` periods, shorter ones
-        to ``shorter``, where what their derivatives leave of the bias is small.
+        The longest window is used down to ``LOWEST`` periods, shorter ones down to ``shorter``
+        periods, where the bias left by the derivatives is small.
         """
         lengths = np.array(self.lengths)[self.windows]
         least = np.where(lengths < lengths.max() * (1.0 - 1e-9), shorter, LOWEST)
@@ -194,9 +197,10 @@ def hann_segments(
     Parameters
     ----------
     records : each ``(S, N)``: the same signals in the same order.
-    step : s, between samples. lengths : s, of the windows; a record that is shorter than one has
-        no segment of it.
-    frequency : Hz, ``(F,)``. derivatives : of the window, up to 2.
+    step : s, between samples.
+    lengths : s, of the windows; a record that is shorter than one has no segment of it.
+    frequency : Hz, ``(F,)``.
+    derivatives : of the window, up to 2.
     """
     blocks, windows, starts, owners = [], [], [], []
     for number, length in enumerate(lengths):
@@ -266,12 +270,7 @@ def _product(real: np.ndarray, factors: np.ndarray) -> np.ndarray:
 
 
 def _hann_rows(
-    signals: np.ndarray,
-    step: float,
-    hop: int,
-    count: int,
-    frequency: np.ndarray,
-    derivatives: int,
+    signals: np.ndarray, step: float, hop: int, count: int, frequency: np.ndarray, derivatives: int
 ) -> np.ndarray:
     """Transforms ``(S, D, count, F)`` under Hann windows of ``OVERLAP * hop`` samples.
 
@@ -292,14 +291,16 @@ def _hann_rows(
 def hann_of_blocks(
     parts: np.ndarray, step: float, hop: int, frequency: np.ndarray, derivatives: int
 ) -> np.ndarray:
-    """Transforms ``(S, D, B - 3, F)`` under Hann windows of four blocks in a row, each from its own
-    first sample.
+    """Transforms ``(S, D, B - 3, F)`` under Hann windows of four successive blocks; times count
+    from the first sample of each window.
 
     Parameters
     ----------
     parts : complex ``(3, S, B, F)``, transforms of the blocks from their own first samples, at the
         frequencies, and at those lower and higher by one over the window's length.
-    step : s. hop : samples of a block. derivatives : of the window, up to 2.
+    step : s.
+    hop : samples of a block.
+    derivatives : of the window, up to 2.
     """
     size = OVERLAP * hop
     length, count = size * step, parts.shape[2] - OVERLAP + 1
@@ -319,16 +320,18 @@ def hann_of_blocks(
 
 
 def unit_rows(step: float, hop: int, frequency: np.ndarray, derivatives: int) -> np.ndarray:
-    """Transforms ``(2, D, F)`` of one and of the centred sample numbers under a Hann window of four
-    blocks."""
+    """Transforms ``(2, D, F)`` of a constant one and of the centred sample numbers under a Hann
+    window of four blocks.
+    """
     size = OVERLAP * hop
     line = np.stack([np.ones(size), np.arange(size) - 0.5 * (size - 1)])
     return _hann_rows(line, step, hop, 1, frequency, derivatives)[:, :, 0]
 
 
 def overlap_of(spans: np.ndarray, owner: np.ndarray) -> csr_array:
-    """Inner products ``(R, R)`` of unit Hann windows from their starts and lengths, s; not to be
-    changed, since windows at the same places are given the same array again.
+    """Inner products ``(R, R)`` of unit Hann windows from their starts and lengths, s.
+
+    Do not change the result: windows at the same places share one array.
     """
     spans, owner = np.ascontiguousarray(spans, float), np.ascontiguousarray(owner, np.int64)
     return _overlap(spans.tobytes(), owner.tobytes())
@@ -360,23 +363,26 @@ def _overlap(places_in_time: bytes, owners: bytes) -> csr_array:
         known = (inside > 0.0) & (inside < 1.0)
         values = np.where(known, 0.5 - 0.5 * np.cos(2.0 * math.pi * inside), 0.0)
         scale = np.sqrt(length[row] / length[others]) / (0.375 * grid.size)
-        found = values @ shape * scale
+        result = values @ shape * scale
         longer = length[others] > length[row]
         places += [np.full(others.size, row), others[longer]]
         partners += [others, np.full(np.count_nonzero(longer), row)]
-        products += [found, found[longer]]
+        products += [result, result[longer]]
     where = (np.concatenate(places), np.concatenate(partners))
     return csr_array((np.concatenate(products), where), shape=(len(spans), len(spans)))
 
 
-LOW, HIGH = 0.35, 14.0  # rad/s, where short period, lag and delay show
-_DECIBEL, _PHASE = 20.0 / math.log(10.0), math.sqrt(0.01745) * 180.0 / math.pi
+LOW = 0.35  # rad/s, lowest frequency at which short period, lag and delay show
+HIGH = 14.0  # rad/s, highest such frequency
+_DECIBEL = 20.0 / math.log(10.0)  # dB per unit of the natural logarithm of a gain
+# square root of the weight 0.01745 of an error of 1 deg, per rad
+_PHASE = math.sqrt(0.01745) * 180.0 / math.pi
 _PADDING = 4
 _LATEST = 1.0  # s, the longest lag by which an output is aligned with the input
 
 
 @dataclass(frozen=True, eq=False)
-class FrequencyResponse:
+class SingleInputResponse:
     """Response of outputs to one input.
 
     Attributes
@@ -384,9 +390,10 @@ class FrequencyResponse:
     omega : ``(n,)`` rad/s.
     outputs : names of the m rows.
     response : complex ``(m, n)``, output per input as it acts between samples (the hold is taken
-    out). coherence : ``(m, n)``, 0 to 1: share of the output that follows the input linearly.
+        out).
+    coherence : ``(m, n)``, 0 to 1: share of the output that follows the input linearly.
     bandwidth : half width of the smoothing, rad/s; neighbours closer than twice this are not
-    independent.
+        independent.
     """
 
     omega: np.ndarray
@@ -403,12 +410,12 @@ def estimate_response(
     low: float = LOW,
     high: float = HIGH,
     tapers: int = 5,
-) -> FrequencyResponse:
+) -> SingleInputResponse:
     """Estimate the response by averaging cross spectra over sine tapers.
 
-    Averaging over the tapers' bandwidth flattens a response that turns quickly with frequency, and
-    a low-order fit reads that as damping. Each output is therefore aligned with the input by its
-    lag beforehand (the lag is put back); what bias remains falls with fewer tapers and longer
+    Averaging over the bandwidth of the tapers flattens a response whose phase changes quickly with
+    frequency; a low-order fit reads that as damping. So each output is first aligned with the input
+    by its lag, which is restored afterwards. The remaining bias falls with fewer tapers and longer
     records.
 
     Parameters
@@ -417,12 +424,13 @@ def estimate_response(
     outputs : all of the record's when None.
     low, high : range of frequencies kept, rad/s.
     tapers : more give less scatter and a coherence that means more, and smear over (tapers + 1) pi
-    / duration.
+        / duration.
 
     Raises
     ------
     RecordError : uneven sampling, missing samples, an input without motion, no frequency in the
-    range. ModelError : fewer than two tapers (the coherence of one is always 1).
+        range.
+    ModelError : fewer than two tapers (the coherence of one is always 1).
     """
     if tapers < 2:
         raise ModelError(f"{tapers} tapers", where="estimate_response", remedy="use two or more")
@@ -459,21 +467,21 @@ def estimate_response(
     rows = sine_segments([np.array([u, *aligned])], step, tapers, hertz, derivatives=0).transforms[
         :, 0
     ]
-    late = np.exp(-1j * omega * step * np.array(lags)[:, None])
-    U, Y = rows[0], rows[1:] * late[:, None, :]
+    shifts = np.exp(-1j * omega * step * np.array(lags)[:, None])
+    U, Y = rows[0], rows[1:] * shifts[:, None, :]
     Suu, Syy = (np.abs(U) ** 2).mean(axis=0), (np.abs(Y) ** 2).mean(axis=1)
     Syu = (Y * np.conj(U)).mean(axis=1)
     coherence = np.abs(Syu) ** 2 / np.maximum(Suu * Syy, np.finfo(float).tiny)
     between = (1.0 - np.exp(-1j * omega * step)) / (1j * omega * step)
-    held = between if record.hold is Hold.PREVIOUS else np.abs(between) ** 2
-    return FrequencyResponse(
-        omega, names, Syu / Suu / held, coherence, (tapers + 1) * math.pi / (count * step)
+    is_held = between if record.hold is Hold.PREVIOUS else np.abs(between) ** 2
+    return SingleInputResponse(
+        omega, names, Syu / Suu / is_held, coherence, (tapers + 1) * math.pi / (count * step)
     )
 
 
 def _lag(u: np.ndarray, y: np.ndarray, latest: int) -> int:
-    """By how many samples the output follows the input: where the size of their correlation is
-    largest, up to ``latest``.
+    """Lag of the output behind the input in samples, at most ``latest``: the largest absolute
+    cross-correlation.
     """
     sums = [abs(float(u[: len(u) - k] @ y[k:])) for k in range(min(latest, len(u) - 1) + 1)]
     return int(np.argmax(sums))
@@ -481,8 +489,11 @@ def _lag(u: np.ndarray, y: np.ndarray, latest: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class ResponseFit:
-    """A model fitted to a frequency response: parameter values by name, mismatch as the weighted
-    mean of (error in dB)^2 + 0.01745 (error in deg)^2, whether the search ended at a minimum."""
+    """A model fitted to a frequency response.
+
+    ``values``: parameters by name. ``mismatch``: weighted mean of (error in dB)^2 + 0.01745 (error
+    in deg)^2. ``converged``: whether the search ended at a minimum.
+    """
 
     values: Mapping[str, float]
     mismatch: float
@@ -508,16 +519,16 @@ def model_response(
     rows = [system.output_names.index(name) for name in outputs]
     s = 1j * np.asarray(omega)
     inside = np.linalg.solve(s[:, None, None] * np.eye(len(A)) - A, B.astype(complex)[None])
-    late = (
+    delay_factor = (
         np.exp(-s * values.get(delay, 0.0))
         if delay in values
         else np.exp(-s * _held_delay(system, delay))
     )
-    return ((C[rows] @ inside + D[rows])[:, :, 0] * late[:, None]).T
+    return ((C[rows] @ inside + D[rows])[:, :, 0] * delay_factor[:, None]).T
 
 
 def fit_response(
-    response: FrequencyResponse,
+    response: SingleInputResponse,
     system: System,
     free: Sequence[str],
     outputs: Sequence[str] | None = None,
@@ -552,15 +563,15 @@ def fit_response(
     bounds = np.array([system.parameters[name].bounds for name in free]).T
 
     def errors(p: np.ndarray) -> np.ndarray:
-        found = model_response(
+        result = model_response(
             system, dict(zip(free, p.tolist(), strict=True)), response.omega, names, delay
         )
-        ratio = np.log(found / response.response[rows])
+        ratio = np.log(result / response.response[rows])
         return np.concatenate(
             [(_DECIBEL * weight * ratio.real).ravel(), (_PHASE * weight * ratio.imag).ravel()]
         )
 
-    found = least_squares(
+    solution = least_squares(
         errors,
         start,
         bounds=(bounds[0], bounds[1]),
@@ -568,9 +579,9 @@ def fit_response(
         max_nfev=500,
     )
     return ResponseFit(
-        dict(zip(free, found.x.tolist(), strict=True)),
-        float(2.0 * found.cost / weight.size),
-        found.status > 0,
+        dict(zip(free, solution.x.tolist(), strict=True)),
+        float(2.0 * solution.cost / weight.size),
+        solution.status > 0,
     )
 
 

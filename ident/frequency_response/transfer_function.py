@@ -16,10 +16,12 @@ import numpy as np
 from sim.errors import ModelError
 
 DELAY = "delay"
-GOOD, BEST = 100.0, 50.0  # costs below which a fit is acceptable, and hardly to be told from data
+GOOD = 100.0  # cost below which a fit is acceptable (Tischler and Remple)
+BEST = 50.0  # cost below which a fit is nearly indistinguishable from the data
 PHASE_WEIGHT = 0.01745  # one degree counts as 0.13 dB
 _POINTS = 20.0  # frequencies to which the cost is normalised
-_DECIBEL, _DEGREE = 20.0 / math.log(10.0), 180.0 / math.pi
+_DECIBEL = 20.0 / math.log(10.0)  # dB per unit of the natural logarithm of a gain
+_DEGREE = 180.0 / math.pi  # deg in a rad
 _DELAYS = (0.0, 0.03, 0.1, 0.25)  # s, from which the search starts
 _SHARES = (0.5, 0.75, 1.0)  # of the group delay: the rest of it is that of the poles
 _STEPS = 12  # of the linear iterations that find a start
@@ -33,7 +35,8 @@ class Form:
     ----------
     name : ``"pitch"``, or ``"1/2"`` for orders of numerator and denominator.
     orders : of numerator and denominator.
-    parameters : names of the parameters, the delay last. poles : those of the denominator.
+    parameters : names of the parameters, the delay last.
+    poles : those of the denominator.
     units : by parameter; of the gain those of the response times a power of 1/s.
     """
 
@@ -143,9 +146,9 @@ def form_of(text: str) -> Form:
     if text in FORMS:
         return FORMS[text]
     top, slash, bottom = text.partition("/")
-    known = f"name {', '.join(FORMS)}, or orders such as 1/2"
+    available = f"name {', '.join(FORMS)}, or orders such as 1/2"
     if not (slash and top.isascii() and top.isdigit() and bottom.isascii() and bottom.isdigit()):
-        raise ModelError(f"there is no form {text!r}", where="fit", remedy=known)
+        raise ModelError(f"there is no form {text!r}", where="fit", remedy=available)
     n, m = int(top), int(bottom)
     if not 0 <= n <= m <= 8 or m < 1:
         what = f"orders {n} and {m}"
@@ -166,15 +169,17 @@ def form_of(text: str) -> Form:
 
 
 @dataclass(frozen=True, eq=False)
-class Target:
+class ResponseTarget:
     """A frequency response to fit.
 
     Attributes
     ----------
-    name : of the response. omega : rad/s, ``(F,)``. response : complex ``(F,)``.
-    coherence : ``(F,)``, partial where there are several inputs. std : ``(F,)``, of real and
-        imaginary part. length : s, of the windows, one or ``(F,)``: over which frequencies errors
-        are correlated.
+    name : of the response.
+    omega : rad/s, ``(F,)``.
+    response : complex ``(F,)``.
+    coherence : ``(F,)``, partial where there are several inputs.
+    std : ``(F,)``, of real and imaginary part.
+    length : s, of the windows, one or ``(F,)``: over which frequencies errors are correlated.
     """
 
     name: str
@@ -191,10 +196,13 @@ class FittedResponse:
 
     Attributes
     ----------
-    name : of the response. form : of the function. values : all parameters.
+    name : of the response.
+    form : of the function.
+    values : all parameters.
     std, insensitivity : standard deviation of the free ones, and with all others known, which is
         never more.
-    cost : Tischler's J. numerator, denominator : highest power first.
+    cost : Tischler's J.
+    numerator, denominator : highest power first.
     covariance : of the free parameters, in the order of ``std``.
     """
 
@@ -237,7 +245,7 @@ def mismatch_cost(response: np.ndarray, model: np.ndarray, coherence: np.ndarray
 
 
 def fit_transfer_functions(
-    targets: Sequence[Target],
+    targets: Sequence[ResponseTarget],
     forms: Sequence[Form],
     fixed: Mapping[str, float] | None = None,
     *,
@@ -247,7 +255,8 @@ def fit_transfer_functions(
 
     Parameters
     ----------
-    targets, forms : of the same number. fixed : parameter -> value, in every form that has it.
+    targets, forms : of the same number.
+    fixed : parameter -> value, in every form that has it.
     shared_poles : the parameters of the denominators are common to all.
 
     Raises
@@ -259,9 +268,12 @@ def fit_transfer_functions(
     every = [name for form in forms for name in form.parameters]
     for name, value in fixed.items():
         if name not in every or not math.isfinite(value):
-            known = ", ".join(dict.fromkeys(every))
+            available = ", ".join(dict.fromkeys(every))
             if name not in every:
-                what, remedy = f"no form has a parameter {name!r}", f"the parameters are {known}"
+                what, remedy = (
+                    f"no form has a parameter {name!r}",
+                    f"the parameters are {available}",
+                )
             else:
                 what, remedy = f"{name} = {value} is not finite", "give a finite number"
             raise ModelError(what, where="fix", remedy=remedy)
@@ -291,7 +303,7 @@ def fit_transfer_functions(
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    targets: tuple[Target, ...]
+    targets: tuple[ResponseTarget, ...]
     forms: tuple[Form, ...]
     fixed: Mapping[str, float]
     shared: tuple[str, ...]
@@ -337,11 +349,11 @@ class _Problem:
             p = np.array([start[n][name] for n, name in self.keys])
             p = np.maximum(p, np.where(np.isfinite(low), low + 1e-6, p))
             scale = np.maximum(np.abs(p), 1e-2)
-            found = least_squares(
+            solution = least_squares(
                 self.residuals, p, bounds=(low, np.inf), x_scale=scale, max_nfev=300
             )
-            if found.cost < least:
-                best, least, ended = found.x, float(found.cost), found.status > 0
+            if solution.cost < least:
+                best, least, ended = solution.x, float(solution.cost), solution.status > 0
         return best, ended
 
     def told(self, p: np.ndarray, converged: bool) -> TransferFit:
@@ -356,7 +368,7 @@ class _Problem:
         gains = inverse @ slopes.T
         parameters = gains @ covariance @ gains.T
         spread = np.sqrt(np.maximum(np.diag(parameters), 0.0))
-        held = conditional_std(parameters)
+        conditional = conditional_std(parameters)
         values = self.values(p)
         functions = []
         for n, (target, form) in enumerate(zip(self.targets, self.forms, strict=True)):
@@ -373,7 +385,7 @@ class _Problem:
                     form,
                     values[n],
                     {name: float(spread[at]) for name, at in own.items()},
-                    {name: float(held[at]) for name, at in own.items()},
+                    {name: float(conditional[at]) for name, at in own.items()},
                     mismatch_cost(target.response, model, target.coherence),
                     top,
                     bottom,
@@ -420,7 +432,7 @@ def conditional_std(covariance: np.ndarray) -> np.ndarray:
     return np.asarray(std / np.sqrt(np.maximum(np.diag(inverse), 1.0)))
 
 
-def weighted_errors(targets: Sequence[Target], ratios: Sequence[np.ndarray]) -> np.ndarray:
+def weighted_errors(targets: Sequence[ResponseTarget], ratios: Sequence[np.ndarray]) -> np.ndarray:
     """Errors in dB and degrees whose squares sum to the sum of the costs, of logarithms ``ratios``
     of model over response; of each target the gains first."""
     out = []
@@ -428,11 +440,11 @@ def weighted_errors(targets: Sequence[Target], ratios: Sequence[np.ndarray]) -> 
         root = np.sqrt(coherence_weight(target.coherence) * _POINTS / target.omega.size)
         out += [_DECIBEL * root * ratio.real]
         out += [math.sqrt(PHASE_WEIGHT) * _DEGREE * root * ratio.imag]
-    found = np.concatenate(out)
-    return np.where(np.isfinite(found), np.clip(found, -1e6, 1e6), 1e6)
+    result = np.concatenate(out)
+    return np.where(np.isfinite(result), np.clip(result, -1e6, 1e6), 1e6)
 
 
-def weighted_noise(targets: Sequence[Target]) -> np.ndarray:
+def weighted_noise(targets: Sequence[ResponseTarget]) -> np.ndarray:
     """Covariance of ``weighted_errors``: of each response's neighbours by their windows."""
     sizes = [target.omega.size for target in targets]
     out = np.zeros((2 * sum(sizes), 2 * sum(sizes)))
@@ -452,8 +464,8 @@ def shared_correlation(omega: np.ndarray, length: float | np.ndarray) -> np.ndar
     """Correlation ``(F, F)`` of the errors at frequencies ``omega``, rad/s, under windows of
     ``length``, s, one or ``(F,)``: short windows, which high frequencies have, join more of them.
     """
-    apart = np.subtract.outer(omega, omega) / (2.0 * math.pi)
-    return neighbour_correlation(apart * 0.5 * np.add.outer(length, length))
+    frequency_difference = np.subtract.outer(omega, omega) / (2.0 * math.pi)
+    return neighbour_correlation(frequency_difference * 0.5 * np.add.outer(length, length))
 
 
 def neighbour_correlation(bins: np.ndarray) -> np.ndarray:
@@ -466,7 +478,9 @@ def neighbour_correlation(bins: np.ndarray) -> np.ndarray:
     return np.asarray((transform / 0.375) ** 2)
 
 
-def _start(target: Target, form: Form, fixed: Mapping[str, float]) -> list[dict[str, float]]:
+def _start(
+    target: ResponseTarget, form: Form, fixed: Mapping[str, float]
+) -> list[dict[str, float]]:
     """Parameters by linear least squares (Sanathanan and Koerner, IEEE Trans. Automatic Control
     8(1), 1963), for several delays."""
     tried = (*_DELAYS, *(share * _group_delay(target) for share in _SHARES))
@@ -494,7 +508,7 @@ def _start(target: Target, form: Form, fixed: Mapping[str, float]) -> list[dict[
     return out
 
 
-def _group_delay(target: Target) -> float:
+def _group_delay(target: ResponseTarget) -> float:
     """Mean slope of the phase over the upper half of the band, s, not negative."""
     upper = target.omega >= 0.5 * target.omega[-1]
     if np.count_nonzero(upper) < 2:

@@ -7,6 +7,14 @@ on the flights 100 to 119.
 """
 
 from ident.maneuver_detection.search import active_share, find_maneuvers
-from ident.maneuver_detection.signals import AXES, KINDS, PAUSE, FlightSignals, Maneuver
+from ident.maneuver_detection.signals import AXES, KINDS, PAUSE, DetectedManeuver, FlightSignals
 
-__all__ = ["AXES", "KINDS", "PAUSE", "FlightSignals", "Maneuver", "active_share", "find_maneuvers"]
+__all__ = [
+    "AXES",
+    "KINDS",
+    "PAUSE",
+    "DetectedManeuver",
+    "FlightSignals",
+    "active_share",
+    "find_maneuvers",
+]

@@ -24,11 +24,11 @@ from ident.maneuver_detection.signals import (
     AXES,
     SWITCH,
     Activity,
+    DetectedManeuver,
+    EvenSegment,
     FlightSignals,
     Lobe,
-    Maneuver,
     Shape,
-    Stretch,
     activity_of,
     lobes_of,
     oscillation_of,
@@ -77,23 +77,22 @@ EQUATIONS: Mapping[str, tuple[str, Mapping[str, str]]] = {
     ),
     "throttle": ("airspeed", {"X_V": "airspeed", "X_thrust": "thrust"}),
 }
-BEFORE, AFTER = (
-    1.0,
-    4.0,
-)  # s of motion around the input that are used: the response goes on when the input is over
+BEFORE = 1.0  # s before the input that belong to a maneuver
+AFTER = 4.0  # s after the input, in which the response goes on
 AVERAGED = 0.1  # s, over which samples are averaged; a twentieth of a shorter maneuver
 FEWEST = 3.0  # averages a parameter
 CORRELATED = 0.95  # largest correlation of neighbours that is corrected for
 LARGEST = 1000.0  # of a t value: noise-free records have no other limit
 
 
-def excitation_of(stretch: Stretch, start: float, end: float, axis: str) -> dict[str, float]:
+def excitation_of(stretch: EvenSegment, start: float, end: float, axis: str) -> dict[str, float]:
     """Derivative -> absolute t value from the rows about a maneuver; empty where what is needed is
     not recorded.
 
     Parameters
     ----------
-    start, end : s, of the maneuver. axis : one of the keys of ``EQUATIONS``.
+    start, end : s, of the maneuver.
+    axis : one of the keys of ``EQUATIONS``.
     """
     output, regressors = EQUATIONS[axis]
     rows = stretch.rows(start - BEFORE, end + AFTER)
@@ -161,7 +160,7 @@ TRIM_SPREAD = {
 }
 
 
-def turns(stretch: Stretch) -> list[Maneuver]:
+def turns(stretch: EvenSegment) -> list[DetectedManeuver]:
     """Parts in which the bank is held."""
     if "phi" not in stretch.outputs:
         return []
@@ -178,7 +177,7 @@ def turns(stretch: Stretch) -> list[Maneuver]:
             > HELD_SHARE * (last - first) * stretch.step
         ):
             out.append(
-                Maneuver(
+                DetectedManeuver(
                     float(stretch.time[first]),
                     float(stretch.time[last]),
                     "roll",
@@ -201,7 +200,7 @@ def _to_level(signal: np.ndarray, lobe: Lobe, level: float) -> tuple[int, int]:
     ) if after.size else signal.size - 1
 
 
-def pulls(stretch: Stretch) -> list[tuple[int, int]]:
+def pulls(stretch: EvenSegment) -> list[tuple[int, int]]:
     """Parts in which the load factor stays away from that of the bank: first sample, and the one
     after the last.
     """
@@ -223,8 +222,8 @@ def pulls(stretch: Stretch) -> list[tuple[int, int]]:
 
 
 def trim_points(
-    stretch: Stretch, quiet: np.ndarray, controls: Mapping[str, np.ndarray]
-) -> list[Maneuver]:
+    stretch: EvenSegment, quiet: np.ndarray, controls: Mapping[str, np.ndarray]
+) -> list[DetectedManeuver]:
     """Parts of at least ``TRIM_TIME`` in which the inputs are quiet (``(N,)``) and speed, height,
     attitude and controls are constant.
 
@@ -250,7 +249,7 @@ def trim_points(
         steady &= around <= allowed
     # Each steady sample is the middle of a steady window; between two of them it stays steady.
     edges = np.flatnonzero(np.diff(steady.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
-    out: list[Maneuver] = []
+    out: list[DetectedManeuver] = []
     for first, last in edges:
         low, high = max(0, first - size // 2), min(quiet.size, last + size // 2)
         while low < first and not quiet[low:first].all():
@@ -261,14 +260,14 @@ def trim_points(
             if out and stretch.time[low] <= out[-1].end:
                 low = int(np.searchsorted(stretch.time, out.pop().start))
             out.append(
-                Maneuver(
+                DetectedManeuver(
                     float(stretch.time[low]), float(stretch.time[high - 1]), "all", "trim", "", 0.0
                 )
             )
     return out
 
 
-def mean_conditions(stretch: Stretch, start: float, end: float) -> dict[str, float]:
+def mean_conditions(stretch: EvenSegment, start: float, end: float) -> dict[str, float]:
     """Mean airspeed and height between two times, of what is recorded."""
     rows = stretch.rows(start, end)
     names: Sequence[tuple[str, str]] = (
@@ -285,13 +284,12 @@ def mean_conditions(stretch: Stretch, start: float, end: float) -> dict[str, flo
 
 # ---- The search
 
-SEED, EDGE = (
-    4.0,
-    2.0,
-)  # of the rest level: energy that begins an active part, and energy down to which it extends
+SEED = 4.0  # multiple of the rest level at which an active part begins
+EDGE = 2.0  # multiple of the rest level down to which it extends
 QUIET = 1.5  # s below EDGE that part two active parts
 MARGIN = 2.0  # s of rest with which an active part is looked at
-SEVERAL, WEAK = 2, 3.0  # patterns of levels in an oscillation that show it, be it as weak as that
+SEVERAL = 2  # pulses within a weak oscillation from which it is accepted
+WEAK = 3.0  # smallest strength of such an oscillation
 DOMINANT = 0.5  # of an oscillation's energy, from which on one pattern of levels explains it
 AT_REST = 1.5  # s about a pattern of levels in which there is no smaller one: neither began at rest
 RECOVERY = 8.0  # s after another maneuver in which the pilot recovers and pulls up nothing
@@ -337,15 +335,15 @@ class ManeuverCandidate:
         return AXES[self.channel]
 
 
-def find_maneuvers(signals: FlightSignals) -> tuple[Maneuver, ...]:
+def find_maneuvers(signals: FlightSignals) -> tuple[DetectedManeuver, ...]:
     """All maneuvers and trim points of a record, in the order of their times.
 
     Each control is searched for level changes that make a pattern and for oscillations that rise
     above its local rest level; the motion for bank angles and load factors that are held. Of
     controls that move at the same time the strongest counts, others follow it.
     """
-    found = [each for stretch in stretches(signals) for each in _found_in(stretch)]
-    return tuple(sorted(found, key=lambda each: (each.start, each.axis)))
+    result = [each for stretch in stretches(signals) for each in _maneuvers_of(stretch)]
+    return tuple(sorted(result, key=lambda each: (each.start, each.axis)))
 
 
 def active_share(signals: FlightSignals) -> float:
@@ -363,7 +361,7 @@ def active_share(signals: FlightSignals) -> float:
     return moving / total if total else 0.0
 
 
-def without_feedback(stretch: Stretch, name: str) -> np.ndarray:
+def without_feedback(stretch: EvenSegment, name: str) -> np.ndarray:
     """A control without what a damper adds to it: its share of the angular rate, as the samples at
     rest show it.
 
@@ -383,7 +381,7 @@ def without_feedback(stretch: Stretch, name: str) -> np.ndarray:
     return values - common / power * turning
 
 
-def _found_in(stretch: Stretch) -> list[Maneuver]:
+def _maneuvers_of(stretch: EvenSegment) -> list[DetectedManeuver]:
     stretch = replace(
         stretch, inputs={name: without_feedback(stretch, name) for name in stretch.inputs}
     )
@@ -416,12 +414,14 @@ def _found_in(stretch: Stretch) -> list[Maneuver]:
     ]
 
 
-def _maneuver(stretch: Stretch, each: ManeuverCandidate) -> Maneuver:
+def _maneuver(stretch: EvenSegment, each: ManeuverCandidate) -> DetectedManeuver:
     start, end = (
         float(stretch.time[min(k, stretch.time.size - 1)])
         for k in (each.shape.first, each.shape.last)
     )
-    return Maneuver(start, end, each.axis, each.shape.kind, each.channel, each.shape.amplitude)
+    return DetectedManeuver(
+        start, end, each.axis, each.shape.kind, each.channel, each.shape.amplitude
+    )
 
 
 def _ratio(activity: Activity, rows: slice | None = None) -> np.ndarray:
@@ -432,7 +432,7 @@ def _ratio(activity: Activity, rows: slice | None = None) -> np.ndarray:
 
 
 def _quiet(
-    stretch: Stretch, activities: Mapping[str, Activity], moves: Sequence[Maneuver]
+    stretch: EvenSegment, activities: Mapping[str, Activity], moves: Sequence[DetectedManeuver]
 ) -> np.ndarray:
     """Samples at which no control moves beyond its rest level and no maneuver is flown."""
     quiet = np.ones(stretch.time.size, dtype=bool)
@@ -457,18 +457,18 @@ def accepted(each: ManeuverCandidate) -> bool:
     )
 
 
-def candidates_of(stretch: Stretch, name: str, activity: Activity) -> list[ManeuverCandidate]:
+def candidates_of(stretch: EvenSegment, name: str, activity: Activity) -> list[ManeuverCandidate]:
     """Patterns of levels and oscillations of a control that are strong enough, none overlapping
     another.
     """
     if not np.any(activity.rest > 0.0):
         return []
     values = stretch.inputs[name]
-    found = [
+    result = [
         _candidate(name, shape, activity)
         for shape in step_shapes(stretch, values, values - activity.deviation)
     ]
-    found = _from_rest([each for each in found if accepted(each)], stretch.samples(AT_REST))
+    result = _from_rest([each for each in result if accepted(each)], stretch.samples(AT_REST))
     ratio, margin = _ratio(activity), stretch.samples(MARGIN)
     for first, last in active_parts(ratio, stretch.samples(QUIET)):
         low, high = max(0, first - margin), min(ratio.size, last + margin)
@@ -476,13 +476,13 @@ def candidates_of(stretch: Stretch, name: str, activity: Activity) -> list[Maneu
         if wave is None:
             continue
         wave = replace(wave, first=wave.first + low, last=wave.last + low)
-        inside = [each for each in found if each.shape.first < last and first < each.shape.last]
+        inside = [each for each in result if each.shape.first < last and first < each.shape.last]
         explained = max((_energy(activity, each.shape) for each in inside), default=0.0)
         whole = ManeuverCandidate(name, wave, float(np.median(ratio[wave.first : wave.last])))
         many = len(inside) >= SEVERAL and whole.strength >= WEAK
         if explained < DOMINANT * _energy(activity, wave) and (accepted(whole) or many):
-            found = [*(each for each in found if each not in inside), whole]
-    return found
+            result = [*(each for each in result if each not in inside), whole]
+    return result
 
 
 def _candidate(name: str, shape: Shape, activity: Activity) -> ManeuverCandidate:
@@ -499,7 +499,7 @@ def _from_rest(candidates: Sequence[ManeuverCandidate], rest: int) -> list[Maneu
     """The candidates, largest first, without those within ``rest`` samples of a larger one of their
     control.
     """
-    kept: list[ManeuverCandidate] = []
+    chosen: list[ManeuverCandidate] = []
     for each in sorted(
         candidates,
         key=lambda each: -each.strength * float(np.sqrt(each.shape.last - each.shape.first)),
@@ -507,10 +507,10 @@ def _from_rest(candidates: Sequence[ManeuverCandidate], rest: int) -> list[Maneu
         if not any(
             each.shape.first < other.shape.last + rest
             and other.shape.first < each.shape.last + rest
-            for other in kept
+            for other in chosen
         ):
-            kept.append(each)
-    return kept
+            chosen.append(each)
+    return chosen
 
 
 def active_parts(ratio: np.ndarray, quiet: int) -> list[tuple[int, int]]:
@@ -527,7 +527,9 @@ def active_parts(ratio: np.ndarray, quiet: int) -> list[tuple[int, int]]:
     return [(first, last) for first, last in out if ratio[first:last].max() >= SEED]
 
 
-def _rolls_into(stretch: Stretch, each: ManeuverCandidate, turning: Sequence[Maneuver]) -> bool:
+def _rolls_into(
+    stretch: EvenSegment, each: ManeuverCandidate, turning: Sequence[DetectedManeuver]
+) -> bool:
     """Whether an input of roll or yaw belongs to the beginning or the end of a turn."""
     if each.axis not in ("roll", "yaw") or each.shape.kind in (*OSCILLATIONS, "3-2-1-1"):
         return False
@@ -541,7 +543,7 @@ def _rolls_into(stretch: Stretch, each: ManeuverCandidate, turning: Sequence[Man
 
 
 def with_pulls(
-    stretch: Stretch, activities: Mapping[str, Activity], candidates: list[ManeuverCandidate]
+    stretch: EvenSegment, activities: Mapping[str, Activity], candidates: list[ManeuverCandidate]
 ) -> list[ManeuverCandidate]:
     """The candidates with pull-ups in the place of smooth inputs of the pitch control that change
     the load factor and hold it.
@@ -576,7 +578,9 @@ def with_pulls(
     return candidates
 
 
-def _pulling(stretch: Stretch, activity: Activity, first: int, last: int) -> tuple[int, int] | None:
+def _pulling(
+    stretch: EvenSegment, activity: Activity, first: int, last: int
+) -> tuple[int, int] | None:
     """The lobe of a control that leads to an excursion of the load factor: the first strong one
     that begins at most 2 s before it.
     """
@@ -598,11 +602,11 @@ def without_reactions(
     """The candidates without those that overlap a stronger one of another control; multisines of
     lines of their own stay.
     """
-    kept: list[ManeuverCandidate] = []
+    chosen: list[ManeuverCandidate] = []
     for each in sorted(candidates, key=lambda each: -each.strength * each.shape.flatness):
         others = [
             other
-            for other in kept
+            for other in chosen
             if other.channel != each.channel
             and other.shape.first < each.shape.last
             and each.shape.first < other.shape.last
@@ -610,8 +614,8 @@ def without_reactions(
         if all(_independent(activities, each, other) for other in others) and not _follows(
             activities, each
         ):
-            kept.append(each)
-    return kept
+            chosen.append(each)
+    return chosen
 
 
 def _follows(activities: Mapping[str, Activity], each: ManeuverCandidate) -> bool:

@@ -42,8 +42,7 @@ class FlightSignals:
     time : shape ``(N,)``, s, increasing.
     inputs : control -> ``(N,)``, SI; the keys of ``AXES`` are searched.
     outputs : motion -> ``(N,)``, SI, nz in g; NaN where a sample is missing. Used: alpha, q, nz,
-    theta, airspeed, height or altitude,
-        beta, p, r, phi, psi.
+        theta, airspeed, height or altitude, beta, p, r, phi, psi.
     """
 
     time: np.ndarray
@@ -52,7 +51,7 @@ class FlightSignals:
 
 
 @dataclass(frozen=True)
-class Maneuver:
+class DetectedManeuver:
     """One maneuver, or a trim point.
 
     Attributes
@@ -64,7 +63,7 @@ class Maneuver:
     amplitude : largest deviation from trim, in the channel's unit. Zero of a trim point.
     conditions : mean airspeed (m/s) and height (m), of what is recorded.
     excitation : derivative -> absolute t value of its equation-error estimate from this maneuver
-    alone.
+        alone.
     """
 
     start: float
@@ -92,7 +91,7 @@ KINDS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class EvenSegment:
     """A part of a record without a pause, on an even grid.
 
     ``time``, ``inputs``, ``outputs`` as in ``Signals``, without NaN: an output that is missing for
@@ -118,11 +117,12 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class Activity:
-    """How a control moves about its trim.
+    """Motion of a control about its trim.
 
     Attributes
     ----------
-    deviation : ``(N,)``, control minus trim. energy : ``(N,)``, its short-time root mean square.
+    deviation : ``(N,)``, control minus trim.
+    energy : ``(N,)``, its short-time root mean square.
     rest : ``(N,)``, local level of that at rest.
     """
 
@@ -131,9 +131,9 @@ class Activity:
     rest: np.ndarray
 
 
-def stretches(signals: FlightSignals) -> Iterator[Stretch]:
-    """The parts of a record between pauses, each on an even grid of at most ``FASTEST``; parts of
-    fewer than eight rows are left out.
+def stretches(signals: FlightSignals) -> Iterator[EvenSegment]:
+    """Return the parts of a record between pauses, each on an even grid of at most ``FASTEST``;
+    parts of fewer than eight rows are left out.
     """
     time = np.asarray(signals.time, dtype=float)
     intervals = np.diff(time)
@@ -145,7 +145,7 @@ def stretches(signals: FlightSignals) -> Iterator[Stretch]:
             yield _even(signals, slice(first, last), usual)
 
 
-def _even(signals: FlightSignals, rows: slice, usual: float) -> Stretch:
+def _even(signals: FlightSignals, rows: slice, usual: float) -> EvenSegment:
     time = np.asarray(signals.time[rows], dtype=float)
     block = max(1, round(1.0 / (FASTEST * usual)))
     count = max(2, round((time[-1] - time[0]) / usual) + 1)
@@ -154,11 +154,11 @@ def _even(signals: FlightSignals, rows: slice, usual: float) -> Stretch:
 
     def on_grid(values: np.ndarray) -> np.ndarray | None:
         whole = np.asarray(values[rows], dtype=float)
-        known = np.isfinite(whole)
-        if np.count_nonzero(known) < 2:
+        finite = np.isfinite(whole)
+        if np.count_nonzero(finite) < 2:
             return None
-        if not even or not known.all():
-            whole = np.interp(grid, time[known], whole[known])
+        if not even or not finite.all():
+            whole = np.interp(grid, time[finite], whole[finite])
         return (
             whole[: count // block * block].reshape(-1, block).mean(axis=1) if block > 1 else whole
         )
@@ -175,10 +175,10 @@ def _even(signals: FlightSignals, rows: slice, usual: float) -> Stretch:
     }
     if block > 1:
         grid = grid[: count // block * block].reshape(-1, block).mean(axis=1)
-    return Stretch(grid, usual * block, inputs, outputs)
+    return EvenSegment(grid, usual * block, inputs, outputs)
 
 
-def activity_of(stretch: Stretch, values: np.ndarray) -> Activity:
+def activity_of(stretch: EvenSegment, values: np.ndarray) -> Activity:
     """Deviation of a control from its running median, short-time energy and local rest level."""
     deviation = values - trim_of(stretch, values)
     return Activity(
@@ -186,17 +186,15 @@ def activity_of(stretch: Stretch, values: np.ndarray) -> Activity:
     )
 
 
-def short_time_energy(stretch: Stretch, deviation: np.ndarray) -> np.ndarray:
+def short_time_energy(stretch: EvenSegment, deviation: np.ndarray) -> np.ndarray:
     """Root mean square over ``ENERGY_WINDOW`` about each sample."""
     # The running sum leaves rounding errors of either sign where a clean input rests.
     power = uniform_filter1d(deviation**2, stretch.samples(ENERGY_WINDOW), mode="nearest")
     return np.sqrt(np.maximum(power, 0.0))
 
 
-def rest_level(stretch: Stretch, deviation: np.ndarray) -> np.ndarray:
-    """The short-time energy at rest: a low quantile over ``REST_WINDOW``, which maneuvers that fill
-    most of it do not raise.
-    """
+def rest_level(stretch: EvenSegment, deviation: np.ndarray) -> np.ndarray:
+    """Short-time energy at rest: a low quantile over ``REST_WINDOW``, insensitive to maneuvers."""
     every = stretch.samples(ENERGY_WINDOW)
     coarse = short_time_energy(stretch, deviation)[every // 2 :: every]
     size = round(REST_WINDOW / ENERGY_WINDOW)
@@ -211,10 +209,8 @@ def rest_level(stretch: Stretch, deviation: np.ndarray) -> np.ndarray:
     return np.maximum(np.interp(np.arange(deviation.size), positions, rest), floor)
 
 
-def trim_of(stretch: Stretch, values: np.ndarray) -> np.ndarray:
-    """The running median of a signal over ``TRIM_WINDOW``, which an input held for less than half
-    of it does not move.
-    """
+def trim_of(stretch: EvenSegment, values: np.ndarray) -> np.ndarray:
+    """Running median over ``TRIM_WINDOW``; inputs shorter than half of it do not change it."""
     block = stretch.samples(1.0 / TRIM_RATE)
     if values.size < 4 * block:
         return np.full(values.size, float(np.median(values)))
@@ -246,8 +242,8 @@ OPEN = 0.8
 # power of the number of levels in the merit of a pattern: of two that are alike the fuller one
 # counts
 COMPLETE = 0.15
-# s, for which the levels about a lasting step are kept
-STEADY_BEFORE, STEADY_AFTER = 2.0, LONG_PULSE
+STEADY_BEFORE = 2.0  # s of constant level before a lasting step
+STEADY_AFTER = LONG_PULSE  # s of constant level after it
 STEADY = 0.15  # of a lasting step, by which these levels may scatter
 LASTING = 10.0  # s of a lasting step that are its maneuver
 SETTLE = 0.6  # s before and after a pattern, over which the levels outside are averaged
@@ -268,7 +264,7 @@ SPREAD = 1.6  # ratio of the first third's to the last third's mean length in a 
 
 @dataclass(frozen=True)
 class Lobe:
-    """A run of one sign beyond the switching level: samples ``first`` to before ``last``, mean
+    """Samples ``first`` to ``last - 1``, beyond the switching level on one side, with mean
     ``level``.
     """
 
@@ -283,14 +279,16 @@ class Lobe:
 
 @dataclass(frozen=True)
 class Shape:
-    """What an input looks like.
+    """Shape of an input.
 
     Attributes
     ----------
-    kind : one of ``KINDS``. first, last : samples, the end excluded. amplitude : largest level, in
-    the input's unit. flatness : one less the root mean square about the levels over their size.
-    edge : least level change over the rest level of changes. sharpness : least share of a level
-    change that is complete within the shortest of ``RISES``.
+    kind : one of ``KINDS``.
+    first, last : samples, the end excluded.
+    amplitude : largest level, in the input's unit.
+    flatness : one less the root mean square about the levels over their size.
+    edge : least level change over the rest level of changes.
+    sharpness : least share of a level change that is complete within the shortest of ``RISES``.
     """
 
     kind: str
@@ -303,9 +301,7 @@ class Shape:
 
 
 def lobes_of(deviation: np.ndarray, switch: float, *, join: bool = True) -> list[Lobe]:
-    """Runs in which a signal stays beyond ``switch`` on one side, in their order; ``join`` makes
-    adjacent ones of one sign one.
-    """
+    """Runs of a signal beyond ``switch``, in order; ``join`` merges neighbours of one sign."""
     sign = np.where(deviation > switch, 1, np.where(deviation < -switch, -1, 0)).astype(np.int8)
     edges = np.flatnonzero(np.diff(sign, prepend=0, append=0))
     out: list[Lobe] = []
@@ -318,15 +314,15 @@ def lobes_of(deviation: np.ndarray, switch: float, *, join: bool = True) -> list
     return out
 
 
-def step_shapes(stretch: Stretch, values: np.ndarray, trim: np.ndarray) -> list[Shape]:
-    """Steps, pulses, doublets and other sequences of levels in a control, none overlapping another;
-    the largest come first.
+def step_shapes(stretch: EvenSegment, values: np.ndarray, trim: np.ndarray) -> list[Shape]:
+    """Return the steps, pulses, doublets and other level sequences of a control, largest first and
+    without overlap.
 
     ``values``, ``trim`` : ``(N,)``, the control and its local trim.
     """
     from scipy.signal import find_peaks  # takes long to import, and most commands search nothing
 
-    found: dict[tuple[int, ...], tuple[float, Shape]] = {}
+    result: dict[tuple[int, ...], tuple[float, Shape]] = {}
     fast = _changes(stretch, values, RISES[0])
     for rise in RISES:
         moved = _changes(stretch, values, rise)
@@ -339,9 +335,9 @@ def step_shapes(stretch: Stretch, values: np.ndarray, trim: np.ndarray) -> list[
         )
         for some in (at, *(_major(at, moved, stretch.samples(NEAR), share) for share in MINOR)):
             for times in _sequences(stretch, some, moved):
-                if times not in found and (one := _pattern(control, np.array(times))) is not None:
-                    found[times] = one
-    every = [*found.values(), *_paused(values - trim, list(found.values()))]
+                if times not in result and (one := _pattern(control, np.array(times))) is not None:
+                    result[times] = one
+    every = [*result.values(), *_paused(values - trim, list(result.values()))]
     out: list[Shape] = []
     for _, shape in sorted(every, key=lambda each: (-each[0], each[1].first)):
         if not any(shape.first < other.last and other.first < shape.last for other in out):
@@ -350,13 +346,13 @@ def step_shapes(stretch: Stretch, values: np.ndarray, trim: np.ndarray) -> list[
 
 
 def _paused(
-    deviation: np.ndarray, found: Sequence[tuple[float, Shape]]
+    deviation: np.ndarray, shapes: Sequence[tuple[float, Shape]]
 ) -> Iterator[tuple[float, Shape]]:
-    """Doublets with a pause between their halves: pulses of opposite sign and like duration, apart
-    by no more than the shorter of them.
+    """Doublets with a pause between their halves: pulses of opposite sign and similar duration,
+    with a gap of at most the shorter duration.
     """
     pulses = sorted(
-        ((merit, one) for merit, one in found if one.kind == "pulse"),
+        ((merit, one) for merit, one in shapes if one.kind == "pulse"),
         key=lambda each: each[1].first,
     )
     for i, (merit, one) in enumerate(pulses):
@@ -387,8 +383,7 @@ def _paused(
 
 
 def _lasting(control: _Control, at: np.ndarray, others: Sequence[Shape]) -> Iterator[Shape]:
-    """Single level changes to a level that is kept, away from other shapes: steps that are not
-    taken back within ``LONGEST``.
+    """Single level changes that are not taken back within ``LONGEST``, away from other shapes.
 
     Such a step ends ``LASTING`` after it began, or at the next level change.
     """
@@ -428,7 +423,7 @@ class _Control:
     (``fast``), their rest level, half the rise.
     """
 
-    stretch: Stretch
+    stretch: EvenSegment
     values: np.ndarray
     trim: np.ndarray
     moved: np.ndarray
@@ -437,10 +432,10 @@ class _Control:
     half: int
 
 
-def _sequences(stretch: Stretch, at: np.ndarray, moved: np.ndarray) -> Iterator[tuple[int, ...]]:
-    """Two to five successive level changes of alternate sign whose sums alternate too and return
-    about to where they began.
-    """
+def _sequences(
+    stretch: EvenSegment, at: np.ndarray, moved: np.ndarray
+) -> Iterator[tuple[int, ...]]:
+    """Two to five level changes of alternate sign that return to about the initial level."""
     times, jumps, longest = at.tolist(), moved[at].tolist(), stretch.samples(LONGEST)
     for i in range(len(times) - 1):
         level = jumps[i]
@@ -462,10 +457,10 @@ def _sequences(stretch: Stretch, at: np.ndarray, moved: np.ndarray) -> Iterator[
 def _pattern(control: _Control, at: np.ndarray) -> tuple[float, Shape] | None:
     """The pattern that some level changes make, with its merit; None where they make none."""
     kind = _kind(np.diff(at) * control.stretch.step)
-    found = _levels(control, at) if kind else None
-    if kind is None or found is None:
+    result = _levels(control, at) if kind else None
+    if kind is None or result is None:
         return None
-    flatness, levels, energy = found
+    flatness, levels, energy = result
     edge = float(np.min(np.abs(control.moved[at]) / control.rest[at]))
     jumps = np.abs(np.diff([0.0, *levels, 0.0]))
     fast = [
@@ -478,10 +473,8 @@ def _pattern(control: _Control, at: np.ndarray) -> tuple[float, Shape] | None:
     )
 
 
-def _changes(stretch: Stretch, values: np.ndarray, rise: float) -> np.ndarray:
-    """The mean over half of ``rise`` after each sample less the mean before it: largest in the
-    middle of a level change.
-    """
+def _changes(stretch: EvenSegment, values: np.ndarray, rise: float) -> np.ndarray:
+    """Mean over half of ``rise`` after each sample minus the mean before it, ``(N,)``."""
     half = max(1, stretch.samples(0.5 * rise))
     total = np.cumsum(np.pad(values - values[0], (half + 1, half), mode="edge"))
     after, before = total[2 * half :] - total[half:-half], total[half:-half] - total[: -2 * half]
@@ -497,9 +490,7 @@ def _major(at: np.ndarray, moved: np.ndarray, near: int, share: float) -> np.nda
 
 
 def _levels(control: _Control, at: np.ndarray) -> tuple[float, np.ndarray, float] | None:
-    """Flatness, levels and energy of a control between level changes; None where the levels are of
-    no pattern.
-    """
+    """Flatness, levels and energy between level changes; None if they form no pattern."""
     values, half, settle = control.values, control.half, control.stretch.samples(SETTLE)
     before = float(values[max(0, at[0] - half - settle) : max(1, at[0] - half + 1)].mean())
     later = values[at[-1] + half : at[-1] + half + settle]
@@ -515,9 +506,9 @@ def _levels(control: _Control, at: np.ndarray) -> tuple[float, np.ndarray, float
         )
         scatter += float(np.sum((part - levels[-1] - line) ** 2))
         weight += part.size
-    found = np.array(levels)
-    largest = float(np.max(np.abs(found)))
-    if np.any(found[1:] * found[:-1] >= 0.0) or np.min(np.abs(found)) < LEVELS * largest:
+    result = np.array(levels)
+    largest = float(np.max(np.abs(result)))
+    if np.any(result[1:] * result[:-1] >= 0.0) or np.min(np.abs(result)) < LEVELS * largest:
         return None
     jumps = control.moved[at]
     cancel = abs(float(jumps.sum())) <= CANCEL * float(np.max(np.abs(jumps)))
@@ -527,7 +518,7 @@ def _levels(control: _Control, at: np.ndarray) -> tuple[float, np.ndarray, float
     if abs(offset) > (RETURN if at.size == 2 else 1.0) * largest:
         return None
     flatness = 1.0 - float(np.sqrt(scatter / weight)) / largest
-    return flatness, found, float(np.sum((found + offset) ** 2 * np.diff(at)))
+    return flatness, result, float(np.sum((result + offset) ** 2 * np.diff(at)))
 
 
 def _slope(values: np.ndarray) -> float:
@@ -551,8 +542,8 @@ def _kind(durations: np.ndarray) -> str | None:
 
 
 def oscillation_of(deviation: np.ndarray) -> Shape | None:
-    """A sweep where the half waves of a control about its trim become steadily shorter or longer, a
-    multisine where there are many, else None.
+    """Return a sweep if the half waves become steadily shorter or longer, a multisine if there are
+    many half waves, else None.
     """
     size = np.abs(deviation)
     peak = float(size.max())
@@ -576,9 +567,7 @@ def oscillation_of(deviation: np.ndarray) -> Shape | None:
 
 
 def _trend(lobes: Sequence[Lobe]) -> tuple[float, float]:
-    """How steadily half waves become shorter or longer (rank correlation), and how much longer the
-    first are than the last.
-    """
+    """Rank correlation of the duration of half waves with time, and ratio of first to last ones."""
     periods = np.diff([0.5 * (lobe.first + lobe.last) for lobe in lobes])
     if periods.size < OSCILLATION - 2:
         return 0.0, 1.0
@@ -589,11 +578,10 @@ def _trend(lobes: Sequence[Lobe]) -> tuple[float, float]:
 
 
 def same_lines(first: np.ndarray, second: np.ndarray) -> bool:
-    """Whether two oscillations have their energy at the same frequencies, as a control has that
-    follows another.
+    """Whether two oscillations have their energy at the same frequencies.
 
-    Multisines that are flown together have lines of their own each. The likeness is Bhattacharyya's
-    coefficient of the two spectra.
+    A control that follows another has the same lines; multisines that are flown together do not.
+    The measure is Bhattacharyya's coefficient of the two spectra.
     """
     powers = [np.abs(np.fft.rfft(each - each.mean())) ** 2 for each in (first, second)]
     shares = [power / max(float(power.sum()), 1e-300) for power in powers]

@@ -1,4 +1,4 @@
-"""What the raw columns of a record say, before any fit.
+"""Checks of the raw columns of a record, before any fit.
 
 It may import `ident.statistics` and `sim`; of the vehicle it is told plain numbers
 (`Expectations`). A new kind of fault is a file with a function from series to findings, a line in

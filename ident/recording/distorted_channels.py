@@ -18,7 +18,15 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import fdtri
 
-from ident.recording.series import Certainty, Kind, Number, RecordFinding, Series, runs_of, shown
+from ident.recording.series import (
+    Certainty,
+    FindingQuantity,
+    Kind,
+    RecordFinding,
+    Series,
+    runs_of,
+    shown,
+)
 from ident.statistics.noise_levels import robust_sigma_about_zero
 
 # ---- Flat extremes
@@ -37,8 +45,8 @@ CONTINUOUS = 0.3
 
 
 def clipped(series: Series, count: int, *, is_input: bool = False) -> list[RecordFinding]:
-    """Levels at which a channel is flat, the samples there masked; of an input, where it is only
-    noted: it may stand at its stop.
+    """Find levels at which a channel is flat, and mask these samples; of an input they are only
+    noted, since it may be at its stop.
     """
     if is_input and np.mean(np.diff(series.values) != 0.0) < CONTINUOUS:
         return []
@@ -102,13 +110,13 @@ def _finding(
 ) -> RecordFinding:
     runs = runs_of(at)
     times = tuple((float(series.time[b]), float(series.time[e - 1])) for b, e in runs if e - b > 1)
-    numbers = {"level": Number(level, series.unit)}
-    told = (
+    numbers = {"level": FindingQuantity(level, series.unit)}
+    text = (
         f"flat at its {word} value, {shown(level, series.unit)}, for {int(np.count_nonzero(at))} "
         "samples"
     )
     if is_input:
-        said = f"is {told}: at its stop, or clipped by the recorder"
+        said = f"is {text}: at its stop, or clipped by the recorder"
         return RecordFinding(
             series.name,
             Kind.CLIPPED,
@@ -125,7 +133,7 @@ def _finding(
         series.name,
         Kind.CLIPPED,
         Certainty.COSTS_INFORMATION,
-        f"is clipped: {told}",
+        f"is clipped: {text}",
         remedy,
         times,
         numbers,
@@ -144,7 +152,8 @@ def _poisson_tail(count: int, mean: float) -> float:
 # ---- A channel that jumps within one sample and stays
 
 REACH = 0.25  # s, of either line: a quarter of a quick short period
-ZERO_STEPS_FEWEST, MOST = 5, 25  # samples of a line
+ZERO_STEPS_FEWEST = 5  # fewest samples of a straight line
+MOST = 25  # most samples of a straight line
 # Standard deviations: the extreme of 3000 correlated Gaussian rows is 4.5; motion that lines do not
 # follow makes the tails of a clean record longer.
 SURE = 8.0
@@ -158,7 +167,8 @@ INPUT_APART = 0.6
 # of a jump: one of the other sign within two windows makes it a bump; a step by itself has side
 # lobes of 0.35
 PARTNER = 0.7
-CORNER, CORNER_REACH = 4.0, 0.8  # standard deviations; s on either side of a jump of nz
+CORNER = 4.0  # standard deviations
+CORNER_REACH = 0.8  # s, on either side of a jump of nz
 MANY = 3  # jumps told of one channel
 
 
@@ -168,10 +178,10 @@ def zero_steps(
     masked: Mapping[str, np.ndarray],
     gravity_over_speed: float | None = None,
 ) -> list[RecordFinding]:
-    """Jumps of single channels, a warning each; ``masked``: by channel the rows that are masked
-    already. ``gravity_over_speed`` in 1/s:
+    """Find steps of single channels, a warning each.
 
-    with it a jump of nz is known for a load where the path of alpha bends as a load bends it.
+    ``masked``: rows by channel that are masked already. ``gravity_over_speed`` in 1/s: a step of nz
+    counts as a load if the path of alpha bends as a load bends it.
     """
     if not series or len(series[0].values) < 4 * ZERO_STEPS_FEWEST:
         return []
@@ -231,10 +241,9 @@ def _is_load(
     size: float,
     gravity_over_speed: float | None,
 ) -> bool:
-    """If alpha - int (q - (g/V) nz) dt goes straight through a jump of nz, as it does where the
-    jump is a load; a zero that steps makes a corner.
+    """Whether a step of nz is a load: alpha - int (q - (g/V) nz) dt is then straight there.
 
-    The corner is told where it would be ``CORNER`` standard deviations of the noise of alpha.
+    A sensor fault would show a corner. It must be ``CORNER`` standard deviations of alpha's noise.
     """
     known = {each.name: each for each in series}
     time = known["nz"].time
@@ -259,32 +268,30 @@ def _is_load(
     return expected > CORNER * std and abs(corner) < 0.5 * expected
 
 
-def _still(inputs: Sequence[np.ndarray], count: int, apart: int) -> np.ndarray:
-    """Rows at which no input steps within ``apart`` rows."""
+def _still(inputs: Sequence[np.ndarray], count: int, spacing: int) -> np.ndarray:
+    """Rows at which no input steps within ``spacing`` rows."""
     steps = np.zeros(count)
     for values in inputs:
         steps[1:-1] += np.abs(np.diff(values, 2)) > INPUT_QUIET * float(np.ptp(values))
-    return np.asarray(np.convolve(steps, np.ones(2 * apart + 3), mode="same") < 0.5)
+    return np.asarray(np.convolve(steps, np.ones(2 * spacing + 3), mode="same") < 0.5)
 
 
 def _zero_steps_finding(series: Series, row: int, size: float) -> RecordFinding:
     time = float(series.time[min(int(np.searchsorted(series.rows, row)), len(series.time) - 1)])
     load = ", or a load did that nothing recorded" if series.name in ("nz", "az") else ""
-    told = (
+    text = (
         f"jumps by {shown(size, series.unit)} at {time:.4g} s and stays, while no input and no "
         f"other channel jumps: its zero stepped{load}"
     )
-    numbers = {"time": Number(time, "s"), "step": Number(size, series.unit)}
+    numbers = {"time": FindingQuantity(time, "s"), "step": FindingQuantity(size, series.unit)}
     remedy = "give the parts before and after as segments, --from and --to in pairs"
     return RecordFinding(
-        series.name, Kind.ZERO_STEP, Certainty.LIKELY, told, remedy, ((time, time),), numbers
+        series.name, Kind.ZERO_STEP, Certainty.LIKELY, text, remedy, ((time, time),), numbers
     )
 
 
 def _filtered(series: Series, rows: np.ndarray, masked: np.ndarray | None) -> np.ndarray:
-    """A channel on common rows, gaps and masked samples bridged, lone wrong samples taken out by a
-    median of three.
-    """
+    """A channel on common rows, gaps bridged, single wrong samples removed by a median of three."""
     good = np.ones(len(series.rows), dtype=bool) if masked is None else ~masked[series.rows]
     if np.count_nonzero(good) < 2:
         return np.zeros(len(rows))
@@ -299,23 +306,23 @@ def _filtered(series: Series, rows: np.ndarray, masked: np.ndarray | None) -> np
 
 
 def _weights(length: int) -> np.ndarray:
-    """Of samples at 0.5, 1.5, ... in the value at 0 of the straight line through them."""
+    """Weights of samples at 0.5, 1.5, ... in the value at 0 of the straight line through them."""
     position = np.arange(length) + 0.5
     matrix = np.stack([np.ones(length), position])
     return np.asarray(np.linalg.solve(matrix @ matrix.T, matrix)[0])
 
 
 def _jumps(values: np.ndarray, length: int) -> np.ndarray:
-    """Line after less line before, between rows ``k + length - 1`` and ``k + length``, for every
-    k.
-    """
+    """Line after each row minus the line before it, of ``length`` rows each, between the rows."""
     weights = _weights(length)
     kernel = np.concatenate([-weights[::-1], weights])
     return np.asarray(np.correlate(values, kernel, mode="valid"))
 
 
 def _unexplained(jump: np.ndarray, others: Sequence[np.ndarray]) -> np.ndarray:
-    """What other channels' jumps do not explain, by least squares without the largest."""
+    """Step minus the part that steps of other channels explain by least squares, without the
+    largest.
+    """
     moving = [other for other in others if np.any(other)]
     if not moving:
         return jump
@@ -336,9 +343,7 @@ def _usual(jump: np.ndarray) -> float:
 
 
 def _peaks(left: np.ndarray, noise: float, length: int, around: int) -> list[int]:
-    """Rows of jumps that stand above the noise and their surroundings and have no partner of the
-    other sign.
-    """
+    """Rows of steps above the noise and their surroundings, without a partner of opposite sign."""
     size = np.abs(left)
     out: list[int] = []
     least = SURE * max(_usual(left), noise)
@@ -372,14 +377,16 @@ def _touches(masked: np.ndarray | None, rows: np.ndarray) -> bool:
 
 LOWEST = 4.0  # Hz: short periods and first elastic modes of piloted aircraft lie below
 EVEN = 0.02  # of the usual step, within which steps are even
-HUM_FEWEST, LONGEST = 128, 20_000  # samples that are needed, and looked at
-# frequencies whose median is the floor, and those next to a line that belong to it
-AROUND, BESIDE = 24, 3
+HUM_FEWEST = 128  # fewest samples
+LONGEST = 20_000  # most samples that are used
+AROUND = 24  # frequencies on either side of a line whose median is the noise floor
+BESIDE = 3  # frequencies on either side that belong to a line
 # Power over the floor's mean is exponentially distributed under noise: ln(number of
 # frequencies/chance), a third more for the floor's own scatter.
-HUM_CHANCE, MARGIN = 1e-5, 1.35
-# a strong line is looked at in finer parts, so that ringing after each step shows
-PARTS, MOST_PARTS = 6, 16
+HUM_CHANCE = 1e-5  # probability of a false line
+MARGIN = 1.35  # factor for the scatter of the floor
+PARTS = 6  # parts of a record in which the amplitude of a line is compared
+MOST_PARTS = 16  # parts for a strong line, so that ringing after steps is recognised
 FINER = 80.0  # of N (amplitude/noise)^2 for a part: its amplitude is then known to a seventh
 # share of the parts' power that their sum keeps: 1 for one phase and amplitude, 1/6 for noise
 COHERENT = 0.85
@@ -393,8 +400,9 @@ IN_INPUT = 1e-4
 
 
 def hum(series: Series, inputs: Sequence[Series]) -> RecordFinding | None:
-    """A warning of a line above the motion: frequency, amplitude. Structure rings down and follows
-    its excitation; a hum does neither.
+    """Return a warning of a spectral line above the motion, with frequency and amplitude.
+
+    A structural mode decays and follows its excitation; a hum does neither.
     """
     series = replace(series, time=series.time[:LONGEST], values=series.values[:LONGEST])
     step = np.diff(series.time)
@@ -432,22 +440,25 @@ def hum(series: Series, inputs: Sequence[Series]) -> RecordFinding | None:
         return None
     if any(_in_input(other, at) for other in inputs):
         return None
-    told = (
+    text = (
         f"hums at {at:.4g} Hz with an amplitude of {shown(amplitude, series.unit)}, the same in "
         "phase and size throughout"
     )
-    told += f"; a hum above {0.5 / usual:.3g} Hz, half the sample rate, shows as a lower frequency"
-    numbers = {"frequency": Number(at, "Hz"), "amplitude": Number(amplitude, series.unit)}
+    text += f"; a hum above {0.5 / usual:.3g} Hz, half the sample rate, shows as a lower frequency"
+    numbers = {
+        "frequency": FindingQuantity(at, "Hz"),
+        "amplitude": FindingQuantity(amplitude, series.unit),
+    }
     remedy = (
         "filter all channels alike with --lowpass below it, or mend the wiring; mains is at 50 or "
         "60 Hz, aircraft supply at 400 Hz"
     )
-    return RecordFinding(series.name, Kind.HUM, Certainty.LIKELY, told, remedy, (), numbers)
+    return RecordFinding(series.name, Kind.HUM, Certainty.LIKELY, text, remedy, (), numbers)
 
 
 def _over_floor(power: np.ndarray, first: int) -> np.ndarray:
-    """Each frequency's power over the mean of its neighbours', from their median; from ``first``
-    on, the last left out.
+    """Power of each frequency over the noise floor, from the median of its neighbours; from
+    ``first`` on, without the last.
     """
     some = power[first:-1]
     if len(some) < AROUND:
@@ -459,19 +470,17 @@ def _over_floor(power: np.ndarray, first: int) -> np.ndarray:
     return np.asarray(some / np.maximum(floor, 1e-300))
 
 
-def _refined(bent: np.ndarray, step: float, near: float, apart: float) -> float:
+def _refined(bent: np.ndarray, step: float, near: float, spacing: float) -> float:
     """The line's frequency between two bins, Hz."""
     number = np.arange(len(bent))
     window = np.hanning(len(bent) + 2)[1:-1]
-    grid = near + apart * np.linspace(-1.0, 1.0, 41)
+    grid = near + spacing * np.linspace(-1.0, 1.0, 41)
     turn = np.exp(-2j * math.pi * step * grid[:, None] * number[None, :])
     return float(grid[int(np.argmax(np.abs(turn @ (window * bent))))])
 
 
 def _parts(bent: np.ndarray, step: float, at: float, count: int) -> np.ndarray:
-    """The line's complex amplitude in each part of the record, of the channel itself whose second
-    differences are ``bent``.
-    """
+    """Complex amplitude of the line in each part of a record; ``bent``: second differences."""
     number = np.arange(len(bent))
     turned = bent * np.exp(-2j * math.pi * at * step * number)
     gain = (2.0 * math.sin(math.pi * at * step)) ** 2
@@ -488,9 +497,7 @@ def _coherence(parts: np.ndarray) -> float:
 
 
 def _in_input(other: Series, at: float) -> bool:
-    """Whether an input has the line itself, one phase throughout, as a periodic one has at its
-    harmonics; at its own sample rate.
-    """
+    """Whether an input has the line itself with one phase throughout, at its own sample rate."""
     step = float(np.median(np.diff(other.time)))
     parts = _parts(np.diff(other.values[:LONGEST], 2), step, at, PARTS)
     return abs(np.mean(parts)) > IN_INPUT * other.span and _coherence(parts) > 0.5
@@ -498,7 +505,8 @@ def _in_input(other: Series, at: float) -> bool:
 
 # ---- Channels whose noise ends at a frequency
 
-BAND_LIMITED_FEWEST, BAND_LIMITED_LONGEST = 256, 20_000  # samples that are needed, and looked at
+BAND_LIMITED_FEWEST = 256  # fewest samples
+BAND_LIMITED_LONGEST = 20_000  # most samples that are used
 BAND_LIMITED_EVEN = 0.02  # of the usual step, within which steps are even
 BANDS = 40  # of equal width, up to half the sample rate
 # of the level below the cutoff, that no band above it exceeds: noise of a hundredth of the size
@@ -507,17 +515,17 @@ EMPTY = 1e-4
 # Butterworth filters of order 4 that run both ways; behind an analog filter of order 4, as
 # recorders have against aliasing, within 3.2.
 STEEP = 1.8
-LEAST_FLAT, LEAST_EMPTY = 4, 4  # bands
+LEAST_FLAT = 4  # fewest bands of noise of one level
+LEAST_EMPTY = 4  # fewest bands without noise
 BAND_LIMITED_CHANCE = 1e-3  # that a part of a flat spectrum is called uneven
 WIDENED = 2.0  # frequencies of a windowed spectrum for an independent one
 
 
 def band_limited(series: Series) -> RecordFinding | None:
-    """A note of a channel that has noise up to a cutoff and none above; None for any other, and
-    where steps are uneven or few.
+    """Return a note if a channel has noise up to a cutoff frequency and none above; else None.
 
-    A filter that falls less steeply, and a channel whose noise does not show above its motion, are
-    not recognised.
+    None also for uneven or few samples. Filters that fall less steeply are not recognised, nor
+    channels whose motion hides the noise.
     """
     time, values = series.time[:BAND_LIMITED_LONGEST], series.values[:BAND_LIMITED_LONGEST]
     step = np.diff(time)
@@ -536,11 +544,11 @@ def band_limited(series: Series) -> RecordFinding | None:
             continue
         cutoff = 0.5 * flat / BANDS / usual
         share = flat / BANDS
-        told = (
+        text = (
             f"has noise up to about {cutoff:.3g} Hz and none above, of {0.5 / usual:.3g} Hz that "
             "its samples could hold"
         )
-        told += (
+        text += (
             ": it was filtered or resampled before it was written, and one sample in "
             f"{1.0 / share:.2g} is independent"
         )
@@ -548,15 +556,13 @@ def band_limited(series: Series) -> RecordFinding | None:
             "export the channel as it was recorded; else residuals are not white, and sigmas for "
             "white noise too small"
         )
-        numbers = {"cutoff": Number(cutoff, "Hz")}
-        return RecordFinding(series.name, Kind.FILTERED, Certainty.NOTED, told, remedy, (), numbers)
+        numbers = {"cutoff": FindingQuantity(cutoff, "Hz")}
+        return RecordFinding(series.name, Kind.FILTERED, Certainty.NOTED, text, remedy, (), numbers)
     return None
 
 
 def _levels(values: np.ndarray) -> np.ndarray:
-    """Mean power of a channel in each band ``(BANDS,)``, by second differences, which take the
-    motion down, and a window that leaks 1e-9.
-    """
+    """Mean power in each band ``(BANDS,)``, from second differences and a low-leakage window."""
     bent = np.diff(values, 2)
     phase = 2.0 * np.pi * (np.arange(len(bent)) + 0.5) / len(bent)
     window = (
@@ -575,9 +581,7 @@ def _levels(values: np.ndarray) -> np.ndarray:
 
 
 def _flat(levels: np.ndarray, freedom: float) -> bool:
-    """Whether the halves of a part of the spectrum have one level, and its first and last quarter,
-    for the degrees of freedom of a band.
-    """
+    """Whether both halves of a part of the spectrum have one level, and its outer quarters too."""
     for count in (len(levels) // 2, max(len(levels) // 4, 1)):
         ratio = float(np.mean(levels[:count]) / np.mean(levels[-count:]))
         if max(ratio, 1.0 / ratio) > fdtri(

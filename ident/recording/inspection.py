@@ -25,9 +25,9 @@ from ident.recording.kinematic_relations import (
     RENAME,
     SHIFTS,
     UNITS,
+    ColumnReading,
     ControlPower,
-    FlownColumns,
-    Reading,
+    KinematicColumns,
     all_readings,
     change,
     columns_of,
@@ -38,13 +38,19 @@ from ident.recording.kinematic_relations import (
     sure,
     unexplained_lift,
 )
-from ident.recording.missing_samples import dropouts, held, interpolated, missing_rows, stuck
+from ident.recording.missing_samples import (
+    dropouts,
+    held_samples,
+    interpolated,
+    missing_rows,
+    stuck,
+)
 from ident.recording.series import (
     FEWEST,
     Certainty,
     Expectations,
+    FindingQuantity,
     Kind,
-    Number,
     RecordFinding,
     Series,
     changing_noise,
@@ -55,19 +61,21 @@ from sim.record import Channel, Record
 
 # ---- A time base that runs grossly fast or slow
 
-# unexplained: a clock at twice its rate leaves 0.2, the right one as little as noise does
-SUSPECT, SUITS = 0.12, 0.06
+# unexplained share of the motion from which a clock is suspected (0.2 at twice the rate)
+SUSPECT = 0.12
+SUITS = 0.06  # share that a correct clock leaves at most
 CLEARLY = 4.0  # times less than as read
 # of ln 2: scales of a sensor are nearer to one, and a clock that is less wrong is an effect for the
 # fit
 GROSS = 0.7
-PER_OCTAVE, OCTAVES = 4, 4
+PER_OCTAVE = 4  # clock rates tried in an octave
+OCTAVES = 4  # octaves that are searched
 # of a logarithm: starting values of a vehicle file and effects make up to a factor of two
 CLOSE = 0.7
 
 
 def wrong_clock(
-    columns: FlownColumns, as_read: float, expected: Expectations
+    columns: KinematicColumns, as_read: float, expected: Expectations
 ) -> RecordFinding | None:
     """Certain where the control's power, or pitch attitude, tell it from a scale of a sensor, else
     likely; None where time is right.
@@ -84,9 +92,9 @@ def wrong_clock(
     if left[best] > SUITS or left[best] * CLEARLY > as_read or abs(math.log2(best)) < GROSS:
         return None
     numbers = {
-        "factor": Number(best, "1"),
-        "unexplained": Number(as_read, "1"),
-        "unexplained_otherwise": Number(left[best], "1"),
+        "factor": FindingQuantity(best, "1"),
+        "unexplained": FindingQuantity(as_read, "1"),
+        "unexplained_otherwise": FindingQuantity(left[best], "1"),
     }
     what = (
         f"disagrees with the kinematics: they hold if time runs {best:.2g} times as long as the "
@@ -116,33 +124,36 @@ def wrong_clock(
     )
 
 
-def _control_agrees(columns: FlownColumns, factor: float, expected: Expectations) -> bool:
+def _control_agrees(columns: KinematicColumns, factor: float, expected: Expectations) -> bool:
     """Whether the control's power is that of the vehicle's data only with the other clock:
     accelerations go with its square.
     """
     if expected.control_power is None or not expected.control_power or not expected.angular_control:
         return False
-    apart = []
+    estimates = []
     for some in (columns, columns.times({"time": factor})):
-        found = control_power(some)
-        if found is None or not sure(found) or found.value * expected.control_power <= 0.0:
+        power = control_power(some)
+        if power is None or not sure(power) or power.value * expected.control_power <= 0.0:
             return False
-        apart.append(abs(math.log(found.value / expected.control_power)))
-    return apart[1] < min(CLOSE, 0.5 * apart[0])
+        estimates.append(abs(math.log(power.value / expected.control_power)))
+    return estimates[1] < min(CLOSE, 0.5 * estimates[0])
 
 
 # ---- Columns that are not what their header says
 
 # Chosen between the two: records with any effect of the library leave 0.12 at most, a wrong column
 # 0.28 at least; the noise of a small motion leaves 0.1 of the right reading, too.
-WRONG, RIGHT, RIGHT_WITH_CONTROL = 0.2, 0.15, 0.1
+WRONG = 0.2  # unexplained share from which a column is wrong
+RIGHT = 0.15  # largest unexplained share of a correct column
+RIGHT_WITH_CONTROL = 0.1  # the same where a control confirms it
 READINGS_CLEARLY = 4.0  # times less than as read, and than any reading of another kind
 # factor within which a control power is that of the vehicle's data; effects and starting values
 # differ by 2, degrees by 57
 NEAR = 3.0
 # Correlation of changes of nz and alpha: 0.88 at least with any effect of the library; a control
 # moves otherwise.
-TOGETHER, APART = 0.85, 0.7
+TOGETHER = 0.85  # correlation from which two channels agree
+APART = 0.7  # correlation below which they do not
 # Rows of a lag: with two, a motion has four samples a period, and of 600 sound light aircraft one
 # was read as in ms.
 RESOLVED = 3
@@ -150,15 +161,15 @@ RESOLVED = 3
 CHANCE = -2.0 * math.log(1e-3)
 # in rad, of a motion that linear equations describe
 SMALL_ANGLES = ("alpha", "elevator", "beta", "aileron", "rudder")
-# rad away from the middle that a hundredth of the samples may reach, and the rest in per cent
-LARGEST, REACHED = 1.5, 99.0
+LARGEST = 1.5  # rad, largest distance of an angle from its middle
+REACHED = 99.0  # percentile of the samples that must be within
 LEVEL = (9.0, 10.7)  # g, of a middle: level flight in m/s2, a little climbing, diving or turning
 LARGE = 0.6  # rad, of an angle of attack from end to end
 
 
 def misread(record: Record, expected: Expectations) -> list[RecordFinding]:
-    """Columns that are certainly, or likely, not what they are called; empty where all fit together
-    or nothing joins them.
+    """Columns that are certainly or probably mislabelled; empty if all are consistent or no
+    relation exists.
     """
     far = [
         one
@@ -174,30 +185,30 @@ def misread(record: Record, expected: Expectations) -> list[RecordFinding]:
     columns = columns_of(record, expected)
     if columns is None:
         return far
-    found = _of_columns(columns, expected)
-    if far and not any(one.kind is Kind.EXCHANGED for one in found):
+    result = _of_columns(columns, expected)
+    if far and not any(one.kind is Kind.EXCHANGED for one in result):
         return far
     return (
-        [_of_az(one) for one in found]
+        [_of_az(one) for one in result]
         if "az" in record.output_names and "nz" not in record.output_names
-        else found
+        else result
     )
 
 
-def _of_columns(columns: FlownColumns, expected: Expectations) -> list[RecordFinding]:
+def _of_columns(columns: KinematicColumns, expected: Expectations) -> list[RecordFinding]:
     shares = disagreement(columns)
     as_read = max(shares.values(), default=0.0)
-    found = _of_lift(columns, as_read) or _of_angles(columns, as_read)
-    if found is None and as_read > SUSPECT:
-        found = _best(columns, as_read, expected)
-    if found is not None:
-        return [found]
+    result = _of_lift(columns, as_read) or _of_angles(columns, as_read)
+    if result is None and as_read > SUSPECT:
+        result = _best(columns, as_read, expected)
+    if result is not None:
+        return [result]
     return _of_control(columns, expected) if shares and as_read <= WRONG else []
 
 
 def _of_az(finding: RecordFinding) -> RecordFinding:
-    """What was found of nz, told of the column that it comes from: in m/s2 for nz is a factor of
-    g0, that of g for az.
+    """The finding on nz in terms of its source column: in m/s2 for nz is a factor of g0, that of g
+    for az.
     """
     if finding.kind is Kind.UNIT and finding.channel == "nz":
         return replace(finding, channel="az", remedy="check the unit of az: m/s2 is meant")
@@ -216,7 +227,7 @@ def _far(channel: Channel) -> RecordFinding | None:
     )
     if reach <= LARGEST:
         return None
-    told = f"moves by {reach:.3g} rad ({math.degrees(reach):.3g} deg)"
+    text = f"moves by {reach:.3g} rad ({math.degrees(reach):.3g} deg)"
     remedy = (
         f"if the column is in degrees, name it {channel.name}_deg or say so in a channel map; if "
         f"it is right, {channel.name} = false there"
@@ -225,59 +236,57 @@ def _far(channel: Channel) -> RecordFinding | None:
         channel.name,
         Kind.UNIT,
         Certainty.CERTAIN,
-        told,
+        text,
         remedy,
-        numbers={"reach": Number(reach, "rad")},
+        numbers={"reach": FindingQuantity(reach, "rad")},
     )
 
 
 def _gravity(channel: Channel) -> RecordFinding | None:
-    """A load factor whose middle is 9.8: nothing flies at that for half a record, and level flight
-    reads that in m/s2.
-    """
+    """A load factor with a median of 9.8: level flight in m/s2."""
     middle = float(np.median(channel.values[channel.valid]))
     if not LEVEL[0] < abs(middle) < LEVEL[1]:
         return None
-    told = f"is in m/s2, not in g: its middle is {middle:.3g}"
+    text = f"is in m/s2, not in g: its middle is {middle:.3g}"
     return RecordFinding(
         channel.name,
         Kind.UNIT,
         Certainty.CERTAIN,
-        told,
+        text,
         NZ_REMEDY,
-        numbers={"middle": Number(middle, "g")},
+        numbers={"middle": FindingQuantity(middle, "g")},
     )
 
 
-def _of_lift(columns: FlownColumns, as_read: float) -> RecordFinding | None:
-    """nz against alpha, which lift ties to each other: of turned sign, or exchanged with the
-    control, where the kinematics say so too.
+def _of_lift(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
+    """Sign of nz from its correlation with alpha, or exchange with the control, if the kinematics
+    agree.
     """
     y = columns.outputs
     if not {"alpha", "q", "nz"} <= set(y):
         return None
     lag, step = lag_of(columns), float(np.median(np.diff(columns.time)))
     alpha = change(y["alpha"], lag)
-    shifts = sorted({min(round(late / step), len(alpha) // 4) for late in SHIFTS})
+    shifts = sorted({min(round(shift / step), len(alpha) // 4) for shift in SHIFTS})
 
     def goes_with_alpha(values: np.ndarray) -> float:
-        """The largest correlation of changes, either column up to ``SHIFTS`` late."""
+        """Largest correlation of changes, with shifts up to ``SHIFTS`` of either column."""
         other = change(values, lag)
         with np.errstate(invalid="ignore"):
-            found = [
+            result = [
                 float(np.nan_to_num(np.corrcoef(alpha[k:], other[: len(other) - k])[0, 1]))
                 for k in shifts
             ]
-            found += [
+            result += [
                 float(np.nan_to_num(np.corrcoef(alpha[: len(alpha) - k], other[k:])[0, 1]))
                 for k in shifts
             ]
-        return max(found, key=abs)
+        return max(result, key=abs)
 
     together = goes_with_alpha(y["nz"])
     turned = max(disagreement(columns.times({"nz": -1.0})).values())
     if together < -TOGETHER and turned < RIGHT and turned < as_read:
-        told = (
+        text = (
             f"has the sign turned: it falls when alpha rises (correlation {together:.2f}), and the "
             "kinematics hold better with the other sign"
         )
@@ -285,9 +294,9 @@ def _of_lift(columns: FlownColumns, as_read: float) -> RecordFinding | None:
             "nz",
             Kind.SIGN,
             Certainty.CERTAIN,
-            told,
+            text,
             "turn the sign of the column of nz",
-            numbers={"correlation": Number(together, "1")},
+            numbers={"correlation": FindingQuantity(together, "1")},
         )
     if columns.control is None or together > APART or goes_with_alpha(columns.control) < TOGETHER:
         return None
@@ -300,7 +309,7 @@ def _of_lift(columns: FlownColumns, as_read: float) -> RecordFinding | None:
     ):
         return None
     name = columns.control_name
-    told = (
+    text = (
         f"are exchanged: the column of {name} goes with alpha, that of nz does not, and the "
         "kinematics hold so"
     )
@@ -308,16 +317,14 @@ def _of_lift(columns: FlownColumns, as_read: float) -> RecordFinding | None:
         f"nz and {name}",
         Kind.EXCHANGED,
         Certainty.CERTAIN,
-        told,
+        text,
         RENAME,
-        numbers={"correlation": Number(together, "1")},
+        numbers={"correlation": FindingQuantity(together, "1")},
     )
 
 
-def _of_angles(columns: FlownColumns, as_read: float) -> RecordFinding | None:
-    """All angles in degrees at once: they agree with each other, but not with nz, and move further
-    than any aircraft's in radians.
-    """
+def _of_angles(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
+    """All angles in degrees: consistent with each other, not with nz, and too large for radians."""
     names = [name for name in columns.outputs if name in UNITS]
     if (
         "alpha" not in names
@@ -332,18 +339,20 @@ def _of_angles(columns: FlownColumns, as_read: float) -> RecordFinding | None:
     )
     if other > SUITS or READINGS_CLEARLY * other > as_read:
         return None
-    told = "are in degrees, not in radians: with nz the kinematics hold only so"
+    text = "are in degrees, not in radians: with nz the kinematics hold only so"
     return RecordFinding(
         " and ".join(names),
         Kind.UNIT,
         Certainty.CERTAIN,
-        told,
+        text,
         "say their units in a channel map",
-        numbers={"unexplained": Number(as_read, "1")},
+        numbers={"unexplained": FindingQuantity(as_read, "1")},
     )
 
 
-def _best(columns: FlownColumns, as_read: float, expected: Expectations) -> RecordFinding | None:
+def _best(
+    columns: KinematicColumns, as_read: float, expected: Expectations
+) -> RecordFinding | None:
     readings = sorted(
         (one for one in all_readings(columns) if one.left < _right(one, columns)),
         key=lambda one: one.left,
@@ -358,8 +367,8 @@ def _best(columns: FlownColumns, as_read: float, expected: Expectations) -> Reco
             return wrong_clock(columns, as_read, expected)
         best, rivals = _by_control(possible, expected) if len(possible) > 1 else (possible[0], [])
         numbers = {
-            "unexplained": Number(as_read, "1"),
-            "unexplained_otherwise": Number(best.left, "1"),
+            "unexplained": FindingQuantity(as_read, "1"),
+            "unexplained_otherwise": FindingQuantity(best.left, "1"),
         }
         what = (
             f"{best.sentence}: as read, the kinematics leave {_percent(as_read)} of the motion "
@@ -379,7 +388,7 @@ def _best(columns: FlownColumns, as_read: float, expected: Expectations) -> Reco
 
 
 def _implausible_as_read(
-    reading: Reading, columns: FlownColumns, expected: Expectations
+    reading: ColumnReading, columns: KinematicColumns, expected: Expectations
 ) -> bool | None:
     """Whether columns that a reading exchanges or turns are also implausible by what kinematics do
     not use; None where nothing else is known.
@@ -413,15 +422,15 @@ def _implausible_as_read(
 
 
 def _pitching(
-    columns: FlownColumns, expected: Expectations
+    columns: KinematicColumns, expected: Expectations
 ) -> tuple[bool | None, ControlPower | None]:
-    """Whether the control has the power that the vehicle's data say, None where it cannot be relied
-    on; and that power.
+    """Whether the control power agrees with the vehicle file, None if unreliable; and that
+    power.
     """
-    found = control_power(columns)
-    if found is None or not sure(found) or not expected.control_power:
-        return None, found
-    return _fits(found.value, expected), found
+    power = control_power(columns)
+    if power is None or not sure(power) or not expected.control_power:
+        return None, power
+    return _fits(power.value, expected), power
 
 
 def _fits(power: float, expected: Expectations) -> bool:
@@ -433,8 +442,8 @@ def _fits(power: float, expected: Expectations) -> bool:
 
 
 def _likelier(before: tuple[float, float] | None, after: tuple[float, float] | None) -> bool:
-    """Whether the second share of what is left is smaller beyond chance; with each the number of
-    independent stretches.
+    """Whether the second unexplained share is significantly smaller; each with its number of
+    independent parts.
     """
     if before is None or after is None:
         return False
@@ -443,9 +452,9 @@ def _likelier(before: tuple[float, float] | None, after: tuple[float, float] | N
     )
 
 
-def _right(reading: Reading, columns: FlownColumns) -> float:
-    """What a reading may leave; less where the control takes part, which a feedback makes look like
-    what it feeds back.
+def _right(reading: ColumnReading, columns: KinematicColumns) -> float:
+    """Largest unexplained share of a correct reading; smaller where a control takes part, since
+    feedback makes it resemble the output.
     """
     return (
         RIGHT_WITH_CONTROL
@@ -454,9 +463,11 @@ def _right(reading: Reading, columns: FlownColumns) -> float:
     )
 
 
-def _by_control(rivals: Sequence[Reading], expected: Expectations) -> tuple[Reading, list[Reading]]:
-    """Of readings that the kinematics cannot tell apart, those that give the control the power that
-    the vehicle's data say.
+def _by_control(
+    rivals: Sequence[ColumnReading], expected: Expectations
+) -> tuple[ColumnReading, list[ColumnReading]]:
+    """Of readings that the kinematics do not distinguish, those whose control power agrees with the
+    vehicle file.
     """
     if expected.control_power is None:
         return rivals[0], list(rivals[1:])
@@ -468,21 +479,21 @@ def _by_control(rivals: Sequence[Reading], expected: Expectations) -> tuple[Read
     return kept[0], kept[1:]
 
 
-def _of_control(columns: FlownColumns, expected: Expectations) -> list[RecordFinding]:
+def _of_control(columns: KinematicColumns, expected: Expectations) -> list[RecordFinding]:
     """A control whose sign, or unit, is not that of the vehicle's data."""
     if expected.control_power is None or not expected.control_power:
         return []
-    found = control_power(columns)
-    if found is None or not sure(found) or _contradicted(columns, found.value):
+    power = control_power(columns)
+    if power is None or not sure(power) or _contradicted(columns, power.value):
         return []
-    ratio, name = found.value / expected.control_power, columns.control_name
-    told = (
-        f"its pitch acceleration is {found.value:+.3g} rad/s2 per unit, the vehicle file says "
+    ratio, name = power.value / expected.control_power, columns.control_name
+    text = (
+        f"its pitch acceleration is {power.value:+.3g} rad/s2 per unit, the vehicle file says "
         f"{expected.control_power:+.3g}"
     )
     numbers = {
-        "control_power": Number(found.value, "rad/s2"),
-        "expected": Number(expected.control_power, "rad/s2"),
+        "control_power": FindingQuantity(power.value, "rad/s2"),
+        "expected": FindingQuantity(expected.control_power, "rad/s2"),
     }
     if ratio < 0.0:
         remedy = (
@@ -493,7 +504,7 @@ def _of_control(columns: FlownColumns, expected: Expectations) -> list[RecordFin
                 name,
                 Kind.SIGN,
                 Certainty.CERTAIN,
-                f"has the sign turned: {told}",
+                f"has the sign turned: {text}",
                 remedy,
                 numbers=numbers,
             )
@@ -505,7 +516,7 @@ def _of_control(columns: FlownColumns, expected: Expectations) -> list[RecordFin
                 name,
                 Kind.UNIT,
                 Certainty.CERTAIN,
-                f"is in deg, not in rad: {told}",
+                f"is in deg, not in rad: {text}",
                 remedy,
                 numbers=numbers,
             )
@@ -513,10 +524,8 @@ def _of_control(columns: FlownColumns, expected: Expectations) -> list[RecordFin
     return []
 
 
-def _contradicted(columns: FlownColumns, power: float) -> bool:
-    """Whether a control power has the other sign with nz in the place of alpha: a vane that is very
-    late bends it so far.
-    """
+def _contradicted(columns: KinematicColumns, power: float) -> bool:
+    """Whether the control power has the other sign with nz in place of alpha."""
     without = replace(
         columns,
         outputs={name: values for name, values in columns.outputs.items() if name != "alpha"},
@@ -535,7 +544,7 @@ ORDER = (Certainty.CERTAIN, Certainty.LIKELY, Certainty.COSTS_INFORMATION, Certa
 
 
 def inspect(record: Record, expected: Expectations | None = None) -> tuple[RecordFinding, ...]:
-    """What the raw columns of a record show, the certain first; empty where nothing is wrong.
+    """Return the findings in the raw columns of a record, the certain ones first.
 
     Parameters
     ----------
@@ -554,19 +563,19 @@ def inspect(record: Record, expected: Expectations | None = None) -> tuple[Recor
     ]
     inputs = [series_of(record, channel) for channel in record.inputs]
     masked: dict[str, np.ndarray] = {}
-    found = missing_rows(record) if len(record) >= FEWEST else []
+    result = missing_rows(record) if len(record) >= FEWEST else []
     for series in outputs:
         others = [other for other in outputs if other is not series]
-        found += _samples(series, others, inputs, len(record), masked)
+        result += _samples(series, others, inputs, len(record), masked)
     for series in inputs:
-        found += [
+        result += [
             *dropouts(series, len(record), is_input=True),
             *clipped(series, len(record), is_input=True),
         ]
         filled = interpolated(series, len(record), is_input=True)
-        found += [filled] if filled is not None else []
+        result += [filled] if filled is not None else []
     limited = [one for series in inputs if (one := band_limited(series)) is not None]
-    found += limited
+    result += limited
     clean = _without(record, masked)
     whole = [
         series_of(clean, clean[series.name])
@@ -581,17 +590,17 @@ def inspect(record: Record, expected: Expectations | None = None) -> tuple[Recor
             hum(series, inputs),
             _band_limited(series, limited),
         )
-        found += [one for one in looked if one is not None]
-    found += zero_steps(
+        result += [one for one in looked if one is not None]
+    result += zero_steps(
         [series for series in whole if series.least_bit <= 2.0 * max(series.noise, 1e-300)],
         inputs,
         masked,
         over,
     )
     if expected.aircraft:
-        found += misread(clean, expected)
-    found += height_unit(clean, expected)
-    return tuple(sorted(found, key=lambda one: ORDER.index(one.certainty)))
+        result += misread(clean, expected)
+    result += height_unit(clean, expected)
+    return tuple(sorted(result, key=lambda one: ORDER.index(one.certainty)))
 
 
 def _samples(
@@ -601,12 +610,12 @@ def _samples(
     count: int,
     masked: dict[str, np.ndarray],
 ) -> list[RecordFinding]:
-    """What masks samples of one channel; a sample is masked once."""
+    """Findings that mask samples of one channel; a sample is masked once."""
     taken = np.zeros(count, dtype=bool)
     out = dropouts(series, count)
     for one in out:
         taken |= one.mask
-    hold = held(series, count) if not out else None
+    hold = held_samples(series, count) if not out else None
     filled = interpolated(series, count, inputs) if not out and hold is None else None
     lower_rate = hold or filled
     if lower_rate is not None:
@@ -628,15 +637,15 @@ def _band_limited(series: Series, inputs: Sequence[RecordFinding]) -> RecordFind
     """An output's end of the spectrum, unless that of an input explains it: a motion without noise
     ends where what excites it does.
     """
-    found = band_limited(series)
+    result = band_limited(series)
     return (
         None
-        if found is None
+        if result is None
         or any(
-            0.5 < one.numbers["cutoff"].value / found.numbers["cutoff"].value < 2.0
+            0.5 < one.numbers["cutoff"].value / result.numbers["cutoff"].value < 2.0
             for one in inputs
         )
-        else found
+        else result
     )
 
 

@@ -19,14 +19,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.recording.series import FEWEST as FEWEST_SAMPLES
-from ident.recording.series import Certainty, Expectations, Kind, Number, RecordFinding
+from ident.recording.series import Certainty, Expectations, FindingQuantity, Kind, RecordFinding
 from sim.maths import G0
 from sim.record import Channel, Record
 
 # ---- What the channels of one motion have to do with each other
 
 JOINED = ("alpha", "q", "nz", "theta")
-SLOWEST, FASTEST = 20.0, 400.0  # m/s, where the airspeed is not known
+SLOWEST = 20.0  # m/s, lowest airspeed where it is unknown
+FASTEST = 400.0  # m/s, highest airspeed where it is unknown
 STIFFEST = 10.0  # 1/s: no aircraft's lift damps its angle of attack faster
 FEWEST = 40  # rows
 LONGEST = 3000  # rows that a comparison looks at
@@ -40,7 +41,7 @@ LATE = 0.3  # s: delays, lags, and arms over the airspeed, which are effects of 
 
 
 @dataclass(frozen=True, eq=False)
-class FlownColumns:
+class KinematicColumns:
     """Channels as arrays on one time base, gaps bridged and lone wrong samples taken out, ``(N,)``
     each; ``control`` is held between samples.
     """
@@ -51,8 +52,8 @@ class FlownColumns:
     control_name: str
     gravity_over_speed: float | None
 
-    def times(self, factors: Mapping[str, float]) -> FlownColumns:
-        """The same with some channels multiplied; ``control`` and ``time`` are names, too."""
+    def times(self, factors: Mapping[str, float]) -> KinematicColumns:
+        """The columns with some channels multiplied; ``control`` and ``time`` are names, too."""
         outputs = {name: values * factors.get(name, 1.0) for name, values in self.outputs.items()}
         control = (
             None if self.control is None else self.control * factors.get(self.control_name, 1.0)
@@ -61,8 +62,8 @@ class FlownColumns:
             self, time=self.time * factors.get("time", 1.0), outputs=outputs, control=control
         )
 
-    def exchanged(self, first: str, second: str) -> FlownColumns:
-        """The same with two channels in each other's place."""
+    def exchanged(self, first: str, second: str) -> KinematicColumns:
+        """The columns with two channels exchanged."""
         held = dict(self.outputs)
         if self.control is not None and self.control_name in (first, second):
             other = second if first == self.control_name else first
@@ -72,7 +73,7 @@ class FlownColumns:
         return replace(self, outputs=held)
 
 
-def columns_of(record: Record, expected: Expectations) -> FlownColumns | None:
+def columns_of(record: Record, expected: Expectations) -> KinematicColumns | None:
     """The channels that one motion joins; None where they are fewer than two or too short. ``az``
     stands for nz as -az/g0.
     """
@@ -85,27 +86,29 @@ def columns_of(record: Record, expected: Expectations) -> FlownColumns | None:
     if len(outputs) < 1:
         return None
     control = record.inputs[0] if record.inputs else None
-    known = [
+    finite_rows = [
         np.flatnonzero(record[name].valid)
         for name in (*JOINED, "az")
         if name in record.output_names
     ]
-    sparse = max(int(np.median(np.diff(rows))) if len(rows) > 1 else len(record) for rows in known)
+    sparse = max(
+        int(np.median(np.diff(rows))) if len(rows) > 1 else len(record) for rows in finite_rows
+    )
     over = (
         expected.gravity / expected.airspeed
         if expected.airspeed
         else _from_record(record, expected.gravity)
     )
     values = control.values[rows] if control is not None else None
-    columns = FlownColumns(
+    columns = KinematicColumns(
         record.time[rows], outputs, values, control.name if control is not None else "", over
     )
     return columns if sparse * SPARSE <= lag_of(columns) else None
 
 
-def disagreement(columns: FlownColumns) -> dict[str, float]:
-    """For each relation the share of its power that it does not explain: 0 where it holds, 1 where
-    its sides are unrelated, up to 2.
+def disagreement(columns: KinematicColumns) -> dict[str, float]:
+    """For each relation the unexplained share of its power: 0 if it holds, 1 if its sides are
+    unrelated, up to 2.
     """
     lag = lag_of(columns)
     sides = relations(columns, lag)
@@ -115,7 +118,7 @@ def disagreement(columns: FlownColumns) -> dict[str, float]:
     }
 
 
-def relations(columns: FlownColumns, lag: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def relations(columns: KinematicColumns, lag: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Both sides of every relation that the columns allow, about their means, shape ``(N -
     lag,)``.
     """
@@ -152,7 +155,7 @@ def relations(columns: FlownColumns, lag: int) -> dict[str, tuple[np.ndarray, np
     }
 
 
-def unexplained_lift(columns: FlownColumns) -> tuple[float, float] | None:
+def unexplained_lift(columns: KinematicColumns) -> tuple[float, float] | None:
     """Share of the load's change that lift leaves, and the number of independent stretches it is
     seen in; None without alpha or nz.
 
@@ -170,15 +173,15 @@ def unexplained_lift(columns: FlownColumns) -> tuple[float, float] | None:
         change(integral(columns.time, values - np.mean(values)), lag)
         for values in (y["nz"], y["alpha"], control)
     )
-    shifts = sorted({min(round(late / step), len(load) // 4) for late in SHIFTS})
+    shifts = sorted({min(round(shift / step), len(load) // 4) for shift in SHIFTS})
     pairs = [(load[: len(load) - k], flow[k:], surface[: len(load) - k]) for k in shifts]
     pairs += [(load[k:], flow[: len(load) - k], surface[: len(load) - k]) for k in shifts]
     return min(_share_of_lift(*each) for each in pairs), len(load) / lag
 
 
 def _share_of_lift(load: np.ndarray, flow: np.ndarray, surface: np.ndarray) -> float:
-    """What the best lift leaves of a load: of sums and differences of both angles with factors that
-    are not negative.
+    """Unexplained share of a load by the best lift: sums and differences of both angles with
+    non-negative factors.
     """
     load, flow, surface = (values - np.mean(values) for values in (load, flow, surface))
     power = float(load @ load)
@@ -197,10 +200,8 @@ def _share_of_lift(load: np.ndarray, flow: np.ndarray, surface: np.ndarray) -> f
     return max(1.0 - explained / power, FLOOR)
 
 
-def lag_of(columns: FlownColumns) -> int:
-    """Rows over which the motion changes most of what it changes at once: where its autocorrelation
-    has halved.
-    """
+def lag_of(columns: KinematicColumns) -> int:
+    """Rows over which the motion changes most: where its autocorrelation has halved."""
     name = next((name for name in ("q", "alpha", "nz", "theta") if name in columns.outputs), None)
     if name is None:
         return 1
@@ -218,8 +219,8 @@ def lag_of(columns: FlownColumns) -> int:
 
 
 def _share(left: np.ndarray, right: np.ndarray, along: np.ndarray) -> float:
-    """What is left, over the power of both sides, once a late or an offset sensor (a multiple of
-    the change of ``along``) is allowed for.
+    """Unexplained share of the power of both sides, after a delayed or offset sensor (a multiple of
+    the change of ``along``) is fitted.
     """
     power = float(left @ left + right @ right)
     if power <= FLOOR:
@@ -269,20 +270,20 @@ NZ_REMEDY = "name the column nz [m/s2], or say its unit in a channel map"
 
 
 @dataclass(frozen=True, eq=False)
-class Reading:
-    """One way to read the columns: what it would mean, the columns so, and the share of the motion
-    that the kinematics then leave unexplained.
+class ColumnReading:
+    """One interpretation of the columns: its meaning, the columns in it, and the share of the
+    motion that kinematics do not explain.
     """
 
     kind: Kind
     channel: str
-    columns: FlownColumns
+    columns: KinematicColumns
     sentence: str
     remedy: str
     left: float
 
 
-def all_readings(columns: FlownColumns) -> list[Reading]:
+def all_readings(columns: KinematicColumns) -> list[ColumnReading]:
     """Every simple fault that the columns could have."""
     names, out = list(columns.outputs), []
     for name in names:
@@ -342,9 +343,9 @@ def all_readings(columns: FlownColumns) -> list[Reading]:
 
 
 def _reading(
-    kind: Kind, channel: str, columns: FlownColumns, sentence: str, remedy: str
-) -> Reading:
-    return Reading(
+    kind: Kind, channel: str, columns: KinematicColumns, sentence: str, remedy: str
+) -> ColumnReading:
+    return ColumnReading(
         kind, channel, columns, sentence, remedy, max(disagreement(columns).values(), default=2.0)
     )
 
@@ -380,7 +381,7 @@ class ControlPower:
     damped: bool = True
 
 
-def control_power(columns: FlownColumns) -> ControlPower | None:
+def control_power(columns: KinematicColumns) -> ControlPower | None:
     """M_delta of the columns; None where q, a control or a second output is not there, or too
     little of it.
     """
@@ -401,33 +402,33 @@ def control_power(columns: FlownColumns) -> ControlPower | None:
             np.cumsum((columns.control - np.mean(columns.control))[:-1] * np.diff(columns.time)),
         ]
     )
-    found = [
+    result = [
         fitted
-        for late in CONTROL_LATE
-        if (fitted := _fitted(left, sums, change(_late(columns.time, moved, late), lag), lag))
+        for delay in CONTROL_LATE
+        if (fitted := _fitted(left, sums, change(_delayed(columns.time, moved, delay), lag), lag))
         is not None
     ]
-    if not found:
+    if not result:
         return None
-    best = max(found, key=lambda one: one.explained)
+    best = max(result, key=lambda one: one.explained)
     return replace(
         best,
-        opposed=max((one.explained for one in found if one.value * best.value < 0.0), default=0.0),
+        opposed=max((one.explained for one in result if one.value * best.value < 0.0), default=0.0),
     )
 
 
-def sure(found: ControlPower) -> bool:
+def sure(power: ControlPower) -> bool:
     """Whether sign and size of a control power can be relied on.
 
     A few samples of a fast motion are explained as well by a control that is late by half its
     period and works the other way, or by a motion that pitching feeds: of 1200 sound light aircraft
     at 8 to 50 samples a second one was told a turned sign so.
     """
-    unrivalled = 1.0 - found.explained < RIVALLED * (1.0 - found.opposed)
+    unrivalled = 1.0 - power.explained < RIVALLED * (1.0 - power.opposed)
     return (
-        found.damped
-        and abs(found.value) > SURE * found.std
-        and found.explained > EXPLAINED
+        power.damped
+        and abs(power.value) > SURE * power.std
+        and power.explained > EXPLAINED
         and unrivalled
     )
 
@@ -458,8 +459,8 @@ def _fitted(
     )
 
 
-def _late(time: np.ndarray, moved: np.ndarray, late: float) -> np.ndarray:
-    return moved if late == 0.0 else np.interp(time - late, time, moved)
+def _delayed(time: np.ndarray, moved: np.ndarray, delay: float) -> np.ndarray:
+    return moved if delay == 0.0 else np.interp(time - delay, time, moved)
 
 
 # ---- A height that is not in metres
@@ -488,21 +489,24 @@ def height_unit(record: Record, expected: Expectations) -> list[RecordFinding]:
     if np.count_nonzero(channel.valid) < 2 * FEWEST_SAMPLES:
         return []
     as_read = _unexplained(record.time, channel, 1.0, expected)
-    found = sorted(
+    result = sorted(
         (_unexplained(record.time, channel, factor, expected), unit)
         for unit, factor in LENGTHS.items()
     )
-    (best, unit), (second, _) = found[:2]
+    (best, unit), (second, _) = result[:2]
     if best > RIGHT or CLEARLY * best > min(as_read, second):
         return []
-    told = (
+    text = (
         f"is in {unit}, not in m: it falls under gravity as heights in {unit} do (unexplained "
         f"{100.0 * best:.2g} % of the motion)"
     )
-    told += f", not as heights in m ({100.0 * as_read:.2g} %)"
-    numbers = {"unexplained": Number(as_read, "1"), "unexplained_otherwise": Number(best, "1")}
+    text += f", not as heights in m ({100.0 * as_read:.2g} %)"
+    numbers = {
+        "unexplained": FindingQuantity(as_read, "1"),
+        "unexplained_otherwise": FindingQuantity(best, "1"),
+    }
     remedy = f"name the column {HEIGHT} [{unit}], or say its unit in a channel map"
-    return [RecordFinding(HEIGHT, Kind.UNIT, Certainty.CERTAIN, told, remedy, numbers=numbers)]
+    return [RecordFinding(HEIGHT, Kind.UNIT, Certainty.CERTAIN, text, remedy, numbers=numbers)]
 
 
 def _unexplained(

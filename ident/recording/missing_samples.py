@@ -18,8 +18,8 @@ import numpy as np
 
 from ident.recording.series import (
     Certainty,
+    FindingQuantity,
     Kind,
-    Number,
     RecordFinding,
     Series,
     exact_step,
@@ -33,18 +33,19 @@ FAR = 8.0  # standard deviations of the noise between a zero and its neighbours 
 BITS = 4.0
 OF_SPAN = 0.1  # of the channel's span without the zeros
 OUTSIDE = 5.0  # spans of all other samples, beyond which a value that comes twice is a fill value
-BRIEF, FEW = 0.1, 5  # s and samples: no pilot's or computer's step to zero and back is as short
+BRIEF = 0.1  # s: no commanded step to zero and back is as short
+FEW = 5  # samples
 
 
 def dropouts(series: Series, count: int, *, is_input: bool = False) -> list[RecordFinding]:
-    """Zeros and fill values among samples that are elsewhere, masked; in an input, which must have
-    no gap, a warning.
+    """Find zeros and fill values among other samples and mask them; of an input, which must have no
+    gap, warn.
     """
-    found = [("exact zeros", 0.0, _zeros(series))]
+    result = [("exact zeros", 0.0, _zeros(series))]
     fill, at = _fill(series)
-    found.append((f"the fill value {fill:g}", fill, at))
+    result.append((f"the fill value {fill:g}", fill, at))
     out = []
-    for word, value, where in found:
+    for word, value, where in result:
         if not np.any(where):
             continue
         runs = runs_of(where)
@@ -64,17 +65,20 @@ def _finding(
     times = tuple((float(series.time[b]), float(series.time[e - 1])) for b, e in runs)
     samples = int(sum(e - b for b, e in runs))
     first = ", ".join(f"{begin:.4g} s" for begin, _ in times[:3])
-    told = (
+    text = (
         f"has {samples} sample(s) that are {word}, at "
         f"{first}{' and so on' if len(times) > 3 else ''}, while it is elsewhere before and after"
     )
-    numbers = {"value": Number(value, series.unit), "samples": Number(float(samples), "1")}
+    numbers = {
+        "value": FindingQuantity(value, series.unit),
+        "samples": FindingQuantity(float(samples), "1"),
+    }
     if is_input:
         return RecordFinding(
             series.name,
             Kind.DROPOUT,
             Certainty.LIKELY,
-            told,
+            text,
             "fill the dropouts of an input, or cut the record there",
             times,
             numbers,
@@ -84,14 +88,12 @@ def _finding(
         mask[series.rows[b:e]] = True
     remedy = "leave cells empty where there is no measurement"
     return RecordFinding(
-        series.name, Kind.DROPOUT, Certainty.COSTS_INFORMATION, told, remedy, times, numbers, mask
+        series.name, Kind.DROPOUT, Certainty.COSTS_INFORMATION, text, remedy, times, numbers, mask
     )
 
 
 def _zeros(series: Series) -> np.ndarray:
-    """Runs of exact zeros that stand off both neighbours, which are alike: no signal goes to zero
-    and back in one step each way.
-    """
+    """Runs of exact zeros between two similar values far from zero."""
     values = series.values
     where = np.zeros(len(values), dtype=bool)
     zero = values == 0.0
@@ -113,9 +115,7 @@ def _zeros(series: Series) -> np.ndarray:
 
 
 def _sudden(values: np.ndarray, begin: int, end: int, least: float) -> bool:
-    """Whether the channel was not on its way to zero: the step there is several of those before and
-    after.
-    """
+    """Whether the step to zero is several times the steps before and after it."""
     before = np.abs(np.diff(values[max(0, begin - 4) : begin]))
     after = np.abs(np.diff(values[end : end + 4]))
     usual = float(np.max(np.concatenate([before, after]))) if before.size + after.size else 0.0
@@ -123,15 +123,16 @@ def _sudden(values: np.ndarray, begin: int, end: int, least: float) -> bool:
 
 
 def _fill(series: Series) -> tuple[float, np.ndarray]:
-    found = fill_value(series.values, series.noise)
-    at = np.zeros(len(series.values), dtype=bool) if found is None else series.values == found
-    return found or 0.0, at
+    result = fill_value(series.values, series.noise)
+    at = np.zeros(len(series.values), dtype=bool) if result is None else series.values == result
+    return result or 0.0, at
 
 
 def fill_value(values: np.ndarray, noise: float = 0.0) -> float | None:
-    """The largest or smallest value where it comes twice at least and is far outside the range of
-    all others, as -999 for no measurement; else None. ``noise``: standard deviation, in their
-    unit."""
+    """Return the largest or smallest value if it occurs at least twice, far outside the range of
+    all others (as -999 for no measurement); else None. ``noise``: standard deviation, in the unit
+    of the channel.
+    """
     for value in (float(np.max(values)), float(np.min(values))) if values.size else ():
         at = values == value
         rest = values[~at]
@@ -153,15 +154,15 @@ def _lasts(series: Series, begin: int, end: int) -> float:
 # ---- Rows that are missing: gaps in time, told where an input moves across them
 
 EVEN = 0.05  # of the usual step, within which nine tenths of an even record's steps lie
-# usual steps, from which rows are missing of an even record, and of an uneven one
-MISSING, UNEVEN = 1.6, 4.0
+MISSING = 1.6  # usual steps: a longer step of an even record means missing rows
+UNEVEN = 4.0  # the same for an uneven record
 MOVES = 0.05  # of an input's span
 MOST = 1e15  # rows that are counted: a time that is wrong by more has no number of them
 
 
 def missing_rows(record: Record) -> list[RecordFinding]:
-    """Gaps in time: a warning where an input moves across them, since what it did inside is not
-    known; else a note.
+    """Find gaps in time: a warning if an input moves across a gap, where it is unknown; else a
+    note.
     """
     steps = np.diff(record.time)
     usual = float(np.median(steps))
@@ -195,19 +196,22 @@ def _rows_finding(
     times = tuple((float(record.time[gap]), float(record.time[gap + 1])) for gap in gaps)
     rows = int(np.sum(np.round(np.minimum(steps[gaps], MOST * usual) / usual) - 1))
     places = ", ".join(f"{begin:.4g} to {end:.4g} s" for begin, end in times[:3])
-    told = (
+    text = (
         f"misses about {rows} row(s) "
         f"{word + ' ' if word else ''}({places}{' and so on' if len(times) > 3 else ''})"
     )
     likely = certainty is Certainty.LIKELY
-    told += ": what the input did there is taken from the row before" if likely else ""
+    text += ": what the input did there is taken from the row before" if likely else ""
     if record.inputs and not likely:
-        told += ": a simulation goes through with the inputs of the row before"
+        text += ": a simulation goes through with the inputs of the row before"
     remedy = (
         "give the parts before and after as segments, --from and --to in pairs" if likely else ""
     )
-    numbers = {"rows": Number(float(rows), "1"), "longest": Number(float(np.max(steps[gaps])), "s")}
-    return RecordFinding("time", Kind.ROWS_MISSING, certainty, told, remedy, times, numbers)
+    numbers = {
+        "rows": FindingQuantity(float(rows), "1"),
+        "longest": FindingQuantity(float(np.max(steps[gaps])), "s"),
+    }
+    return RecordFinding("time", Kind.ROWS_MISSING, certainty, text, remedy, times, numbers)
 
 
 def _range_about(values: np.ndarray, gaps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -239,9 +243,10 @@ INPUT_STEPS = 0.05  # of an input's span, from which its step may be what the ch
 CATCHES_UP = 3.0  # times the usual step
 
 
-def held(series: Series, count: int) -> RecordFinding | None:
-    """Sample and hold at a lower rate: period and phase, the repeats masked; the first sample of
-    each run is the fresh one. ``count`` rows in all.
+def held_samples(series: Series, count: int) -> RecordFinding | None:
+    """Find sample and hold at a lower rate, with period and phase; the repeats are masked.
+
+    The first sample of each run is the measurement. ``count``: rows of the record.
     """
     same = np.diff(series.values) == 0.0
     changes = np.flatnonzero(~same) + 1
@@ -261,7 +266,7 @@ def held(series: Series, count: int) -> RecordFinding | None:
         repeats[changes] = False
         if phase:
             repeats[0] = False  # the first value of the record: not known to be old
-        return _held(series, repeats, float(period), count)
+        return _held_finding(series, repeats, float(period), count)
     grid = SEVERAL_BITS * series.least_bit
     leaves = np.abs(np.append(np.diff(series.values), 0.0))
     abrupt = [int(end - begin) for begin, end in runs_of(same) if leaves[end] > grid]
@@ -276,10 +281,10 @@ def held(series: Series, count: int) -> RecordFinding | None:
     usual = lengths[lengths <= 3.0 * np.median(lengths)]
     mean = float(np.mean(usual))
     if mean > 1.15 and len(usual) > 0.9 * len(lengths) and _even(changes, mean):
-        return _held(series, repeats, mean, count)
+        return _held_finding(series, repeats, mean, count)
     short = [length for length in abrupt if length <= 2 * max(1.0, mean)]
     if len(short) >= UPDATES and sum(short) > max(IRREGULAR, OFTEN / bits) * len(same):
-        return _held(series, repeats, mean, count, regular=False)
+        return _held_finding(series, repeats, mean, count, regular=False)
     return None
 
 
@@ -290,11 +295,11 @@ def stuck(
     count: int,
     taken: np.ndarray,
 ) -> RecordFinding | None:
-    """Longer runs of one value that nothing but a fault explains, masked but for their first
-    sample. ``taken``: rows that are masked already.
+    """Find longer runs of one value that only a fault explains; all but the first sample are
+    masked.
 
-    The first sample of a run is a measurement, but for exact zeros in a channel that has noise:
-    those stand for none at all.
+    ``taken``: rows that are masked already. Of exact zeros in a noisy channel the first is masked
+    too.
     """
     same = np.diff(series.values) == 0.0
     runs = [
@@ -317,15 +322,18 @@ def stuck(
     longest = max(last - first for first, last in times)
     places = f"{len(times)} times, " if len(times) > 1 else ""
     what = "are exact zeros" if len(void) == len(chosen) else "repeat the one before exactly"
-    told = f"is stuck {places}{_between(times)}: {int(np.count_nonzero(mask))} samples {what}"
-    numbers = {"longest": Number(longest, "s"), "runs": Number(float(len(times)), "1")}
+    text = f"is stuck {places}{_between(times)}: {int(np.count_nonzero(mask))} samples {what}"
+    numbers = {
+        "longest": FindingQuantity(longest, "s"),
+        "runs": FindingQuantity(float(len(times)), "1"),
+    }
     remedy = "see why the channel stood; cut the record there if much of a maneuver is lost"
     return RecordFinding(
-        series.name, Kind.STUCK, Certainty.COSTS_INFORMATION, told, remedy, times, numbers, mask
+        series.name, Kind.STUCK, Certainty.COSTS_INFORMATION, text, remedy, times, numbers, mask
     )
 
 
-def _held(
+def _held_finding(
     series: Series, repeats: np.ndarray, period: float, count: int, *, regular: bool = True
 ) -> RecordFinding:
     step = float(np.median(np.diff(series.time)))
@@ -337,18 +345,18 @@ def _held(
         if regular
         else f"irregularly, every {period:.2g} samples in the mean"
     )
-    told = (
+    text = (
         f"is updated {often}, held between: {int(np.count_nonzero(mask))} of {len(series.values)} "
         "samples repeat an older one"
     )
     numbers = {
-        "period": Number(period * step, "s"),
-        "samples": Number(period, "1"),
-        "phase": Number(first - float(series.time[0]), "s"),
+        "period": FindingQuantity(period * step, "s"),
+        "samples": FindingQuantity(period, "1"),
+        "phase": FindingQuantity(first - float(series.time[0]), "s"),
     }
     remedy = "leave cells empty where there is no new sample, or record the channel at its own rate"
     return RecordFinding(
-        series.name, Kind.HELD, Certainty.COSTS_INFORMATION, told, remedy, (), numbers, mask
+        series.name, Kind.HELD, Certainty.COSTS_INFORMATION, text, remedy, (), numbers, mask
     )
 
 
@@ -362,9 +370,7 @@ def phase_period(changes: np.ndarray, count: int) -> int:
 
 
 def _even(changes: np.ndarray, mean: float) -> bool:
-    """Whether changes come as from an even clock of another rate, stretch by stretch of a
-    hundred.
-    """
+    """Whether the changes fit an even clock of another rate, in blocks of a hundred."""
     scatter = []
     for begin in range(0, len(changes) - UPDATES + 1, 100):
         some = changes[begin : begin + 100]
@@ -400,9 +406,7 @@ def _impossible(series: Series, others: Sequence[Series], begin: int, end: int) 
 
 
 def _catches_up(series: Series, inputs: Sequence[Series], begin: int, end: int) -> bool:
-    """Whether a moving channel leaves its run with a step several times its usual one, which no
-    input makes there.
-    """
+    """Whether a moving channel leaves its run with a step several times the usual one."""
     values = series.values
     if series.white or begin == 0 or end + 2 >= len(values):
         return False
@@ -424,7 +428,7 @@ def _catches_up(series: Series, inputs: Sequence[Series], begin: int, end: int) 
 
 
 def _alive(others: Sequence[Series], begin: float, end: float) -> bool:
-    """Whether no other channel stands still as well, or there is none."""
+    """Whether some other channel changes meanwhile, or there is none."""
     for other in others:
         inside = other.values[(other.time >= begin) & (other.time <= end)]
         if len(inside) > 1 and float(np.ptp(inside)) == 0.0:
@@ -433,9 +437,7 @@ def _alive(others: Sequence[Series], begin: float, end: float) -> bool:
 
 
 def _moving(others: Sequence[Series], begin: float, end: float) -> bool:
-    """Whether another channel moves in that time, by more than its noise and by a tenth of all that
-    it ever moves.
-    """
+    """Whether another channel moves meanwhile, by more than its noise and a tenth of its range."""
     for other in others:
         inside = other.values[(other.time >= begin) & (other.time <= end)]
         if len(inside) < 5:
@@ -459,10 +461,8 @@ SINGLE = 2e-7  # of the largest value: files of single precision round to that
 # times the rounding that the bends at updates reach in the middle: white noise then looks straight
 # at one sample in ten
 BENT = 8.0
-BETWEEN, INTERPOLATED_FEW = (
-    4.0,
-    0.05,
-)  # of all samples, which bend by one to four times the rounding: noise of any size leaves more than straight ones  # noqa: E501
+BETWEEN = 4.0  # roundings: a sample bent by less than this is nearly straight
+INTERPOLATED_FEW = 0.05  # largest share of nearly straight samples: noise leaves more of them
 STRAIGHT = 0.3  # share of straight samples where updates have no even clock
 INTERPOLATED_ON_PHASE = 0.97  # share of bends on their phases; lost rows shift the rest
 INTERPOLATED_EVEN = 0.02  # of the usual step, within which steps are even
@@ -471,9 +471,7 @@ ANSWERED = 0.9  # share of the bends at changes of an input: the vehicle answers
 
 @dataclass(frozen=True, eq=False)
 class _Pattern:
-    """Which samples ``(n,)`` were measured, every how many samples (mean), and by what the others
-    were filled.
-    """
+    """Measured samples ``(n,)``, their mean spacing, and the interpolation of the others."""
 
     fresh: np.ndarray
     period: float
@@ -483,37 +481,40 @@ class _Pattern:
 def interpolated(
     series: Series, count: int, inputs: Sequence[Series] = (), *, is_input: bool = False
 ) -> RecordFinding | None:
-    """Interpolation between updates of a lower rate: the samples between are masked, of an input it
-    is only noted.
+    """Find samples interpolated between updates of a lower rate, and mask them; of an input note
+    it.
 
-    Straight lines are found from two samples an update on, also of uneven updates from three on;
-    cubics from four on, on an even clock.
+    Straight lines are found from an update every two samples on, at uneven updates every three;
+    cubics from every four on, on an even clock.
     """
     if len(series.values) < 2 * UPDATES:
         return None
-    found = _straight(series, inputs) or _cubic(series, inputs)
-    if found is None:
+    result = _straight(series, inputs) or _cubic(series, inputs)
+    if result is None:
         return None
     step = float(np.median(np.diff(series.time)))
-    filled = int(np.count_nonzero(~found.fresh))
-    rate = f"measured every {found.period:.3g} samples ({1.0 / (found.period * step):.3g} Hz)"
-    told = (
-        f"is interpolated: {rate}, with {found.curve} between: {filled} of {len(series.values)} "
+    filled = int(np.count_nonzero(~result.fresh))
+    rate = f"measured every {result.period:.3g} samples ({1.0 / (result.period * step):.3g} Hz)"
+    text = (
+        f"is interpolated: {rate}, with {result.curve} between: {filled} of {len(series.values)} "
         "samples follow from their neighbours"
     )
-    numbers = {"period": Number(found.period * step, "s"), "samples": Number(found.period, "1")}
+    numbers = {
+        "period": FindingQuantity(result.period * step, "s"),
+        "samples": FindingQuantity(result.period, "1"),
+    }
     if is_input:
-        return RecordFinding(series.name, Kind.INTERPOLATED, Certainty.NOTED, told, "", (), numbers)
+        return RecordFinding(series.name, Kind.INTERPOLATED, Certainty.NOTED, text, "", (), numbers)
     mask = np.zeros(count, dtype=bool)
-    mask[series.rows[~found.fresh]] = True
+    mask[series.rows[~result.fresh]] = True
     remedy = "export the channel at the rate at which it was measured"
     return RecordFinding(
-        series.name, Kind.INTERPOLATED, Certainty.COSTS_INFORMATION, told, remedy, (), numbers, mask
+        series.name, Kind.INTERPOLATED, Certainty.COSTS_INFORMATION, text, remedy, (), numbers, mask
     )
 
 
 def _rounding(series: Series) -> float:
-    """By how much a sample may be off for its digits."""
+    """Largest rounding error of a sample from its printed digits."""
     return max(0.51 * exact_step(series.values), SINGLE * float(np.max(np.abs(series.values))))
 
 
@@ -579,9 +580,7 @@ def _parted(off: np.ndarray, least: float, bent: np.ndarray) -> bool:
 
 
 def _answers(times: np.ndarray, inputs: Sequence[Series]) -> bool:
-    """Whether the bends come at the changes of an input that stands still between, as a motion
-    without noise bends.
-    """
+    """Whether the bends coincide with changes of an input that is constant in between."""
     for other in inputs:
         changes = other.time[np.flatnonzero(np.diff(other.values))]
         if not changes.size or len(changes) > 0.7 * len(other.time):

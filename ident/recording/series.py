@@ -1,6 +1,4 @@
-"""One channel as it was sampled: valid samples, least bit, noise; and the findings of the record
-check.
-"""
+"""One sampled channel: valid samples, resolution, noise; and the findings of the record check."""
 
 from __future__ import annotations
 
@@ -20,7 +18,7 @@ NO_ROWS = np.zeros(0, dtype=bool)
 
 
 class Kind(Enum):
-    """What may be wrong with a recording."""
+    """Kind of a recording error."""
 
     HELD = "held"
     INTERPOLATED = "interpolated"
@@ -41,8 +39,8 @@ class Kind(Enum):
 
 
 class Certainty(Enum):
-    """What follows: a record is refused, the reader is warned, samples are set aside, or it is only
-    said.
+    """Consequence of a finding: the record is refused, the user is warned, samples are masked, or
+    it is only noted.
     """
 
     CERTAIN = "certain"
@@ -52,7 +50,7 @@ class Certainty(Enum):
 
 
 @dataclass(frozen=True)
-class Number:
+class FindingQuantity:
     """A figure of a finding with its unit, SI and radians, nz in g."""
 
     value: float
@@ -61,15 +59,16 @@ class Number:
 
 @dataclass(frozen=True, eq=False)
 class RecordFinding:
-    """One thing that the raw columns show.
+    """A finding in the raw columns.
 
     Attributes
     ----------
     channel : the channel's name, several joined by " and ", or ``"time"``.
-    sentence : what is seen, as it goes on from the channel's name. remedy : what its user can do;
-    empty where there is nothing to do. times : from and to, s, of every place; empty where it is
-    the whole record. mask : shape ``(N,)`` of the record's rows, True at samples of ``channel``
-    that carry no information; of length zero where none are named.
+    sentence : what is seen, as it goes on from the channel's name.
+    remedy : what its user can do; empty where there is nothing to do.
+    times : from and to, s, of every place; empty where it is the whole record.
+    mask : shape ``(N,)`` of the record's rows, True at samples of ``channel`` that carry no
+        information; of length zero where none are named.
     """
 
     channel: str
@@ -78,28 +77,31 @@ class RecordFinding:
     sentence: str
     remedy: str = ""
     times: tuple[tuple[float, float], ...] = ()
-    numbers: Mapping[str, Number] = field(default_factory=dict)
+    numbers: Mapping[str, FindingQuantity] = field(default_factory=dict)
     mask: np.ndarray = field(default_factory=lambda: NO_ROWS)
 
     @property
     def count(self) -> int:
-        """How many samples the mask names."""
+        """Number of masked samples."""
         return int(np.count_nonzero(self.mask))
 
 
 @dataclass(frozen=True)
 class Expectations:
-    """What a record is compared with beside itself; all of it plain numbers, None where it is not
-    known.
+    """Values that a record is compared with, None if unknown.
 
     Attributes
     ----------
-    airspeed : m/s. gravity : m/s2.
+    airspeed : m/s.
+    gravity : m/s2.
     control_power : rad/s2 per unit of the control, the pitch acceleration that the first input
-    makes, with its sign. angular_control : the first input is an angle, so that ``control_power``
-    tells radians from degrees. scale_height : m, of the air's density, of a body that falls through
-    it; its height then obeys gravity and drag. aircraft : channels named alpha, q, nz and so on are
-    those of an aircraft, whose motion ties them together.
+        makes, with its sign.
+    angular_control : the first input is an angle, so that ``control_power`` tells radians from
+        degrees.
+    scale_height : m, of the air's density, of a body that falls through it; its height then obeys
+        gravity and drag.
+    aircraft : channels named alpha, q, nz and so on are those of an aircraft, whose motion ties
+        them together.
     """
 
     airspeed: float | None = None
@@ -140,7 +142,10 @@ LATTICE = 3.5
 # A converter behind a correction that moves on (an angle of attack brought to the c.g., an airspeed
 # worked out from two pressures): within a fifth of its step lie two fifths of any other
 # differences, .7 to .97 of the ATTAS records'.
-SPREAD, SHARE, MOST_OTHERS, ENOUGH = 0.2, 0.65, 0.9, 100
+SPREAD = 0.2  # share of the quantisation step
+SHARE = 0.65  # share of differences within SPREAD that shows a step
+MOST_OTHERS = 0.9  # largest share of other differences
+ENOUGH = 100  # fewest differences
 # share of the differences of other sign than the one before: of a motion without noise hardly any
 # are
 TURNS = 0.2
@@ -157,11 +162,14 @@ class Series:
 
     Attributes
     ----------
-    time, values : shape ``(n,)``, s and the channel's unit. rows : their rows in the record.
+    time, values : shape ``(n,)``, s and the channel's unit.
+    rows : their rows in the record.
     least_bit : the step of a grid on which all values lie; 0 where there is none that the samples
-    show. noise : standard deviation of what changes from sample to sample without a motion, by
-    fourth differences; robust. white : whether second differences give the same noise, so that it
-    is noise indeed and not fast motion.
+        show.
+    noise : standard deviation of what changes from sample to sample without a motion, by fourth
+        differences; robust.
+    white : whether second differences give the same noise, so that it is noise indeed and not fast
+        motion.
     """
 
     name: str
@@ -186,7 +194,7 @@ class Series:
 
 
 def series_of(record: Record, channel: Channel) -> Series:
-    """A channel's valid samples with what they say of its resolution and noise."""
+    """Valid samples of a channel, with its resolution and noise."""
     rows = np.flatnonzero(channel.valid)
     time, values = record.time[rows], channel.values[rows]
     noise, white = _noise(time, values)
@@ -257,9 +265,9 @@ def _converter_step(values: np.ndarray, exact: float) -> float:
     if moving.size < FEWEST:
         return 0.0
     starts = np.quantile(moving, (0.02, 0.1, 0.2, 0.3, 0.4, 0.5))
-    found = max(_lattice_step(sizes, start) for start in starts.tolist())
+    result = max(_lattice_step(sizes, start) for start in starts.tolist())
     turning = float(np.mean(differences[1:] * differences[:-1] < 0.0))
-    return found or (
+    return result or (
         _blurred_step(moving)
         if exact < FINE_DIGITS * float(np.median(moving)) and turning > TURNS
         else 0.0
@@ -289,7 +297,7 @@ def _blurred_step(moving: np.ndarray) -> float:
     they usually are, and two multiples of it or more occur: a triangle has one.
     """
     usual = float(np.median(moving))
-    best, found = SHARE, 0.0
+    best, result = SHARE, 0.0
     for step in np.geomspace(usual / LATTICE, 2.0 * usual, 100).tolist():
         ratio = moving[moving < LATTICE * step] / step
         if ratio.size < ENOUGH:
@@ -298,8 +306,8 @@ def _blurred_step(moving: np.ndarray) -> float:
         inside = np.abs(ratio - count) < SPREAD
         share, occurring = float(np.mean(inside)), np.bincount(count[inside].astype(int))
         if share > best and np.max(occurring) < MOST_OTHERS * np.sum(occurring):
-            best, found = share, step
-    return found
+            best, result = share, step
+    return result
 
 
 def scaled_differences(time: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -371,14 +379,14 @@ def coarse(series: Series) -> RecordFinding | None:
     bit = series.least_bit
     if not bit or series.span < DISTINCT * bit or bit < COARSE * series.noise:
         return None
-    told = (
+    text = (
         f"has a least bit of {shown(bit, series.unit)}, coarse against its noise: smaller things "
         "are not in the record, and rounding is not white"
     )
-    numbers = {"least_bit": Number(bit, series.unit)} | (
-        {"noise": Number(series.noise, series.unit)} if series.noise else {}
+    numbers = {"least_bit": FindingQuantity(bit, series.unit)} | (
+        {"noise": FindingQuantity(series.noise, series.unit)} if series.noise else {}
     )
-    return RecordFinding(series.name, Kind.RESOLUTION, Certainty.NOTED, told, "", (), numbers)
+    return RecordFinding(series.name, Kind.RESOLUTION, Certainty.NOTED, text, "", (), numbers)
 
 
 @dataclass(frozen=True)
@@ -389,10 +397,13 @@ class _NoisePart:
     Attributes
     ----------
     slow : the motion between two samples is less than the roughness, in the mean square and
-    robustly, so that it cannot have made it. motion : root mean square of the change from sample to
-    sample, beyond that of white noise as rough. rough : by input its own noise level or roughness.
-    samples : how many the level is taken from. times : begin and end, s. white : whether second and
-    fourth differences show the same level, as those of noise do.
+        robustly, so that it cannot have made it.
+    motion : root mean square of the change from sample to sample, beyond that of white noise as
+        rough.
+    rough : by input its own noise level or roughness.
+    samples : how many the level is taken from.
+    times : begin and end, s.
+    white : whether second and fourth differences show the same level, as those of noise do.
     """
 
     level: float
@@ -418,11 +429,11 @@ def changing_noise(
     if not series.white or series.noise < BITS * series.least_bit:
         return None
     for parts in PARTS:
-        found = _between_parts(
+        result = _between_parts(
             series, min(parts, len(series.values) // NOISE_LEVEL_FEWEST), count, (inputs, others)
         )
-        if found is not None:
-            return found
+        if result is not None:
+            return result
     return None
 
 
@@ -432,18 +443,18 @@ def _parts(series: Series, parts: int, inputs: Sequence[Series]) -> list[_NoiseP
     fourth = fourth_differences(series.time, series.values)
     out = []
     for rows in np.array_split(np.arange(len(fourth)), parts):
-        known = np.isfinite(fourth[rows])
-        if np.count_nonzero(known) < NOISE_LEVEL_FEWEST // 2:
+        finite = np.isfinite(fourth[rows])
+        if np.count_nonzero(finite) < NOISE_LEVEL_FEWEST // 2:
             continue
         level = max(
-            robust_sigma_about_zero(fourth[rows][known]),
+            robust_sigma_about_zero(fourth[rows][finite]),
             0.5 * series.least_bit,
             SMALLEST * series.span,
         )
         if level > 0.0:
-            white = robust_sigma_about_zero(second[rows][known]) < MOTION * level
+            white = robust_sigma_about_zero(second[rows][finite]) < MOTION * level
             begin, end = float(series.time[rows[0]]), float(series.time[rows[-1] + 4])
-            steps, rough4 = np.diff(series.values[rows[0] : rows[-1] + 5]), fourth[rows][known]
+            steps, rough4 = np.diff(series.values[rows[0] : rows[-1] + 5]), fourth[rows][finite]
             power = float(np.mean(steps**2) - 2.0 * np.mean(rough4**2))
             slow = (
                 power < float(np.mean(rough4**2))
@@ -457,7 +468,7 @@ def _parts(series: Series, parts: int, inputs: Sequence[Series]) -> list[_NoiseP
                     slow,
                     float(np.sqrt(max(power, 0.0))),
                     rough,
-                    int(np.count_nonzero(known)),
+                    int(np.count_nonzero(finite)),
                     (begin, end),
                 )
             )
@@ -477,9 +488,7 @@ def _roughness(other: Series, begin: float, end: float) -> float:
 
 
 def _beyond_inputs(quiet: _NoisePart, loud: _NoisePart) -> float:
-    """Ratio of two levels, less the ratio by which an input was rougher: a linear system makes no
-    more of it. Zero where the motion made it.
-    """
+    """Ratio of two noise levels, reduced by that of an input; zero if the motion explains it."""
     if not loud.slow and quiet.motion < loud.motion:
         return 0.0
     more = 1.0
@@ -516,26 +525,29 @@ def _between_parts(
         return None
     inputs, others = beside
     every = _parts(series, parts, inputs)
-    found = [one for one in every if one.white]
+    result = [one for one in every if one.white]
     pairs = [
         (quiet, loud)
-        for quiet in found
-        for loud in found
+        for quiet in result
+        for loud in result
         if loud.level > quiet.level and _sure(quiet, loud) and not _shared(quiet, loud, others)
     ]
-    if len(found) < 3 or not pairs:
+    if len(result) < 3 or not pairs:
         return None
     low, high = max(pairs, key=lambda pair: pair[1].level / pair[0].level)
-    told = "has noise that changes along the record: "
-    told += ", ".join(
+    text = "has noise that changes along the record: "
+    text += ", ".join(
         f"{shown(one.level, series.unit)} from {one.times[0]:.4g} to {one.times[1]:.4g} s"
         for one in (low, high)
     )
-    numbers = {"least": Number(low.level, series.unit), "greatest": Number(high.level, series.unit)}
+    numbers = {
+        "least": FindingQuantity(low.level, series.unit),
+        "greatest": FindingQuantity(high.level, series.unit),
+    }
     mask = np.zeros(count, dtype=bool)
     between = float(np.sqrt(low.level * high.level))
     above = [loud.level for _, loud in pairs if loud.level > between]
-    below = [one.level for one in found if one.level <= between]
+    below = [one.level for one in result if one.level <= between]
     if np.median(above) > LOUD * np.median(below):
         loud = _loud(fourth_differences(series.time, series.values), between, len(series.values))
         moved = [
@@ -549,7 +561,7 @@ def _between_parts(
             series.name,
             Kind.NOISE_LEVEL,
             Certainty.COSTS_INFORMATION,
-            told,
+            text,
             "",
             (high.times,),
             numbers,
@@ -560,12 +572,12 @@ def _between_parts(
         "if it is a fault"
     )
     return RecordFinding(
-        series.name, Kind.NOISE_LEVEL, Certainty.LIKELY, told, remedy, (high.times,), numbers
+        series.name, Kind.NOISE_LEVEL, Certainty.LIKELY, text, remedy, (high.times,), numbers
     )
 
 
 def _inside(time: np.ndarray, parts: Sequence[_NoisePart]) -> np.ndarray:
-    """Which times lie in one of the parts."""
+    """Whether times lie in one of the parts."""
     inside = np.zeros(len(time), dtype=bool)
     for one in parts:
         inside |= (time >= one.times[0]) & (time <= one.times[1])
@@ -573,9 +585,9 @@ def _inside(time: np.ndarray, parts: Sequence[_NoisePart]) -> np.ndarray:
 
 
 def _loud(fourth: np.ndarray, above: float, count: int) -> np.ndarray:
-    """Which of ``count`` samples lie where the noise, over a short window, is above a level."""
-    known = np.isfinite(fourth)
-    padded = np.pad(np.where(known, np.abs(fourth), np.nan), WINDOW, mode="reflect")
+    """Samples, of ``count``, at which the noise over a short window is above a level."""
+    finite = np.isfinite(fourth)
+    padded = np.pad(np.where(finite, np.abs(fourth), np.nan), WINDOW, mode="reflect")
     local = ROBUST * np.nanmedian(
         np.lib.stride_tricks.sliding_window_view(padded, 2 * WINDOW + 1), axis=1
     )

@@ -77,10 +77,10 @@ def determined_and_open(
         return np.zeros((0, 0)), np.zeros((0, 0))
     square, values, vectors = _spectrum(information, size)
     least = UNDETERMINED * (float(values[-1]) if values[-1] > 0 else 1.0)
-    known = values > least
+    determined = values > least
     return (
-        square * ((vectors[:, known] / values[known]) @ vectors[:, known].T),
-        square * ((vectors[:, ~known] / least) @ vectors[:, ~known].T),
+        square * ((vectors[:, determined] / values[determined]) @ vectors[:, determined].T),
+        square * ((vectors[:, ~determined] / least) @ vectors[:, ~determined].T),
     )
 
 
@@ -94,8 +94,8 @@ def variance_along(covariance: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """
     n = covariance.shape[0]
     sizes = np.abs(rows) @ np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    found = np.einsum("ki,ij,kj->k", rows, covariance, rows)
-    return np.asarray(np.maximum(found, 0.0) + n * np.finfo(float).eps * sizes**2)
+    result = np.einsum("ki,ij,kj->k", rows, covariance, rows)
+    return np.asarray(np.maximum(result, 0.0) + n * np.finfo(float).eps * sizes**2)
 
 
 def bounded_inverse(information: np.ndarray) -> np.ndarray:
@@ -103,8 +103,10 @@ def bounded_inverse(information: np.ndarray) -> np.ndarray:
     scaled information.
     """
     square, values, vectors = _spectrum(information, 0.0)
-    told = values > FOLLOWED * max(float(values[-1]), 1e-300)
-    return square * ((vectors * np.where(told, 1.0 / np.where(told, values, 1.0), 0.0)) @ vectors.T)
+    determined = values > FOLLOWED * max(float(values[-1]), 1e-300)
+    return square * (
+        (vectors * np.where(determined, 1.0 / np.where(determined, values, 1.0), 0.0)) @ vectors.T
+    )
 
 
 def _spectrum(
@@ -156,11 +158,12 @@ class Determination:
 
     Attributes
     ----------
-    names : of the parameters, ``n``. prior_std, posterior_std : ``(n,)`` before and after the
-    record. prior_share : ``(n,)`` of each posterior variance that comes from the prior, 0 to 1.
+    names : of the parameters, ``n``.
+    prior_std, posterior_std : ``(n,)`` before and after the record.
+    prior_share : ``(n,)`` of each posterior variance that comes from the prior, 0 to 1.
     strengths : ``(n,)`` singular values, largest first: how many times better than the prior the
-    record knows a direction. directions : ``(n, n)`` unit vectors in prior standard deviations, a
-    column for each strength.
+        record knows a direction.
+    directions : ``(n, n)`` unit vectors in prior standard deviations, a column for each strength.
     """
 
     names: tuple[str, ...]
@@ -208,10 +211,10 @@ def determination(
     determine; ``M >= n`` is not needed.
     """
     prior = np.asarray(prior_std, dtype=float)
-    _, found, rows = np.linalg.svd(
+    _, result, rows = np.linalg.svd(
         sensitivities * prior, full_matrices=len(sensitivities) < len(names)
     )
-    strengths = np.concatenate([found, np.zeros(len(names) - len(found))])
+    strengths = np.concatenate([result, np.zeros(len(names) - len(result))])
     directions = rows.T
     variance = 1.0 / (1.0 + strengths**2)
     posterior = directions**2 @ variance
@@ -235,9 +238,8 @@ CLOSE = 0.02  # of the root, to which an end is found: a hundredth of the interv
 REACH = 16.0
 GROWTH = 4.0  # of a step outwards at most
 TRIES = 14  # refits of a side
-# ratio of the sides, and share by which they differ from two sigmas, from which a sigma does not
-# tell the interval
-SKEWED, OTHER = 1.25, 0.25
+SKEWED = 1.25  # ratio of the two sides from which an interval counts as skewed
+OTHER = 0.25  # share by which sides may differ from two sigmas
 
 State = TypeVar("State")
 # Minus the log likelihood with the parameter held at a value, all others at their best, and where
@@ -268,8 +270,8 @@ class ProfileInterval:
         if self.low is None or self.high is None or self.low_bound or self.high_bound:
             return False
         below, above = self.value - self.low, self.high - self.value
-        told = all(abs(side / (2.0 * self.sigma) - 1.0) <= OTHER for side in (below, above))
-        return told and 1.0 / SKEWED <= above / max(below, 1e-300) <= SKEWED
+        symmetric = all(abs(side / (2.0 * self.sigma) - 1.0) <= OTHER for side in (below, above))
+        return symmetric and 1.0 / SKEWED <= above / max(below, 1e-300) <= SKEWED
 
 
 @dataclass
@@ -288,10 +290,10 @@ class _Side(Generic[State]):
         """Square root of twice the drop, over that of the inflated threshold's unit; infinite where
         there is no refit.
         """
-        found = self.refit(at, self.state)
-        if found is None or not math.isfinite(found[0]):
+        result = self.refit(at, self.state)
+        if result is None or not math.isfinite(result[0]):
             return math.inf
-        cost, self.state = found
+        cost, self.state = result
         self.better = max(self.better, self.cost - cost)
         return math.sqrt(max(2.0 * (cost - self.cost), 0.0))
 
@@ -309,10 +311,12 @@ def profile_intervals(
 
     Parameters
     ----------
-    names : with their places in ``theta``. bounds : lowest and highest ``theta``.
+    names : with their places in ``theta``.
+    bounds : lowest and highest ``theta``.
     covariances : as printed, and of white residuals, ``(n, n)`` or more; where the first is larger
-    the threshold is too. refit_along : the refits of the parameter at a place, and how the others
-    go with it by the curvature at the maximum, ``(n,)``.
+        the threshold is too.
+    refit_along : the refits of the parameter at a place, and how the others go with it by the
+        curvature at the maximum, ``(n,)``.
     """
     printed, white = covariances
     out = []
@@ -341,11 +345,12 @@ def profile_interval(
 
     Parameters
     ----------
-    value, sigma : estimate and its standard deviation. cost : minus the log likelihood there.
+    value, sigma : estimate and its standard deviation.
+    cost : minus the log likelihood there.
     refit : see ``Refit``; handed the state of the refit before it on the same side, None first.
     inflation : variance of the estimate over that which the likelihood's curvature gives: the drop
-    is as many times ``DROP``, since a
-        likelihood that takes coloured residuals for white is too sharp by that.
+        is as many times ``DROP``, since a likelihood that takes coloured residuals for white is too
+        sharp by that.
     """
     sigma = sigma if math.isfinite(sigma) and sigma > 0.0 else abs(value) or 1.0
     ends = [
@@ -439,8 +444,8 @@ def clustered_share(
     runs, shares = len(of), counts / of
     if np.all(of == 1.0) or np.ptp(shares) == 0.0:
         return clopper_pearson(float(shares.sum()), runs, level)
-    drawn = (rng.integers(runs, size=runs) for _ in range(DRAWS))
-    resampled = [counts[rows].sum() / of[rows].sum() for rows in drawn]
+    samples = (rng.integers(runs, size=runs) for _ in range(DRAWS))
+    resampled = [counts[rows].sum() / of[rows].sum() for rows in samples]
     low, high = np.quantile(resampled, [0.5 * (1.0 - level), 0.5 * (1.0 + level)])
     return float(low), float(high)
 

@@ -34,9 +34,9 @@ class LocalModel:
 
     Attributes
     ----------
-    scale : ``(n,)`` those sigmas. information, gradient : ``(n, n)`` and ``(n,)`` of the log
-    likelihood, in these units. moving : ``(n,)`` False where an unknown has no influence or is
-    pressed against a bound.
+    scale : ``(n,)`` those sigmas.
+    information, gradient : ``(n, n)`` and ``(n,)`` of the log likelihood, in these units.
+    moving : ``(n,)`` False where an unknown has no influence or is pressed against a bound.
     """
 
     scale: np.ndarray
@@ -101,10 +101,11 @@ class Descent(Generic[P]):
 
     Attributes
     ----------
-    model : the quadratic about a point. trial : the point after a step of the model under a
-    damping; None where it is no better. settled : whether the search may end at a point. shortcut :
-    a better point found by other means than a damped step; None where there is none. least : the
-    least damping after a step that was taken.
+    model : the quadratic about a point.
+    trial : the point after a step of the model under a damping; None where it is no better.
+    settled : whether the search may end at a point.
+    shortcut : a better point found by other means than a damped step; None where there is none.
+    least : the least damping after a step that was taken.
     """
 
     model: Callable[[P], LocalModel]

@@ -161,9 +161,8 @@ def noise_envelope(
     ----------
     record : measured data, samples taken as evenly spaced.
     start, stop : a quiet stretch, s; the whole record when None, which is as good as long as the
-    motion is slow against
-        the sampling: a third difference lets a motion at w rad/s pass by (w dt)^3/4.5 of its
-        amplitude.
+        motion is slow against the sampling: a third difference lets a motion at w rad/s pass by (w
+        dt)^3/4.5 of its amplitude.
 
     Four samples in a row enter as d = (-y[k] + 3 y[k+1] - 3 y[k+2] + y[k+3]) / sqrt(20), which has
     the variance of white noise. The band is central (quantiles), so that isolated spikes and
@@ -172,7 +171,7 @@ def noise_envelope(
     Raises
     ------
     RecordError : fewer than twenty such runs of valid samples in a channel, or a channel without
-    any noise.
+        any noise.
     """
     stretch = record if start is None and stop is None else record.window(start, stop)
     out = {}
@@ -229,16 +228,16 @@ def levelled(series: np.ndarray) -> np.ndarray:
     edges = np.linspace(0, len(fourth), parts + 1).astype(int)
     levels = np.array([robust_sigma_about_zero(fourth[a:b]) for a, b in pairwise(edges)])
     seconds = np.array([robust_sigma_about_zero(second[a:b]) for a, b in pairwise(edges)])
-    told = (levels > 0.0) & (seconds < MOTION * levels)
-    if np.count_nonzero(told) < 3:
+    determined = (levels > 0.0) & (seconds < MOTION * levels)
+    if np.count_nonzero(determined) < 3:
         return series
-    ratio = float(levels[told].max() / levels[told].min())
+    ratio = float(levels[determined].max() / levels[determined].min())
     if ratio < FACTOR or np.log(ratio) < SURE * SCATTER * np.sqrt(2.0 * parts / len(fourth)):
         return series
     local = _running_level(fourth, int(len(fourth) / (4 * parts)))
     middle = np.clip(np.arange(count) - 2, 0, len(local) - 1)
     # A part with motion is no louder than the loudest part that tells.
-    level = np.clip(local, levels[told].min(), levels[told].max())[middle]
+    level = np.clip(local, levels[determined].min(), levels[determined].max())[middle]
     return np.asarray(series / level * np.sqrt(np.mean(level**2)))
 
 
@@ -339,23 +338,20 @@ def isolated_wrong(
     that lacks something is off every time, it is compared with the other edges.
     """
     away = [
-        from_neighbours(residual, known) for residual, known in zip(residuals, valid, strict=True)
+        from_neighbours(residual, usable) for residual, usable in zip(residuals, valid, strict=True)
     ]
     wrong = [np.zeros(len(residual), dtype=bool) for residual in residuals]
-    for series, times in (
-        (away, SPIKE_WHILE_SEARCHING),
-        (residuals, SPIKE_AT_THE_END),
-    ):
-        pooled = np.concatenate([some[known] for some, known in zip(series, valid, strict=True)])
+    for series, times in ((away, SPIKE_WHILE_SEARCHING), (residuals, SPIKE_AT_THE_END)):
+        pooled = np.concatenate([some[usable] for some, usable in zip(series, valid, strict=True)])
         sigma = robust_sigma(pooled)
         if sigma == 0.0 or _heavy_tailed(pooled / sigma):
             continue
         wrong = [
-            found | (_isolated(known & (np.abs(some) > times * sigma)) & ~near)
-            for found, some, known, near in zip(wrong, series, valid, edges, strict=True)
+            result | (_isolated(usable & (np.abs(some) > times * sigma)) & ~near)
+            for result, some, usable, near in zip(wrong, series, valid, edges, strict=True)
         ]
         at_edges = np.concatenate(
-            [some[known & near] for some, known, near in zip(series, valid, edges, strict=True)]
+            [some[usable & near] for some, usable, near in zip(series, valid, edges, strict=True)]
         )
         if at_edges.size < FEWEST_AT_EDGES:
             continue
@@ -363,8 +359,8 @@ def isolated_wrong(
         others = float(np.sqrt((np.sum(at_edges**2) - largest**2) / (at_edges.size - 1)))
         if largest > times * max(others, sigma):
             wrong = [
-                found | (known & near & (np.abs(some) >= largest))
-                for found, some, known, near in zip(wrong, series, valid, edges, strict=True)
+                result | (usable & near & (np.abs(some) >= largest))
+                for result, some, usable, near in zip(wrong, series, valid, edges, strict=True)
             ]
     return wrong
 
@@ -391,8 +387,8 @@ def input_spikes(values: np.ndarray) -> np.ndarray:
     height = values[1:-1] - 0.5 * (before + after)
     wander = np.abs(after - before)
     usual = max(robust_sigma(np.diff(values)), 1e-3 * float(np.ptp(values)))
-    found = (np.abs(height) > SPIKE_WHILE_SEARCHING * usual) & (wander < 0.25 * np.abs(height))
-    return np.flatnonzero(found) + 1
+    result = (np.abs(height) > SPIKE_WHILE_SEARCHING * usual) & (wander < 0.25 * np.abs(height))
+    return np.flatnonzero(result) + 1
 
 
 def from_neighbours(series: np.ndarray, valid: np.ndarray) -> np.ndarray:

@@ -69,8 +69,8 @@ class RecordScores:
 
     Attributes
     ----------
-    at : ``(c,)`` positions of its unknowns. weights : ``(m, N, c)`` such that the gradient is
-    their sum with the residuals.
+    at : ``(c,)`` positions of its unknowns.
+    weights : ``(m, N, c)`` such that the gradient is their sum with the residuals.
     jacobian : ``(m, N, c)`` by which a change of the unknowns changes the fitted outputs.
     residual, valid : ``(m, N)``; all zero where missing.
     """
@@ -99,7 +99,7 @@ def score_covariance(records: Sequence[RecordScores], inverse: np.ndarray) -> Sc
     ----------
     inverse : ``(n, n)`` by which a gradient turns into a step of the unknowns.
     """
-    spectra = [_Record(each) for each in records if np.any(each.residual[each.valid])]
+    spectra = [_ScoreTransforms(each) for each in records if np.any(each.residual[each.valid])]
     n = len(inverse)
     middle = np.zeros((n, n))
     for turn in range(_PASSES):
@@ -126,17 +126,17 @@ def common_disturbance(residuals: Sequence[np.ndarray], valid: Sequence[np.ndarr
     Akaike's criterion of an autoregression of all outputs ``(m, N)`` together, against one of
     each, in any record.
     """
-    for residual, known in zip(residuals, valid, strict=True):
+    for residual, usable in zip(residuals, valid, strict=True):
         blank = np.zeros((*residual.shape, 0))
         scores = RecordScores(
-            np.zeros(0, dtype=int), blank, blank, np.where(known, residual, 0.0), known
+            np.zeros(0, dtype=int), blank, blank, np.where(usable, residual, 0.0), usable
         )
-        if np.any(scores.residual) and _Record(scores).joint:
+        if np.any(scores.residual) and _ScoreTransforms(scores).joint:
             return True
     return False
 
 
-class _Record:
+class _ScoreTransforms:
     """Transforms of one record's scores, and the autoregression of its outputs as it stands.
 
     Outputs that were not recorded, or are met exactly, are left out; the others are in units of
@@ -391,11 +391,11 @@ def paired_autocovariance(residual: np.ndarray, valid: np.ndarray, lags: int) ->
     Tapered as those of complete series, the sum over N - k pairs by N.
     """
     n = residual.shape[1]
-    known = valid.astype(float)
-    seen = residual * known
+    usable = valid.astype(float)
+    seen = residual * usable
     out = []
     for k in range(lags + 1):
-        products, pairs = seen[:, k:] @ seen[:, : n - k].T, known[:, k:] @ known[:, : n - k].T
+        products, pairs = seen[:, k:] @ seen[:, : n - k].T, usable[:, k:] @ usable[:, : n - k].T
         out.append(products / np.maximum(pairs, 0.5) * (n - k) / n)
     return np.array(out)
 
@@ -405,20 +405,20 @@ def good_length(least: int) -> int:
     """The smallest product of twos, threes and fives that is not less: of such lengths transforms
     are quick.
     """
-    found, fives = 1 << (least - 1).bit_length(), 1
-    while fives < found:
+    result, fives = 1 << (least - 1).bit_length(), 1
+    while fives < result:
         threes = fives
-        while threes < found:
-            found = min(found, threes << max(0, (-(-least // threes) - 1).bit_length()))
+        while threes < result:
+            result = min(result, threes << max(0, (-(-least // threes) - 1).bit_length()))
             threes *= 3
         fives *= 5
-    return found
+    return result
 
 
 # ---- Parameter covariance corrected for residuals that are not white
 
-# degrees of freedom: normal from there on; fewer give quantiles that say nothing
-_MANY, _FEWEST = 1e6, 2.0
+_MANY = 1e6  # degrees of freedom from which the distribution is normal
+_FEWEST = 2.0  # fewest degrees of freedom for a quantile
 
 
 def autocovariance(residual: np.ndarray, lags: int) -> np.ndarray:
@@ -441,8 +441,7 @@ def corrected_covariance(
     ----------
     inverse : ``(n, n)`` inverse information matrix under white noise, that of the prior included.
     parts : for each record the positions of its columns in theta, its jacobian ``(m, N, c)``,
-    residuals and validity
-        ``(m, N)``; missing samples count as zero.
+        residuals and validity ``(m, N)``; missing samples count as zero.
     variance : ``(m,)`` noise variance of each output.
     prior : ``(n, n)`` information of the prior, which no colour touches; None where there is none.
 
@@ -455,15 +454,15 @@ def corrected_covariance(
     """
     records = []
     for at, jacobian, residual, valid in parts:
-        known = np.where(valid[:, :, None], jacobian, 0.0)
-        records.append(RecordScores(at, known / variance[:, None, None], known, residual, valid))
-    found = score_covariance(records, inverse)
-    corrected = inverse @ (found.middle if prior is None else found.middle + prior) @ inverse
+        usable = np.where(valid[:, :, None], jacobian, 0.0)
+        records.append(RecordScores(at, usable / variance[:, None, None], usable, residual, valid))
+    result = score_covariance(records, inverse)
+    corrected = inverse @ (result.middle if prior is None else result.middle + prior) @ inverse
     white, own = np.diag(inverse), np.diag(corrected)
     # Where the residuals say nothing at all (exact data) the white value is kept.
     shown = own > 1e-12 * white
     factor = np.sqrt(np.maximum(np.divide(white, own, out=np.zeros_like(own), where=shown), 1.0))
-    factor *= shown * student_factor(own, found.spread)
+    factor *= shown * student_factor(own, result.spread)
     return corrected * np.outer(factor, factor) + np.diag(np.where(shown, 0.0, white))
 
 
@@ -477,9 +476,9 @@ def sandwich(
     ``corrected_covariance``; else as of white noise.
     """
     if coloured:
-        found = score_covariance(records, inverse)
-        covariance = inverse @ found.middle @ inverse.T
-        factor = student_factor(np.diag(covariance), found.spread)
+        result = score_covariance(records, inverse)
+        covariance = inverse @ result.middle @ inverse.T
+        factor = student_factor(np.diag(covariance), result.spread)
         return np.asarray(covariance * np.outer(factor, factor))
     middle = np.zeros_like(inverse)
     for each in records:

@@ -20,7 +20,7 @@ FAR_ABOVE = 2.0  # chosen: of a channel's own noise, from which a residual is no
 
 @dataclass(frozen=True)
 class ResidualTest:
-    """One test: its statistic, the p-value under white Gaussian noise, and what it looked at."""
+    """A test: statistic, p-value under white Gaussian noise, and the residuals it used."""
 
     name: str
     channel: str
@@ -142,9 +142,9 @@ def residual_tests(
         if np.any(mask)
     ]
     tests += [
-        found
+        result
         for (row, mask), name in zip(rows, estimate.output_names, strict=True)
-        if (found := residual_size(row, mask, name)) is not None
+        if (result := residual_size(row, mask, name)) is not None
     ]
     return tuple(tests) if history is None else (*tests, innovation_size(history))
 
@@ -214,7 +214,8 @@ def share_from_inputs(
     Parameters
     ----------
     residuals, valid : ``(m, N)`` measured minus fitted, and which samples there are.
-    inputs : ``(q, N)``. interval : s between samples.
+    inputs : ``(q, N)``.
+    interval : s between samples.
 
     Returns
     -------
@@ -233,14 +234,16 @@ def share_from_inputs(
     rows = _past_means(inputs, interval)
     half = slice(0, count // 2), slice(count // 2, count)
     shares = np.zeros(len(residuals))
-    for i, (residual, known) in enumerate(zip(residuals, valid, strict=True)):
-        series = np.where(known, residual - (residual[known].mean() if known.any() else 0.0), 0.0)
+    for i, (residual, usable) in enumerate(zip(residuals, valid, strict=True)):
+        series = np.where(
+            usable, residual - (residual[usable].mean() if usable.any() else 0.0), 0.0
+        )
         left, total = 0.0, float(series @ series)
         for fitted, held in (half, half[::-1]):
-            a = np.where(known[fitted, None], rows[fitted], 0.0)
+            a = np.where(usable[fitted, None], rows[fitted], 0.0)
             ridge = RIDGE * len(a) * np.eye(a.shape[1])
             weights = np.linalg.solve(a.T @ a + ridge, a.T @ series[fitted])
-            left += float(np.sum((series[held] - rows[held] @ weights)[known[held]] ** 2))
+            left += float(np.sum((series[held] - rows[held] @ weights)[usable[held]] ** 2))
         shares[i] = 1.0 - left / total if total > 0.0 else 0.0
     return shares
 
@@ -268,14 +271,15 @@ BEYOND = 2.0  # sigmas, as the bounds that NASA TM-101722 draws
 
 
 @dataclass(frozen=True)
-class Difference:
+class EstimateDifference:
     """One parameter of two estimates.
 
     Attributes
     ----------
     first, second : values, in ``unit``; ``first_std``, ``second_std`` their standard deviations.
     z : second minus first over the root of both variances' sum; zero where both are without
-    variance and equal. beyond : |z| exceeds the limit asked for.
+        variance and equal.
+    beyond : |z| exceeds the limit asked for.
     """
 
     name: str
@@ -294,13 +298,13 @@ class Comparison:
     d^T (P1 + P2)^-1 d with ``degrees`` of freedom and ``p_value`` that the two estimates differ by
     chance only. Estimates from independent records."""
 
-    differences: tuple[Difference, ...]
+    differences: tuple[EstimateDifference, ...]
     statistic: float
     degrees: int
     p_value: float
 
     @property
-    def beyond(self) -> tuple[Difference, ...]:
+    def beyond(self) -> tuple[EstimateDifference, ...]:
         """What differs beyond its uncertainty."""
         return tuple(item for item in self.differences if item.beyond)
 
@@ -343,10 +347,10 @@ def compare_estimates(first: Estimate, second: Estimate, limit: float = BEYOND) 
             float(second.values[b[k]]),
             float(second.std[b[k]]),
         )
-        rows.append(Difference(name, first.units[a[k]], *values, z, abs(z) > limit))
-    kept = scale > 0
-    whole = P[np.ix_(kept, kept)] / np.outer(scale[kept], scale[kept])
-    white = d[kept] / scale[kept]
+        rows.append(EstimateDifference(name, first.units[a[k]], *values, z, abs(z) > limit))
+    usable = scale > 0
+    whole = P[np.ix_(usable, usable)] / np.outer(scale[usable], scale[usable])
+    white = d[usable] / scale[usable]
     statistic = float(white @ np.linalg.pinv(whole, hermitian=True) @ white)
     degrees = int(np.linalg.matrix_rank(whole, hermitian=True))
     ordered = tuple(sorted(rows, key=lambda item: -abs(item.z)))

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.bilinear_table import held_within_steps, system_tables
+from ident.bilinear_table import constant_within_steps, system_tables
 from sim.declaration.model import System
 from sim.maths import COMPLEX_STEP
 from sim.propagation import (
@@ -439,7 +439,7 @@ class _Held:
 
 @lru_cache(maxsize=16)
 def _held(drive: Drive, grid: Grid) -> _Held | None:
-    if not held_within_steps(drive) or np.ptp(grid.steps) > _EVEN * grid.steps[0]:
+    if not constant_within_steps(drive) or np.ptp(grid.steps) > _EVEN * grid.steps[0]:
         return None
     at = grid.sample
     every = slice(None, None, grid.substeps) if len(at) == len(grid.nodes) else at

@@ -32,7 +32,7 @@ from scenarios.api.vehicle import Vehicle
 from scenarios.compatibility import check as checking
 from scenarios.compatibility.report import finding_lines
 from scenarios.files.declarations import read_channel_map
-from scenarios.preparation.plan import Parts
+from scenarios.preparation.plan import DeclaredParts
 from scenarios.report.figure_formats import formats_wanted
 from scenarios.responses import analysis
 from scenarios.responses.fitting import FitOptions, ModelOptions
@@ -195,7 +195,7 @@ class Maneuvers:
     details: maneuvers.FoundManeuvers
 
     @property
-    def parts(self) -> Parts:
+    def parts(self) -> DeclaredParts:
         """The parts of the record to use, which ``identify`` and ``diagnose`` take as
         ``maneuvers``.
         """
@@ -328,27 +328,27 @@ class FrequencyResponse:
     @property
     def frequency(self) -> np.ndarray:
         """Frequencies in Hz, ``(F,)``."""
-        return self.details.found.frequency
+        return self.details.responses.frequency
 
     @property
     def response(self) -> np.ndarray:
         """Complex responses ``(m, q, F)``, in the unit of output over input."""
-        return self.details.found.response
+        return self.details.responses.response
 
     @property
     def std(self) -> np.ndarray:
         """Standard deviations of the real and of the imaginary part, ``(m, q, F)``."""
-        return self.details.found.std
+        return self.details.responses.std
 
     @property
     def coherence(self) -> np.ndarray:
         """Multiple coherence ``(m, F)``; of one input its ordinary coherence."""
-        return self.details.found.coherence
+        return self.details.responses.coherence
 
     @property
     def usable(self) -> np.ndarray:
         """The usable band, bool ``(m, q, F)``."""
-        return self.details.found.usable
+        return self.details.responses.usable
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -467,13 +467,7 @@ class FrequencyResponse:
         """Figures of this result: ``found.plot.response()``, ``mismatch()``, ``bandwidth()``,
         ``qualities()``, ``step()``, ``loop()``."""
         return plot.Figures(
-            self,
-            plot.response,
-            plot.mismatch,
-            plot.bandwidth,
-            plot.qualities,
-            plot.step,
-            plot.loop,
+            self, plot.response, plot.mismatch, plot.bandwidth, plot.qualities, plot.step, plot.loop
         )
 
     def __repr__(self) -> str:

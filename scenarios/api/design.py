@@ -69,7 +69,7 @@ class Design:
     @property
     def command(self) -> str:
         """What is typed for the same design."""
-        return self.details.asked.command()
+        return self.details.request.command()
 
     def maneuver(self, kind: str | None = None) -> Record:
         """The input to be flown, of the best kind or another: a record without outputs, SI, held

@@ -364,17 +364,17 @@ class Survey:
     @property
     def flights(self) -> tuple[str, ...]:
         """Names of the flights that could be used, in the order of the file."""
-        return tuple(self.details.grown.kept)
+        return tuple(self.details.survey_files.diagnoses)
 
     @property
     def computed(self) -> tuple[str, ...]:
         """Of these, the flights that were diagnosed in this call; the others were kept."""
-        return self.details.grown.computed
+        return self.details.survey_files.computed
 
     @property
     def failed(self) -> dict[str, str]:
         """Flights that could not be used, with the reason."""
-        return dict(self.details.grown.failed)
+        return dict(self.details.survey_files.failed)
 
     @property
     def trends(self) -> tuple[str, ...]:
@@ -407,7 +407,7 @@ class Survey:
 
         return pandas.DataFrame(
             {
-                e.name: dict(zip(e.flights, e.found.probability, strict=True))
+                e.name: dict(zip(e.flights, e.recurrence.probability, strict=True))
                 for e in self.details.recurs
             }
         ).rename_axis("flight")

@@ -179,7 +179,7 @@ def held_out(found: Fitted, number: int = 0) -> Figure:
     """A record that was not fitted: measured outputs against the model's; ``number`` counts these
     records from 0.
     """
-    from scenarios.plots.signals import Response, figure_fit
+    from scenarios.plots.signals import MethodOutputs, figure_fit
 
     inner = found.details.found
     one = _one_of(
@@ -188,7 +188,7 @@ def held_out(found: Fitted, number: int = 0) -> Figure:
         "records held out",
     )
     noise = dict(zip(inner.estimate.output_names, inner.estimate.noise_std.tolist(), strict=True))
-    response = Response("free simulation", dict(zip(one.outputs, one.simulated, strict=True)))
+    response = MethodOutputs("free simulation", dict(zip(one.outputs, one.simulated, strict=True)))
     return shown(
         figure_fit(
             one.record,

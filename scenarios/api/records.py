@@ -640,7 +640,11 @@ def _computed(file: RecordFile) -> RecordFile:
     controls = [name for name in names if name in INPUTS]
     known = {**{name: "1" for name in names}, **CHANNEL_UNITS}
     derived, choices = with_derived(
-        file, file.choices, controls, [name for name in names if name not in controls], known=known
+        file,
+        file.choices,
+        controls,
+        [name for name in names if name not in controls],
+        channel_units=known,
     )
     return replace(derived, choices=dict(choices or {}))
 

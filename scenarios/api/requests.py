@@ -258,13 +258,13 @@ def with_parts(request: Request, asked: Named, found: Found) -> Request:
     """The request with the parts of the maneuvers that are asked for as its segments. Raises
     DeclarationError.
     """
-    from scenarios.preparation.plan import Parts, with_maneuvers
+    from scenarios.preparation.plan import DeclaredParts, with_maneuvers
 
     several: list[int | str] = (
         [] if asked is None else [asked] if isinstance(asked, int | str) else list(asked)
     )
     file = Path(found) if isinstance(found, str | PathLike) else getattr(found, "parts", found)
-    if not (file is None or isinstance(file, Path | Parts)):
+    if not (file is None or isinstance(file, Path | DeclaredParts)):
         what = f"a {type(found).__name__} holds no maneuvers"
         raise DeclarationError(
             what, where="maneuvers", remedy="give what find_maneuvers returned, or a file's path"

@@ -38,8 +38,8 @@ from scenarios.watching.rows import (
 from scenarios.watching.session import (
     STOPPED,
     Session,
-    Step,
     Watch,
+    WatchStep,
     pieces,
     record_of,
     report,
@@ -58,7 +58,7 @@ from scenarios.watching.spectral import (
 )
 from scenarios.watching.spectral import record_of as record_of_stream
 from scenarios.watching.spectral import take as take_rows
-from scenarios.watching.study import History, Outcome, refuse_overwriting, so_far, write_watch
+from scenarios.watching.study import History, WatchOutcome, refuse_overwriting, so_far, write_watch
 from sim.errors import DeclarationError, FlightidError, RecordError
 from sim.record import Hold
 
@@ -283,7 +283,7 @@ def _page(watch: Watch, port: int | None) -> AbstractContextManager[Follow]:
     return served(watch, port)
 
 
-def _stay(watch: Watch, session: Session, end: Outcome, follow: Follow) -> None:
+def _stay(watch: Watch, session: Session, end: WatchOutcome, follow: Follow) -> None:
     """The page shows the end until Ctrl-C; a stream that was stopped by Ctrl-C has had it."""
     from scenarios.watching.page import until_interrupted
 
@@ -336,7 +336,7 @@ def _follow(
     """Take lines until the stream ends or Ctrl-C."""
     with display(watch) as table:
 
-        def show(steps: list[Step]) -> None:
+        def show(steps: list[WatchStep]) -> None:
             table(steps)
             if follow is not None:
                 follow(steps)
@@ -361,12 +361,12 @@ def _follow(
             _written(history, session, take(session, rows))
 
 
-def _written(history: History | None, session: Session, steps: list[Step]) -> None:
+def _written(history: History | None, session: Session, steps: list[WatchStep]) -> None:
     if history is not None and session.bank is not None:
         history.write(session.bank, steps, session.refine)
 
 
-def _finished(watch: Watch, session: Session, refine: bool) -> Outcome:
+def _finished(watch: Watch, session: Session, refine: bool) -> WatchOutcome:
     """The refinement over all rows where it is wanted and affordable, and the last estimates
     against the reference.
     """
@@ -388,7 +388,7 @@ def _finished(watch: Watch, session: Session, refine: bool) -> Outcome:
         items = comparisons(online.estimate, online.derived, watch.reference, online.hanging)
     else:
         items = comparisons(found.estimate, found.derived, watch.reference)
-    return Outcome(
+    return WatchOutcome(
         record,
         found,
         online,

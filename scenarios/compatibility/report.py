@@ -22,7 +22,7 @@ from ident.compatibility.trials import (
 from scenarios.compatibility.check import CompatibilityCheck, equivalent_constant, noise_levels
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json
-from scenarios.plots import drawn_in
+from scenarios.plots import draw_into
 from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.preparation.recording import record_content, record_lines, record_table
 from scenarios.report.document import (
@@ -110,8 +110,7 @@ def print_check(
     if result.joint.estimates:
         show_blocks(out, _estimates(check))
         print_paragraph(
-            out,
-            f"noise (1 sigma; of integrated channels: that of their integral): {_noise(check)}",
+            out, f"noise (1 sigma; of integrated channels: that of their integral): {_noise(check)}"
         )
     for line in finding_lines(check):
         print_paragraph(out, line, indent=0)
@@ -185,7 +184,7 @@ def finding_lines(check: CompatibilityCheck) -> list[str]:
     if not result.relations:
         lines.append("nothing is checked: these channels close no relation of the kinematics")
     for item in result.joint.estimates:
-        if item.told and not item.agrees:
+        if item.determined and not item.agrees:
             lines.append(
                 f"the two methods disagree on {item.name} by {abs(item.difference):.1f} sigmas: "
                 "trust neither"
@@ -265,19 +264,19 @@ def estimates_table(caption: str, result: CheckResult) -> Table:
         (Column("output error", BY_ROW), [_cell(row, row.output_error) for row in rows]),
         (
             Column("difference", SIGMAS),
-            [formatted(row.difference if row.told else None, "+.1f") for row in rows],
+            [formatted(row.difference if row.determined else None, "+.1f") for row in rows],
         ),
         (
             Column("gain", PURE),
             [
-                formatted(row.gain if row.told and row.kind != "bias" else None, ".1f")
+                formatted(row.gain if row.determined and row.kind != "bias" else None, ".1f")
                 for row in rows
             ],
         ),
         (
             Column("remark", printed=" "),
             [
-                "found" if row.name in standing else "" if row.told else "not observable"
+                "found" if row.name in standing else "" if row.determined else "not observable"
                 for row in rows
             ],
         ),
@@ -325,7 +324,7 @@ def unit_of(check: CompatibilityCheck, name: str) -> str:
 
 def _cell(row: SensorEstimate, quantity: FaultQuantity) -> Cell:
     factor, _ = shown_in(row.unit)
-    return Number(factor * quantity.value, factor * quantity.std) if row.told else MISSING
+    return Number(factor * quantity.value, factor * quantity.std) if row.determined else MISSING
 
 
 def _level(name: str, std: float | None, unit: str) -> str:
@@ -421,7 +420,7 @@ SCHEMA = "flightid/compatibility/1"
 def write_check(check: CompatibilityCheck, folder: str | Path, *, figures: Formats = USUAL) -> Path:
     """Write a check into ``folder``, whole or not at all; returns the folder."""
     with study_folder(folder, MAIN) as scratch:
-        drawn = drawn_in(scratch, check_figures(check.result, check.simulated), figures)
+        drawn = draw_into(scratch, check_figures(check.result, check.simulated), figures)
         write_page(scratch, check_page(check, drawn))
         write_json(scratch / MAIN, check_content(check))
     return Path(folder)
@@ -488,7 +487,7 @@ def _estimate(item: SensorEstimate) -> dict[str, Any]:
         "agrees": item.agrees,
         "gain": item.gain,
         "p_value": item.p_value,
-        "told": item.told,
+        "told": item.determined,
     }
 
 

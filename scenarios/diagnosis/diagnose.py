@@ -43,7 +43,7 @@ from scenarios.preparation.declared_model import step_for
 from scenarios.preparation.filtering import Parted, parts_of, put_together
 from scenarios.preparation.plan import WHOLE, Plan, Request
 from sim.declaration.model import Model
-from sim.declaration.proposal import Curve, Traceable
+from sim.declaration.proposal import RangedCurve, Traceable
 from sim.effects.library import effects_for
 from sim.errors import FlightidError
 from sim.record import Record
@@ -153,7 +153,7 @@ def _size(claim: Claim, d: Diagnosis) -> list[str]:
     own = {item.name for item in form.parameters} if form is not None else set()
     texts = [_text(name, q.value) for name, q in claim.parameters.items() if name in own]
     return texts + (
-        [_text("low", form.low), _text("high", form.high)] if isinstance(form, Curve) else []
+        [_text("low", form.low), _text("high", form.high)] if isinstance(form, RangedCurve) else []
     )
 
 

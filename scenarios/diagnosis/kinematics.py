@@ -247,7 +247,7 @@ def _unproven(claim: Claim, mine: Quantity, item: SensorEstimate | None) -> Agre
     """A claim of which nothing stands in the kinematics: their estimate may still agree with it, or
     rule it out.
     """
-    if item is None or not item.told or not _finite(item.smoother.value, item.smoother.std):
+    if item is None or not item.determined or not _finite(item.smoother.value, item.smoother.std):
         return Agreement(
             claim.name,
             NOTHING,

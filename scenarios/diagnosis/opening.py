@@ -29,7 +29,7 @@ from scenarios.files.user_models import (
 from scenarios.files.vehicles import BESIDE, VehicleFile, read_vehicle, vehicle_next_to
 from scenarios.preparation.declared_model import BETTER, outputs_with_bias
 from scenarios.preparation.filtering import Parted
-from scenarios.preparation.plan import BY_HAND, Plan, Request, column_choices, flown_of
+from scenarios.preparation.plan import BY_HAND, Plan, Request, column_choices, declared_phase
 from scenarios.preparation.plausibility import split_off
 from scenarios.preparation.recording import RecordCheck
 from sim.declaration.compile import compile_model
@@ -40,9 +40,9 @@ from sim.errors import DeclarationError, ModelError
 from sim.record import Hold, Record
 
 if TYPE_CHECKING:
-    from ident.flying_qualities.levels import Flown
+    from ident.flying_qualities.levels import FlightPhase
     from scenarios.files.declarations import ColumnChoice
-    from scenarios.preparation.reading import Prepared
+    from scenarios.preparation.reading import PreparedData
 
 Act = TypeVar("Act", bound=Effect)
 
@@ -310,7 +310,7 @@ class Opened:
     choices: Mapping[str, ColumnChoice] | None
     records: tuple[RecordFile, ...]
     validation: tuple[RecordFile, ...]
-    flown: Flown
+    flown: FlightPhase
 
 
 @dataclass(frozen=True, eq=False)
@@ -339,7 +339,7 @@ def opened_files(request: Request, vehicle: Path | Source | None) -> Opened:
     told first.
     """
     declared = read_vehicle(vehicle, request.model)
-    flown = flown_of(request, declared)
+    flown = declared_phase(request, declared)
     choices = column_choices(
         request, channel_units(declared.own) if declared.own is not None else CHANNEL_UNITS
     )
@@ -364,7 +364,7 @@ def posed_for(opened: Opened, plan: Plan) -> Posed:
         split = split_off(whole, model)
         fitted, predicted, held_out_from, notes = (
             split.fitted,
-            (split.held,),
+            (split.held_out,),
             split.cut,
             (split.sentence, *notes),
         )
@@ -387,7 +387,7 @@ def posed_for(opened: Opened, plan: Plan) -> Posed:
     )
 
 
-def _ready(opened: Opened, model: Model, plan: Plan) -> Prepared:
+def _ready(opened: Opened, model: Model, plan: Plan) -> PreparedData:
     from scenarios.preparation.plausibility import refuse_unrelated_records
     from scenarios.preparation.reading import prepare
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from ident.flying_qualities.levels import Flown
+from ident.flying_qualities.levels import FlightPhase
 from ident.tracing.diagnosis import Data, Diagnosis
 from ident.tracing.settings import NORMAL, TraceSettings
 from scenarios.diagnosis.kinematics import Kinematics
@@ -74,7 +74,7 @@ class Tracing:
     look: RecordCheck = NOTHING_SEEN
     overflows: int = 0
     effort: str = NORMAL.effort
-    flown: Flown = field(default_factory=Flown)
+    flown: FlightPhase = field(default_factory=FlightPhase)
     plan: Plan = field(default_factory=Plan)
     simulated: bool = False
     decides: DesignResult | None = None

@@ -111,9 +111,9 @@ def _variable(
     *,
     given: bool = False,
 ) -> XML.Element:
-    """A variable: given from outside, constant, or calculated by what is added to it."""
-    told = UNITS.get(unit, unit.replace("/", "_"))
-    element = XML.SubElement(root, "variableDef", name=long, varID=name, units=told)
+    """Add a variable: input, constant, or with a formula."""
+    unit_name = UNITS.get(unit, unit.replace("/", "_"))
+    element = XML.SubElement(root, "variableDef", name=long, varID=name, units=unit_name)
     if value is not None:
         element.set("initialValue", repr(float(value)))
     if given:
@@ -122,7 +122,7 @@ def _variable(
 
 
 def _math(element: XML.Element) -> XML.Element:
-    """Where the formula of a variable goes."""
+    """Element of a variable that holds its formula."""
     return XML.SubElement(XML.SubElement(element, "calculation"), "math", xmlns=MATHML)
 
 

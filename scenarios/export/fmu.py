@@ -45,14 +45,14 @@ def variables_of(model: ExportedModel) -> list[Variable]:
     """Starting values of the states (``NAME_start``), inputs, parameters and outputs, in order."""
     system = model.system
     starts = {item.name: item.value for item in system.initial}
-    found = [Variable(f"{s.name}_start", s.unit, "state", starts[s.name]) for s in system.states]
-    found += [Variable(s.name, s.unit, "input", 0.0) for s in system.inputs]
-    found += [Variable(f"{i.name}", i.unit, "parameter", i.value) for i in system.parameters]
-    taken = {each.name for each in found}
+    result = [Variable(f"{s.name}_start", s.unit, "state", starts[s.name]) for s in system.states]
+    result += [Variable(s.name, s.unit, "input", 0.0) for s in system.inputs]
+    result += [Variable(f"{i.name}", i.unit, "parameter", i.value) for i in system.parameters]
+    taken = {each.name for each in result}
     for signal in system.outputs:
         name = signal.name if signal.name not in taken else f"{signal.name}_measured"
-        found.append(Variable(name, signal.unit, "output", None))
-    return found
+        result.append(Variable(name, signal.unit, "output", None))
+    return result
 
 
 def c_source(model: ExportedModel, guid: str) -> str:
@@ -138,10 +138,10 @@ def fmu(model: ExportedModel) -> tuple[bytes, str]:
     with zipfile.ZipFile(store, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("modelDescription.xml", description(model, guid))
         archive.writestr("sources/model.c", source)
-        library, told = _compiled(source, model.identifier)
+        library, notes = _compiled(source, model.identifier)
         if library is not None:
             archive.writestr(f"binaries/{library[0]}", library[1])
-    return store.getvalue(), told
+    return store.getvalue(), notes
 
 
 def _compiled(source: str, identifier: str) -> tuple[tuple[str, bytes] | None, str]:
@@ -188,13 +188,13 @@ def _function(name: str, formulas: Formulas, results: Sequence[int], tables: lis
             )
         return f"{_CALLS.get(operation.name, operation.name)}({', '.join(arguments)})"
 
-    made, found = statements(formulas, results, names, special)
+    made, result = statements(formulas, results, names, special)
     lines = [
         f"static void {name}(double t, const double *x, const double *u, const double *p, "
         "double *out)",
         "{",
         *(f"    const double {variable} = {formula};" for variable, formula in made),
-        *(f"    out[{i}] = {text};" for i, text in enumerate(found)),
+        *(f"    out[{i}] = {text};" for i, text in enumerate(result)),
         "}",
     ]
     return "\n".join(lines)

@@ -175,26 +175,26 @@ def _turned(product: XML.Element, axis: str) -> None:
 
 def _signals(aero: XML.Element, aircraft: Aircraft) -> dict[str, str]:
     """The property of each signal of terms; non-dimensional rates and mixes as functions."""
-    found = {"alpha": "aero/alpha-rad", "beta": "aero/beta-rad", "mach": f"{ROOT}/mach"}
-    found |= {name: f"{ROOT}/{name}" for name in aircraft.surfaces}
+    result = {"alpha": "aero/alpha-rad", "beta": "aero/beta-rad", "mach": f"{ROOT}/mach"}
+    result |= {name: f"{ROOT}/{name}" for name in aircraft.surfaces}
     c = aircraft.constants
     for name, length in (("p", "span"), ("q", "chord"), ("r", "span")):
-        found[name] = f"{ROOT}/{name}-hat"
-        function = XML.SubElement(aero, "function", name=found[name])
+        result[name] = f"{ROOT}/{name}-hat"
+        function = XML.SubElement(aero, "function", name=result[name])
         quotient = XML.SubElement(function, "quotient")
         above = XML.SubElement(quotient, "product")
         XML.SubElement(above, "property").text = f"velocities/{name}-aero-rad_sec"
         XML.SubElement(above, "value").text = repr(0.5 * c[length] * FEET)
         XML.SubElement(quotient, "property").text = "velocities/vt-fps"
-    function = XML.SubElement(aero, "function", name=found["mach"])
+    function = XML.SubElement(aero, "function", name=result["mach"])
     quotient = XML.SubElement(function, "quotient")
     XML.SubElement(quotient, "property").text = "velocities/vt-fps"
     XML.SubElement(quotient, "value").text = repr(c["speed_of_sound"] * FEET)
     for name, parts in aircraft.mixes.items():
-        found[name] = f"{ROOT}/mixed-{name}"
-        function = XML.SubElement(aero, "function", name=found[name])
+        result[name] = f"{ROOT}/mixed-{name}"
+        function = XML.SubElement(aero, "function", name=result[name])
         _mixed(function, parts)
-    return found
+    return result
 
 
 def _mixed(function: XML.Element, parts: Mapping[str, float]) -> None:
@@ -228,7 +228,7 @@ def _factor(product: XML.Element, factor: Factor, name: str) -> None:
 
 
 def _spline(product: XML.Element, factor: Factor, name: str) -> None:
-    """What exceeds the knot, raised to the power, times one above the knot and zero below."""
+    """(x - knot)^power above the knot, zero below it."""
     knot = repr(float(factor.knot or 0.0))
     comparison = XML.SubElement(product, "gt")
     XML.SubElement(comparison, "property").text = name

@@ -41,7 +41,9 @@ class ExportedModel:
 
     Attributes
     ----------
-    name : of the vehicle. model : the name of its equations. made_by : the command of the study.
+    name : of the vehicle.
+    model : the name of its equations.
+    made_by : the command of the study.
     system : compiled, with its values and starting states; SI and radians.
     aircraft : the declaration of a model ``aircraft`` with these values, None of others.
     remarks : sentences on what the written model leaves out.
@@ -61,11 +63,12 @@ class ExportedModel:
         return text if text and not text[0].isdigit() else f"model_{text}".rstrip("_")
 
     def aircraft_for(self, target: str, holds: str) -> Aircraft:
-        """The declaration of the aircraft, for a format that holds nothing else.
+        """Aircraft declaration of the model, for a format that only supports aircraft.
 
         Parameters
         ----------
-        target : of ``--to``. holds : what the format is for, as a sentence begins.
+        target : of ``--to``.
+        holds : what the format is for, as a sentence begins.
 
         Raises
         ------
@@ -92,15 +95,16 @@ def exported(
 
     Parameters
     ----------
-    values : of parameters; others keep those of the model. starts : of states.
+    values : of parameters; others keep those of the model.
+    starts : of states.
     aircraft : what the model was made of, of a model ``aircraft``.
 
     Raises
     ------
     DeclarationError : an effect of the model needs the whole record.
     """
-    known = {item.name for item in model.parameters}
-    chosen = {name: value for name, value in (values or {}).items() if name in known}
+    parameter_names = {item.name for item in model.parameters}
+    chosen = {name: value for name, value in (values or {}).items() if name in parameter_names}
     model = model.with_values(chosen)
     given = {item.name for item in model.initial}
     model = model.with_initial(
@@ -128,7 +132,8 @@ def model_of_study(folder: Path, user_model: Path | OwnModel | None = None) -> E
 
     Parameters
     ----------
-    folder : of the study, or the file. user_model : the study's own model, which is run.
+    folder : of the study, or the file.
+    user_model : the study's own model, which is run.
 
     Raises
     ------
@@ -148,19 +153,19 @@ def model_of_study(folder: Path, user_model: Path | OwnModel | None = None) -> E
 
     file = read_kept(folder)
     vehicle = vehicle_of_study(file, user_model)
-    kept = file.model()
+    stored = file.model()
     model = model_of_file(vehicle)
-    if kept.after.effects:
-        model = model.with_effects(*kept.after.effects)
+    if stored.after.effects:
+        model = model.with_effects(*stored.after.effects)
     starts = {
         key[:-3]: value
-        for key, value in (kept.after.own[0] if kept.after.own else {}).items()
+        for key, value in (stored.after.own[0] if stored.after.own else {}).items()
         if key.endswith("(0)")
     }
     declared = None
-    if kept.model == AIRCRAFT:
-        declared = _aircraft_of(kept.vehicle_text, folder)
-    return exported(vehicle.name, model, kept.after.shared, starts, declared, kept.made_by)
+    if stored.model == AIRCRAFT:
+        declared = _aircraft_of(stored.vehicle_text, folder)
+    return exported(vehicle.name, model, stored.after.shared, starts, declared, stored.made_by)
 
 
 def _aircraft_of(text: str, folder: Path) -> Aircraft:
@@ -212,7 +217,7 @@ Key = tuple[Any, ...]
 
 @dataclass(frozen=True)
 class Operation:
-    """One step of an evaluation.
+    """One operation of an evaluation.
 
     Attributes
     ----------
@@ -254,9 +259,7 @@ class OperationTrace:
         return self.note(Operation("number", (), float(value))).place
 
     def apply(self, name: str, *values: Any) -> Any:
-        """The result of an operation on symbols and numbers; plain sums and products are
-        shortened.
-        """
+        """Result of an operation on symbols and numbers; sums and products are simplified."""
         numbers = [self._number(value) for value in values]
         if name in _FOLDED and all(number is not None for number in numbers):
             return _FOLDED[name](*numbers)
@@ -276,8 +279,8 @@ class OperationTrace:
     def _number(self, value: Any) -> float | None:
         if not isinstance(value, Symbol):
             return float(value)
-        found = self.operations[value.place]
-        return found.value if found.name == "number" else None
+        result = self.operations[value.place]
+        return result.value if result.name == "number" else None
 
 
 class Symbol(NDArrayOperatorsMixin):
@@ -335,7 +338,7 @@ class Symbol(NDArrayOperatorsMixin):
 
 
 class _Undecided(TypeError):
-    """What keeps an equation from being written as a formula."""
+    """Error: an equation cannot be written as a formula."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -344,8 +347,8 @@ class Formulas:
 
     Attributes
     ----------
-    operations : leaves and steps in order. rates, outputs : places of the results, in the order
-        of the system's states and outputs.
+    operations : leaves and steps in order.
+    rates, outputs : places of the results, in the order of the system's states and outputs.
     """
 
     system: System
@@ -422,7 +425,8 @@ def statements(
 
     Parameters
     ----------
-    results : places. names : of signals and parameters, as the language has them.
+    results : places.
+    names : of signals and parameters, as the language has them.
     special : writes what is no sum, product, quotient or comparison, from the texts of its
         arguments.
     """

@@ -1,6 +1,4 @@
-"""What writes the model of a study for each target, and its form as a Python module that needs
-NumPy and nothing else.
-"""
+"""Export targets, and the export as a Python module that needs only NumPy."""
 
 from __future__ import annotations
 
@@ -90,7 +88,8 @@ def python_module(model: ExportedModel) -> str:
     units = {item.name: item.unit for item in system.parameters}
     remarks = "".join(f"\n{each}" for each in model.remarks)
     lines = [
-        f'"""{_plain(model.name)}: model {_plain(model.model)}, written by flightid export.',
+        f'"""{_printable(model.name)}: model {_printable(model.model)}, '
+        "written by flightid export.",
         "",
         f"SI and radians; sign conventions of flightid (nz positive up).{remarks}",
         '"""',
@@ -116,8 +115,8 @@ def python_module(model: ExportedModel) -> str:
     return "\n".join(lines) + "\n" + _SIMULATE
 
 
-def _plain(text: str) -> str:
-    """A name that may stand in a docstring."""
+def _printable(text: str) -> str:
+    """The name in a form that a docstring can hold."""
     return "".join(c if c.isprintable() and c not in '"\\' else "?" for c in text)
 
 
@@ -151,11 +150,11 @@ def _body(formulas: Formulas, results: Sequence[int]) -> list[str]:
     names |= {f"p:{name}": _variable(name) for name in own}
     lines = ["    p = PARAMETERS if parameters is None else {**PARAMETERS, **parameters}"]
     lines += [f"    {_variable(name)} = p[{name!r}]" for name in own]
-    made, found = statements(formulas, results, names, _special)
+    made, result = statements(formulas, results, names, _special)
     lines += [f"    {name} = {formula}" for name, formula in made]
     lines += [
         "    shape = np.broadcast_shapes(np.shape(t), *map(np.shape, x), *map(np.shape, u))",
-        f"    rows = ({''.join(f'{text}, ' for text in found)})",
+        f"    rows = ({''.join(f'{text}, ' for text in result)})",
         "    return np.array([np.broadcast_to(row, shape) for row in rows])",
     ]
     return lines
@@ -212,7 +211,10 @@ def written_model(
 
     Parameters
     ----------
-    study : folder, or a vehicle file. to : the target. out : the file. model : the user's own.
+    study : folder, or a vehicle file.
+    to : the target.
+    out : the file.
+    model : the user's own.
 
     Raises
     ------
@@ -223,11 +225,11 @@ def written_model(
             f"there is no target {to!r}", where="--to", remedy=f"use {' or '.join(_WRITERS)}"
         )
     write, ending = _WRITERS[to]
-    found = model_of_study(study, model)
-    content, told = write(found)
-    path = out or Path(f"{found.identifier}{ending}")
+    result = model_of_study(study, model)
+    content, notes = write(result)
+    path = out or Path(f"{result.identifier}{ending}")
     if path.is_dir():
-        remedy = f"name a file, {path / (found.identifier + ending)}"
+        remedy = f"name a file, {path / (result.identifier + ending)}"
         raise DeclarationError("this is a folder", where=str(path), remedy=remedy)
     write_content(path, content)
-    return path, found, told
+    return path, result, notes

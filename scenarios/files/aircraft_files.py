@@ -59,7 +59,7 @@ START = {"airspeed": "m/s", "trim_alpha": "rad", "trim_theta": "rad"}
 
 @cache
 def _schema() -> type[BaseModel]:
-    """The keys of a file beside its tables of terms, with their units."""
+    """Keys of a file beside its tables of terms, with their units."""
     from scenarios.files.schemas import number_of, table_of
 
     texts: Any = list[str]
@@ -106,7 +106,7 @@ def _schema() -> type[BaseModel]:
 
 
 def read_aircraft(source: Source) -> tuple[Aircraft, Constraints]:
-    """An aircraft's file that was read, and what it fixes, bounds or ties.
+    """Read an aircraft's file: declaration and constraints.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def _aerodynamics(table: object, path: Path) -> dict[str, dict[str, float]]:
     if not isinstance(table, dict) or not table:
         remedy = 'write [aerodynamics.Cm] with "1" = 0.05, "alpha" = -0.9 and so on'
         raise DeclarationError("there are no terms", where=where, remedy=remedy)
-    found = {}
+    result = {}
     for axis, terms in table.items():
         if axis not in AXES:
             raise DeclarationError(
@@ -193,14 +193,14 @@ def _aerodynamics(table: object, path: Path) -> dict[str, dict[str, float]]:
         if not isinstance(terms, dict):
             remedy = f'write [aerodynamics.{axis}] and lines such as "alpha" = 0.1'
             raise DeclarationError("this is no table", where=f"{where}.{axis}", remedy=remedy)
-        found[axis] = {
+        result[axis] = {
             text: number_in(value, "1", f"{where}.{axis}.{text}") for text, value in terms.items()
         }
-    return found
+    return result
 
 
 def _refuse_names(vehicle: Mapping[str, Any], path: Path) -> None:
-    """Raise DeclarationError for a name that stands for nothing."""
+    """Raise DeclarationError for an undefined name."""
     surfaces = vehicle["surfaces"]
     for name, unit in surfaces.items():
         if unit not in SURFACE_UNITS:
@@ -302,7 +302,7 @@ def _declared(vehicle: Mapping[str, Any], terms: Mapping[str, Any], stem: str) -
 
 
 def _thrust(table: Mapping[str, Any], stem: str) -> Thrust:
-    """What the table ``[thrust]`` says; without it there is none."""
+    """Propulsion of the table ``[thrust]``, if there is one."""
     where = f"{stem}, key thrust"
     kind = table["input"]
     if kind == "none":
@@ -332,7 +332,8 @@ def written(aircraft: Aircraft, sigmas: Mapping[str, float] | None = None) -> st
 
     Parameters
     ----------
-    aircraft : what to write. sigmas : by parameter, where they are known.
+    aircraft : what to write.
+    sigmas : by parameter, where they are known.
 
     Returns
     -------

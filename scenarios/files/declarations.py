@@ -48,8 +48,9 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 
 
 def read_toml_source(path: str | Path | Source) -> Source:
-    """A TOML file as it stands, or as it was read before. Raises DeclarationError where it is
-    missing or unreadable.
+    """Read a TOML file, or return it if already read.
+
+    Raises DeclarationError if it is missing or unreadable.
     """
     if isinstance(path, Source):
         return path
@@ -90,13 +91,12 @@ def named_after(file: str) -> Iterator[None]:
 def checked(
     schema: type[Schema], content: Mapping[str, Any], path: str | Path, inside: str = ""
 ) -> Schema:
-    """The content as an instance of a schema; ``inside`` is the table it stands in, e.g.
-    ``"modes[1]"``.
+    """The content as an instance of a schema; ``inside``: table it is in, e.g. ``"modes[1]"``.
 
     Raises
     ------
     DeclarationError : one line on the first fault: an unknown key before a missing one before a
-    wrong value.
+        wrong value.
     """
     from pydantic import ValidationError
 
@@ -106,9 +106,9 @@ def checked(
         raise _one_line(error, schema, path, inside) from None
 
 
-def closest(word: str, known: Iterable[str]) -> str:
-    """``"did you mean 'alpha'?"``, or the whole choice where nothing is near."""
-    choice = list(known)
+def closest(word: str, allowed: Iterable[str]) -> str:
+    """``"did you mean 'alpha'?"``, or all choices if none is similar."""
+    choice = list(allowed)
     if not choice:
         return "leave it out"
     lower = {name.lower(): name for name in choice}
@@ -280,12 +280,12 @@ def run_python(source: Source, kind: str) -> ModuleType:
 
 def _line(error: BaseException, path: Path) -> str:
     """The line of the user's file that the error came through last."""
-    found, trace = "", error.__traceback__
+    result, trace = "", error.__traceback__
     while trace is not None:
         if trace.tb_frame.f_code.co_filename == str(path):
-            found = f", line {trace.tb_lineno}"
+            result = f", line {trace.tb_lineno}"
         trace = trace.tb_next
-    return found
+    return result
 
 
 TIME = "time"
@@ -341,35 +341,38 @@ _BRACKETS = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
 
 def split_header(cell: str) -> tuple[str, str | None]:
     """Name and unit of ``name [unit]`` or ``name (unit)``; the unit is None without brackets."""
-    found = _BRACKETS.fullmatch(cell)
-    if found is None or not found[1] or _ELEMENT.fullmatch(cell):
+    match = _BRACKETS.fullmatch(cell)
+    if match is None or not match[1] or _ELEMENT.fullmatch(cell):
         return cell, None
-    return found[1], (found[2] if found[2] is not None else found[3]).strip()
+    return match[1], (match[2] if match[2] is not None else match[3]).strip()
 
 
 def is_clock(name: str) -> bool:
     """Whether a header names a clock, in whatever case and with any unit in brackets."""
-    plain = re.sub(r"\s*[\[(].*", "", name).strip().lower()
-    return plain in CLOCK_NAMES or plain.replace(" ", "_") in CLOCK_NAMES
+    label = re.sub(r"\s*[\[(].*", "", name).strip().lower()
+    return label in CLOCK_NAMES or label.replace(" ", "_") in CLOCK_NAMES
 
 
 @dataclass(frozen=True)
 class ColumnChoice:
-    """Where one channel is in a file, and what is computed from it.
+    """Column of a channel in a file, and the computation from it.
 
     Attributes
     ----------
     column : header of the column, with or without its unit in brackets; its number, counted from 1;
-    or an expression over columns
-        (``scenarios.files.measured.expressions``). In a log of several topics ``topic.field``.
-        Empty: the record has no such channel,
-        whatever its columns are called.
+        or an expression over columns (``scenarios.files.measured.expressions``). In a log of
+        several topics ``topic.field``. Empty: the record has no such channel, whatever its columns
+        are called.
     unit : unit of the column or of the expression's result; None leaves it to the header, or to the
-    units of the columns. scale, offset : the channel is ``scale * column + offset``, in ``unit``,
-    in SI where none is given. delay : s, by which the column was recorded late: the channel at
-    ``t`` is the column at ``t + delay``. table : calibration ``(x1, ...), (y1, ...)``: the channel
-    is linear between the points, in ``unit``; before ``scale``. hold : ``"previous"`` or
-    ``"linear"``: between samples of a column that is slower than the record; None: by the data.
+        units of the columns.
+    scale, offset : the channel is ``scale * column + offset``, in ``unit``, in SI where none is
+        given.
+    delay : s, by which the column was recorded late: the channel at ``t`` is the column at ``t +
+        delay``.
+    table : calibration ``(x1, ...), (y1, ...)``: the channel is linear between the points, in
+        ``unit``; before ``scale``.
+    hold : ``"previous"`` or ``"linear"``: between samples of a column that is slower than the
+        record; None: by the data.
     """
 
     column: str | int
@@ -392,7 +395,7 @@ class ColumnChoice:
 
 
 def read_channel_map(
-    path: str | Path | Mapping[str, Any], known: Iterable[str] = CHANNEL_UNITS
+    path: str | Path | Mapping[str, Any], allowed: Iterable[str] = CHANNEL_UNITS
 ) -> dict[str, ColumnChoice]:
     """Channel name -> column, from a TOML file or as a mapping.
 
@@ -401,16 +404,16 @@ def read_channel_map(
     "deg"}`` or ``elevator = {sum = ["a", "b"], scale = 0.5}``; with ``airspeed = false`` the record
     counts as one without that channel.
 
-    ``known``: all channels that there are.
+    ``allowed``: all channels that there are.
 
     Raises
     ------
     DeclarationError : the file cannot be read, or a channel or key is unknown, missing or of the
-    wrong kind.
+        wrong kind.
     """
     from scenarios.files.schemas import channel_map
 
-    schema = channel_map(tuple(known))
+    schema = channel_map(tuple(allowed))
     content, where = (path, "channels") if isinstance(path, Mapping) else (read_toml(path), path)
     chosen = checked(schema, content, where)
     entries = {
@@ -420,7 +423,7 @@ def read_channel_map(
 
 
 def _choice(entry: ColumnEntry) -> ColumnChoice:
-    """What the reader is given: ``bias`` is taken off, ``sign`` turns the scale."""
+    """The entry for the reader: ``bias`` is subtracted, ``sign`` multiplies the scale."""
     from scenarios.files.schemas import ABSENT
 
     if entry.column == ABSENT:

@@ -1,4 +1,4 @@
-"""Vehicles of the library as vehicle files, so that a name serves wherever a file is taken."""
+"""Library vehicles as vehicle files, so that a name can replace a file."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ FILE_KEYS = {"omega": "frequency", "zeta": "damping", "generalized_mass": "gener
 
 
 def is_library_name(given: str | Path | Any) -> bool:
-    """Whether a text can only be a name of the library: a plain word, and no file."""
+    """Whether a text can only be a library name: a plain word, and no existing file."""
     text = str(given)
     return text.isidentifier() and len(text) <= LONGEST and not os.path.lexists(text)
 
 
 def vehicle_source(given: str | Path | Source, model: str = "") -> Source:
-    """A vehicle file as it stands, or the file that a name of the library stands for.
+    """A vehicle file as it is, or the file of a library vehicle.
 
     Parameters
     ----------
@@ -51,14 +51,14 @@ def vehicle_source(given: str | Path | Source, model: str = "") -> Source:
 
 
 def source_of_content(name: str, content: Mapping[str, Any], model: str) -> Source:
-    """The vehicle file of a content; elastic modes go where the model is rigid."""
-    kept = {key: value for key, value in content.items() if key != "modes" or model != "rigid"}
-    raw = toml_text(kept).encode()
+    """A vehicle file from its content, without elastic modes if the model is rigid."""
+    used = {key: value for key, value in content.items() if key != "modes" or model != "rigid"}
+    raw = toml_text(used).encode()
     return Source(Path(name), raw, InputFile(name, hashlib.sha256(raw).hexdigest()))
 
 
 def content_of_library(name: str) -> dict[str, Any]:
-    """The keys of a vehicle file for a name of the library. Raises DeclarationError."""
+    """Content of the vehicle file of a library vehicle. Raises DeclarationError."""
     names = vehicle_names()
     if name not in names:
         near = difflib.get_close_matches(name, names, 3) or list(names)
@@ -71,7 +71,7 @@ def content_of_library(name: str) -> dict[str, Any]:
 
 
 def content_of(data: VehicleData) -> dict[str, Any]:
-    """A vehicle of the library with the keys of a vehicle file."""
+    """A library vehicle with the keys of a vehicle file."""
     _, constants, derivatives = FAMILIES[data.equations]
     values = {number.name: number.value for number in data.numbers}
     out: dict[str, Any] = {
@@ -116,15 +116,16 @@ def _mode(values: Mapping[str, float], number: int, modes: int) -> dict[str, flo
 
 
 def toml_text(content: Mapping[str, Any]) -> str:
-    """A vehicle file's text: plain keys first, then tables, then lists of tables. Raises
-    DeclarationError for a value that TOML does not have.
+    """Text of a vehicle file: plain keys first, then tables, then lists of tables.
+
+    Raises DeclarationError for a value that TOML does not have.
     """
-    plain = [
+    lines = [
         f"{_key(key)} = {toml_value(value, key)}"
         for key, value in content.items()
         if not _is_table(value)
     ]
-    out = ["\n".join(plain)]
+    out = ["\n".join(lines)]
     for key, value in content.items():
         if isinstance(value, Mapping):
             out.append(

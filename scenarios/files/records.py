@@ -40,7 +40,8 @@ class Window:
 
     Attributes
     ----------
-    time : shape ``(N,)``, s, increasing. rows : the block of rows in the file's order.
+    time : shape ``(N,)``, s, increasing.
+    rows : the block of rows in the file's order.
     order : position in the block of each sample; None where the block is in order as it is.
     notes : what was done with the time stamps, one sentence each.
     """
@@ -66,110 +67,117 @@ def read_with_notes(
     optional: Sequence[str] = (),
     hold: Hold | None = None,
     instead: Mapping[str, str] | None = None,
-    known: Mapping[str, str] = CHANNEL_UNITS,
+    channel_units: Mapping[str, str] = CHANNEL_UNITS,
     rate: float | None = None,
 ) -> tuple[Record, tuple[str, ...]]:
-    """The channels of a model from a file of any format, and what was decided about the file, one
-    sentence each: encoding, clock, merged topics,
-    inputs that are continued between their own samples.
+    """Read the channels of a model from a file of any format.
+
+    Values are in SI, radians and g; the stick keeps the numbers and the unit of the file. Columns
+    that no argument names are not read. Row numbers in messages are those of the file: the first
+    line of a CSV file is row 1, the first sample of a Parquet or MAT file is row 1.
+
+    The rows from ``start`` to ``stop`` are one block in the order of the file. Each end is placed
+    where it contradicts the fewest time stamps: wrong stamps outside the block have no effect, and
+    a wrong stamp inside stays inside and is reported.
 
     Parameters
     ----------
     source : a file of any format of ``scenarios.files.formats``; or the file as it was read.
-    model_inputs : inputs; each must be there, without a gap.
-    model_outputs : outputs; those that are absent are left out, one must be there.
-    channel_map : channel -> column, where headers are not ours; else the file's own.
-    start, stop : s; only the rows from ``start`` to ``stop`` are read, and only they are checked.
-    optional : further channels, read as outputs where they are there. Beside ``model_outputs`` a
-    column of theirs without a single
-        number counts as absent, and so does a header such as ``airspeed_raw`` whose last word is no
-        unit.
-    instead : output -> channel that is read, under its own name, where that output has no column.
-    hold : behaviour of the inputs between samples; None: as the sidecar says, else previous.
-    known : all channels that there are, and their units inside.
-    rate : Hz; the samples per second of a file without a clock, and the grid on which topics of a
-    log are put. SI, radians and g inside; the stick keeps its numbers and its unit as a label.
-    Columns that nobody asked for are never looked at. Row numbers in messages are the file's: the
-    first line of a CSV file is row 1, the first sample of a Parquet or MAT file is row 1.
+    model_inputs : inputs; each must be in the file, without a gap.
+    model_outputs : outputs; absent ones are left out, at least one must be in the file.
+    channel_map : channel -> column, if headers are not channel names; None: the map of the file.
+    start, stop : s; only the rows in between are read and checked.
+    optional : further channels, read as outputs if the file has them. With ``model_outputs``, an
+        optional column without a number counts as absent, and so does a header such as
+        ``airspeed_raw`` whose last word is no unit.
+    hold : behaviour of the inputs between samples; None: as in the sidecar, else ``PREVIOUS``.
+    instead : output -> channel that is read, under its own name, if the file lacks that output.
+    channel_units : SI unit of every known channel.
+    rate : Hz; sample rate of a file without a clock, and of the grid for topics of a log.
 
-    The window is one block of rows in the file's order. Each of its two ends is put where it
-    contradicts the fewest time stamps, so broken stamps outside do no harm, and one inside stays
-    inside and is reported.
+    Returns
+    -------
+    The record, and a sentence on each decision about the file: encoding, clock, merged topics,
+    inputs that are continued between their samples.
 
     Raises
     ------
-    RecordError : anything that keeps the file from being used as it stands.
+    RecordError : the file cannot be used as it is.
     """
     file = source if isinstance(source, RecordFile) else read_record_file(source)
     channel_map = channel_map or file.choices
     others = list(dict.fromkeys((*model_outputs, *optional, *(instead or {}).values())))
     refuse_unknown_units(
-        file.sidecar, file.table.header, file.path, {*CHANNEL_UNITS, *known, *channel_map}
+        file.sidecar, file.table.header, file.path, {*CHANNEL_UNITS, *channel_units, *channel_map}
     )
-    way = None if hold is None else hold.value
+    hold_as = None if hold is None else hold.value
     file, channel_map = with_derived(
-        file, channel_map, model_inputs, others, rate=rate, hold=way, known=known
+        file,
+        channel_map,
+        model_inputs,
+        others,
+        rate=rate,
+        hold=hold_as,
+        channel_units=channel_units,
     )
     table = file.table
-    further = (
-        {name for name in optional if name not in (*model_inputs, *model_outputs)}
-        if model_outputs
-        else set()
-    )
-    wanted = [
-        *model_inputs,
-        *model_outputs,
-        *(name for name in optional if name not in model_outputs),
-    ]
-    columns = _columns(file, wanted, further, channel_map, known)
-    substitutes = [
-        other
-        for name, other in (instead or {}).items()
-        if columns.get(name, ...) is None and other not in columns
-    ]
-    columns |= _columns(file, substitutes, set(), channel_map, known)
-    wanted += substitutes
-    for name in model_inputs:
-        if columns[name] is None:
-            raise missing_column(name, table.header, table.file)
-    outputs = [name for name in wanted[len(model_inputs) :] if columns[name] is not None]
-    needed = (
-        [name for name in outputs if name in (*model_outputs, *substitutes)]
-        if model_outputs
-        else outputs
-    )
-    if not needed and (model_outputs or optional):
-        raise missing_column((*model_outputs, *optional)[0], table.header, table.file)
-    window = _time(table, _clock_column(file, channel_map, known, rate), start, stop, rate)
+    names = (model_inputs, model_outputs, optional)
+    columns, outputs, further = _chosen(file, names, instead or {}, channel_map, channel_units)
+    window = _time(table, _clock_column(file, channel_map, channel_units, rate), start, stop, rate)
     outputs = [
         name
         for name in outputs
         if name not in further or not _empty(table, _there(columns[name]), window.rows)
     ]
-    notes = [*file.notes, *window.notes]
-    inputs = []
+    notes, inputs = [*file.notes, *window.notes], []
     for name in model_inputs:
         choice = (channel_map or {}).get(name)
-        channel, note = _input(
-            table,
-            _there(columns[name]),
-            window,
-            (choice.hold if choice is not None else None) or way,
-        )
+        chosen_hold = (choice.hold if choice is not None else None) or hold_as
+        channel, note = _input(table, _there(columns[name]), window, chosen_hold)
         inputs.append(channel)
         notes += [note] if note else []
-    record = Record(
-        window.time,
-        tuple(inputs),
-        tuple(_channel(table, _there(columns[name]), window) for name in outputs),
-        file.sidecar.hold if hold is None else hold,
-        file.sidecar.name or file.path.name,
-    )
-    return record, tuple(notes)
+    read = tuple(_channel(table, _there(columns[name]), window) for name in outputs)
+    between, name = hold or file.sidecar.hold, file.sidecar.name or file.path.name
+    return Record(window.time, tuple(inputs), read, between, name), tuple(notes)
+
+
+def _chosen(
+    file: RecordFile,
+    names: tuple[Sequence[str], Sequence[str], Sequence[str]],
+    instead: Mapping[str, str],
+    channel_map: Mapping[str, ColumnChoice] | None,
+    channel_units: Mapping[str, str],
+) -> tuple[dict[str, SourceColumn | None], list[str], set[str]]:
+    """Return the columns by channel, the outputs to read, and those of them that are optional.
+
+    ``names``: inputs, outputs and optional channels. Raises RecordError for an input without a
+    column, and where there is no output at all.
+    """
+    inputs, model_outputs, optional = names
+    further: set[str] = set()
+    if model_outputs:
+        further = {name for name in optional if name not in (*inputs, *model_outputs)}
+    added = [name for name in optional if name not in model_outputs]
+    columns = _columns(file, [*inputs, *model_outputs, *added], further, channel_map, channel_units)
+    substitutes = [
+        other
+        for name, other in instead.items()
+        if columns.get(name, ...) is None and other not in columns
+    ]
+    columns |= _columns(file, substitutes, set(), channel_map, channel_units)
+    for name in inputs:
+        if columns[name] is None:
+            raise missing_column(name, file.table.header, file.table.file)
+    outputs = [name for name in (*model_outputs, *added, *substitutes) if columns[name] is not None]
+    needed = (*model_outputs, *substitutes) if model_outputs else outputs
+    if not any(name in needed for name in outputs) and (model_outputs or optional):
+        missing = (*model_outputs, *optional)[0]
+        raise missing_column(missing, file.table.header, file.table.file)
+    return columns, outputs, further
 
 
 def _alone(read: Callable[P, tuple[Record, tuple[str, ...]]]) -> Callable[P, Record]:
-    """A function that takes what ``read`` takes and returns its record alone."""
+    """Function with the arguments of ``read`` that returns the record alone."""
 
     @wraps(read)
     def alone(*arguments: P.args, **keywords: P.kwargs) -> Record:
@@ -249,10 +257,10 @@ def _columns(
     names: Sequence[str],
     further: set[str],
     channel_map: Mapping[str, ColumnChoice] | None,
-    known: Mapping[str, str],
+    channel_units: Mapping[str, str],
 ) -> dict[str, SourceColumn | None]:
-    """Channel -> its column, None where there is none; one of ``further`` counts as absent where
-    only a header of another meaning recalls it.
+    """Return the column of each channel, None where the file has none; a channel of ``further``
+    counts as absent if the only similar header has another meaning.
     """
     header = file.table.header
     return {
@@ -264,7 +272,7 @@ def _columns(
             file.table.file,
             channel_map,
             file.sidecar.units,
-            known,
+            channel_units,
             file.table.units,
             lenient=file.table.stated_apart,
         )
@@ -303,13 +311,13 @@ def _boundary(before: np.ndarray, after: np.ndarray) -> int:
 def _clock_column(
     file: RecordFile,
     channel_map: Mapping[str, ColumnChoice] | None,
-    known: Mapping[str, str],
+    channel_units: Mapping[str, str],
     rate: float | None,
 ) -> SourceColumn | None:
     """The column of the clock: ``time``, else another name of a clock; None where the file has none
     and its rate is known.
     """
-    column = _columns(file, [TIME], set(), channel_map, known)[TIME]
+    column = _columns(file, [TIME], set(), channel_map, channel_units)[TIME]
     table = file.table
     if column is not None:
         mapped = (channel_map or {}).get(TIME)
@@ -429,15 +437,15 @@ def _repeats(table: CellTable, time: np.ndarray, rows: slice) -> np.ndarray:
     times; shape ``(N,)``.
     """
     order = np.argsort(time, kind="stable")
-    found = np.zeros(time.size, dtype=bool)
+    repeated = np.zeros(time.size, dtype=bool)
     for earlier, later in pairwise(order):
         if time[earlier] == time[later]:
             cells = (
                 (column[rows.start + earlier], column[rows.start + later])
                 for column in table.columns
             )
-            found[later] = all(one == two or (one != one and two != two) for one, two in cells)
-    return found
+            repeated[later] = all(one == two or (one != one and two != two) for one, two in cells)
+    return repeated
 
 
 def _input(
@@ -452,16 +460,16 @@ def _input(
     content = _sized(table, column)
     _check_cells(table, column, content, window.rows)
     values = window.of(content.values)
-    known = np.flatnonzero(np.isfinite(values))
-    if known.size in (0, values.size):
+    finite_rows = np.flatnonzero(np.isfinite(values))
+    if finite_rows.size in (0, values.size):
         return _channel(table, column, window), ""
     time = window.time
-    own = np.diff(time[known]) if known.size > 2 else np.array([np.inf])
+    own = np.diff(time[finite_rows]) if finite_rows.size > 2 else np.array([np.inf])
     usual = float(np.median(own))
-    ends = max(time[known[0]] - time[0], time[-1] - time[known[-1]])
+    ends = max(time[finite_rows[0]] - time[0], time[-1] - time[finite_rows[-1]])
     if (
         not np.isfinite(usual)
-        or np.median(np.diff(known)) < 2
+        or np.median(np.diff(finite_rows)) < 2
         or max(float(own.max()), ends) > 2.5 * usual
     ):
         where = _cell(table, column, _row_of(window, int(np.flatnonzero(~np.isfinite(values))[0])))
@@ -470,19 +478,19 @@ def _input(
             where=where,
             remedy="fill the gap, or cut the record there with --from and --to",
         )
-    chosen = way or ("previous" if leaps(values[known]) else "linear")
+    chosen = way or ("previous" if leaps(values[finite_rows]) else "linear")
     if chosen == "previous":
         filled = values[
-            known[
+            finite_rows[
                 np.clip(
-                    np.searchsorted(known, np.arange(values.size), side="right") - 1,
+                    np.searchsorted(finite_rows, np.arange(values.size), side="right") - 1,
                     0,
-                    known.size - 1,
+                    finite_rows.size - 1,
                 )
             ]
         ]
     else:
-        filled = np.interp(time, time[known], values[known])
+        filled = np.interp(time, time[finite_rows], values[finite_rows])
     said = "held" if chosen == "previous" else "joined by lines"
     note = (
         f"{column.channel} has a sample every {usual:.3g} s; between them it is {said} (hold in "

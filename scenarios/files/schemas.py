@@ -40,7 +40,7 @@ _Text = Annotated[str, Field(min_length=1, max_length=500)]
 
 
 class ColumnEntry(BaseModel):
-    """``{column = "AoA1", unit = "deg"}`` and what may be computed from a column or a sum of
+    """A column of a channel map, as ``{column = "AoA1", unit = "deg"}``, or an expression of
     columns.
     """
 
@@ -98,12 +98,12 @@ def _table(value: object) -> object:
 _Entry = Annotated[ColumnEntry | None, BeforeValidator(_table)]
 
 
-def channel_map(known: Sequence[str]) -> type[BaseModel]:
+def channel_map(allowed: Sequence[str]) -> type[BaseModel]:
     """The schema of a map of these channels, each behind an alias: an own model may use names that
     pydantic needs for itself.
     """
     fields: dict[str, Any] = {
-        f"channel_{place}": (_Entry, Field(None, alias=name)) for place, name in enumerate(known)
+        f"channel_{place}": (_Entry, Field(None, alias=name)) for place, name in enumerate(allowed)
     }
     return create_model("ChannelMap", __config__=STRICT, **fields)
 
@@ -134,22 +134,22 @@ def quantity_in(target: str) -> Callable[[object], float]:
             isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**1023
         ):
             return float(value)
-        found = _QUANTITY.fullmatch(value) if isinstance(value, str) else None
-        if found is None:
+        match = _QUANTITY.fullmatch(value) if isinstance(value, str) else None
+        if match is None:
             shown = f"{value!r:.60}"
             raise PydanticCustomError(
                 "quantity",
                 "no quantity",
                 {"what": f"{shown} is not a number with a unit", "remedy": _example(target)},
             )
-        if not found[2]:
+        if not match[2]:
             raise PydanticCustomError(
                 "quantity",
                 "no unit",
                 {"what": f"{value!r} has no unit", "remedy": _example(target)},
             )
         try:
-            return float(to_si(float(found[1]), found[2].strip(), target, "", DeclarationError))
+            return float(to_si(float(match[1]), match[2].strip(), target, "", DeclarationError))
         except DeclarationError as fault:
             raise PydanticCustomError(
                 "quantity", "unit", {"what": fault.what, "remedy": fault.remedy}
@@ -329,7 +329,9 @@ def mode_schema(number: int, count: int) -> type[BaseModel]:
 
 
 def units_of_starts(model: str, modes: object = None) -> dict[str, str]:
-    """What is estimated of a model, with its unit; ``modes`` is a file's list of elastic modes."""
+    """Estimated parameters of a model with their units; ``modes`` is a file's list of elastic
+    modes.
+    """
     kind = "rigid" if model == "flexible" else model
     count = len(modes) if model == "flexible" and isinstance(modes, list) else 0
     own = {
@@ -344,8 +346,9 @@ def units_of_starts(model: str, modes: object = None) -> dict[str, str]:
 def refuse_unusable(
     model: str, constants: Mapping[str, float], derivatives: Mapping[str, float], path: str | Path
 ) -> None:
-    """What no single key shows. Raises DeclarationError where no derivative is given, and for
-    moments of inertia that no body has.
+    """Check the file as a whole.
+
+    Raises DeclarationError without any derivative, and for impossible moments of inertia.
     """
     if not derivatives:
         _, _, known = WHOLE_AXES[model]
@@ -401,7 +404,7 @@ def _day(value: object) -> object:
 
 
 class Reading(BaseModel):
-    """How records are read; in a flight's table it takes the place of what stands above."""
+    """Options for reading records; those of a flight replace those of the survey."""
 
     model_config = VEHICLES_SCHEMA_STRICT
     channels: Name | None = None

@@ -52,7 +52,7 @@ def escaped(text: str) -> str:
 
 
 class EscapedStream:
-    """A text stream that escapes what is written; everything else is that of ``inner``."""
+    """A text stream that escapes its text; everything else is passed on to ``inner``."""
 
     def __init__(self, inner: Any) -> None:
         self.inner = inner
@@ -73,7 +73,7 @@ class EscapedStream:
 
 @contextmanager
 def escaped_streams() -> Iterator[None]:
-    """Escape what is printed on stdout and stderr while the body runs."""
+    """Context manager that escapes text printed on stdout and stderr."""
     out, err = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = (
         None if each is None else cast(Any, EscapedStream(each)) for each in (out, err)
@@ -85,9 +85,7 @@ def escaped_streams() -> Iterator[None]:
 
 
 def styled_stream(stream: Any) -> Any:
-    """The stream below the escaping, for what writes styles of its own and escapes its texts
-    itself.
-    """
+    """The stream without escaping, for a caller that writes styles and escapes its texts itself."""
     return stream.inner if isinstance(stream, EscapedStream) else stream
 
 
@@ -113,9 +111,7 @@ class InputFile:
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A file as it was read: what is later written under its name changes neither the content here
-    nor the hash.
-    """
+    """Content and hash of a file at the time it was read."""
 
     path: Path
     content: bytes
@@ -136,9 +132,8 @@ def read_source(
 
     Raises
     ------
-    FlightidError : of the kind ``error``: there is no such file, it is a folder, a device or a
-        pipe that nothing writes into,
-        it is larger than ``most`` bytes, or it cannot be read.
+    FlightidError : of the kind ``error``: there is no such file, it is a folder, a device or a pipe
+        that nothing writes into, it is larger than ``most`` bytes, or it cannot be read.
     """
     path = Path(path)
     content = read_content(path, error, wanted, most)
@@ -170,9 +165,7 @@ def resolved(path: str | Path) -> Path:
 def too_large(
     error: type[FlightidError], where: str, size: str, most: int, remedy: str = ""
 ) -> FlightidError:
-    """The error for a file beyond a limit; ``size`` says how large it is, in words that go before
-    "is more than".
-    """
+    """Error for a file beyond a limit; ``size``: its size in words, before "is more than"."""
     limit = f"{most >> 20} MiB" if most >= 1 << 20 else f"{most} bytes"
     return error(
         f"{size} is more than the {limit} that are read at most",
@@ -185,14 +178,14 @@ def _content(path: Path, error: type[FlightidError], wanted: str, most: int) -> 
     # Without blocking: a pipe that nothing writes into would be waited for without end.
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     try:
-        found = os.fstat(handle)
-        if stat.S_ISDIR(found.st_mode):
+        status = os.fstat(handle)
+        if stat.S_ISDIR(status.st_mode):
             raise IsADirectoryError
-        is_pipe = stat.S_ISFIFO(found.st_mode)
-        if not (stat.S_ISREG(found.st_mode) or is_pipe):
+        is_pipe = stat.S_ISFIFO(status.st_mode)
+        if not (stat.S_ISREG(status.st_mode) or is_pipe):
             raise error("this is a device, not a file", where=str(path), remedy=f"name {wanted}")
-        if found.st_size > most:
-            raise too_large(error, str(path), f"{found.st_size / (1 << 20):.4g} MiB", most)
+        if status.st_size > most:
+            raise too_large(error, str(path), f"{status.st_size / (1 << 20):.4g} MiB", most)
         piece = _first_piece(handle) if is_pipe else _piece(handle)
         if is_pipe and not piece:
             raise error("nothing writes into this pipe", where=str(path), remedy=f"name {wanted}")
@@ -235,9 +228,7 @@ _documents_SHOWN = 40  # characters of what is wrong
 
 
 class DocumentError(ValueError):
-    """A text that is no JSON or TOML, or holds what no file of ours does; its text says what, in a
-    few words, and ``key`` where if that is known.
-    """
+    """A text that is no valid JSON or TOML: the reason in a few words, and ``key`` if known."""
 
     def __init__(self, what: str, key: str = "") -> None:
         super().__init__(what)
@@ -249,8 +240,8 @@ def json_value(content: bytes | str) -> Any:
 
     Raises
     ------
-    DocumentError : it is not UTF-8, no JSON, nested deeper than ``DEEPEST``, or holds a number
-        that is not finite or has too many digits.
+    DocumentError : it is not UTF-8, no JSON, nested deeper than ``DEEPEST``, or holds a number that
+        is not finite or has too many digits.
     """
     try:
         value = json.loads(content, parse_int=_whole, parse_constant=_constant)
@@ -267,12 +258,12 @@ def json_value(content: bytes | str) -> Any:
 
 
 def toml_value(text: str) -> dict[str, Any]:
-    """The tables of a TOML text, in which infinite numbers may stand.
+    """Tables of a TOML text, which may have infinite numbers.
 
     Raises
     ------
-    DocumentError : it is no TOML, nested deeper than ``DEEPEST``, or holds a whole number of
-        too many digits.
+    DocumentError : it is no TOML, nested deeper than ``DEEPEST``, or holds a whole number of too
+        many digits.
     """
     try:
         value = tomllib.loads(text)
@@ -295,8 +286,8 @@ def read_json(
 
     Raises
     ------
-    FlightidError : of the kind ``error``: it cannot be read, or as ``json_value``; the line
-        names the file and what to name instead, ``wanted``.
+    FlightidError : of the kind ``error``: it cannot be read, or as ``json_value``; the line names
+        the file and what to name instead, ``wanted``.
     """
     content = read_content(path, error, wanted, MOST_DOCUMENT)
     try:
@@ -309,7 +300,7 @@ def read_json(
         ) from None
 
 
-def found_json(path: Path) -> Any:
+def json_or_none(path: Path) -> Any:
     """The value of a JSON file that may be another's or damaged: None where there is none or it is
     no strict JSON.
     """
@@ -365,11 +356,11 @@ def versions() -> dict[str, str]:
     """Python's version and those of the packages that are installed, the same in every file that a
     command writes.
     """
-    found = {"python": platform.python_version()}
+    versions_by_package = {"python": platform.python_version()}
     for package in PACKAGES:
         with contextlib.suppress(PackageNotFoundError):
-            found[package] = version(package)
-    return found
+            versions_by_package[package] = version(package)
+    return versions_by_package
 
 
 def own_version() -> str:
@@ -384,7 +375,8 @@ MOST_NUMBERS = MOST_RECORD // 8
 _PIECE_OF_PACKED = 1 << 20
 _COMPRESSED = 15  # type of an element of a MAT file that is packed
 _MAT_HEADER = 128
-HDF5, ZIP = b"\x89HDF", b"PK\x03\x04"
+HDF5 = b"\x89HDF"  # first bytes of the file
+ZIP = b"PK\x03\x04"  # first bytes of the file
 
 
 def refuse_oversized(path: Path, content: bytes) -> None:
@@ -424,8 +416,8 @@ def _numbers_in_parquet(content: bytes) -> int:
     try:
         import pyarrow.parquet
 
-        found = pyarrow.parquet.ParquetFile(io.BytesIO(content)).metadata
-        return int(found.num_rows) * int(found.num_columns)
+        result = pyarrow.parquet.ParquetFile(io.BytesIO(content)).metadata
+        return int(result.num_rows) * int(result.num_columns)
     except Exception:  # not installed, or damaged in one of many ways
         return 0
 

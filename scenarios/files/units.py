@@ -1,5 +1,6 @@
-"""From the unit that a user's file carries to ours. Products of SI units and degrees need no
-library; pint is imported only for the others.
+"""Convert the units of a user's file to ours.
+
+Products of SI units and degrees need no library; pint is imported only for others.
 """
 
 from __future__ import annotations
@@ -89,15 +90,16 @@ class _Size(NamedTuple):
 def to_si(
     value: Number, unit: str, target: str, where: str, error: type[FlightidError] = RecordError
 ) -> Number:
-    """A value, or an array of any shape with NaN kept, in one of our units.
+    """Convert a value, or an array of any shape with NaN kept, to one of our units.
 
     Parameters
     ----------
     value : the number as the file has it.
     unit : its unit as the file has it; ``""`` means that it is in ``target`` already.
     target : one of ``QUANTITIES``: SI, radians, and ``"g"`` (9.80665 m/s2) for a load factor; or
-    the unit that an own model declares. where : file and column or key, for the message. error :
-    what to raise.
+        the unit that an own model declares.
+    where : file and column or key, for the message.
+    error : what to raise.
 
     Conventions: ``g`` is the standard gravity where an acceleration is due, a gram elsewhere. A
     pound is a mass, but a force in a pressure or where a force is due; a weight per area (lbf/ft2)
@@ -137,8 +139,8 @@ def is_unit(unit: str) -> bool:
 
 
 def _is_tame(text: str) -> bool:
-    """Whether a unit in normal form is short, of small powers, and in plain letters: only such a
-    text is parsed.
+    """Whether a unit is a short product of small powers in plain letters; only such a text is
+    parsed.
     """
     foreign = any(letter.isdecimal() and not letter.isascii() for letter in text)
     return len(text) <= _LONGEST and not foreign and _EXPLOSIVE.search(text) is None
@@ -205,16 +207,16 @@ def _converted(
 
 
 def _si_size(text: str) -> _Size | None:
-    """Exponents of a product of SI units and degrees, None if anything else stands in it."""
+    """Exponents of a product of SI units and degrees, None for any other unit."""
     total, degrees, at = np.zeros(4, dtype=int), 0, 0
     while at < len(text):
-        found = _FACTOR.match(text, at)
-        if found is None or (at == 0) != (found[1] == ""):
+        match = _FACTOR.match(text, at)
+        if match is None or (at == 0) != (match[1] == ""):
             return None
-        power = int(found[3] or 1) * (-1 if found[1] == "/" else 1)
-        total += np.array(_SI[found[2]]) * power
-        degrees += power if found[2] == "deg" else 0
-        at = found.end()
+        power = int(match[3] or 1) * (-1 if match[1] == "/" else 1)
+        total += np.array(_SI[match[2]]) * power
+        degrees += power if match[2] == "deg" else 0
+        at = match.end()
     return _Size(*(int(power) for power in (*total, degrees))) if text else None
 
 
@@ -247,5 +249,5 @@ def _parsed(units: pint.UnitRegistry[Any], text: str) -> Any:
 
 
 def _angle_power(unit: Any) -> float:
-    """How often an angle stands in a unit; pint counts angles as pure numbers."""
+    """Power of an angle in a unit; pint counts angles as pure numbers."""
     return sum(power for name, power in unit._units.items() if name.endswith(_ANGLES))

@@ -33,8 +33,8 @@ _NO_BOUNDS: Mapping[str, tuple[float, float]] = MappingProxyType({})
 
 @dataclass(frozen=True)
 class Constraints:
-    """``fixed`` parameters stay where the file says, ``bounds`` (low, high) hold in a fit, ``ties``
-    make one follow others; all in SI.
+    """Constraints of a vehicle file, SI: ``fixed`` parameters, ``bounds`` (low, high) of a fit,
+    ``ties`` of parameters to others.
     """
 
     fixed: tuple[str, ...] = ()
@@ -60,14 +60,15 @@ def take_constraints(
     Parameters
     ----------
     content : the file as read; ``[derivatives]`` receives a start for each parameter that
-    ``[fixed]`` gives a value or ``[tied]`` names. units : what may be estimated, with the unit
-    inside. defaults : starts of what the file need not give.
+        ``[fixed]`` gives a value or ``[tied]`` names.
+    units : what may be estimated, with the unit inside.
+    defaults : starts of what the file need not give.
 
     Raises
     ------
     DeclarationError : one line with file, key and remedy: an unknown parameter, one given twice,
-    bounds in the wrong order or beside the
-        start, a tie to itself, to one that is tied, or of another form.
+        bounds in the wrong order or beside the start, a tie to itself, to one that is tied, or of
+        another form.
     """
     given = {table: content.pop(table, {}) for table in TABLES}
     if all(table == {} for table in given.values()):
@@ -78,16 +79,16 @@ def take_constraints(
     modes = content.get("modes")
     # What is new goes into the first map, the derivatives; starts of elastic modes are only looked
     # up.
-    known = ChainMap(
+    values = ChainMap(
         starts,
         *(table for table in (modes if isinstance(modes, list) else ()) if isinstance(table, dict)),
         dict(defaults or {}),
     )
-    fixed = _fixed(given["fixed"], known, units, path)
-    ties = _ties(given["tied"], known, units, fixed, path)
+    fixed = _fixed(given["fixed"], values, units, path)
+    ties = _ties(given["tied"], values, units, fixed, path)
     return Constraints(
         fixed,
-        _bounds(given["bounds"], known, units, (*fixed, *(tie.name for tie in ties)), path),
+        _bounds(given["bounds"], values, units, (*fixed, *(tie.name for tie in ties)), path),
         ties,
     )
 
@@ -111,7 +112,7 @@ def with_place(
 
 
 def refuse_nothing_left(constraints: Constraints, starts: Iterable[str], path: str | Path) -> None:
-    """Raise DeclarationError where every one of the ``starts`` is fixed or tied to what is."""
+    """Raise DeclarationError if all of the ``starts`` are fixed or tied to fixed parameters."""
     held = {*constraints.fixed, *(tie.name for tie in constraints.ties)}
     if held and held.issuperset(starts):
         remedy = "leave one parameter free at least"
@@ -127,16 +128,14 @@ def side_at(value: float, bounds: tuple[float, float]) -> str:
     empty.
     """
     low, high = bounds
-    room = _AT * max(abs(end) if math.isfinite(end) else 0.0 for end in bounds)
-    if math.isfinite(low) and low - value >= -room:
+    tolerance = _AT * max(abs(end) if math.isfinite(end) else 0.0 for end in bounds)
+    if math.isfinite(low) and low - value >= -tolerance:
         return "lower"
-    return "upper" if math.isfinite(high) and value - high >= -room else ""
+    return "upper" if math.isfinite(high) and value - high >= -tolerance else ""
 
 
 def constrained(model: Model, constraints: Constraints) -> Model:
-    """The model with what the file lays down: parameters held, bounds that are the narrower of the
-    file's and the model's own, ties.
-    """
+    """The model with the constraints of a file; the narrower bounds of file and model apply."""
     if not constraints:
         return model
     parameters = model.parameters.hold(constraints.fixed)
@@ -150,23 +149,25 @@ def constrained(model: Model, constraints: Constraints) -> Model:
 def constraint_sentences(
     constraints: Constraints, starts: Mapping[str, float], units: Mapping[str, str]
 ) -> tuple[str, ...]:
-    """What the vehicle file lays down, a sentence each; nothing where it lays down nothing."""
-    told = []
+    """Constraints of a vehicle file, a sentence each; empty without any."""
+    sentences = []
     if constraints.fixed:
         each = [
             f"{name} = {starts[name]:.6g}{_unit(units.get(name, '1'))}"
             for name in constraints.fixed
         ]
-        told.append(f"held by the vehicle file: {', '.join(each)}")
+        sentences.append(f"held by the vehicle file: {', '.join(each)}")
     if constraints.ties:
-        told.append(f"tied by the vehicle file: {', '.join(tie.words for tie in constraints.ties)}")
+        sentences.append(
+            f"tied by the vehicle file: {', '.join(tie.words for tie in constraints.ties)}"
+        )
     if constraints.bounds:
         each = [
             f"{name} from {low:g} to {high:g}{_unit(units.get(name, '1'))}"
             for name, (low, high) in constraints.bounds.items()
         ]
-        told.append(f"bounded by the vehicle file: {', '.join(each)}")
-    return tuple(told)
+        sentences.append(f"bounded by the vehicle file: {', '.join(each)}")
+    return tuple(sentences)
 
 
 def _unit(unit: str) -> str:
@@ -179,7 +180,7 @@ def _fixed(
     """``fixed = ["A"]`` holds at the start, ``[fixed] A = 1.0`` gives the value."""
     if isinstance(table, list):
         for name in table:
-            _known(name, units, f"{path}, key fixed")
+            _refuse_unknown(name, units, f"{path}, key fixed")
             if name not in starts:
                 where = f"{path}, key fixed"
                 raise DeclarationError(
@@ -192,7 +193,7 @@ def _fixed(
         table, "fixed", path, 'write [fixed] with NAME = value, or fixed = ["NAME"] at the top'
     ).items():
         where = f"{path}, key fixed.{name}"
-        _known(name, units, where)
+        _refuse_unknown(name, units, where)
         _once(name, starts, where)
         starts[name] = _number(value, units[name], where)
     return tuple(table)
@@ -209,7 +210,7 @@ def _ties(
     entries = _table(table, "tied", path, _TIE)
     for name, entry in entries.items():
         where = f"{path}, key tied.{name}"
-        _known(name, units, where)
+        _refuse_unknown(name, units, where)
         if name in fixed:
             raise DeclarationError(
                 "given twice, also under fixed", where=where, remedy="keep one of the two"
@@ -259,7 +260,7 @@ def _tie(name: str, entry: Any, units: Mapping[str, str], where: str) -> Tie:
                 remedy=_TIE,
             )
         if "parameter" in term:
-            _known(term["parameter"], units, where)
+            _refuse_unknown(term["parameter"], units, where)
             terms.append((term["parameter"], _number(term["factor"], "1", where)))
     if not terms:
         raise DeclarationError(
@@ -280,7 +281,7 @@ def _bounds(
         table, "bounds", path, "write [bounds] with NAME = [low, high]"
     ).items():
         where = f"{path}, key bounds.{name}"
-        _known(name, units, where)
+        _refuse_unknown(name, units, where)
         if name in held:
             raise DeclarationError(
                 "it is fixed or tied", where=where, remedy="leave its bounds out"
@@ -324,7 +325,7 @@ def _table(table: Any, key: str, path: str | Path, remedy: str) -> dict[str, Any
     return table
 
 
-def _known(name: Any, units: Mapping[str, str], where: str) -> None:
+def _refuse_unknown(name: Any, units: Mapping[str, str], where: str) -> None:
     if name not in units:
         raise DeclarationError(
             f"there is no parameter {name!r} to be estimated",
@@ -334,7 +335,7 @@ def _known(name: Any, units: Mapping[str, str], where: str) -> None:
 
 
 def _once(name: str, starts: ChainMap[str, Any], where: str) -> None:
-    """Refuse what the file says in two places; the last map holds what it need not say."""
+    """Refuse a name that the file declares in two tables."""
     if any(name in table for table in starts.maps[:-1]):
         raise DeclarationError(
             f"given twice, also under {STARTS}", where=where, remedy="keep one of the two"
@@ -376,9 +377,7 @@ def is_model_file(name: str | OwnModel) -> bool:
 
 
 def is_own(model: Model) -> bool:
-    """Whether a model is a user's own: its signals mean what its file says, whatever their
-    names.
-    """
+    """Whether a model is a user model, whose file defines the meaning of its signals."""
     return isinstance(model.equations, OwnEquations)
 
 
@@ -400,15 +399,15 @@ def is_of_aircraft(model: Model) -> bool:
 
 
 def inputs_at_rest(model: Model) -> list[float]:
-    """The inputs about which a model is tried: zero unless its file says otherwise."""
+    """Inputs at which a model is tried: zero unless its file declares others."""
     equations = model.equations
     declared = equations.resting_inputs if isinstance(equations, OwnEquations) else {}
     return [declared.get(signal.name, 0.0) for signal in equations.inputs]
 
 
 def moves_about_rest(model: Model) -> bool:
-    """Whether a natural frequency is asked: not of an own model that starts elsewhere than at rest,
-    about which it need not move.
+    """Whether a model has modes about its start: not a user model that starts elsewhere than at
+    rest.
     """
     return not is_own(model) or not (np.any(model.initial.values()) or any(inputs_at_rest(model)))
 
@@ -429,14 +428,13 @@ def unit_in(model: Model, name: str) -> str:
 
 
 def read_user_model(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnModel:
-    """The ``MODEL`` of a user's Python file, which is run once; what the file says of itself
-    becomes the equations' explanation.
+    """Run a user's Python file once and return its ``MODEL``; the file's docstring becomes the
+    explanation.
 
     Raises
     ------
     DeclarationError : no such file, an error in it (with its line), no ``MODEL`` in it, or one that
-    ``own_model`` did not make or that has the
-        name of one ``built_in``.
+        ``own_model`` did not make or that has the name of one ``built_in``.
     """
     source = read_source(path, DeclarationError, WANTED)
     where = str(source.path)
@@ -455,8 +453,9 @@ def read_user_model(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnMode
 
 
 def model_in_memory(model: object, built_in: tuple[str, ...] = ()) -> OwnModel:
-    """A user's own model that was made in Python and stands in no file. Raises DeclarationError as
-    ``read_user_model``.
+    """A user model that was made in Python without a file.
+
+    Raises DeclarationError as ``read_user_model``.
     """
     own = checked_model(model, "model", built_in)
     numbers = repr(
@@ -468,7 +467,7 @@ def model_in_memory(model: object, built_in: tuple[str, ...] = ()) -> OwnModel:
 
 
 def checked_model(model: object, where: str, built_in: tuple[str, ...] = ()) -> Model:
-    """The model, if it is one of a user's own whose names can serve. Raises DeclarationError."""
+    """The model, if it is a user model with allowed names. Raises DeclarationError otherwise."""
     if not isinstance(model, Model) or not is_own(model):
         raise DeclarationError(
             f"its MODEL is of type {type(model).__name__}",
@@ -490,9 +489,7 @@ def checked_model(model: object, where: str, built_in: tuple[str, ...] = ()) -> 
 
 
 def _refuse_unused(model: Model, equations: OwnEquations, source: Source) -> None:
-    """Raise DeclarationError, with its line, for a parameter that no equation has: none asks for
-    it, and nowhere in the file is it spelt as one.
-    """
+    """Raise DeclarationError, with its line, for a parameter that no equation uses."""
     rest = dict(
         zip((signal.name for signal in equations.inputs), inputs_at_rest(model), strict=True)
     )
@@ -502,13 +499,13 @@ def _refuse_unused(model: Model, equations: OwnEquations, source: Source) -> Non
         **rest,
         **{port.name: 0.0 for port in equations.ports},
     }
-    asked = parameters_read(
+    used = parameters_read(
         equations, Starts(signals, {item.name: item.value for item in model.parameters})
     )
     nodes = [*ast.walk(ast.parse(source.content))]
     spelt = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
     for name in model.parameters.free_names:
-        if name not in asked and name not in spelt:
+        if name not in used and name not in spelt:
             lines = [
                 node.lineno
                 for node in nodes
@@ -532,7 +529,7 @@ def own_numbers(own: OwnModel, source: Source) -> tuple[str, Model, Constraints]
     Raises
     ------
     DeclarationError : one line with file, key and remedy: not TOML, an unknown key, a value of the
-    wrong kind or unit or beyond its bounds.
+        wrong kind or unit or beyond its bounds.
     """
     from scenarios.files.schemas import number_in
 
@@ -559,14 +556,14 @@ def own_numbers(own: OwnModel, source: Source) -> tuple[str, Model, Constraints]
     given = {item.name: item for item in own.model.parameters}
     values = {}
     for table, is_free, keys in ((content, False, ""), (starts, True, "derivatives.")):
-        known = [item.name for item in given.values() if item.free is is_free]
+        names = [item.name for item in given.values() if item.free is is_free]
         for key, value in table.items():
             where = f"{path}, key {keys}{key}"
-            if key not in known:
+            if key not in names:
                 raise DeclarationError(
                     "there is no such key",
                     where=where,
-                    remedy=_remedy(key, known, free=is_free, other=key in given),
+                    remedy=_remedy(key, names, free=is_free, other=key in given),
                 )
             values[key] = number_in(value, given[key].unit, where)
     try:
@@ -580,8 +577,8 @@ def own_numbers(own: OwnModel, source: Source) -> tuple[str, Model, Constraints]
 
 
 def channel_units(model: Model) -> Mapping[str, str]:
-    """Channel -> unit inside, of all channels that a record for this model may hold: an own model
-    says itself what its names mean.
+    """Unit of every channel that a record for this model may have; a user model declares its
+    own.
     """
     if not is_own(model):
         return CHANNEL_UNITS
@@ -594,7 +591,7 @@ def channel_units(model: Model) -> Mapping[str, str]:
     }
 
 
-def _remedy(key: str, known: list[str], *, free: bool, other: bool) -> str:
+def _remedy(key: str, allowed: list[str], *, free: bool, other: bool) -> str:
     if other:
         return (
             "it is a constant: put it above [derivatives]"
@@ -602,4 +599,4 @@ def _remedy(key: str, known: list[str], *, free: bool, other: bool) -> str:
             else "it is a parameter: put it under [derivatives]"
         )
     what = "parameters" if free else "constants"
-    return closest(key, known) if known else f"the model has no {what}"
+    return closest(key, allowed) if allowed else f"the model has no {what}"

@@ -67,30 +67,33 @@ OF_TYPICAL = 0.01  # of the largest start, where one is zero
 
 @dataclass(frozen=True)
 class VehicleFile:
-    """What a vehicle file says.
+    """Content of a vehicle file.
 
     Attributes
     ----------
     name : the vehicle's name; the file's where it gives none.
     model : the model it was read for.
     constants : held values in SI. rigid and flexible: ``mass``, ``wing_area``, ``chord``,
-    ``pitch_inertia``, ``airspeed``,
-        ``air_density``; loes: ``airspeed``, ``gravity`` and, if given, ``vane_arm`` (m, ahead of
-        the c.g.); ballistic: ``air_density_reference``, ``density_scale_height``, ``gravity``;
-        lateral and longitudinal: ``LATERAL_CONSTANTS`` and ``LONGITUDINAL_CONSTANTS`` of the
-        equations.
+        ``pitch_inertia``, ``airspeed``, ``air_density``; loes: ``airspeed``, ``gravity`` and, if
+        given, ``vane_arm`` (m, ahead of the c.g.); ballistic: ``air_density_reference``,
+        ``density_scale_height``, ``gravity``; lateral and longitudinal: ``LATERAL_CONSTANTS`` and
+        ``LONGITUDINAL_CONSTANTS`` of the equations.
     derivatives : starting values in SI, per radian (loes: per unit of the stick); of lateral and
-    longitudinal those that are given. modes : for flexible, (number from 1, values) with
-    ``frequency`` rad/s, ``damping``, ``generalized_mass`` kg m2 and the
-        starts ``CL_eta1 CL_etadot1 Cm_eta1 Cm_etadot1 Ceta1_alpha Ceta1_q Ceta1_de Ceta1_eta1
-        Ceta1_etadot1`` of that mode, and the couplings ``Ceta1_eta2 ...`` that the file gives.
+        longitudinal those that are given.
+    modes : for flexible, (number from 1, values) with ``frequency`` rad/s, ``damping``,
+        ``generalized_mass`` kg m2 and the starts ``CL_eta1 CL_etadot1 Cm_eta1 Cm_etadot1
+        Ceta1_alpha Ceta1_q Ceta1_de Ceta1_eta1 Ceta1_etadot1`` of that mode, and the couplings
+        ``Ceta1_eta2 ...`` that the file gives.
     identity : name and hash of the file that was read, None where the values come from elsewhere.
     aircraft_class, flight_phase : as the file has them, None where it does not say: class I to IV,
-    category A to C of MIL-F-8785C. own : a user's own model with these numbers, None for those of
-    ``MODELS``; ``own_file`` is the file that declares it. constraints : parameters that the file
-    fixes, bounds or ties; their starts stand among the derivatives. text : the file as it stands,
-    empty where there is none. uncertainty : standard deviations of constants, in their units (table
-    ``[uncertainty]``); what is not there counts as known.
+        category A to C of MIL-F-8785C.
+    own : a user's own model with these numbers, None for those of ``MODELS``; ``own_file`` is the
+        file that declares it.
+    constraints : parameters that the file fixes, bounds or ties; their starts stand among the
+        derivatives.
+    text : the file as it stands, empty where there is none.
+    uncertainty : standard deviations of constants, in their units (table ``[uncertainty]``); what
+        is not there counts as known.
     """
 
     name: str
@@ -148,9 +151,7 @@ def files_read_unnamed(records: Sequence[RecordFile], vehicle: Path | None) -> t
 
 
 def refuse_unknown_model(model: str | OwnModel, where: str) -> None:
-    """Raise DeclarationError where there is no such model; whether a user's file declares one is
-    for its reader to say.
-    """
+    """Raise DeclarationError for an unknown model name."""
     if model not in MODELS and not is_model_file(model):
         raise DeclarationError(
             f"there is no model {model!r}",
@@ -250,7 +251,7 @@ def _with_uncertainty(vehicle: VehicleFile, source: Source) -> VehicleFile:
         else FAMILIES["rigid" if vehicle.model == "flexible" else vehicle.model][1]
     )
     units = {name: known[name] for name in vehicle.constants if name in known}
-    found = {}
+    sigmas = {}
     for name, given in table.items():
         place = f"{where}.{name}"
         if name not in units:
@@ -269,8 +270,8 @@ def _with_uncertainty(vehicle: VehicleFile, source: Source) -> VehicleFile:
                 where=place,
                 remedy="give one standard deviation, in the constant's own unit or in %",
             )
-        found[name] = sigma
-    return replace(vehicle, uncertainty=found)
+        sigmas[name] = sigma
+    return replace(vehicle, uncertainty=sigmas)
 
 
 def read_any_vehicle(path: str | Path | Source) -> VehicleFile:
@@ -309,7 +310,7 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
     Raises
     ------
     DeclarationError : one line with file, key and remedy: not TOML, an unknown or missing key, a
-    value of the wrong kind, unit or sign.
+        value of the wrong kind, unit or sign.
     """
     if model == AIRCRAFT:
         return aircraft_vehicle(source)
@@ -361,7 +362,7 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
 
 
 def _refuse_other_model(content: Mapping[str, Any], model: str, path: Path) -> None:
-    """Raise DeclarationError for a file whose keys say that it was written for another model."""
+    """Raise DeclarationError for a file whose keys belong to another model."""
     for other, keys in _WRITTEN_FOR.items():
         if all(key in content for key in keys) and model not in _READERS.get(other, (other,)):
             raise DeclarationError(
@@ -389,12 +390,12 @@ def _mode_tables(content: dict[str, Any], path: str | Path) -> list[dict[str, An
     tables = [dict(mode) for mode in modes]
     derivatives = content.get("derivatives")
     if isinstance(derivatives, dict):
-        kept = {}
+        rest = {}
         for key, value in derivatives.items():
-            found = _MODAL_START.fullmatch(key)
-            number = int(found[1] or found[2]) if found else 0
+            match = _MODAL_START.fullmatch(key)
+            number = int(match[1] or match[2]) if match else 0
             if not 1 <= number <= len(tables):
-                kept[key] = value
+                rest[key] = value
                 continue
             if key in tables[number - 1]:
                 raise DeclarationError(
@@ -403,7 +404,7 @@ def _mode_tables(content: dict[str, Any], path: str | Path) -> list[dict[str, An
                     remedy="keep one of the two",
                 )
             tables[number - 1][key] = value
-        content["derivatives"] = kept
+        content["derivatives"] = rest
     return tables
 
 

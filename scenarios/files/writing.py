@@ -1,4 +1,4 @@
-"""Records and results as files, and the study folder that holds them."""
+"""Write records and results as files, and study folders as a whole."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ import numpy as np
 
 from scenarios.files.declarations import TIME
 from scenarios.files.measured.columns import SCHEMA, SIMULATED
-from scenarios.files.sources import escaped, found_json, resolved
+from scenarios.files.sources import escaped, json_or_none, resolved
 from sim.errors import FlightidError
 from sim.record import Record
 
@@ -31,8 +31,9 @@ from sim.record import Record
 
 # characters of a file's name that its temporary one has, so that a long name can be used
 _SHORT = 40
-# a study's outputs over time: its file, and what stands before their names
-RESPONSE, PREDICTED, TRUE = "response", "predicted_", "true_"
+RESPONSE = "response"  # file of a study's outputs over time
+PREDICTED = "predicted_"  # prefix of predicted outputs
+TRUE = "true_"  # prefix of true outputs
 
 
 def write_record(
@@ -95,19 +96,19 @@ def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
     """Write strict JSON: keys sorted, lists of plain values on one line, the same bytes for the
     same content.
 
-    NumPy numbers and arrays, tuples, enums and paths are written as what they hold.
+    NumPy numbers and arrays, tuples, enums and paths are written as their values.
 
     Raises
     ------
     FlightidError : a NaN, an infinity, a None, a key that is no text or an object that JSON does
-    not know; nothing is written.
+        not know; nothing is written.
     """
     write_text(Path(path), json_text(content, str(path)) + "\n")
 
 
 def json_text(content: Mapping[str, Any], where: str = "JSON") -> str:
     """The text that ``write_json`` writes; ``where`` names the file in errors."""
-    return escaped(_laid_out(_plain(content, where, ""), ""))
+    return escaped(_laid_out(_json_value(content, where, ""), ""))
 
 
 def csv_text(header: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
@@ -144,10 +145,10 @@ _DEVICES = frozenset(
 
 
 def unportable(name: str) -> str:
-    """Why a file or folder cannot have this name on every system, as the end of a sentence; empty
-    where it can.
+    """Return why a file or folder cannot have this name on every system, as the end of a sentence;
+    empty if it can.
 
-    Windows refuses some characters, names of devices, and an end of a point or a space.
+    Windows refuses some characters, names of devices, and a final point or space.
     """
     refused = next((letter for letter in name if letter in '<>:"/\\|?*' or ord(letter) < 32), "")
     if refused:
@@ -160,8 +161,8 @@ def unportable(name: str) -> str:
 
 
 def file_stems(names: Sequence[str]) -> dict[str, str]:
-    """For each name a part of a file's name of letters, digits and ``_``; no two differ by upper
-    and lower case alone.
+    """Part of a file name for each name, of letters, digits and ``_``; no two differ only in upper
+    and lower case.
     """
     stems: dict[str, str] = {}
     for name in dict.fromkeys(names):
@@ -172,7 +173,7 @@ def file_stems(names: Sequence[str]) -> dict[str, str]:
     return stems
 
 
-def _plain(value: Any, where: str, key: str) -> Any:
+def _json_value(value: Any, where: str, key: str) -> Any:
     """The value in JSON's own types; ``key`` is the path to it."""
     place = f"{where}, key {key}" if key else where
     if isinstance(value, np.ndarray | np.generic):
@@ -186,11 +187,11 @@ def _plain(value: Any, where: str, key: str) -> Any:
                     f"the key {name!r} is not a text", where=place, remedy="use texts as keys"
                 )
         return {
-            name: _plain(inner, where, f"{key}.{name}" if key else name)
+            name: _json_value(inner, where, f"{key}.{name}" if key else name)
             for name, inner in value.items()
         }
     if isinstance(value, list | tuple):
-        return [_plain(inner, where, f"{key}[{index}]") for index, inner in enumerate(value)]
+        return [_json_value(inner, where, f"{key}[{index}]") for index, inner in enumerate(value)]
     if isinstance(value, Path):
         return str(value)
     if value is None:
@@ -235,8 +236,8 @@ _ENDING = tuple(
 
 
 class _Scratch:
-    """A temporary folder, and two open files set aside: where all others are used up, removing the
-    folder needs them.
+    """A temporary folder, and two spare open files, which its removal needs if all others are used
+    up.
     """
 
     def __init__(self, beside: Path, name: str) -> None:
@@ -267,7 +268,7 @@ def study_folder(path: str | Path, main: str) -> Iterator[Path]:
     Raises
     ------
     FlightidError : ``path`` is a file or cannot be written, or a folder stands where a file of ours
-    should go.
+        should go.
     """
     target = resolved(path)
     if os.path.lexists(target) and not os.path.isdir(target):
@@ -316,7 +317,7 @@ def files_together(named: Path) -> Iterator[Path]:
     Raises
     ------
     FlightidError : the folder cannot be written, or a file of somebody else has the name of one of
-    ours.
+        ours.
     """
     target = named.parent
     made: list[Path] = []
@@ -343,7 +344,7 @@ def files_together(named: Path) -> Iterator[Path]:
 
 
 def _refuse_strangers(scratch: Path, named: Path) -> None:
-    """Raise FlightidError where a file beside the named one is there already and none of ours."""
+    """Raise FlightidError if a file beside the named one exists and is not ours."""
     beside = [named.parent / name for name in sorted(os.listdir(scratch)) if name != named.name]
     ours = {path for path in beside if path.suffix == ".json" and _is_ours(path)}
     for path in (named, *beside):
@@ -363,15 +364,13 @@ def _refuse_strangers(scratch: Path, named: Path) -> None:
 
 
 def _is_ours(path: Path) -> bool:
-    content = found_json(path)
+    content = json_or_none(path)
     return isinstance(content, dict) and str(content.get("schema", "")).startswith("flightid/")
 
 
 @contextmanager
 def _uninterrupted(path: str | Path) -> Iterator[None]:
-    """What would end the process waits until the files are in their place, and then says so: a
-    study is there whole or not at all.
-    """
+    """Delay signals until the files are in their place, so that a study is complete or absent."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -393,13 +392,13 @@ def _uninterrupted(path: str | Path) -> Iterator[None]:
 
 
 def listed_files(main: Path) -> frozenset[str]:
-    """The files that a study's JSON lists as ours; none if it is not a study's or lists nothing."""
-    content = found_json(main)
+    """Files that a study's JSON lists; empty for any other file."""
+    content = json_or_none(main)
     if not isinstance(content, dict) or not str(content.get("schema", "")).startswith("flightid/"):
         return frozenset()
     names = content.get(MANIFEST)
     return (
-        frozenset(name for name in names if isinstance(name, str) and _is_plain(name))
+        frozenset(name for name in names if isinstance(name, str) and _is_bare_name(name))
         if isinstance(names, list)
         else frozenset()
     )
@@ -424,8 +423,8 @@ def _move_in(scratch: Path, target: Path, main: str, made: list[Path]) -> None:
     others = (
         [entry for entry in target.glob("*.json") if entry.name != main] if target.is_dir() else []
     )
-    kept = set(written).union(*(listed_files(entry) for entry in others))
-    stale = listed_files(target / main) - kept
+    listed = set(written).union(*(listed_files(entry) for entry in others))
+    stale = listed_files(target / main) - listed
     _make(target, made)
     for name in sorted(written, key=lambda name: (name == main, name.endswith(".json"), name)):
         if name == main:
@@ -436,9 +435,7 @@ def _move_in(scratch: Path, target: Path, main: str, made: list[Path]) -> None:
 
 
 def _refuse_unportable(names: Sequence[str]) -> None:
-    """Raise ValueError where a study's files cannot all have their names on every system; free
-    names are refused when they are read.
-    """
+    """Raise ValueError if a name of a study's file is not allowed on every system."""
     for name in names:
         if why := unportable(name):
             raise ValueError(f"the name of the file {name!r} {why}")
@@ -459,7 +456,7 @@ def _rename(source: Path, target: Path) -> None:
 
 
 def _make(folder: Path, made: list[Path]) -> None:
-    """Make a folder and its parents, and note those that were not there."""
+    """Create a folder and its parents, and append those that were missing to ``made``."""
     missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     for parent in reversed(missing):
         parent.mkdir(exist_ok=True)
@@ -467,19 +464,19 @@ def _make(folder: Path, made: list[Path]) -> None:
 
 
 def _unmake(made: list[Path]) -> None:
-    """Remove folders that were made and are empty."""
+    """Remove folders that were created and are empty."""
     for folder in reversed(made):
         with contextlib.suppress(OSError):
             folder.rmdir()
 
 
-def _is_plain(name: str) -> bool:
-    """True for a file's bare name: nothing outside the folder may be named by a file in it."""
+def _is_bare_name(name: str) -> bool:
+    """Whether a name has no folder in it: a study's list may only name files inside its folder."""
     return name not in ("", ".", "..") and "/" not in name and "\\" not in name and "\0" not in name
 
 
 def unwritable(path: str | Path, error: OSError) -> FlightidError:
-    """The error for a place that cannot be written, with what the operating system says of it."""
+    """Return the error for a place that cannot be written, with the operating system's reason."""
     remedy = (
         "make room, or name a place on another disk"
         if error.errno in _FULL

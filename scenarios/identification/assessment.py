@@ -12,7 +12,7 @@ import numpy as np
 
 from ident.estimate import Estimate, Outcome
 from ident.flying_qualities.modes import Characteristics
-from ident.recording.series import Certainty, Kind, Number, RecordFinding, shown
+from ident.recording.series import Certainty, FindingQuantity, Kind, RecordFinding, shown
 from ident.statistics.intervals import ProfileInterval, variance_along
 from ident.statistics.noise_levels import input_edges, isolated_wrong
 from ident.statistics.residuals import ResidualTest
@@ -28,7 +28,7 @@ from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.model_checks import Considered
 from scenarios.preparation.declared_model import BETTER
 from scenarios.preparation.filtering import Parted, parts_of, put_together
-from scenarios.preparation.recording import NOTHING_SEEN, RecordCheck, Seen
+from scenarios.preparation.recording import NOTHING_SEEN, HandledFinding, RecordCheck
 from scenarios.report.document import BY_ROW, SIGMAS, Column, Table, estimate, formatted, table
 from scenarios.studies.published import Row
 from sim.declaration.model import Model, System
@@ -308,7 +308,7 @@ def with_outliers(
     return replace(look, seen=(*look.seen, *seen))
 
 
-def _seen(record: Record, name: str, mask: np.ndarray) -> Seen:
+def _seen(record: Record, name: str, mask: np.ndarray) -> HandledFinding:
     times, count = record.time[mask].tolist(), int(np.count_nonzero(mask))
     places = ", ".join(f"{time:.4g} s" for time in times[:PLACES]) + (
         " and so on" if count > PLACES else ""
@@ -320,7 +320,7 @@ def _seen(record: Record, name: str, mask: np.ndarray) -> Seen:
         f"the fit ({places})"
     )
     told += f", up to {shown(float(np.max(away)), channel.unit)} from the middle of the channel"
-    numbers = {"samples": Number(float(count), "1")}
+    numbers = {"samples": FindingQuantity(float(count), "1")}
     finding = RecordFinding(
         name,
         Kind.WILD_POINTS,
@@ -331,7 +331,7 @@ def _seen(record: Record, name: str, mask: np.ndarray) -> Seen:
         numbers,
         mask,
     )
-    return Seen(record.name, finding, "set aside", count)
+    return HandledFinding(record.name, finding, "set aside", count)
 
 
 # ---- Free simulations of records with parameters as estimated

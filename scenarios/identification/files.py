@@ -1,4 +1,4 @@
-"""The study folder of an identification: inputs, responses, figures, and the JSON last."""
+"""Write the study folder of an identification: inputs, responses, figures, and the JSON last."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ident.flying_qualities.levels import Flown, mode_levels
+from ident.flying_qualities.levels import FlightPhase, mode_levels
 from scenarios.files.measured.columns import all_simulated, identities, sidecar_path
 from scenarios.files.sources import InputFile, resolved, versions
 from scenarios.files.writing import (
@@ -62,11 +62,10 @@ def identification_figures(
     data: str = MEASURED_DATA,
     sensor_noise: Mapping[str, float] = MappingProxyType({}),
 ) -> Iterator[Named]:
-    """The figures of an identification: stem of each file, and what draws it; ``measured`` has the
-    channels that were recorded.
+    """Return the figures of an identification: stem of each file and function that draws it.
 
-    ``data``: what the samples are called. ``sensor_noise``: of outputs whose residual is more than
-    it; bands about residuals are drawn with it.
+    ``measured``: recorded channels. ``data``: name of the samples. ``sensor_noise``: standard
+    deviation of outputs whose residual is larger; bands about residuals use it.
     """
     from scenarios.plots.estimates import (
         figure_correlation,
@@ -115,8 +114,8 @@ DRAWS = 60  # of the parameters, for the cloud about the poles
 
 
 def poles_of(found: IdentificationResult) -> tuple[np.ndarray, np.ndarray] | None:
-    """Poles ``(n,)`` of the estimate, 1/s, and ``(DRAWS, n)`` at parameters drawn from its
-    covariance; None where the model is not linearised about a steady motion.
+    """Poles ``(n,)`` of the estimate, 1/s, and ``(DRAWS, n)`` at samples from its covariance; None
+    if the model is not linearised about a steady motion.
     """
     system, estimate = found.system, found.estimate
     if system is None or "altitude" in system.state_names or estimate.outcome not in SETTLED:
@@ -144,10 +143,10 @@ def poles_of(found: IdentificationResult) -> tuple[np.ndarray, np.ndarray] | Non
 def other_records(
     found: IdentificationResult, noise: Mapping[str, float], data: str = MEASURED_DATA
 ) -> Iterator[Named]:
-    """The free simulation of every record but the first: ``fit_2``, ..., and ``held_out``,
-    ``held_out_2``, ... of those that were not fitted.
+    """Simulation of every record but the first: ``fit_2``, ..., and ``held_out``, ``held_out_2``,
+    ... of those that were not fitted.
     """
-    from scenarios.plots.signals import Response, context, figure_fit
+    from scenarios.plots.signals import MethodOutputs, context, figure_fit
 
     count = {True: 0, False: 0}
     for each in found.fits:
@@ -157,7 +156,9 @@ def other_records(
             continue
         word = "held out, only initial states and biases are its own" if each.held_out else "fitted"
         name = f"{'held_out' if each.held_out else 'fit'}{f'_{number}' if number > 1 else ''}"
-        response = Response("free simulation", dict(zip(each.outputs, each.simulated, strict=True)))
+        response = MethodOutputs(
+            "free simulation", dict(zip(each.outputs, each.simulated, strict=True))
+        )
         title = f"{each.record.name}: {found.vehicle.model}, {found.method}\n{word}"
         above = context(each.record, each.outputs)
         yield name, partial(figure_fit, each.record, [response], None, title, noise, data, above)
@@ -170,11 +171,11 @@ def figure_spectra(
     title: str = "",
     data: str = MEASURED_DATA,
 ) -> Figure:
-    """Amplitudes of the recorded and the simulated outputs and of their difference at the record's
-    harmonics; what was fitted is shaded.
+    """Plot amplitudes of recorded and simulated outputs and of their difference at the harmonics of
+    the record; the fitted band is shaded.
 
-    Of a transform over the root of the number of samples, so that white noise has its own standard
-    deviation at every frequency. Angles in degrees.
+    Transforms are divided by the root of the number of samples, so that white noise has its
+    standard deviation at every frequency. Angles in degrees.
     """
     from scenarios.plots.style import (
         LABEL_SIZE,
@@ -233,7 +234,7 @@ SCHEMA = "flightid/comparison/1"
 
 
 def write_identification(identified: Identified, out: Path, *, figures: Formats = USUAL) -> Path:
-    """Write the study into the folder ``out``, whole or not at all; returns the folder."""
+    """Write the study into the folder ``out``, completely or not at all; return the folder."""
     found, measured = identified.found, identified.measured
     made = all_simulated([*identified.files, *identified.validation])
     with study_folder(out, MAIN) as scratch:
@@ -255,10 +256,10 @@ def write_identification(identified: Identified, out: Path, *, figures: Formats 
             _spare_inputs(scratch, out, file.path)
         drawn: tuple[Drawn, ...] = ()
         if figures:
-            from scenarios.plots.drawing import drawn_for_page
+            from scenarios.plots.drawing import draw_for_page
 
             data = SIMULATED_DATA if made else MEASURED_DATA
-            drawn = drawn_for_page(
+            drawn = draw_for_page(
                 identification_figures(found, measured[0], data, estimated_noise(found)),
                 scratch,
                 figures,
@@ -272,9 +273,7 @@ def write_identification(identified: Identified, out: Path, *, figures: Formats 
 
 
 def _spare_inputs(scratch: Path, out: Path, path: Path) -> None:
-    """Refuse to put our copy of the record in the place of the user's, unless it is the same to the
-    byte.
-    """
+    """Refuse to overwrite the user's record by our copy, unless both are identical."""
     for given in (path, sidecar_path(path)):
         ours = scratch / given.name
         if not (given.is_file() and ours.is_file() and resolved(given).parent == resolved(out)):
@@ -290,10 +289,12 @@ def _spare_inputs(scratch: Path, out: Path, path: Path) -> None:
 def identification_content(
     found: IdentificationResult,
     files: Sequence[InputFile],
-    flown: Flown,
+    flown: FlightPhase,
     validation: Sequence[InputFile] = (),
 ) -> dict[str, Any]:
-    """Content of ``comparison.json`` for measured records: no ``true``, no ``published``."""
+    """Return the content of ``comparison.json`` for measured records, without ``true`` and
+    ``published``.
+    """
     content = estimate_content(found.estimate, found.rows, found.derived, found.fixed, found.tests)
     return {
         "schema": SCHEMA,
@@ -356,7 +357,7 @@ def identification_content(
 
 
 def _validated(files: Sequence[InputFile]) -> dict[str, list[str]]:
-    """Names and hashes of the files that were only predicted."""
+    """Names and hashes of the files that were predicted, not fitted."""
     return (
         {
             "validation": [file.name for file in files],

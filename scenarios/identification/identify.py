@@ -16,12 +16,7 @@ from ident.statistics.intervals import ProfileInterval
 from ident.statistics.residuals import ResidualTest, residual_tests
 from ident.whole_record.layout import FitSettings
 from scenarios.files.declarations import CHANNEL_UNITS
-from scenarios.files.measured.columns import (
-    RecordFile,
-    path_of,
-    read_with_validation,
-    refuse_twice,
-)
+from scenarios.files.measured.columns import RecordFile, path_of, read_with_validation, refuse_twice
 from scenarios.files.records import has_clock
 from scenarios.files.user_models import channel_units, constraint_sentences, moves_about_rest
 from scenarios.files.vehicles import (
@@ -85,7 +80,13 @@ from scenarios.preparation.declared_model import (
     outputs_with_bias,
     step_for,
 )
-from scenarios.preparation.plan import BY_HAND, Request, column_choices, flown_of, reading_options
+from scenarios.preparation.plan import (
+    BY_HAND,
+    Request,
+    column_choices,
+    declared_phase,
+    reading_options,
+)
 from scenarios.preparation.plausibility import (
     cruise_caution,
     refuse_still,
@@ -96,7 +97,7 @@ from scenarios.preparation.reading import prepare, refuse_unfit_records
 from scenarios.report.summary import NEXT, residual_phrase
 from scenarios.studies.published import rows_of
 from sim.declaration.compile import compile_model
-from sim.declaration.model import Model, System
+from sim.declaration.model import Model, System, Tie
 from sim.effects.disturbance.airspeed import ATTITUDE, SPEED
 from sim.errors import DeclarationError
 from sim.record import Hold, Record
@@ -104,10 +105,10 @@ from sim.record import Hold, Record
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from ident.flying_qualities.levels import Flown
+    from ident.flying_qualities.levels import FlightPhase
     from scenarios.files.declarations import ColumnChoice
     from scenarios.preparation.plan import Plan
-    from scenarios.preparation.reading import Prepared
+    from scenarios.preparation.reading import PreparedData
 
 
 # ---- Identification of a measured record: no truth, noise levels from the data themselves
@@ -129,23 +130,20 @@ def identify(
     *,
     trusted: bool = False,
 ) -> IdentificationResult:
-    """Estimate a vehicle file's model from a record, or by a whole-record method from it and
-    ``others`` together.
+    """Estimate the parameters of a vehicle file's model from one record or several.
 
-    ``model`` is the vehicle file's with a measured flow among its inputs; None: the file's own.
-    Records ``held_out`` are predicted,
-    less their wild points unless they are ``trusted``.
+    ``model``: the vehicle file's with a measured flow among its inputs; None: the file's own.
+    Records ``held_out`` are predicted, without wild points unless they are ``trusted``.
 
-    Each output but an altitude (of an own model those that it names) gets a bias, each record its
-    own initial state. A filter takes its measurement noise and its start from an output-error fit,
-    its initial state from the first samples, and is iterated from its own result. ``filter-error``
-    puts an aircraft into Dryden turbulence, and forces a falling body by white noise, both of
-    unknown size.
+    Each output except an altitude (of a user model those that it names) has a bias, and each record
+    its own initial state. A filter takes its measurement noise and its start from an output-error
+    fit, its initial state from the first samples, and is iterated. ``filter-error`` models Dryden
+    turbulence of unknown intensity for an aircraft, and white noise for a falling body.
 
     Raises
     ------
     DeclarationError : an unknown method. ModelError : the record has none of the model's outputs.
-    RecordError : a number beyond all measure.
+    RecordError : a number is too large.
     """
     records: Sequence[Record] = [record, *others]
     refuse_method([*records, *held_out], vehicle, method, options, len(records))
@@ -156,34 +154,30 @@ def identify(
         model or model_of_file(vehicle), records, held_out, vehicle, method
     )
     outputs = _measured(model, records)
-    biased = model.with_biases(
-        outputs_with_bias(model, outputs) if vehicle.model != "ballistic" else []
-    )
-    # A common factor of an elastic coordinate is not in the data: only a prior fixes it. Filters
-    # know no bounds.
+    sensors = outputs_with_bias(model, outputs) if vehicle.model != "ballistic" else []
+    biased = model.with_biases(sensors)
+    # Only a prior fixes the common factor of an elastic coordinate. Filters know no bounds.
     settings = FitSettings(step_for(model, records, FIT_STEP), use_priors=bool(vehicle.modes))
     if method == FREQUENCY:
         options = replace(options, band=chosen_band(records, biased, outputs, options.band))
-    bounded, system, estimate, at_bounds = within_bounds(
-        biased,
-        lambda each: estimated_by(records, each, outputs, method, settings, options),
-        kept=method not in FILTERS,
-    )
+
+    def fit(each: Model) -> tuple[System, Estimate]:
+        return estimated_by(records, each, outputs, method, settings, options)
+
+    bounded, system, estimate, at_bounds = within_bounds(biased, fit, kept=method not in FILTERS)
     tests = _tests(records, estimate)
     by_data = estimate
     estimate, considered = consider(
         _started_at(estimate, bounded, begins=bool(vehicle.modes) or method in FILTERS),
         vehicle.uncertainty,
         by_data,
-        lambda each: estimated_by(records, each, outputs, method, settings, options)[1],
+        lambda each: fit(each)[1],
     )
     rows, names = rows_of(estimate), [f"bias_{name}" for name in biased.biases]
-    airborne = (
-        vehicle.model != "ballistic"
-        and moves_about_rest(model)
-        and bool(np.all(np.isfinite(estimate.values)))
-    )
-    flown, compiled = estimate.only(system.parameters.names), compile_model(bounded, outputs)
+    airborne = vehicle.model != "ballistic" and moves_about_rest(model)
+    airborne = airborne and bool(np.all(np.isfinite(estimate.values)))
+    in_system, compiled = estimate.only(system.parameters.names), compile_model(bounded, outputs)
+    cautions = failed(records, estimate, rows, vehicle.derivatives) if method in SIMULATED else ()
     return IdentificationResult(
         record,
         vehicle,
@@ -191,22 +185,18 @@ def identify(
         estimate,
         tuple(row for row in rows if row.name not in names),
         tuple(row for row in rows if row.name in names),
-        _derived(vehicle, system, estimate, flown if airborne else None),
-        {
-            item.name: (item.value, item.unit)
-            for item in biased.parameters
-            if not item.free and item.name not in {tie.name for tie in model.ties}
-        },
+        _derived(vehicle, system, estimate, in_system if airborne else None),
+        _fixed(biased, model.ties),
         tests,
         tuple(others),
         notes=(*(note for note in (said, estimate.message) if note), *_laid_down(vehicle, model)),
         cautions=(
-            *(failed(records, estimate, rows, vehicle.derivatives) if method in SIMULATED else ()),
+            *cautions,
             *cautions_of(vehicle, estimate, rows),
             *sigma_cautions(records, by_data, compiled, tests, [PATH]),
             *considered_sentences(considered),
         ),
-        modes=characteristics(system, flown, SLOW) if airborne else None,
+        modes=characteristics(system, in_system, SLOW) if airborne else None,
         system=system,
         tied=tied_rows(bounded, estimate),
         at_bounds=at_bounds,
@@ -217,6 +207,16 @@ def identify(
         engine=engine_of(method, options),
         considered=considered,
     )
+
+
+def _fixed(model: Model, ties: Sequence[Tie]) -> dict[str, tuple[float, str]]:
+    """Value and unit of each fixed parameter that no tie determines."""
+    tied = {tie.name for tie in ties}
+    return {
+        item.name: (item.value, item.unit)
+        for item in model.parameters
+        if not item.free and item.name not in tied
+    }
 
 
 def _started_at(estimate: Estimate, model: Model, *, begins: bool) -> Model:
@@ -393,7 +393,7 @@ class Identified:
     """
 
     found: IdentificationResult
-    flown: Flown
+    flown: FlightPhase
     measured: tuple[Record, ...]
     files: tuple[RecordFile, ...]
     validation: tuple[RecordFile, ...]
@@ -424,7 +424,7 @@ def identify_files(request: Request, method: str, options: Options = PLAIN) -> I
     )
     beside = vehicle_next_to(request.records[0]) if request.vehicle is None else None
     vehicle = read_vehicle(request.vehicle or beside, request.model)
-    flown = flown_of(request, vehicle)
+    flown = declared_phase(request, vehicle)
     choices = column_choices(
         request, channel_units(vehicle.own) if vehicle.own is not None else CHANNEL_UNITS
     )
@@ -433,7 +433,7 @@ def identify_files(request: Request, method: str, options: Options = PLAIN) -> I
     # A search for maneuvers resamples nothing: a rate is for files that have no clock of their own.
     opening = reading_options(request, opening=True, rate=not has_clock(files[0], choices))
 
-    def identified(plan: Plan, asked: Options) -> tuple[Prepared, IdentificationResult]:
+    def identified(plan: Plan, asked: Options) -> tuple[PreparedData, IdentificationResult]:
         return _identified(vehicle, method, (files, validation), choices, plan, asked, opening)
 
     ready, found = identified(request.plan, options)
@@ -465,7 +465,7 @@ def _identified(
     plan: Plan,
     asked: Options,
     opening: Sequence[str] = (),
-) -> tuple[Prepared, IdentificationResult]:
+) -> tuple[PreparedData, IdentificationResult]:
     """Records prepared by ``plan``, and what a fit to them finds; ``opening``: options of the
     command line that open the files."""
     # The filter of the low-order system has equations of its own, at one speed, and finds the trim
@@ -607,11 +607,11 @@ def _without_outliers(
 
 
 def _read_otherwise(
-    ready: Prepared,
+    ready: PreparedData,
     found: IdentificationResult,
-    again: Callable[[Hold, Options], tuple[Prepared, IdentificationResult]],
+    again: Callable[[Hold, Options], tuple[PreparedData, IdentificationResult]],
     options: Options,
-) -> tuple[Prepared, IdentificationResult]:
+) -> tuple[PreparedData, IdentificationResult]:
     """The identification under the reading of its inputs that the data choose, with what the other
     one changes where they do not choose.
 

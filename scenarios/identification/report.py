@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 
 from ident.estimate import Outcome
-from ident.flying_qualities.levels import Flown, mode_levels
+from ident.flying_qualities.levels import FlightPhase, mode_levels
 from ident.recording.series import measurable_noise
 from ident.statistics.intervals import LEVEL, ProfileInterval
 from ident.statistics.noise_levels import sensor_noise, used_runs
@@ -265,15 +265,15 @@ UNMEASURABLE = "not measurable from this record"
 
 
 def estimated_noise(found: IdentificationResult) -> dict[str, float]:
-    """Sensor noise (SI) of each output whose residual fails a test, where the high frequencies of
-    what free simulations miss show it.
+    """Sensor noise (SI) of each output with coloured residuals, estimated from the high frequencies
+    of the residuals of simulations.
     """
     return {name: level for name, level in _levels(found).items() if level is not None}
 
 
 def _levels(found: IdentificationResult) -> dict[str, float | None]:
-    """The same with None where a record is too short, or its samples are too smooth for a sensor's;
-    never below the rounding of a converter.
+    """The same, None for short records and for samples smoother than a sensor's; never below the
+    rounding of a converter.
     """
     coloured = {test.channel.partition(",")[0] for test in found.tests if not test.passed}
     out: dict[str, float | None] = {}
@@ -323,9 +323,7 @@ def noise_phrase(found: IdentificationResult) -> str:
 
 
 def kept_identification(found: IdentificationResult, plan: Plan) -> KeptModel | None:
-    """The model that an identification leaves; None where its numbers are not finite, and it
-    predicts nothing.
-    """
+    """The model of an identification; None if its numbers are not finite."""
     trained, vehicle, first = found.trained, found.vehicle, found.record
     if trained is None or not np.all(
         np.isfinite([*trained.shared.values(), *trained.own[0].values()])
@@ -362,7 +360,10 @@ def kept_identification(found: IdentificationResult, plan: Plan) -> KeptModel | 
 
 
 def print_identification(
-    found: IdentificationResult, flown: Flown, out: Console | None = None, details: str = BELOW
+    found: IdentificationResult,
+    flown: FlightPhase,
+    out: Console | None = None,
+    details: str = BELOW,
 ) -> None:
     """Print an identification; ``details`` says where else it is to be read."""
     out = out or console()
@@ -478,7 +479,7 @@ SETTLED = (Outcome.CONVERGED, Outcome.AT_BOUND)
 
 def identification_page(
     found: IdentificationResult,
-    flown: Flown,
+    flown: FlightPhase,
     files: Sequence[InputFile],
     validation: Sequence[InputFile] = (),
     drawn: Sequence[Drawn] = (),
@@ -526,7 +527,7 @@ def identification_page(
     )
 
 
-def _found(found: IdentificationResult, flown: Flown) -> list[Block]:
+def _found(found: IdentificationResult, flown: FlightPhase) -> list[Block]:
     blocks: list[Block] = [_estimates("Parameters", found, found.rows)]
     blocks += [estimates_table("Biases of the sensors", found.biases)] if found.biases else []
     blocks += [derived_table("Derived quantities", found.derived)] if found.derived else []

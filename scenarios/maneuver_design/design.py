@@ -1,4 +1,4 @@
-"""A maneuver made as large as its limits allow, and what the aircraft does in it.
+"""Scale a maneuver up to its limits and simulate the response of the aircraft.
 
 Frequency responses that a designed maneuver would give: coherence and random error, before
 flight.
@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ident.frequency_response import LEAST_COHERENCE, Signals, Spectra, estimate_responses
+from ident.frequency_response import LEAST_COHERENCE, EvenSignals, Spectra, estimate_responses
 from ident.frequency_response.estimate import (
     decimated,
     frequencies,
@@ -31,7 +31,7 @@ from ident.maneuver_design import (
     Contest,
     Planned,
     contest,
-    found_by,
+    declared_fit,
     linear_squares,
     price,
     sigmas_of,
@@ -51,12 +51,13 @@ from scenarios.maneuver_design.setting import (
 )
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.model import Model
-from sim.declaration.proposal import Curve, Traceable
+from sim.declaration.proposal import RangedCurve, Traceable
 from sim.effects.library import find_effect
 from sim.errors import DeclarationError, ModelError
 
-# behind a limit of the rate the peak hardly follows the amplitude
-ATTEMPTS, USUALLY, STUBBORN = 16, 4, 3.0
+ATTEMPTS = 16  # most amplitudes tried
+USUALLY = 4  # attempts with a correction in proportion
+STUBBORN = 3.0  # exponent of the corrections after these: at a rate limit the peak hardly changes
 INSIDE = 0.999  # of a limit: a finer simulation differs by less
 TOO_WILD = 0.2  # by which a maneuver whose simulation leaves all measure is made smaller
 
@@ -97,7 +98,7 @@ def within_limits(
     rate = np.array([setting.limits.rate.get(name, np.inf) for name in setting.limits.amplitude])
     scale = min(1.0, start)
     for attempt in range(ATTEMPTS):
-        rows = no_faster(scale * amplitude * shapes, rate, setting.room.interval)
+        rows = no_faster(scale * amplitude * shapes, rate, setting.maneuver_limits.interval)
         planned = setting.planned(rows, quick=quick)
         try:
             motion = simulated(planned, slopes=False)
@@ -133,7 +134,7 @@ def _extremes(setting: Setting, motion: FittedModel) -> dict[str, tuple[float, f
 
 
 def used_shares(setting: Setting, extremes: Mapping[str, tuple[float, float]]) -> dict[str, float]:
-    """The excursion from rest over what its limit allows, of each output that has a limit."""
+    """Excursion from rest divided by its limit, of each output with a limit."""
     shares = {}
     for name, (low, high) in extremes.items():
         least, most = setting.limits.outputs.get(name, (-np.inf, np.inf))
@@ -153,15 +154,16 @@ NEED = 0.5  # random error from which a response says nothing
 
 
 @dataclass(frozen=True, eq=False)
-class Predicted:
+class PredictedResponses:
     """Responses of m outputs to q inputs at F frequencies, expected of one flight.
 
     Attributes
     ----------
-    frequency : Hz, ``(F,)``. inputs, outputs : names.
+    frequency : Hz, ``(F,)``.
+    inputs, outputs : names.
     coherence : ``(m, q, F)``, partial where there are several inputs, mean over draws.
-    random_error : ``(m, q, F)``, of the magnitude, median over draws.
-    usable : ``(m, q)``, share of the band, in its logarithm, with a coherence of 0.6 or more.
+    random_error : ``(m, q, F)``, of the magnitude, median over draws. usable : ``(m, q)``, share of
+        the band, in its logarithm, with a coherence of 0.6 or more.
     """
 
     frequency: np.ndarray
@@ -181,13 +183,13 @@ class Predicted:
         return float(np.exp(np.mean(np.log(np.minimum(self.random_error, NEED)))))
 
 
-def predicted_responses(setting: Setting, flight: LimitedManeuver) -> Predicted:
+def predicted_responses(setting: Setting, flight: LimitedManeuver) -> PredictedResponses:
     """The responses that a flight of a maneuver over the setting's band would give."""
-    assert setting.room.band is not None
-    low, high = (omega / (2.0 * math.pi) for omega in setting.room.band)
+    assert setting.maneuver_limits.band is not None
+    low, high = (omega / (2.0 * math.pi) for omega in setting.maneuver_limits.band)
     names = tuple(flight.motion.system.output_names)
     clean = np.array(flight.motion.fit.lines[0].y)
-    duration = clean.shape[1] * setting.room.interval
+    duration = clean.shape[1] * setting.maneuver_limits.interval
     windows = window_lengths([duration], low)
     low = max(low, lowest_frequency(windows))
     at = frequencies(low, high)
@@ -196,12 +198,16 @@ def predicted_responses(setting: Setting, flight: LimitedManeuver) -> Predicted:
     coherence, errors = [], []
     for _ in range(DRAWS):
         measured = clean + noise * rng.standard_normal(clean.shape)
-        records, _ = decimated([Signals(setting.room.interval, flight.rows, measured)], high)
-        found = estimate_responses(records, at, Spectra(windows))
-        coherence.append(found.partial_coherence)
-        errors.append(found.random_error)
+        records, _ = decimated(
+            [EvenSignals(setting.maneuver_limits.interval, flight.rows, measured)], high
+        )
+        responses = estimate_responses(records, at, Spectra(windows))
+        coherence.append(responses.partial_coherence)
+        errors.append(responses.random_error)
     inputs = tuple(setting.rest)
-    return Predicted(at, inputs, names, np.mean(coherence, axis=0), np.median(errors, axis=0))
+    return PredictedResponses(
+        at, inputs, names, np.mean(coherence, axis=0), np.median(errors, axis=0)
+    )
 
 
 # ---- The effects that are to be told apart
@@ -211,15 +217,15 @@ RANGE = ("low", "high")  # of a curve
 HALVINGS = 24
 
 
-def rivals_of(asked: DesignRequest, model: Model) -> tuple[Traceable, ...]:
-    """The effects named by ``--tell``.
+def rivals_of(request: DesignRequest, model: Model) -> tuple[Traceable, ...]:
+    """Effects named by ``--tell``.
 
     Raises
     ------
     DeclarationError : fewer than two, the same twice, one that cannot act on the model or has no
-    simulation that could be compared.
+        simulation that could be compared.
     """
-    names = list(asked.tell)
+    names = list(request.tell)
     if not names:
         return ()
     if not 2 <= len(names) <= MOST or len(set(names)) < len(names):
@@ -228,7 +234,7 @@ def rivals_of(asked: DesignRequest, model: Model) -> tuple[Traceable, ...]:
             where="--tell",
             remedy=f"name two different effects, {MOST} at most: --tell A,B",
         )
-    found = []
+    rivals = []
     for name in names:
         try:
             effect = find_effect(name, model.equations)
@@ -247,29 +253,29 @@ def rivals_of(asked: DesignRequest, model: Model) -> tuple[Traceable, ...]:
                 where="--tell",
                 remedy="name effects that it lacks",
             )
-        found.append(effect)
-    return tuple(found)
+        rivals.append(effect)
+    return tuple(rivals)
 
 
-def sized(asked: DesignRequest, effect: Traceable, reference: Planned) -> Acting:
+def sized(request: DesignRequest, effect: Traceable, reference: Planned) -> Acting:
     """The first effect as it acts: at the values of ``--size``, at typical ones, or where the
     reference maneuver just finds it.
     """
     typical = {item.name: item.value for item in effect.parameters}
-    if asked.size == TYPICAL:
+    if request.size == TYPICAL:
         return Acting(effect, typical)
-    if asked.size == JUST_FOUND:
-        return just_found(effect, reference)
+    if request.size == JUST_FOUND:
+        return barely_detectable(effect, reference)
     units = {item.name: item.unit for item in effect.parameters} | (
-        {name: _unit(effect) for name in RANGE} if isinstance(effect, Curve) else {}
+        {name: _unit(effect) for name in RANGE} if isinstance(effect, RangedCurve) else {}
     )
-    given = numbers_of([asked.size], units, "--size")
+    given = numbers_of([request.size], units, "--size")
     over = {name: given.pop(name) for name in RANGE if name in given}
     form = replace(effect, **over) if over else effect  # type: ignore[type-var]
     return Acting(form, {**typical, **given})
 
 
-def just_found(effect: Traceable, reference: Planned) -> Acting:
+def barely_detectable(effect: Traceable, reference: Planned) -> Acting:
     """The effect between absence and its typical values, where its expected gain is what the loop
     asks of an addition.
 
@@ -290,7 +296,7 @@ def just_found(effect: Traceable, reference: Planned) -> Acting:
         return Acting(effect, values)
 
     low, high = 0.0, 2.0
-    if 2.0 * found_by(reference, at(high))[1].fit.cost < bar:
+    if 2.0 * declared_fit(reference, at(high))[1].fit.cost < bar:
         raise DeclarationError(
             f"{effect.name} is not found at twice its usual size",
             where="--size found",
@@ -300,7 +306,7 @@ def just_found(effect: Traceable, reference: Planned) -> Acting:
         middle = 0.5 * (low + high)
         low, high = (
             (low, middle)
-            if 2.0 * found_by(reference, at(middle))[1].fit.cost > bar
+            if 2.0 * declared_fit(reference, at(middle))[1].fit.cost > bar
             else (middle, high)
         )
         if high - low < 1e-3 * high:
@@ -312,10 +318,10 @@ def mimicking(reference: Planned, true: Acting, rival: Traceable) -> Acting:
     """The rival at the values with which it looks most like the true effect; typical ones where it
     cannot.
     """
-    found = contest(reference, true, rival)
-    if found.found - found.left < 0.5 * ODDS_COST:
+    result = contest(reference, true, rival)
+    if result.gain - result.left < 0.5 * ODDS_COST:
         return Acting(rival, {item.name: item.value for item in rival.parameters})
-    return found.rival
+    return result.rival
 
 
 def contests(planned: Planned, acting: Sequence[Acting]) -> tuple[Contest, ...]:
@@ -359,7 +365,7 @@ class DesignedManeuver:
     sigmas: Mapping[str, float]
     criterion: float
     contests: tuple[Contest, ...] = ()
-    responses: Predicted | None = None
+    responses: PredictedResponses | None = None
 
     @property
     def chance(self) -> float:
@@ -385,7 +391,7 @@ class DesignResult:
     with their values.
     """
 
-    asked: DesignRequest
+    request: DesignRequest
     setting: Setting
     maneuvers: tuple[DesignedManeuver, ...]
     acting: tuple[Acting, ...] = ()
@@ -408,7 +414,7 @@ def design(
     setting = setting_of(asked)
     effects = rivals_of(asked, setting.model)
     acting = _acting(asked, effects, _reference(setting)) if effects else ()
-    found = []
+    designed = []
     able = [kind for kind in KINDS if kind in asked.flown.kinds]
     kinds = [kind for kind in able if asked.band is None or kind in OVER_A_BAND]
     for number, kind in enumerate(kinds):
@@ -419,21 +425,19 @@ def design(
             else _over_the_band(setting, kind)
         )
         if best is not None:
-            found.append(_weighed(setting, kind, *best, acting))
-    if not found:
+            designed.append(_weighed(setting, kind, *best, acting))
+    if not designed:
         raise DeclarationError(
             "no kind of maneuver has room", where="--duration", remedy="give a longer one"
         )
-    return DesignResult(asked, setting, tuple(sorted(found, key=_rank)), acting)
+    return DesignResult(asked, setting, tuple(sorted(designed, key=_rank)), acting)
 
 
 def _over_the_band(setting: Setting, kind: str) -> tuple[float, np.ndarray, LimitedManeuver] | None:
-    """Pace, shapes and flight of one kind over the band that is asked for; None where it has no
-    room.
-    """
-    assert setting.room.band is not None
-    pace = np.pi / setting.room.band[1]
-    shapes = KINDS[kind](setting.room, pace)
+    """Pace, shapes and flight of one kind over the requested band; None if there is no time."""
+    assert setting.maneuver_limits.band is not None
+    pace = np.pi / setting.maneuver_limits.band[1]
+    shapes = KINDS[kind](setting.maneuver_limits, pace)
     return None if shapes is None else (pace, shapes, within_limits(setting, shapes, quick=True))
 
 
@@ -444,11 +448,9 @@ def _rank(maneuver: DesignedManeuver) -> tuple[float, float, float]:
 
 
 def _reference(setting: Setting) -> LimitedManeuver:
-    """A 3-2-1-1 as the roots ask for, in which sizes are found that look alike; slower ones may
-    have no room.
-    """
+    """A 3-2-1-1 with the pace of the eigenvalues, which defines equal sizes of effects."""
     for share in (1.0, 0.63, 0.4, 0.25):
-        shapes = KINDS[REFERENCE](setting.room, _sampled(setting, share))
+        shapes = KINDS[REFERENCE](setting.maneuver_limits, _sampled(setting, share))
         if shapes is not None:
             return within_limits(setting, shapes)
     raise DeclarationError(
@@ -457,10 +459,10 @@ def _reference(setting: Setting) -> LimitedManeuver:
 
 
 def _acting(
-    asked: DesignRequest, effects: Sequence[Traceable], reference: LimitedManeuver
+    request: DesignRequest, effects: Sequence[Traceable], reference: LimitedManeuver
 ) -> tuple[Acting, ...]:
     try:
-        first = sized(asked, effects[0], reference.planned)
+        first = sized(request, effects[0], reference.planned)
         return (first, *(mimicking(reference.planned, first, other) for other in effects[1:]))
     except ModelError as error:
         raise DeclarationError(
@@ -471,21 +473,19 @@ def _acting(
 
 
 def _sampled(setting: Setting, share: float) -> float:
-    """A pace that is a whole number of samples and no shorter than can be flown, s."""
-    interval = setting.room.interval
-    least = math.ceil(setting.flown.shortest_step / interval - 1e-9)
-    return max(1, least, round(share * setting.room.pulse / interval)) * interval
+    """A pace that is a whole number of samples and not too short to fly, s."""
+    interval = setting.maneuver_limits.interval
+    least = math.ceil(setting.flyer.shortest_step / interval - 1e-9)
+    return max(1, least, round(share * setting.maneuver_limits.pulse / interval)) * interval
 
 
 def _best_pace(
     setting: Setting, kind: str, acting: Sequence[Acting]
 ) -> tuple[float, np.ndarray, LimitedManeuver] | None:
-    """Pace, shapes and flight of one kind that serves best by the quick criterion; None where none
-    has room.
-    """
+    """Pace, shapes and flight of one kind with the best criterion; None if there is no time."""
     best, least = None, np.inf
     for pace in dict.fromkeys(_sampled(setting, share) for share in PACES):
-        shapes = KINDS[kind](setting.room, pace)
+        shapes = KINDS[kind](setting.maneuver_limits, pace)
         if shapes is None:
             continue
         try:
@@ -512,14 +512,18 @@ def _weighed(
 ) -> DesignedManeuver:
     flight = within_limits(setting, shapes, start=quick.scale, bound_by=quick.bound_by)
     sigmas = sigmas_of(flight.motion.fit)
-    responses = predicted_responses(setting, flight) if setting.room.band is not None else None
-    told = contests(flight.planned, acting) if acting else ()
-    return DesignedManeuver(kind, pace, flight, sigmas, _criterion(flight), told, responses)
+    responses = (
+        predicted_responses(setting, flight) if setting.maneuver_limits.band is not None else None
+    )
+    contest_results = contests(flight.planned, acting) if acting else ()
+    return DesignedManeuver(
+        kind, pace, flight, sigmas, _criterion(flight), contest_results, responses
+    )
 
 
 def _criterion(flight: LimitedManeuver) -> float:
-    """Geometric mean of sigma over value of what is determined to better than its value: the lower,
-    the better.
+    """Geometric mean of sigma over value, of parameters with a sigma below their value: lower is
+    better.
     """
     sigmas = sigmas_of(flight.motion.fit)
     parameters = flight.motion.model.parameters

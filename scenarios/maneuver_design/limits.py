@@ -1,4 +1,4 @@
-"""What a maneuver must not exceed: limits of the motion, of a pilot and of an actuator."""
+"""Limits of a maneuver: of the motion, of a pilot and of an actuator."""
 
 from __future__ import annotations
 
@@ -26,13 +26,17 @@ ENGINE_RISE = 1.0  # s, from the trim to the largest thrust; chosen
 
 @dataclass(frozen=True)
 class Flyer:
-    """Who moves the controls, and what they can do.
+    """Pilot or computer that moves the controls, with its limits.
 
     Attributes
     ----------
-    name : as a sentence has it. kinds : maneuvers that can be flown.
-    shortest_step : s. fastest : Hz, of a sweep. longest_sweep : s, without a rest.
-    rest : s, between maneuvers. rise : s, from rest to the full amplitude.
+    name : as a sentence has it.
+    kinds : maneuvers that can be flown.
+    shortest_step : s.
+    fastest : Hz, of a sweep.
+    longest_sweep : s, without a rest.
+    rest : s, between maneuvers.
+    rise : s, from rest to the full amplitude.
     """
 
     name: str
@@ -77,8 +81,9 @@ USUAL: Mapping[str, tuple[float, float]] = {
         for name, size in {"q": 25.0, "beta": 10.0, "p": 60.0, "r": 20.0, "phi": 60.0}.items()
     },
 }
-# either side of the trim; of the airspeed a share
-ANGLE_OF_ATTACK, PITCH, SPEED = 8.0 * DEGREE, 20.0 * DEGREE, 0.1
+ANGLE_OF_ATTACK = 8.0 * DEGREE  # rad, on either side of the trim
+PITCH = 20.0 * DEGREE  # rad, on either side of the trim
+SPEED = 0.1  # share of the airspeed, on either side
 DEFLECTION = 5.0 * DEGREE
 THRUST = 0.05  # of the weight
 
@@ -95,15 +100,16 @@ class Limits:
 
 
 def offset_of(model: Model, output: str) -> float:
-    """What is added to an output of the model to have the total: of a load factor of perturbations
-    the weight.
+    """Difference of the total from the model's output: the weight for a load factor of
+    perturbations.
     """
     return 1.0 if output == "nz" and not of_totals(model) else 0.0
 
 
 def usual_limits(model: Model, rest: Mapping[str, float]) -> Limits:
-    """Limits where nobody names any. ``rest`` : outputs in trim. A user's own model has those of
-    channels that it calls the same.
+    """Default limits.
+
+    ``rest`` : outputs in trim. A user model has those of channels with the same names.
     """
     outputs: dict[str, tuple[float, float]] = {}
     for signal in model.equations.outputs:
@@ -135,21 +141,21 @@ def limits_of(given: Path | Mapping[str, Any] | None, model: Model, usual: Limit
     Raises
     ------
     DeclarationError : a key that there is not, a value of a wrong kind, unit or sign, a lowest
-    above a highest.
+        above a highest.
     """
     if given is None:
         return usual
     where = str(given) if isinstance(given, Path) else "limits"
     content = read_toml(given) if isinstance(given, Path) else dict(given)
-    known = _keys(model)
+    keys = _keys(model)
     outputs, amplitude, rate = dict(usual.outputs), dict(usual.amplitude), dict(usual.rate)
-    found: dict[str, dict[str, float]] = {}
+    result: dict[str, dict[str, float]] = {}
     for key, value in content.items():
-        if key not in known:
+        if key not in keys:
             raise DeclarationError(
-                "there is no such key", where=f"{where}, key {key}", remedy=closest(key, known)
+                "there is no such key", where=f"{where}, key {key}", remedy=closest(key, keys)
             )
-        name, kind, unit = known[key]
+        name, kind, unit = keys[key]
         number = number_in(value, unit, f"{where}, key {key}")
         if kind in ("amplitude", "rate"):
             if number <= 0.0:
@@ -160,8 +166,8 @@ def limits_of(given: Path | Mapping[str, Any] | None, model: Model, usual: Limit
                 )
             (amplitude if kind == "amplitude" else rate)[name] = number
         else:
-            found.setdefault(name, {})[kind] = number
-    for name, ends in found.items():
+            result.setdefault(name, {})[kind] = number
+    for name, ends in result.items():
         low, high = outputs.get(name, (-np.inf, np.inf))
         high = ends.get("max", high)
         # A pull-up's limit says nothing of a push-over's; an angle's or a rate's holds to both
@@ -180,7 +186,7 @@ def limits_of(given: Path | Mapping[str, Any] | None, model: Model, usual: Limit
 
 
 def _keys(model: Model) -> dict[str, tuple[str, str, str]]:
-    """Key -> channel, what it limits, and its unit."""
+    """Key -> channel, limited quantity, and unit."""
     out: dict[str, tuple[str, str, str]] = {}
     for signal in model.equations.outputs:
         out |= {f"{signal.name}_{end}": (signal.name, end, signal.unit) for end in ("min", "max")}
@@ -200,7 +206,7 @@ def _usual_amplitude(model: Model, name: str, unit: str) -> float:
     return 1.0
 
 
-def with_usual_rates(limits: Limits, model: Model, flown: Flyer) -> Limits:
+def with_usual_rates(limits: Limits, model: Model, flyer: Flyer) -> Limits:
     """The limits with a rate for each input that has none: of the actuator or of the hand,
     whichever is lower; none of an input that neither limits.
     """
@@ -213,15 +219,15 @@ def with_usual_rates(limits: Limits, model: Model, flown: Flyer) -> Limits:
             if unit_in(model, name) == "rad"
             else np.inf
         )
-        lower = min(actuator, size / flown.rise if flown.rise else np.inf)
+        lower = min(actuator, size / flyer.rise if flyer.rise else np.inf)
         if name not in rates and np.isfinite(lower):
             rates[name] = lower
     return replace(limits, rate=rates)
 
 
 def no_faster(rows: np.ndarray, rate: np.ndarray, interval: float) -> np.ndarray:
-    """Samples ``(inputs, N)`` that follow ``rows`` and change by no more than ``rate (inputs,)`` in
-    a second.
+    """Samples ``(inputs, N)`` that follow ``rows`` with a rate of at most ``rate (inputs,)`` per
+    second.
     """
     out = rows.copy()
     if not np.any(np.isfinite(rate)):

@@ -34,7 +34,7 @@ from scenarios.maneuver_design.tables import (
     sigmas_table,
     units_shown,
 )
-from scenarios.plots import drawn_in
+from scenarios.plots import draw_into
 from scenarios.report.document import (
     Bullets,
     Page,
@@ -61,7 +61,7 @@ LEAST = 0.05  # chance, below which no maneuver is said to decide
 
 
 def design_text(design: DesignResult, width: int = WIDTH, details: str = BELOW) -> str:
-    """What a terminal of this width shows."""
+    """Text of the design for a terminal of this width."""
     lines = [*summary_lines(summary_of(design, details), width), ""]
     lines += table_as_lines(replace(maneuvers_table(design), caption=_title(design)), width)
     if design.setting.limits.outputs:
@@ -78,21 +78,21 @@ def design_text(design: DesignResult, width: int = WIDTH, details: str = BELOW) 
             "or more, and random error"
         )
         lines += ["", *table_as_lines(responses_table(design, caption), width)]
-    for note in (*notes_of(design), f"command: {design.asked.command()}"):
+    for note in (*notes_of(design), f"command: {design.request.command()}"):
         lines += wrapped(note, width)
     return "\n".join(lines) + "\n"
 
 
 def summary_of(design: DesignResult, details: str = BELOW) -> Summary:
-    """Vehicle and limits; the best maneuver; what it tells and how far it goes."""
+    """Summary: vehicle and limits; the best maneuver; its sigmas and peaks."""
     setting, best = design.setting, design.best
-    seconds = setting.room.time[-1]
+    seconds = setting.maneuver_limits.time[-1]
     count = len(design.maneuvers)
     kinds = "one kind" if count == 1 else f"{count} kinds"
     vehicle = vehicle_with_file(setting.vehicle.name, setting.vehicle.identity)
     study = (
         f"{vehicle}, {setting.model.name} model: {kinds} of maneuver flown by "
-        f"{setting.flown.name}, {seconds:g} s at {setting.rate:g} Hz"
+        f"{setting.flyer.name}, {seconds:g} s at {setting.rate:g} Hz"
     )
     return Summary(
         study,
@@ -119,10 +119,10 @@ def _title(design: DesignResult) -> str:
         return (
             "maneuvers over the band within the limits, the one with the least random errors first"
         )
-    told = "; log likelihood and chance are the least over who acts" if design.acting else ""
+    remark = "; log likelihood and chance are the least over who acts" if design.acting else ""
     return (
         "maneuvers of equal amplitude and duration, within the limits, the best first; mean sigma: "
-        f"geometric mean of sigma over value{told}"
+        f"geometric mean of sigma over value{remark}"
     )
 
 
@@ -160,13 +160,13 @@ def design_content(design: DesignResult) -> dict[str, Any]:
         "verdict": verdict_of(design),
         "best": design.best.kind,
         "chance": design.best.chance,
-        "command": design.asked.command(),
+        "command": design.request.command(),
         "tell": [_acting(each) for each in design.acting],
         "maneuvers": [maneuver_content(design, each) for each in design.maneuvers],
-        "duration": float(setting.room.time[-1]),
+        "duration": float(setting.maneuver_limits.time[-1]),
         "rate": setting.rate,
         "hold": "previous",
-        "flown_by": setting.flown.name,
+        "flown_by": setting.flyer.name,
         "noise": dict(setting.noise),
         "trim": dict(setting.rest),
         "limits": {
@@ -191,7 +191,7 @@ def design_content(design: DesignResult) -> dict[str, Any]:
 
 
 def maneuver_content(design: DesignResult, maneuver: DesignedManeuver) -> dict[str, Any]:
-    """One kind: pace, peaks, expected sigmas (those that are finite), and what it says of the
+    """JSON content of one maneuver: pace, peaks, expected sigmas (finite ones), and results on the
     effects.
     """
     content: dict[str, Any] = {
@@ -206,20 +206,20 @@ def maneuver_content(design: DesignResult, maneuver: DesignedManeuver) -> dict[s
         "sigmas": {name: std for name, std in maneuver.sigmas.items() if math.isfinite(std)},
     }
     if maneuver.responses is not None:
-        found = maneuver.responses
+        result = maneuver.responses
         content["responses"] = {
-            "frequency_Hz": found.frequency.tolist(),
-            "mean_random_error": found.criterion,
+            "frequency_Hz": result.frequency.tolist(),
+            "mean_random_error": result.criterion,
             "pairs": [
                 {
                     "output": output,
                     "input": name,
-                    "usable": float(found.usable[m, q]),
-                    "coherence": found.coherence[m, q].tolist(),
-                    "random_error": found.random_error[m, q].tolist(),
+                    "usable": float(result.usable[m, q]),
+                    "coherence": result.coherence[m, q].tolist(),
+                    "random_error": result.random_error[m, q].tolist(),
                 }
-                for m, output in enumerate(found.outputs)
-                for q, name in enumerate(found.inputs)
+                for m, output in enumerate(result.outputs)
+                for q, name in enumerate(result.inputs)
             ],
         }
     if maneuver.contests:
@@ -247,7 +247,7 @@ def _contest(contest: Contest) -> dict[str, Any]:
     return {
         "acts": _acting(contest.true),
         "rival": _acting(contest.rival),
-        "gain_over_none": contest.found,
+        "gain_over_none": contest.gain,
         "log_likelihood": d.log_likelihood,
         "std": 0.5 * d.std,
         "price": d.price,
@@ -297,7 +297,7 @@ def design_figures(design: DesignResult) -> Iterator[Named]:
         "maneuvers",
         partial(
             figure_maneuvers,
-            setting.room.time,
+            setting.maneuver_limits.time,
             courses,
             {**limits, **setting.limits.outputs},
             units_shown(design),
@@ -315,9 +315,9 @@ RULE = (
 )
 
 
-def design_page(design: DesignResult, drawn: Sequence[Drawn] = ()) -> Page:
-    """The page of a design with the figures ``drawn``."""
-    setting, told = design.setting, bool(design.acting)
+def design_page(design: DesignResult, figure_files: Sequence[Drawn] = ()) -> Page:
+    """The page of a design with the figures ``figure_files``."""
+    setting, with_rivals = design.setting, bool(design.acting)
     word, _, rest = verdict_of(design).partition(": ")
     inputs = [
         (use, file.name, file.sha256)
@@ -329,14 +329,15 @@ def design_page(design: DesignResult, drawn: Sequence[Drawn] = ()) -> Page:
     ]
     return Page(
         title=f"{setting.vehicle.name}: maneuver design",
-        kind=f"{setting.model.name} model, {setting.room.time[-1]:g} s at {setting.rate:g} Hz",
+        kind=f"{setting.model.name} model, {setting.maneuver_limits.time[-1]:g} s at "
+        f"{setting.rate:g} Hz",
         verdict=capital(word.lower()),
-        tone="open" if told and design.best.chance < LEAST else "good",
+        tone="open" if with_rivals and design.best.chance < LEAST else "good",
         sentence=as_sentence(rest),
         summary=(),
         warnings=(),
         sections=(
-            *section("Figures", *figures(drawn)),
+            *section("Figures", *figures(figure_files)),
             *section("Maneuvers", maneuvers_table(design)),
             *(
                 section("Margins to the limits", margins_table(design, f"The {design.best.kind}"))
@@ -349,7 +350,7 @@ def design_page(design: DesignResult, drawn: Sequence[Drawn] = ()) -> Page:
                     contest_table(design, f"The {design.best.kind}"),
                     Prose(f"{RULE}.", "note"),
                 )
-                if told
+                if with_rivals
                 else ()
             ),
             *section(
@@ -361,7 +362,7 @@ def design_page(design: DesignResult, drawn: Sequence[Drawn] = ()) -> Page:
                 "Assumptions", Bullets(tuple(map(as_sentence, map(capital, notes_of(design)))))
             ),
         ),
-        reproduction=reproduction(shlex.split(design.asked.command()), "", inputs),
+        reproduction=reproduction(shlex.split(design.request.command()), "", inputs),
         created=now(),
     )
 
@@ -385,8 +386,8 @@ def write_design(design: DesignResult, folder: str | Path, *, figures: Formats =
         for each in design.maneuvers:
             write_maneuver(scratch, each, f"{FLOWN}_{each.kind}")
         write_text(scratch / f"{EXPECTED}.csv", _expected(design))
-        drawn = drawn_in(scratch, design_figures(design), figures)
-        write_page(scratch, design_page(design, drawn))
+        figure_files = draw_into(scratch, design_figures(design), figures)
+        write_page(scratch, design_page(design, figure_files))
         write_json(scratch / MAIN, design_content(design))
     return Path(folder)
 
@@ -397,7 +398,7 @@ def input_of(maneuver: DesignedManeuver) -> Record:
 
 
 def write_maneuver(folder: Path, maneuver: DesignedManeuver, stem: str = FLOWN) -> None:
-    """Write the inputs of a maneuver as ``stem.csv`` and what they mean as ``stem.json``."""
+    """Write the inputs of a maneuver as ``stem.csv`` and their meaning as ``stem.json``."""
     write_record(folder, input_of(maneuver), stem, simulated=True)
 
 
@@ -407,7 +408,7 @@ def _expected(design: DesignResult) -> str:
     """
     flight = design.best.flight
     columns = {
-        TIME: design.setting.room.time,
+        TIME: design.setting.maneuver_limits.time,
         **{channel.name: channel.values for channel in flight.planned.record.inputs},
     }
     columns |= dict(

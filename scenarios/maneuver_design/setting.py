@@ -14,7 +14,7 @@ import numpy as np
 from ident.maneuver_design import Planned
 from ident.whole_record.layout import FitSettings
 from scenarios.files.declarations import closest
-from scenarios.files.formats.cells import plain_number
+from scenarios.files.formats.cells import number_of_text
 from scenarios.files.schemas import number_in
 from scenarios.files.sources import Source
 from scenarios.files.user_models import OwnModel, channel_units, inputs_at_rest, is_own, unit_in
@@ -57,8 +57,7 @@ TYPICAL, JUST_FOUND = "typical", "found"
 
 @dataclass(frozen=True, eq=False)
 class DesignRequest:
-    """What is asked. Texts are as they are typed, ``NAME=VALUE``, values with a unit where they
-    have another than SI.
+    """Request of a maneuver design. Texts are as typed, ``NAME=VALUE``, with units unless SI.
 
     Attributes
     ----------
@@ -87,7 +86,7 @@ class DesignRequest:
     command_names: Mapping[str, str] = field(default_factory=dict)
 
     def command(self) -> str:
-        """What is typed for it."""
+        """Command line of the request."""
         words = ["flightid", "design", "--model", self.command_names.get("model", str(self.model))]
         vehicle = self.command_names.get(
             "vehicle", str(self.vehicle) if isinstance(self.vehicle, Path) else ""
@@ -122,15 +121,13 @@ MOST_HARMONICS = 60  # of all inputs together
 
 
 @dataclass(frozen=True)
-class Room:
-    """Where maneuvers have room: sample times ``(N,)`` in s, a ``pulse`` (s) that the roots ask
-    for, and the number of inputs.
+class ManeuverLimits:
+    """Time and bandwidth available to maneuvers.
 
-    The first and last two pulses are rest: the trim shows, and the motion dies out.
-    ``corners`` : rad/s of each input, above which a sine of full amplitude is faster than the limit
-    of its rate: limit over amplitude; empty where no rate is limited. ``band`` : rad/s, of sweeps
-    and multisines; None follows the pace. ``longest_sweep``, ``rest`` : s, of one sweep, and
-    between steps.
+    ``time (N,)`` in s; ``pulse`` (s), from the eigenvalues; number of ``inputs``; ``rest`` (s)
+    between maneuvers. The first and last two pulses are rest, which shows the trim. ``corners``:
+    rad/s of each input, above which a sine of full amplitude exceeds its rate limit. ``band``:
+    rad/s, of sweeps and multisines; ``longest_sweep`` in s.
     """
 
     time: np.ndarray
@@ -170,74 +167,76 @@ Shapes = np.ndarray | None
 
 
 def steps_in_turn(
-    room: Room, pace: float, single: Callable[[float, float, float], Maneuver], units: float
+    limits: ManeuverLimits,
+    pace: float,
+    single: Callable[[float, float, float], Maneuver],
+    units: float,
 ) -> Shapes:
-    """A maneuver of ``units`` paces on one input after the other, each round with the other sign,
-    while there is time.
-    """
-    length, gap = units * pace, max(2.0 * room.pulse, pace, room.rest)
-    out = np.zeros((room.inputs, len(room.time)))
-    at, count = room.lead, 0
-    while at + length <= room.lead + room.active + 1e-9:
-        sign = (-1.0) ** (count // room.inputs)
-        begin = round(at / room.interval) * room.interval
-        out[count % room.inputs] += np.asarray(single(sign, pace, begin)(room.time))
+    """A maneuver of ``units`` paces on each input in turn, with alternating sign."""
+    length, gap = units * pace, max(2.0 * limits.pulse, pace, limits.rest)
+    out = np.zeros((limits.inputs, len(limits.time)))
+    at, count = limits.lead, 0
+    while at + length <= limits.lead + limits.active + 1e-9:
+        sign = (-1.0) ** (count // limits.inputs)
+        begin = round(at / limits.interval) * limits.interval
+        out[count % limits.inputs] += np.asarray(single(sign, pace, begin)(limits.time))
         at, count = begin + length + gap, count + 1
-    return out if count >= room.inputs else None
+    return out if count >= limits.inputs else None
 
 
-def sweeps(room: Room, pace: float) -> Shapes:
-    """A logarithmic sweep on one input after the other, up to half a period of ``pace``.
+def sweeps(limits: ManeuverLimits, pace: float) -> Shapes:
+    """A logarithmic sweep on each input in turn, up to half a period of ``pace``.
 
-    Where it would be faster than the limit of the rate, its amplitude falls with the frequency.
+    Its amplitude falls with the frequency where the rate limit requires it.
     """
-    each = min(room.active / room.inputs, room.longest_sweep)
-    low, high = max(2.0 * math.pi / each, SLOWEST * 1.5 / room.pulse), math.pi / pace
-    low, high = room.band or (low, high)
+    each = min(limits.active / limits.inputs, limits.longest_sweep)
+    low, high = max(2.0 * math.pi / each, SLOWEST * 1.5 / limits.pulse), math.pi / pace
+    low, high = limits.band or (low, high)
     if high < 1.5 * low:
         return None
     rows = []
-    for i in range(room.inputs):
-        begin = room.lead + i * each
-        row = Sweep(1.0, low, high, each, begin, TAPER * each, Spacing.LOGARITHMIC)(room.time)
-        at = np.clip((room.time - begin) / each, 0.0, 1.0)
+    for i in range(limits.inputs):
+        begin = limits.lead + i * each
+        row = Sweep(1.0, low, high, each, begin, TAPER * each, Spacing.LOGARITHMIC)(limits.time)
+        at = np.clip((limits.time - begin) / each, 0.0, 1.0)
         rows.append(
-            room.slow_enough(i, row * np.minimum(1.0, room.corner(i) / (low * (high / low) ** at)))
+            limits.slow_enough(
+                i, row * np.minimum(1.0, limits.corner(i) / (low * (high / low) ** at))
+            )
         )
     return np.array(rows)
 
 
-def multisines(room: Room, pace: float) -> Shapes:
-    """Orthogonal multisines on all inputs at once, harmonics dealt out in turn up to half a period
-    of ``pace``, phases of least peak.
+def multisines(limits: ManeuverLimits, pace: float) -> Shapes:
+    """Orthogonal multisines on all inputs at once, up to half a period of ``pace``.
 
-    Harmonics that would be faster than the limit of the rate are smaller, so that nothing is cut
-    off and the inputs stay orthogonal.
+    Harmonics are assigned to the inputs in turn, with phases of least peak. Harmonics that would
+    exceed a rate limit are smaller, so that the inputs stay orthogonal.
     """
-    samples = math.floor(room.active / room.interval + 1e-9)
-    period = samples * room.interval
+    samples = math.floor(limits.active / limits.interval + 1e-9)
+    period = samples * limits.interval
     lowest, highest = 1, min(math.floor(period / (2.0 * pace)), MOST_HARMONICS)
-    if room.band is not None:
-        lowest, highest = (round(omega * period / (2.0 * math.pi)) for omega in room.band)
+    if limits.band is not None:
+        lowest, highest = (round(omega * period / (2.0 * math.pi)) for omega in limits.band)
         lowest = max(lowest, 1)
-    if highest - lowest + 1 < 2 * room.inputs:
+    if highest - lowest + 1 < 2 * limits.inputs:
         return None
-    begin = round(room.lead / room.interval) * room.interval
+    begin = round(limits.lead / limits.interval) * limits.interval
     rows = []
-    for i in range(room.inputs):
-        own = range(lowest + i, highest + 1, room.inputs)
+    for i in range(limits.inputs):
+        own = range(lowest + i, highest + 1, limits.inputs)
         shares = [
-            min(1.0, room.corner(i) * period / (2.0 * math.pi * harmonic)) for harmonic in own
+            min(1.0, limits.corner(i) * period / (2.0 * math.pi * harmonic)) for harmonic in own
         ]
         equal = min(shares) == max(shares)
         row = least_peak_multisine(1.0, period, own, begin, shares=None if equal else shares)(
-            room.time
+            limits.time
         )
-        rows.append(room.slow_enough(i, row))
+        rows.append(limits.slow_enough(i, row))
     return np.array(rows)
 
 
-KINDS: Mapping[str, Callable[[Room, float], Shapes]] = {
+KINDS: Mapping[str, Callable[[ManeuverLimits, float], Shapes]] = {
     "3-2-1-1": lambda room, pace: steps_in_turn(room, pace, three_two_one_one, 7.0),
     "doublet": lambda room, pace: steps_in_turn(room, pace, doublet, 2.0),
     "sweep": sweeps,
@@ -247,10 +246,8 @@ OVER_A_BAND = ("sweep", "multisine")  # kinds that take a band
 PACE_IS = {"3-2-1-1": "step", "doublet": "step", "sweep": "up to", "multisine": "up to"}
 
 
-def as_held(record: Record) -> dict[str, MultiStep]:
-    """The inputs of a record as maneuvers that hold each sample until the next, for a truth to
-    fly.
-    """
+def held_inputs(record: Record) -> dict[str, MultiStep]:
+    """The inputs of a record as maneuvers that hold each sample until the next."""
     interval = float(record.time[-1] - record.time[-2])
     times = (*record.time.tolist(), float(record.time[-1] + interval))
     return {
@@ -275,39 +272,41 @@ INSTRUMENTS: Mapping[str, float] = {
     **{"airspeed": 0.2, "theta": 0.0015, "nx": 0.004},
 }
 SHARE = 0.01  # of an output's largest move under doublets, of a user's own model
-RATE, DURATION = 50.0, 20.0  # samples a second, s
-SAMPLES, PULSES = 20.0, 40.0  # of an own model: in a pulse, and pulses in its flight
+RATE = 50.0  # samples a second
+DURATION = 20.0  # s
+SAMPLES = 20.0  # of a user model: samples in a pulse
+PULSES = 40.0  # of a user model: pulses in its flight
 SLOW = 0.1  # of the quickest root: a slower one sets no step
-# samples of the highest frequency of a band, periods of its lowest for each input
-PER_PERIOD, CYCLES = 10.0, 5.0
+PER_PERIOD = 10.0  # samples in a period of the highest frequency of a band
+CYCLES = 5.0  # periods of its lowest frequency for each input
 MOST_SAMPLES = 20_000  # a design simulates hundreds of flights
 
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """What a design works on.
+    """Model, limits and trim that a design uses.
 
     ``model`` has its biases and starts in trim; ``rest`` are the inputs there, ``still`` the
-    outputs, by name. ``step`` s of a fit; ``flown`` : who moves the controls.
+    outputs, by name. ``step``: s, of a fit; ``flyer``: who moves the controls.
     """
 
     vehicle: VehicleFile
     model: Model
-    room: Room
+    maneuver_limits: ManeuverLimits
     limits: Limits
     noise: Mapping[str, float]
     rest: Mapping[str, float]
     still: Mapping[str, float]
     step: float
-    flown: Flyer = PILOT
+    flyer: Flyer = PILOT
 
     @property
     def rate(self) -> float:
-        return 1.0 / self.room.interval
+        return 1.0 / self.maneuver_limits.interval
 
     def planned(self, rows: np.ndarray, *, quick: bool = False) -> Planned:
-        """A flight of inputs ``(inputs, N)`` from rest; ``quick``: in steps that only compare
-        maneuvers.
+        """A flight of inputs ``(inputs, N)`` from rest; ``quick``: with larger steps, for
+        comparisons.
         """
         units = channel_units(self.model)
         names = [signal.name for signal in self.model.equations.inputs]
@@ -316,13 +315,21 @@ class Setting:
             for name, row in zip(names, rows, strict=True)
         ]
         outputs = [
-            Channel.of(name, units[name], np.full(len(self.room.time), self.still[name]))
+            Channel.of(name, units[name], np.full(len(self.maneuver_limits.time), self.still[name]))
             for name in self.noise
         ]
         record = Record(
-            self.room.time, tuple(inputs), tuple(outputs), Hold.PREVIOUS, "planned maneuver"
+            self.maneuver_limits.time,
+            tuple(inputs),
+            tuple(outputs),
+            Hold.PREVIOUS,
+            "planned maneuver",
         )
-        step = max(self.step, min(self.room.interval, 2.5 * self.step)) if quick else self.step
+        step = (
+            max(self.step, min(self.maneuver_limits.interval, 2.5 * self.step))
+            if quick
+            else self.step
+        )
         return Planned(
             record,
             self.model,
@@ -332,14 +339,14 @@ class Setting:
         )
 
 
-def setting_of(asked: DesignRequest) -> Setting:
-    """Read the files and put everything together.
+def setting_of(request: DesignRequest) -> Setting:
+    """Read the files of a request and return the setting.
 
     Raises
     ------
     DeclarationError : anything wrong in the files or texts, a model without an input, in one line.
     """
-    vehicle = read_vehicle(asked.vehicle, asked.model)
+    vehicle = read_vehicle(request.vehicle, request.model)
     model = model_of_file(vehicle).with_noise(Noise())
     if not model.equations.inputs:
         what = (
@@ -353,26 +360,26 @@ def setting_of(asked: DesignRequest) -> Setting:
         )
     model = model.with_values(
         numbers_of(
-            asked.values,
+            request.values,
             {item.name: item.unit for item in model.parameters if item.free},
             "--value",
         )
     )
     model, rest = in_trim(model)
     still = _outputs_at(model, rest)
-    pulse = max(PULSE / _frequency(model, rest), asked.flown.shortest_step)
-    _refuse_band(asked)
-    room = _room(asked, model, pulse)
-    noise = _noise(asked, model)
-    limits = limits_of(asked.limits, model, usual_limits(model, still))
+    pulse = max(PULSE / _frequency(model, rest), request.flown.shortest_step)
+    _refuse_band(request)
+    room = _limits_of(request, model, pulse)
+    noise = _noise(request, model)
+    limits = limits_of(request.limits, model, usual_limits(model, still))
     inputs = {signal.name: unit_in(model, signal.name) for signal in model.equations.inputs}
-    amplitude = _positive(numbers_of(asked.amplitude, inputs, "--amplitude"), "--amplitude")
+    amplitude = _positive(numbers_of(request.amplitude, inputs, "--amplitude"), "--amplitude")
     limits = replace(limits, amplitude={**limits.amplitude, **amplitude})
-    limits = with_usual_rates(limits, model, asked.flown)
+    limits = with_usual_rates(limits, model, request.flown)
     corners = [limits.rate.get(name, math.inf) / size for name, size in limits.amplitude.items()]
     room = replace(room, corners=tuple(corners) if np.any(np.isfinite(corners)) else ())
     biased = model.with_biases(outputs_with_bias(model, list(noise)))
-    setting = Setting(vehicle, biased, room, limits, noise, rest, still, 0.01, asked.flown)
+    setting = Setting(vehicle, biased, room, limits, noise, rest, still, 0.01, request.flown)
     return replace(
         setting,
         step=step_for(model, [setting.planned(np.zeros((len(rest), len(room.time)))).record], 0.01),
@@ -380,10 +387,10 @@ def setting_of(asked: DesignRequest) -> Setting:
 
 
 def in_trim(model: Model) -> tuple[Model, dict[str, float]]:
-    """The model where it is at rest, and its inputs there: perturbations and own models as they
-    are, totals in level flight by Newton's method.
+    """The model in trim, and its inputs there.
 
-    Raises DeclarationError where there is no level flight at the reference airspeed.
+    Perturbation models and user models stay as they are; others are trimmed in level flight by
+    Newton's method. Raises DeclarationError without such a flight at the reference airspeed.
     """
     names = [signal.name for signal in model.equations.inputs]
     rest = dict(zip(names, inputs_at_rest(model), strict=True))
@@ -397,7 +404,7 @@ def in_trim(model: Model) -> tuple[Model, dict[str, float]]:
     def rates(v: list[Any]) -> list[Any]:
         alpha, elevator, thrust = v
         x = [{"airspeed": speed, "alpha": alpha, "theta": alpha, "q": 0.0}[name] for name in states]
-        found = dict(
+        result = dict(
             zip(
                 states,
                 system.f(
@@ -406,7 +413,7 @@ def in_trim(model: Model) -> tuple[Model, dict[str, float]]:
                 strict=True,
             )
         )
-        return [found["airspeed"], found["alpha"], found["q"]]
+        return [result["airspeed"], result["alpha"], result["q"]]
 
     at = np.zeros(3)
     for _ in range(30):
@@ -448,53 +455,53 @@ def _frequency(model: Model, rest: Mapping[str, float]) -> float:
     return float(np.exp(np.mean(np.log(quick)))) if len(quick) else 1.0
 
 
-def _refuse_band(asked: DesignRequest) -> None:
-    """Raise DeclarationError for a band that is none, or for effects beside it."""
-    if asked.band is None:
+def _refuse_band(request: DesignRequest) -> None:
+    """Raise DeclarationError for a wrong band, or for a band together with effects."""
+    if request.band is None:
         return
-    low, high = asked.band
+    low, high = request.band
     if not (0.0 < 1.5 * low <= high and math.isfinite(high)):
         remedy = "give LOW HIGH in Hz, the higher one and a half times the lower or more"
         raise DeclarationError(f"{low:g} to {high:g} Hz is no band", where="--band", remedy=remedy)
-    flown = asked.flown
-    if high > flown.fastest:
-        what = f"{flown.name} does not follow a sweep to {high:g} Hz by hand"
-        remedy = f"give {flown.fastest:g} Hz at most, or --computer for a flight computer"
+    flyer = request.flown
+    if high > flyer.fastest:
+        what = f"{flyer.name} does not follow a sweep to {high:g} Hz by hand"
+        remedy = f"give {flyer.fastest:g} Hz at most, or --computer for a flight computer"
         raise DeclarationError(what, where="--band", remedy=remedy)
-    if CYCLES / low > flown.longest_sweep:
+    if CYCLES / low > flyer.longest_sweep:
         what = f"five periods of {low:g} Hz are longer than a sweep by hand"
-        least = math.ceil(1e3 * CYCLES / flown.longest_sweep) / 1e3
+        least = math.ceil(1e3 * CYCLES / flyer.longest_sweep) / 1e3
         remedy = f"give {least:g} Hz or more, or --computer for a flight computer"
         raise DeclarationError(what, where="--band", remedy=remedy)
-    if asked.tell:
+    if request.tell:
         what = "maneuvers for a band are compared by responses, not by effects"
         raise DeclarationError(what, where="--band, --tell", remedy="leave one of them out")
 
 
-def _room(asked: DesignRequest, model: Model, pulse: float) -> Room:
-    for option, value in (("--duration", asked.duration), ("--rate", asked.rate)):
+def _limits_of(request: DesignRequest, model: Model, pulse: float) -> ManeuverLimits:
+    for option, value in (("--duration", request.duration), ("--rate", request.rate)):
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise DeclarationError(
                 f"{value:g} is not above 0", where=option, remedy="give a positive number"
             )
     own = is_own(model)
-    rate = asked.rate or (_rounded(SAMPLES / pulse) if own else RATE)
+    rate = request.rate or (_rounded(SAMPLES / pulse) if own else RATE)
     least = pulse * (4.0 * len(model.equations.inputs) + 5.0)
-    duration = asked.duration or (
+    duration = request.duration or (
         math.ceil(PULSES * pulse * rate) / rate if own else max(DURATION, math.ceil(1.5 * least))
     )
     band = None
-    if asked.band is not None:
-        low, high = asked.band
+    if request.band is not None:
+        low, high = request.band
         band = (2.0 * math.pi * low, 2.0 * math.pi * high)
-        rate = asked.rate or max(rate, _rounded(PER_PERIOD * high))
+        rate = request.rate or max(rate, _rounded(PER_PERIOD * high))
         if PER_PERIOD * high > rate * (1.0 + 1e-9):
             what = f"{rate:g} samples a second are too few for {high:g} Hz"
             raise DeclarationError(
                 what, where="--rate", remedy=f"give {PER_PERIOD * high:g} or more"
             )
         needed = CYCLES / low * len(model.equations.inputs) + 4.0 * pulse + 2.0 / rate
-        duration = asked.duration or math.ceil(max(duration, needed))
+        duration = request.duration or math.ceil(max(duration, needed))
         if duration < 0.8 * needed:
             what = f"{duration:g} s are too short for {low:g} Hz"
             raise DeclarationError(
@@ -507,44 +514,44 @@ def _room(asked: DesignRequest, model: Model, pulse: float) -> Room:
         raise DeclarationError(
             f"{count} samples", where="--duration, --rate", remedy=f"ask for {MOST_SAMPLES} at most"
         )
-    room = Room(
+    limits = ManeuverLimits(
         np.arange(count + 1) / rate,
         pulse,
         len(model.equations.inputs),
         band=band,
-        longest_sweep=asked.flown.longest_sweep,
-        rest=asked.flown.rest,
+        longest_sweep=request.flown.longest_sweep,
+        rest=request.flown.rest,
     )
-    if count < 20 or room.active < 4.0 * pulse * room.inputs:
+    if count < 20 or limits.active < 4.0 * pulse * limits.inputs:
         raise DeclarationError(
             f"{duration:g} s leave no room for a maneuver",
             where="--duration",
             remedy=f"give {least:.2g} s or more",
         )
-    return room
+    return limits
 
 
-def _noise(asked: DesignRequest, model: Model) -> dict[str, float]:
+def _noise(request: DesignRequest, model: Model) -> dict[str, float]:
     """Measured outputs with their noise: those named, all that the model has where none is."""
     units = {signal.name: signal.unit for signal in model.equations.outputs}
-    given = _positive(numbers_of(asked.noise, units, "--noise"), "--noise")
+    given = _positive(numbers_of(request.noise, units, "--noise"), "--noise")
     if given:
         return {name: given[name] for name in units if name in given}
     if not is_own(model):
         return {name: INSTRUMENTS[name] for name in units}
     sizes = doublet_motion(model).sizes
-    found = {
+    result = {
         name: float(f"{SHARE * size:.2g}")
         for name, size in zip(units, sizes, strict=True)
         if size > 0.0
     }
-    if not found:
+    if not result:
         raise DeclarationError(
             "no output moves",
             where="--noise",
             remedy="name the outputs that are measured, --noise NAME=SIZE",
         )
-    return found
+    return result
 
 
 def numbers_of(texts: Sequence[str], units: Mapping[str, str], option: str) -> dict[str, float]:
@@ -569,7 +576,7 @@ def numbers_of(texts: Sequence[str], units: Mapping[str, str], option: str) -> d
 
 def _typed(text: str) -> float | str:
     try:
-        return plain_number(text)
+        return number_of_text(text)
     except ValueError:
         return text
 

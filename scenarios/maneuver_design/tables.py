@@ -51,7 +51,7 @@ def peaks_of(design: DesignResult, maneuver: DesignedManeuver) -> dict[str, floa
 
 
 def notes_of(design: DesignResult) -> list[str]:
-    """What the design rests on: noise, limits, trim, sizes."""
+    """Assumptions of the design: noise, limits, trim, sizes."""
     setting = design.setting
     noise = [f"{name} {_shown(design, name, value)}" for name, value in setting.noise.items()]
     limits = [
@@ -67,7 +67,7 @@ def notes_of(design: DesignResult) -> list[str]:
     notes = [
         f"noise (1 sigma): {', '.join(noise)}",
         f"limits: {', '.join(limits)}; load factors are totals, 1 in level flight",
-        flown_text(design),
+        who_flies_text(design),
     ]
     trim = [
         f"{name} {_shown(design, name, value)}" for name, value in setting.rest.items() if value
@@ -78,11 +78,11 @@ def notes_of(design: DesignResult) -> list[str]:
 def acting_text(acting: Acting) -> str:
     """An effect with its values."""
     units = {item.name: item.unit for item in acting.effect.parameters}
-    told = []
+    sentences = []
     for name, value in acting.values.items():
         factor, unit = shown_in(units.get(name, "1"), name)
-        told.append(f"{name} {factor * value:.3g}{spaced(unit)}")
-    return f"{acting.effect.name} ({', '.join(told)})"
+        sentences.append(f"{name} {factor * value:.3g}{spaced(unit)}")
+    return f"{acting.effect.name} ({', '.join(sentences)})"
 
 
 def percent(chance: float) -> str:
@@ -97,9 +97,9 @@ def extremes_text(design: DesignResult, maneuver: DesignedManeuver) -> str:
     )
 
 
-def flown_text(design: DesignResult) -> str:
-    """Who moves the controls, and what the margins are."""
-    flown = design.setting.flown
+def who_flies_text(design: DesignResult) -> str:
+    """Sentence on pilot or computer, and on the margins."""
+    flown = design.setting.flyer
     text = (
         f"flown by {flown.name} (--computer for a flight computer): {flown.text}"
         if flown.text
@@ -148,7 +148,7 @@ SHOWN = ("nz", "alpha", "q", "beta", "p", "r", "phi", "ny", "airspeed")
 
 def maneuvers_table(design: DesignResult) -> Table:
     """The maneuvers at equal amplitude and time, the best first."""
-    setting, some, told = design.setting, design.maneuvers, bool(design.acting)
+    setting, some, with_rivals = design.setting, design.maneuvers, bool(design.acting)
     outputs = [name for name in SHOWN if name in setting.noise] or list(setting.noise)[:3]
     columns: list[tuple[Column, list[Cell]]] = [
         (Column("maneuver"), [each.kind for each in some]),
@@ -159,7 +159,7 @@ def maneuvers_table(design: DesignResult) -> Table:
         columns.append((Column(f"peak {name}", PURE), peaks))
     shares = [formatted(100.0 * each.criterion, ".3g") for each in some]
     columns.append((Column("mean sigma", "%", printed="mean sigma %"), shares))
-    if told:
+    if with_rivals:
         likelihoods = [formatted(each.log_likelihood, ".1f") for each in some]
         chances = [formatted(100.0 * each.chance, ".0f") for each in some]
         columns.append((Column("log likelihood", PURE), likelihoods))
@@ -172,7 +172,7 @@ def maneuvers_table(design: DesignResult) -> Table:
 
 
 def contest_table(design: DesignResult, caption: str) -> Table:
-    """What each effect's flight says against the other, of the best maneuver."""
+    """Table of the effects of the best maneuver: each against its rival."""
     some = [(each, each.decision) for each in design.best.contests]
 
     def percent(heading: str) -> Column:
@@ -182,7 +182,7 @@ def contest_table(design: DesignResult, caption: str) -> Table:
         caption,
         (Column("acts"), [acting_text(each.true) for each, _ in some]),
         (Column("is told from"), [each.rival.effect.name for each, _ in some]),
-        (Column("gain over none", PURE), [formatted(each.found, ".1f") for each, _ in some]),
+        (Column("gain over none", PURE), [formatted(each.gain, ".1f") for each, _ in some]),
         (Column("log likelihood", PURE), [formatted(d.log_likelihood, ".1f") for _, d in some]),
         (Column("sigma", PURE), [formatted(0.5 * d.std, ".1f") for _, d in some]),
         (percent("told"), [formatted(100.0 * each.chance, ".1f") for each, _ in some]),
@@ -211,7 +211,7 @@ def sigmas_table(design: DesignResult, caption: str) -> Table:
 
 
 def responses_table(design: DesignResult, caption: str) -> Table:
-    """What each maneuver would give of every response over the band."""
+    """Table of expected responses over the band, for each maneuver."""
     kinds = [(each.kind, each.responses) for each in design.maneuvers if each.responses is not None]
     first = kinds[0][1]
     places = [
@@ -220,12 +220,12 @@ def responses_table(design: DesignResult, caption: str) -> Table:
         for q, name in enumerate(first.inputs)
     ]
     columns: list[tuple[Column, list[Cell]]] = []
-    for kind, found in kinds:
+    for kind, result in kinds:
         usable, least, errors = list[Cell](), list[Cell](), list[Cell]()
         for m, q, _ in places:
-            usable.append(Number(100.0 * float(found.usable[m, q]), digits=0))
-            least.append(Number(float(found.coherence[m, q].min()), digits=2))
-            error = 100.0 * float(np.median(found.random_error[m, q]))
+            usable.append(Number(100.0 * float(result.usable[m, q]), digits=0))
+            least.append(Number(float(result.coherence[m, q].min()), digits=2))
+            error = 100.0 * float(np.median(result.random_error[m, q]))
             errors.append(Number(error, shown=f"{error:.2g}" if error < 100.0 else "above 100"))
         columns += [
             (Column(f"{kind}: usable", "%", printed=f"{kind}: usable %"), usable),
@@ -236,7 +236,7 @@ def responses_table(design: DesignResult, caption: str) -> Table:
 
 
 def margins_table(design: DesignResult, caption: str) -> Table:
-    """What the best maneuver reaches, its limits, and by how much the motion may be larger."""
+    """Table of peaks of the best maneuver, their limits, and the margins."""
     setting, best = design.setting, design.best
     names = [name for name in best.flight.margins if name in setting.limits.outputs]
     ends = {name: setting.limits.outputs[name] for name in names}

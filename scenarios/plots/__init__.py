@@ -14,10 +14,11 @@ if TYPE_CHECKING:
     from scenarios.report.figure_formats import Drawn, Formats
 
 
-def drawn_in(
+def draw_into(
     folder: Path, named: Iterable[tuple[str, Callable[[], Figure]]], formats: Formats
 ) -> tuple[Drawn, ...]:
-    """Figures of a study drawn into its folder, for its page; none where no format is wanted.
+    """Draw the figures of a study into its folder and return them for its page; empty without a
+    format.
 
     Parameters
     ----------
@@ -26,6 +27,6 @@ def drawn_in(
     """
     if not formats:
         return ()
-    from scenarios.plots.drawing import drawn_for_page
+    from scenarios.plots.drawing import draw_for_page
 
-    return drawn_for_page(named, folder, formats)
+    return draw_for_page(named, folder, formats)

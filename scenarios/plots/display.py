@@ -1,4 +1,4 @@
-"""Contents of figures as plain data: axis names and units, histories, candidates of a diagnosis."""
+"""Data of figures: axis names and units, histories, candidates of a diagnosis."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def display_unit(unit: str, name: str = "") -> DisplayUnit:
     return DisplayUnit(
         "–"
         if shown in NO_UNIT
-        else plain(
+        else escaped_dollars(
             re.sub(r"(?<=[A-Za-z])[234]\b", lambda power: power[0].translate(_POWERS), shown)
         ),
         factor,
@@ -113,17 +113,17 @@ def symbol(name: str) -> str:
         return _SIGNALS.get(name) or _SYMBOLS[name]
     if name.startswith("bias_"):
         return f"bias of {symbol(name.removeprefix('bias_'))}"
-    if found := re.fullmatch(r"(?:(C)([LDmYlnXZ])|(L|M))_(\w+)", name):
-        argument = _argument(found[4]) or _product(found[4])
+    if match := re.fullmatch(r"(?:(C)([LDmYlnXZ])|(L|M))_(\w+)", name):
+        argument = _argument(match[4]) or _product(match[4])
         if argument is not None:
-            return f"${found[3]}_{{{argument}}}$" if found[3] else f"$C_{{{found[2]}{argument}}}$"
-    if found := re.fullmatch(r"Ceta(\d+)_(\w+)", name):
-        argument = _argument(found[2])
+            return f"${match[3]}_{{{argument}}}$" if match[3] else f"$C_{{{match[2]}{argument}}}$"
+    if match := re.fullmatch(r"Ceta(\d+)_(\w+)", name):
+        argument = _argument(match[2])
         if argument is not None:
-            return rf"$C^{{\eta {found[1]}}}_{{{argument}}}$"
+            return rf"$C^{{\eta {match[1]}}}_{{{argument}}}$"
     if argument := _argument(name):
         return f"${argument}$"
-    return plain(name)
+    return escaped_dollars(name)
 
 
 def scaled_unit(unit: DisplayUnit, size: float) -> DisplayUnit:
@@ -140,20 +140,20 @@ def scaled_unit(unit: DisplayUnit, size: float) -> DisplayUnit:
 
 
 def signed(value: float, form: str) -> str:
-    """A number with its sign, the minus as long as the plus; ``form`` is what follows the sign,
-    e.g. ``".3g"``.
+    """A number with its sign, with a typographic minus; ``form``: format after the sign, e.g.
+    ``".3g"``.
     """
     return format(value, f"+{form}").replace("-", "−")
 
 
-def plain(text: str) -> str:
-    """A text as it stands, dollar signs and all."""
+def escaped_dollars(text: str) -> str:
+    """A text with its dollar signs escaped."""
     return text.replace("$", r"\$")
 
 
 def _argument(text: str) -> str | None:
-    if found := re.fullmatch(r"(eta|etadot)(\d+)", text):
-        return rf"\eta {found[2]}" if found[1] == "eta" else rf"\dot{{\eta}} {found[2]}"
+    if match := re.fullmatch(r"(eta|etadot)(\d+)", text):
+        return rf"\eta {match[2]}" if match[1] == "eta" else rf"\dot{{\eta}} {match[2]}"
     return _ARGUMENTS.get(text)
 
 
@@ -161,15 +161,15 @@ def _product(text: str) -> str | None:
     """Several factors of a term of the model ``aircraft``, as ``alpha2_elevator`` or
     ``beta_abs_beta``; None where one of them is no known signal.
     """
-    found = []
+    result = []
     for name, power in re.findall(r"_?(abs_[a-z]+?|[a-z]+?)([234]?)(?=_|$)", text):
         factor = _FACTORS.get(name.removeprefix("abs_"))
         if factor is None:
             return None
         factor = f"|{factor}|" if name.startswith("abs_") else factor
-        found.append(factor + (f"^{power}" if power else ""))
+        result.append(factor + (f"^{power}" if power else ""))
     whole = re.fullmatch(r"(?:_?(?:abs_[a-z]+?|[a-z]+?)[234]?(?=_|$))+", text)
-    return r"\,".join(found) if whole else None
+    return r"\,".join(result) if whole else None
 
 
 # ---- Rows of a filter's history by name
@@ -200,11 +200,10 @@ def course(history: FilterHistory, name: str, factor: float = 1.0) -> StateHisto
 
 
 def sound_samples(history: FilterHistory) -> int:
-    """How many samples the filter got through; after a breakdown a history only repeats its last
-    sound sample.
+    """Number of samples before a filter diverged; afterwards its history repeats the last finite
+    sample.
 
-    A repeated sample has no measurement and an identity for a transition. A gap in the data has a
-    transition of its own.
+    A repeated sample has no measurement and an identity for a transition.
     """
     identity = np.eye(len(history.names))
     repeated = ~np.any(history.valid, axis=0) & np.all(history.transition == identity, axis=(1, 2))
@@ -215,8 +214,8 @@ def sound_samples(history: FilterHistory) -> int:
 def settled_limits(
     low: np.ndarray, middle: np.ndarray, high: np.ndarray, marks: Sequence[float]
 ) -> tuple[float, float]:
-    """Limits of an axis that show where a course ``(K,)`` ended, the marks, and of its early part
-    what does not dwarf them.
+    """Axis limits that show the end of a course ``(K,)``, the marks, and as much of its early part
+    as fits.
     """
     half = len(middle) // 2
     ends = np.array([low[-1], high[-1], middle[half:].min(), middle[half:].max(), *marks])
@@ -235,10 +234,8 @@ def settled_limits(
 
 @dataclass(frozen=True)
 class NamedEffects:
-    """What a verdict names: effects that it claims, by claim what could stand in its place, and
-    hints.
-
-    ``noise_left``: with the claims the residual is noise.
+    """Effects of a verdict: claims, alternatives by claim, and hints. ``noise_left``: whether the
+    residual with the claims is noise.
     """
 
     claimed: tuple[str, ...] = ()
@@ -248,7 +245,7 @@ class NamedEffects:
 
     @property
     def named(self) -> tuple[str, ...]:
-        """All of them."""
+        """All these effects."""
         return (
             *self.claimed,
             *(name for each in self.alternatives.values() for name in each),
@@ -256,12 +253,12 @@ class NamedEffects:
         )
 
     def complete(self, within: tuple[str, ...]) -> bool:
-        """Whether a model with these effects needed nothing more."""
+        """Whether a model with these effects needs no further one."""
         return self.noise_left and set(self.claimed) <= set(within)
 
 
 def is_alternative(c: Candidate, standing: NamedEffects) -> bool:
-    """Whether a candidate could stand in the place of a claim beside all the others."""
+    """Whether a candidate could replace a claim beside all others."""
     return any(
         c.name in names and set(standing.claimed) - {claim} <= set(c.within)
         for claim, names in standing.alternatives.items()
@@ -269,8 +266,8 @@ def is_alternative(c: Candidate, standing: NamedEffects) -> bool:
 
 
 def reason(c: Candidate, standing: NamedEffects, beside: Sequence[Candidate]) -> str:
-    """What a candidate is to the verdict, or what spoke against it; ``beside`` are the candidates
-    of the same round.
+    """Role of a candidate in the verdict, or the reason against it; ``beside``: candidates of the
+    same round.
     """
     if c.name in standing.claimed:
         return "claimed"
@@ -309,9 +306,7 @@ class Replicated:
 
 @dataclass(frozen=True, eq=False)
 class Pictured:
-    """What the figures show of a diagnosis; ``noise`` by channel; ``data`` is what the records are
-    called.
-    """
+    """Diagnosis in the form for figures; ``noise`` by channel; ``data``: name of the records."""
 
     fitted: tuple[FittedRecord, ...]
     predictions: tuple[Prediction, ...]

@@ -102,7 +102,7 @@ def words(label: str) -> str:
 
 
 def _plain_panel(panel: Axes) -> bool:
-    """Whether lines, points, bands and spans are all that is drawn in a panel."""
+    """Whether a panel has only lines, points, bands and spans."""
     spans = [patch for patch in panel.patches if _span(panel, patch) is not None]
     bands = [each for each in panel.collections if _is_band(each)]
     drawable = all(line.get_marker() in _MARKS for line in panel.lines)
@@ -158,7 +158,7 @@ def _label(text: object) -> str:
 
 
 def _span(panel: Axes, patch: object) -> Curve | None:
-    """A span along the whole panel as a band; None of any other patch."""
+    """A span along the whole panel as a band; None for any other patch."""
     if not isinstance(patch, Rectangle | Polygon):
         return None
     points = np.asarray(patch.get_path().vertices)
@@ -196,7 +196,7 @@ def _curve(panel: Axes, line: Line2D) -> Curve | None:
         x = np.array(sorted(map(float, panel.get_xlim())))
     elif line.get_transform() == panel.get_xaxis_transform(which="grid"):
         y = np.array(sorted(map(float, panel.get_ylim())))
-    x = _apart(x, panel)
+    x = _nearly_upright(x, panel)
     sound = np.isfinite(x)
     x, y = x[sound], np.where(np.isfinite(y), y, np.nan)[sound]
     if not x.size:
@@ -216,7 +216,7 @@ def _curve(panel: Axes, line: Line2D) -> Curve | None:
     )
 
 
-def _apart(x: np.ndarray, panel: Axes) -> np.ndarray:
+def _nearly_upright(x: np.ndarray, panel: Axes) -> np.ndarray:
     """The two abscissas of an upright line, less than a pixel apart: a page joins all curves over
     one abscissa, and would keep one of two ends at the same place.
     """
@@ -239,14 +239,14 @@ def _thinned(curve: Curve) -> Curve:
     if len(curve.x) <= MOST:
         return curve
     edges = np.linspace(0, len(curve.x), MOST // 2 + 1).astype(int)
-    kept: list[int] = []
+    chosen: list[int] = []
     for start, stop in pairwise(edges.tolist()):
         part = curve.y[start:stop]
         if np.all(np.isnan(part)):
-            kept.append(int(start))
+            chosen.append(int(start))
             continue
-        kept += sorted({start + int(np.nanargmin(part)), start + int(np.nanargmax(part))})
-    at = np.array(kept)
+        chosen += sorted({start + int(np.nanargmin(part)), start + int(np.nanargmax(part))})
+    at = np.array(chosen)
     top = None if curve.top is None else curve.top[at]
     return replace(curve, x=curve.x[at], y=curve.y[at], top=top)
 
@@ -329,10 +329,7 @@ DOT = 2  # cells in the diameter of a dot: of several dots in one cell a single 
 TALLEST = 1.15  # height over width of a drawing that is printed
 LOWEST = 0.5  # height of a printed panel over that on the screen
 # Letters stay text, in the font of the page.
-_PAGE: dict[Any, Any] = _VECTOR | {
-    "svg.fonttype": "none",
-    "path.simplify_threshold": TOLERANCE,
-}
+_PAGE: dict[Any, Any] = _VECTOR | {"svg.fonttype": "none", "path.simplify_threshold": TOLERANCE}
 _OF_FILE = re.compile(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->", re.DOTALL)
 _STYLE = re.compile(r' style="([^"]*)"')
 _PATH = re.compile(r' d="([^"]*)"')
@@ -345,7 +342,7 @@ _FONT = re.compile(
 _DROPPED = ("font-family", "font-variant", "font-stretch")
 
 
-def drawn_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> tuple[Drawn, ...]:
+def draw_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> tuple[Drawn, ...]:
     """Draw each figure once: into ``folder`` in every format, and for the page."""
     out = []
     for stem, make in figures:
@@ -450,7 +447,7 @@ def _short_numbers(tag: re.Match[str]) -> str:
 
 
 def _decimal(value: float) -> str:
-    """With two decimals at most."""
+    """A number with at most two decimals."""
     return f"{value:.2f}".rstrip("0").rstrip(".")
 
 
@@ -459,9 +456,9 @@ def _declarations(style: str) -> dict[str, str]:
     return {name.strip(): value.strip() for name, _, value in pairs}
 
 
-def _attributes(found: re.Match[str]) -> str:
+def _attributes(match: re.Match[str]) -> str:
     """A style as attributes; the font is that of the page."""
-    known = _declarations(found[1])
+    known = _declarations(match[1])
     if font := _FONT.search(known.pop("font", "")):  # of matplotlib before 3.11
         known |= {key: value for key, value in font.groupdict().items() if value}
     known = {key.replace("_", "-"): value for key, value in known.items()}
@@ -472,9 +469,9 @@ def _attributes(found: re.Match[str]) -> str:
     )
 
 
-def _path_data(found: re.Match[str]) -> str:
+def _path_data(match: re.Match[str]) -> str:
     """Path data with one decimal; a long outline without curves simplified as lines are."""
-    data = found[1]
+    data = match[1]
     if data.count("L") >= LONG and data.count("M") == 1 and data.rstrip().endswith("z"):
         numbers = np.array(re.findall(r"-?[\d.]+", data), dtype=float).reshape(-1, 2)
         line = Outline(numbers)
@@ -533,32 +530,32 @@ def _diameter(mark: Outline, transform: Transform) -> float:
 
 
 def description(figure: Figure) -> str:
-    """What a figure shows in words: its title, what its panels have at their axes, and what is
-    drawn in them.
-    """
+    """Description of a figure in words: title, axes and content of its panels."""
     title = " ".join(text.get_text() for text in figure.texts).strip()
     panels = [panel for panel in figure.axes if panel.get_visible()]
-    across = dict.fromkeys(label for panel in panels if (label := _plain(panel.get_xlabel())))
+    across = dict.fromkeys(
+        label for panel in panels if (label := _without_math(panel.get_xlabel()))
+    )
     upward = dict.fromkeys(
         label
         for panel in panels
-        for label in (_plain(panel.get_ylabel()), _plain(panel.get_title(loc="left")))
+        for label in (_without_math(panel.get_ylabel()), _without_math(panel.get_title(loc="left")))
         if label
     )
     lines = dict.fromkeys(
-        _plain(label)
+        _without_math(label)
         for panel in panels
         for label in panel.get_legend_handles_labels()[1]
         if label and not str(label).startswith("_")
     )
-    told = [_plain(title) or "Figure"]
+    sentences = [_without_math(title) or "Figure"]
     against = f" against {', '.join(across)}" if across else ""
-    told += [f"Panels: {', '.join(upward)}{against}"] if upward or across else []
-    told += [f"Shown: {', '.join(lines)}"] if lines else []
-    return ". ".join(told) + "."
+    sentences += [f"Panels: {', '.join(upward)}{against}"] if upward or across else []
+    sentences += [f"Shown: {', '.join(lines)}"] if lines else []
+    return ". ".join(sentences) + "."
 
 
-def _plain(text: str) -> str:
+def _without_math(text: str) -> str:
     """A label without the marks of mathematics."""
     return " ".join(
         text.replace("\\mathrm", "")

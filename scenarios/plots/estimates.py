@@ -71,10 +71,9 @@ def figure_parameter_histories(
     Parameters
     ----------
     names, units : parameters (or states) to show, in the history; the axes show where they settle,
-    so a wide band may
-        begin outside.
-    true : dashed lines, named ``true_label``. published : a square after the last sample, prior : a
-    diamond before the first, each with two
+        so a wide band may begin outside.
+    true : dashed lines, named ``true_label``.
+    published : a square after the last sample, prior : a diamond before the first, each with two
         standard deviations where these are known. One far outside the panel becomes an arrow with
         its value.
 
@@ -90,8 +89,8 @@ def figure_parameter_histories(
     broke = sound < len(history.time)
     for name, unit, panel in zip(names, units, sheet.panels, strict=True):
         shown = _unit(history, name, unit, true.get(name, 0.0))
-        late = f", ends at {history.time[sound - 1]:.3g} s" if broke and sound else ""
-        caption(panel, axis_label(name, shown) + late, LABEL_SIZE)
+        ending = f", ends at {history.time[sound - 1]:.3g} s" if broke and sound else ""
+        caption(panel, axis_label(name, shown) + ending, LABEL_SIZE)
         if sound == 0:
             caption(panel, f"{axis_label(name, shown)}: no sound sample", LABEL_SIZE)
             continue
@@ -121,7 +120,8 @@ def figure_watched(
 
     Parameters
     ----------
-    time : ``(N,)`` s. courses : by parameter its unit, values and standard deviations ``(N,)``.
+    time : ``(N,)`` s.
+    courses : by parameter its unit, values and standard deviations ``(N,)``.
     reference : a dashed line and a band of two standard deviations.
 
     An axis shows where an estimate settles, so a wide band may begin outside.
@@ -136,13 +136,7 @@ def figure_watched(
         x, sigma = unit.factor * values, unit.factor * std
         caption(panel, axis_label(name, unit), LABEL_SIZE)
         panel.fill_between(
-            time,
-            x - 2.0 * sigma,
-            x + 2.0 * sigma,
-            color=SKY,
-            alpha=0.35,
-            linewidth=0,
-            label="±2σ",
+            time, x - 2.0 * sigma, x + 2.0 * sigma, color=SKY, alpha=0.35, linewidth=0, label="±2σ"
         )
         panel.plot(time, x, color=BLUE, linewidth=1.2, label="estimate")
         later = slice(len(time) // 2, None)
@@ -169,12 +163,13 @@ def figure_watched(
 
 
 def figure_poles(poles: np.ndarray, draws: np.ndarray, title: str = "") -> Figure:
-    """Poles of an identified model in the upper half of the complex plane, with the cloud of what
-    the covariance of the estimates allows.
+    """Plot the poles of an identified model in the upper half of the complex plane, with samples
+    from the covariance of the estimates.
 
     Parameters
     ----------
-    poles : ``(n,)`` complex, 1/s. draws : ``(N, n)``, poles at estimates drawn from the covariance.
+    poles : ``(n,)`` complex, 1/s.
+    draws : ``(N, n)``, poles at estimates drawn from the covariance.
 
     Poles right of the axis are unstable. The distance from the origin is the natural frequency, the
     cosine of the angle to the negative real axis the damping ratio.
@@ -214,9 +209,7 @@ def figure_poles(poles: np.ndarray, draws: np.ndarray, title: str = "") -> Figur
 
 
 def _unit(history: FilterHistory, name: str, unit: str, true: float) -> DisplayUnit:
-    """The unit with the power of a thousand that suits the largest of truth, later estimates and
-    their bands.
-    """
+    """Unit whose power of a thousand suits true value, later estimates and bands."""
     base, path = display_unit(unit, name), course(history, name)
     later = slice(len(history.time) // 2, None)
     reached = np.abs(path.mean[later]) + 2.0 * path.std[later]
@@ -305,20 +298,22 @@ def _mark(
 
 # ---- Correlations of estimated parameters as a map
 
-LARGE, TOLD = 0.9, 0.5
-_RIGHT, _COUNT = 1.0, 0.28  # inches
+LARGE = 0.9  # absolute correlation above which a pair is framed
+_PRINTED = 0.5  # absolute correlation from which the number is printed
+_RIGHT = 1.0  # inches, for the colour scale
+_COUNT = 0.28  # inches, for a line of text
 
 
 def _square(column: int, row: int, side: float, **style: Any) -> Rectangle:
-    """A square about the middle of a cell of a heat map."""
+    """Return a square about the middle of a cell of a heat map."""
     return Rectangle((column - side / 2.0, row - side / 2.0), side, side, **style)
 
 
 def figure_correlation(
     names: Sequence[str], correlation: np.ndarray, title: str = "", large: float = LARGE
 ) -> Figure:
-    """Heat map of a correlation matrix ``(n, n)``, lower triangle; pairs from ``TOLD`` on carry
-    their number, those above ``large`` are framed.
+    """Heat map of a correlation matrix ``(n, n)``, lower triangle; correlations of at
+    least ``_PRINTED`` are printed, those above ``large`` framed.
 
     Entries that are not finite (a parameter of no variance) are left grey. Raises ModelError for
     fewer than two parameters.
@@ -354,7 +349,7 @@ def figure_correlation(
         value = matrix[row, column]
         if not np.isfinite(value):
             panel.add_patch(_square(column, row, 1.0, facecolor=GREY, lw=0, antialiased=False))
-        elif abs(value) >= TOLD:
+        elif abs(value) >= _PRINTED:
             if abs(value) > large:
                 panel.add_patch(_square(column, row, 0.92, fill=False, edgecolor=BLACK, lw=1.3))
             colour = "white" if abs(value) > 0.65 else BLACK
@@ -391,7 +386,7 @@ def figure_correlation(
 
 
 def _short(value: float) -> str:
-    """A correlation in as few characters as tell it: ``.87``, ``−.95``."""
+    """A correlation in few characters: ``.87``, ``−.95``."""
     return f"{value:.2f}".replace("-", "−").replace("0.", ".")
 
 
@@ -441,12 +436,12 @@ def figure_innovations(
         y_label(left, axis_label(output_names[row], unit))
         normalised = np.where(valid, history.innovation[row] / history.innovation_std[row], 0.0)
         _autocorrelation(right, normalised, valid, lags)
-        late = f"; ends at {history.time[sound - 1]:.3g} s" if sound < len(valid) else ""
+        ending = f"; ends at {history.time[sound - 1]:.3g} s" if sound < len(valid) else ""
         outside = float(np.mean(np.abs(normalised[valid]) > 2.0))
         caption(
             left,
             f"{symbol(output_names[row])}: {100 * outside:.1f} % outside ±2σ "
-            f"({100 * EXPECTED_OUTSIDE:.1f} % expected){late}",
+            f"({100 * EXPECTED_OUTSIDE:.1f} % expected){ending}",
         )
     if len(sheet.axes[-1]) == 2:
         time_axis(sheet.axes[-1][0])
@@ -487,16 +482,14 @@ def _innovations(panel: Axes, time: np.ndarray, innovation: np.ndarray, std: np.
 
 
 def _limit(innovation: np.ndarray, std: np.ndarray) -> float:
-    """Where the axis ends: the first bounds come from the prior and may dwarf all others, and so
-    may innovations within them.
-    """
+    """Limit of the axis. Early bounds come from the prior and would dwarf all later ones."""
     usual = float(np.quantile(std, 0.9))
     of_prior = std > OF_PRIOR * usual
     return 1.15 * max(float(np.abs(innovation[~of_prior]).max()), 2.0 * usual)
 
 
 def _autocorrelation(panel: Axes, normalised: np.ndarray, valid: np.ndarray, lags: int) -> None:
-    """Missing samples are zero in ``normalised``, so they add to no sum; the band follows the
+    """Plot the autocorrelation. Missing samples are zero in ``normalised``; the band uses the
     number of pairs at each lag.
     """
     n, used = len(normalised), int(np.count_nonzero(valid))

@@ -1,5 +1,5 @@
-"""Figures of frequency responses and of what follows from them: models fitted, mismatch, bandwidth,
-margins of a loop and over time, charts with levels of flying qualities, steps.
+"""Figures of frequency responses: fitted models, mismatch, bandwidth, stability margins, charts
+with levels of flying qualities, step responses.
 """
 
 from __future__ import annotations
@@ -15,10 +15,7 @@ from ident.flying_qualities.attitude_criteria import LEVELS as RESONANCES
 from ident.flying_qualities.attitude_criteria import PITCH_LEVELS, step_response
 from ident.flying_qualities.levels import criteria
 from ident.frequency_response.transfer_function import unnoticeable
-from scenarios.plots.display import (
-    MEASURED_DATA,
-    SIMULATED_DATA,
-)
+from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA
 from scenarios.plots.style import (
     BLACK,
     BLUE,
@@ -42,7 +39,7 @@ from sim.errors import DeclarationError
 _MOST = 60.0  # dB and degrees of a band's half that is drawn
 
 
-class Signals(Protocol):
+class SignalNames(Protocol):
     """Names of signals."""
 
     @property
@@ -55,9 +52,9 @@ class EstimatedResponses(Protocol):
     """Frequency responses of records."""
 
     @property
-    def names(self) -> Signals: ...
+    def names(self) -> SignalNames: ...
     @property
-    def found(self) -> Any: ...
+    def responses(self) -> Any: ...
     @property
     def direct(self) -> Any: ...
     @property
@@ -78,16 +75,16 @@ def figure_response(estimate: EstimatedResponses, row: int = 0, column: int = 0)
 
     The usable band is white, what is outside it grey.
     """
-    found = estimate.found
+    result = estimate.responses
     output, one = estimate.names.outputs[row], estimate.names.inputs[column]
     sheet = make_sheet([1.8, 1.5, 1.1], row_gap=0.14)
     size, angle, likeness = sheet.panels
-    f, response, usable = found.frequency, found.response[row, column], found.usable[row, column]
-    decibel, low, high = _decibels(response, found.half_width()[row, column])
+    f, response, usable = result.frequency, result.response[row, column], result.usable[row, column]
+    decibel, low, high = _decibels(response, result.half_width()[row, column])
     size.fill_between(f, low, high, color=SKY, alpha=0.45, linewidth=0.0, label="95 % band")
-    size.plot(f, decibel, color=BLUE, linewidth=1.2, label="joint" if found.joint else "estimate")
-    phase = np.degrees(found.phase()[row, column])
-    turn = np.minimum(np.degrees(found.phase_half_width()[row, column]), _MOST)
+    size.plot(f, decibel, color=BLUE, linewidth=1.2, label="joint" if result.joint else "estimate")
+    phase = np.degrees(result.phase()[row, column])
+    turn = np.minimum(np.degrees(result.phase_half_width()[row, column]), _MOST)
     angle.fill_between(f, phase - turn, phase + turn, color=SKY, alpha=0.45, linewidth=0.0)
     angle.plot(f, phase, color=BLUE, linewidth=1.2)
     if estimate.direct is not None:
@@ -109,12 +106,12 @@ def figure_response(estimate: EstimatedResponses, row: int = 0, column: int = 0)
         size.plot(at, 20.0 * np.log10(np.abs(model)), label=estimate.model.model, **line)
         near = phase[usable] + np.degrees(np.angle(model / response[usable]))
         angle.plot(at, near, **line)
-    several = found.response.shape[1] > 1
-    likeness.plot(f, found.coherence[row], color=BLUE, linewidth=1.2)
+    several = result.response.shape[1] > 1
+    likeness.plot(f, result.coherence[row], color=BLUE, linewidth=1.2)
     if several:
-        partial = found.partial_coherence[row, column]
+        partial = result.partial_coherence[row, column]
         likeness.plot(f, partial, color=ORANGE, linewidth=1.1, label="partial coherence")
-    least = found.spectra.least_coherence
+    least = result.spectra.least_coherence
     likeness.axhline(least, color=GREY, linewidth=0.7, linestyle=":")
     likeness.set_ylim(0.0, 1.02)
     for panel in sheet.panels:
@@ -183,7 +180,7 @@ def figure_bandwidth(estimate: EstimatedResponses, number: int = 0) -> Figure:
         remedy = "say what the outputs are (bandwidth), rate or attitude"
         raise DeclarationError("there is no bandwidth to draw", where="bandwidth", remedy=remedy)
     one = curves[number]
-    curve, found = one.curve, one.bandwidth
+    curve, result = one.curve, one.bandwidth
     sheet = make_sheet([1.6, 1.6], row_gap=0.14)
     size, angle = sheet.panels
     for panel, value, std in (
@@ -199,9 +196,9 @@ def figure_bandwidth(estimate: EstimatedResponses, number: int = 0) -> Figure:
         panel.set_xlim(float(curve.omega[0]), float(curve.omega[-1]))
         _limits(panel, value)
         for each, colour, label in (
-            (found.phase, VERMILION, "phase bandwidth"),
-            (found.gain, ORANGE, "gain bandwidth"),
-            (found.neutral, BLACK, "-180 deg"),
+            (result.phase, VERMILION, "phase bandwidth"),
+            (result.gain, ORANGE, "gain bandwidth"),
+            (result.neutral, BLACK, "-180 deg"),
         ):
             if each is not None:
                 panel.axvspan(
@@ -214,9 +211,9 @@ def figure_bandwidth(estimate: EstimatedResponses, number: int = 0) -> Figure:
                 panel.axvline(each.value, color=colour, linewidth=1.0, label=label)
     for level in (-135.0, -180.0):
         angle.axhline(level, color=GREY, linewidth=0.7, linestyle=":")
-    if found.delay is not None:
-        ends = np.array([1.0, 2.0]) * found.neutral.value
-        fall = np.degrees(2.0 * found.delay.value * (ends - ends[0]))
+    if result.delay is not None:
+        ends = np.array([1.0, 2.0]) * result.neutral.value
+        fall = np.degrees(2.0 * result.delay.value * (ends - ends[0]))
         line: dict[str, Any] = {"color": BLACK, "linewidth": 1.0}
         angle.plot(ends, -180.0 - fall, linestyle="--", label="phase delay", **line)
     decades(angle.xaxis, (1.0, 2.0, 5.0))
@@ -338,9 +335,9 @@ def figure_margin_history(points: Sequence[TimedMargins], name: str = "") -> Fig
     sheet = make_sheet([1.15] * max(len(rows), 1), row_gap=0.16)
     time = np.array([each.time for each in points])
     for panel, (key, label, required) in zip(sheet.panels, rows, strict=False):
-        found = [each.get(key) for each in known]
+        result = [each.get(key) for each in known]
         value, low, high = (
-            np.array([np.nan if each is None else pick(each) for each in found])
+            np.array([np.nan if each is None else pick(each) for each in result])
             for pick in (
                 lambda each: each.size.value,
                 lambda each: each.low,
@@ -352,10 +349,10 @@ def figure_margin_history(points: Sequence[TimedMargins], name: str = "") -> Fig
             time, value, color=BLUE, linewidth=1.2, marker=".", markersize=3.0, label="margin"
         )
         # The later two thirds set the scale: the first intervals are wide.
-        late = value[np.isfinite(value)]
-        late = late[late.size // 3 :]
-        spread = max(float(np.ptp(late)), 0.25 * abs(float(np.median(late))))
-        ends = [float(np.min(late)), float(np.max(late))]
+        settled = value[np.isfinite(value)]
+        settled = settled[settled.size // 3 :]
+        spread = max(float(np.ptp(settled)), 0.25 * abs(float(np.median(settled))))
+        ends = [float(np.min(settled)), float(np.max(settled))]
         if required is not None:
             panel.axhline(
                 required, color=VERMILION, linewidth=0.9, linestyle="--", label="MIL-F-9490D"
@@ -386,13 +383,13 @@ def figure_qualities(estimate: Any, number: int = 0) -> Figure:
         remedy = "fit pitch with --airspeed and --levels, or name --bandwidth or --pilot"
         raise DeclarationError("there is no chart to draw", where="qualities", remedy=remedy)
     one = with_charts[number]
-    drawn = charts_of(one)
-    columns = min(len(drawn), 2)
-    rows = -(-len(drawn) // columns)
+    charts = charts_of(one)
+    columns = min(len(charts), 2)
+    rows = -(-len(charts) // columns)
     sheet = make_sheet(
-        [2.3] * rows, [1.0] * columns, count=len(drawn), share_x=False, row_gap=0.72, left=0.8
+        [2.3] * rows, [1.0] * columns, count=len(charts), share_x=False, row_gap=0.72, left=0.8
     )
-    for panel, draw in zip(sheet.panels, drawn, strict=True):
+    for panel, draw in zip(sheet.panels, charts, strict=True):
         draw(panel, one)
     data = SIMULATED_DATA if estimate.simulated else MEASURED_DATA
     return finish(sheet, f"{one.name}: flying qualities\n{data}; ellipses: 95 %", legend=False)
@@ -457,15 +454,15 @@ def _bandwidth(panel: Any, one: Any) -> None:
 
 
 def _pilot(panel: Any, one: Any) -> None:
-    found = one.pilot
-    turn, peak = found.compensation, found.resonance
+    result = one.pilot
+    turn, peak = result.compensation, result.resonance
     width = max(60.0, 1.3 * abs(turn.value))
     for level, limit in enumerate(RESONANCES):
         _limit(panel, [-width, width], [limit, limit], level)
     panel.set_xlim(-width, width)
     panel.set_ylim(min(-2.0, peak.value - 3.0), max(12.0, peak.value + 3.0))
-    _mark(panel, (turn.value, turn.std), (peak.value, peak.std), found.correlation)
-    words = f"MIL-STD-1797A; {found.demand.bandwidth:g} rad/s, {found.demand.delay:g} s"
+    _mark(panel, (turn.value, turn.std), (peak.value, peak.std), result.correlation)
+    words = f"MIL-STD-1797A; {result.demand.bandwidth:g} rad/s, {result.demand.delay:g} s"
     _named(panel, "phase of the pilot (deg)", "resonance (dB)", words)
 
 

@@ -13,7 +13,7 @@ from scenarios.plots.display import (
     axis_label,
     course,
     display_unit,
-    plain,
+    escaped_dollars,
     scaled_unit,
     symbol,
 )
@@ -37,10 +37,10 @@ from scenarios.plots.style import (
 
 # ---- Figures of low-order equivalents and of the closed loop behind them
 
-_DEEPEST = 1e4  # of a log-likelihood below its maximum: what lies lower is drawn there
-_LABEL = 2.6  # inches
-# of the response, where what is exactly equal is drawn; inches, for names beside bars
-_LEAST, _WORDS = 1e-16, 2.1
+_DEEPEST = 1e4  # largest drawn difference of a log-likelihood from the maximum
+_LABEL_WIDTH = 2.6  # inches, of the names beside bars
+_VALUE_LABEL_WIDTH = 2.1  # inches, of the names of open values beside bars
+_LEAST_MISFIT = 1e-16  # a smaller misfit is drawn at this value, since the axis is logarithmic
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,15 @@ class Bar:
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodCurve:
-    """A bank's delays (s) and log-likelihoods ``(B,)``, and the three delays read from them, s."""
+    """Log-likelihood of a bank of B filters over their delays, and three estimates of the delay.
+
+    Attributes
+    ----------
+    delays : s, ``(B,)``.
+    log_likelihood : ``(B,)``.
+    most_likely, weighted_mean, refined : estimates of the delay, s.
+    refined_std : standard deviation of ``refined``, s; 0 where it has none.
+    """
 
     delays: np.ndarray
     log_likelihood: np.ndarray
@@ -72,10 +80,10 @@ def figure_side_by_side(
     title: str = "",
     printed: Sequence[Mapping[str, float]] = (),
 ) -> Figure:
-    """Two estimates with bounds of two standard deviations, one small panel for each quantity (fig.
-    8 of NASA TM-101722).
+    """Plot two estimates with bounds of two standard deviations, a small panel for each quantity
+    (as fig. 8 of NASA TM-101722).
 
-    ``printed`` : of both, what a paper prints, in the same units; drawn beside them.
+    ``printed`` : published values of both in the same units, drawn beside the estimates.
     """
     names = [name for name in first if name in second]
     columns = 4
@@ -110,7 +118,7 @@ def figure_side_by_side(
                 markersize=4.5,
                 capsize=3,
                 linewidth=1.2,
-                label=plain(f"{label} ±2σ"),
+                label=escaped_dollars(f"{label} ±2σ"),
             )
         for x, cells in zip((0.25, 1.25), printed, strict=False):
             if name in cells:
@@ -134,9 +142,7 @@ def figure_side_by_side(
 def figure_states(
     history: FilterHistory, names: Sequence[str], units: Sequence[str], title: str = ""
 ) -> Figure:
-    """States of a filter over time with bounds of two standard deviations, one wide panel each,
-    whole range.
-    """
+    """Plot the states of a filter over time with two standard deviations, a panel each."""
     sheet = make_sheet([1.1] * len(names), row_gap=0.2)
     for name, unit, panel in zip(names, units, sheet.panels, strict=True):
         shown = display_unit(unit)
@@ -157,8 +163,8 @@ def figure_states(
 
 
 def figure_delays(curve: LikelihoodCurve, title: str = "") -> Figure:
-    """How far each delay's log-likelihood lies below the largest (logarithmic), with the most
-    likely, the weighted and the refined delay.
+    """Plot the largest log-likelihood minus that of each delay, on a logarithmic axis, with the
+    most likely, the likelihood-weighted and the refined delay.
     """
     sheet = make_sheet([2.0], right=0.3)
     panel = sheet.panels[0]
@@ -205,11 +211,13 @@ def figure_delays(curve: LikelihoodCurve, title: str = "") -> Figure:
 
 
 def figure_peaks(rows: Sequence[tuple[str, float]], words: str, title: str = "") -> Figure:
-    """One number for each variant as a horizontal bar; ``words`` says what it is. Signs are shown
-    where one is negative.
+    """Plot one number for each variant as a horizontal bar.
+
+    ``rows``: label and value of each variant. ``words``: label of the axis. Signs are shown if a
+    value is negative.
     """
     n, sign = len(rows), "+" if any(round(value, 2) < 0 for _, value in rows) else ""
-    sheet = make_sheet([0.38 * n + 0.1], left=_LABEL + 0.2, right=0.5)
+    sheet = make_sheet([0.38 * n + 0.1], left=_LABEL_WIDTH + 0.2, right=0.5)
     panel = sheet.panels[0]
     places = np.arange(n)[::-1]
     panel.barh(
@@ -217,7 +225,7 @@ def figure_peaks(rows: Sequence[tuple[str, float]], words: str, title: str = "")
     )
     panel.axvline(0.0, **ZERO)
     for place, (_, value) in zip(places, rows, strict=True):
-        # What rounds to nothing has no sign.
+        # A value that rounds to zero has no sign.
         text = f"{round(value, 2) + 0.0:{sign if round(value, 2) else ''}.2f}".replace("-", "−")
         panel.annotate(
             text,
@@ -230,7 +238,8 @@ def figure_peaks(rows: Sequence[tuple[str, float]], words: str, title: str = "")
             color=BLACK,
         )
     panel.set_yticks(
-        places, ["\n".join(folded(plain(label), _LABEL, TICK_SIZE)) for label, _ in rows]
+        places,
+        ["\n".join(folded(escaped_dollars(label), _LABEL_WIDTH, TICK_SIZE)) for label, _ in rows],
     )
     panel.margins(x=0.18)
     panel.grid(False, axis="y")
@@ -240,7 +249,7 @@ def figure_peaks(rows: Sequence[tuple[str, float]], words: str, title: str = "")
 
 def figure_linear(
     time: np.ndarray,
-    flown: np.ndarray,
+    simulated: np.ndarray,
     linear: np.ndarray,
     names: Sequence[str],
     units: Sequence[str],
@@ -248,12 +257,15 @@ def figure_linear(
     curves: Mapping[str, Sequence[float]],
     title: str = "",
 ) -> Figure:
-    """Flown ``(m, F)`` and linear responses over time (s), and the misfit of q over the size of the
-    stick (in), both logarithmic.
+    """Plot nonlinear and linear responses over time, and the misfit of q over the stick amplitude.
+
+    ``time (F,)`` in s. ``simulated``, ``linear``: responses ``(m, F)`` of the outputs ``names``,
+    SI. ``sticks``: stick amplitudes, inches. ``curves``: relative misfit of q at each amplitude,
+    by label.
     """
     sheet = make_sheet([1.05] * (len(names) + 1) + [1.9], row_gap=0.45, share_x=False)
     for name, unit, one, other, panel in zip(
-        names, units, flown, linear, sheet.panels, strict=False
+        names, units, simulated, linear, sheet.panels, strict=False
     ):
         shown = display_unit(unit)
         panel.plot(time, shown.factor * one, color=BLUE, linewidth=2.4, label="flown, noise-free")
@@ -264,7 +276,7 @@ def figure_linear(
     panel = sheet.panels[len(names)]
     panel.plot(
         time,
-        shown.factor * (flown[row] - linear[row]),
+        shown.factor * (simulated[row] - linear[row]),
         color=VERMILION,
         linewidth=1.0,
         label="flown less linear",
@@ -279,7 +291,7 @@ def figure_linear(
     ):
         panel.plot(
             sticks,
-            np.maximum(values, _LEAST),
+            np.maximum(values, _LEAST_MISFIT),
             color=colour,
             marker=marker,
             markersize=4.5,
@@ -288,7 +300,7 @@ def figure_linear(
         )
     panel.set_xscale("log")
     panel.set_yscale("log")
-    panel.set_ylim(_LEAST / 3.0, 30.0)
+    panel.set_ylim(_LEAST_MISFIT / 3.0, 30.0)
     panel.set_xticks(list(sticks), [f"{size:g}" for size in sticks])
     panel.minorticks_off()
     panel.set_xlabel("largest stick (in)", fontsize=LABEL_SIZE)
@@ -302,14 +314,16 @@ def figure_open_margins(
     effects: Sequence[tuple[str, float]],
     title: str = "",
 ) -> Figure:
-    """Phase margins of flight over those of simulation (deg), and what each open value does to
-    their difference.
+    """Plot phase margins in flight over those of the simulation (deg), and the effect of each
+    unpublished value on their difference.
 
-    ``clouds`` and ``declared`` : a label with margins of simulation and flight. ``effects`` : a
-    label with degrees, drawn where there are any.
+    ``clouds``, ``declared`` : label, margins of the simulation and margins of the flight, deg.
+    ``effects`` : label and change of the difference (deg) of each unpublished value.
     """
     heights = [3.4, 0.3 * len(effects) + 0.1] if effects else [3.4]
-    sheet = make_sheet(heights, share_x=False, row_gap=0.62, left=_WORDS if effects else 0.72)
+    sheet = make_sheet(
+        heights, share_x=False, row_gap=0.62, left=_VALUE_LABEL_WIDTH if effects else 0.72
+    )
     panel = sheet.panels[0]
     for (label, simulation, flight), colour, marker in zip(
         clouds, (BLUE, VERMILION), ("o", "x"), strict=True
@@ -342,7 +356,8 @@ def figure_open_margins(
         panel.barh(places, [value for _, value in effects], height=0.55, color=BLUE)
         panel.axvline(0.0, **ZERO)
         panel.set_yticks(
-            places, ["\n".join(folded(label, _WORDS - 0.3, TICK_SIZE)) for label, _ in effects]
+            places,
+            ["\n".join(folded(label, _VALUE_LABEL_WIDTH - 0.3, TICK_SIZE)) for label, _ in effects],
         )
         panel.grid(False, axis="y")
         panel.set_xlabel(

@@ -11,8 +11,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ident.maneuver_detection import AXES, PAUSE, Maneuver
-from scenarios.plots.display import MEASURED_DATA, SIMULATED_DATA, axis_label, display_unit, plain
+from ident.maneuver_detection import AXES, PAUSE, DetectedManeuver
+from scenarios.plots.display import (
+    MEASURED_DATA,
+    SIMULATED_DATA,
+    axis_label,
+    display_unit,
+    escaped_dollars,
+)
 from scenarios.plots.drawing import ORNAMENT
 from scenarios.plots.style import (
     BLACK,
@@ -46,7 +52,8 @@ COLOURS: Mapping[str, str] = {
 }
 SHOWN = ("nz", "phi", "airspeed", "height", "altitude")  # of the motion
 LONG_PAUSE = 0.3  # of the recorded time, from which on a pause is cut out
-MOST_COLUMNS, NARROWEST = 4, 0.2  # parts of a figure, and the width of the shortest, of the longest
+MOST_COLUMNS = 4  # columns of panels in a figure
+NARROWEST = 0.2  # width of the narrowest panel, share of the widest
 BINS = 1500  # along a panel, more than it has pixels
 
 
@@ -56,7 +63,7 @@ class Numbered(Protocol):
     @property
     def number(self) -> int: ...
     @property
-    def found(self) -> Maneuver: ...
+    def found(self) -> DetectedManeuver: ...
 
 
 class Searched(Protocol):
@@ -70,7 +77,7 @@ class Searched(Protocol):
     def simulated(self) -> bool: ...
 
 
-def figure_flight(found: Searched, title: str = "") -> Figure:
+def figure_flight(search: Searched, title: str = "") -> Figure:
     """Controls and motion of a whole record, each as the band between its least and largest values,
     maneuvers as coloured spans.
 
@@ -78,7 +85,7 @@ def figure_flight(found: Searched, title: str = "") -> Figure:
     all panels. Angles in degrees. Long pauses in the rows are cut out: a column of panels for each
     part, wide as it is long.
     """
-    record = found.record
+    record = search.record
     names = [name for name in (*AXES, *SHOWN) if name in record.output_names]
     parts = _parts(record.time)
     lengths = [last - first for first, last in parts]
@@ -89,7 +96,7 @@ def figure_flight(found: Searched, title: str = "") -> Figure:
         time, low, high = _parted(*envelope(record.time, unit.factor * record[name].with_gaps()))
         marked = [
             each
-            for each in found.maneuvers
+            for each in search.maneuvers
             if each.found.axis == "all"
             or each.found.channel == name
             or each.found.channel not in names
@@ -107,7 +114,7 @@ def figure_flight(found: Searched, title: str = "") -> Figure:
             panel.set_ylim(min(least for least, _ in limits), max(most for _, most in limits))
             panel.tick_params(labelleft=panel is panels[0])
         y_label(panels[0], axis_label(name, unit), TICK_SIZE)
-    data = SIMULATED_DATA if found.simulated else MEASURED_DATA
+    data = SIMULATED_DATA if search.simulated else MEASURED_DATA
     for panel in sheet.axes[-1]:
         time_axis(panel)
     cut = "; pauses are cut out" if len(parts) > 1 else ""
@@ -191,8 +198,8 @@ def envelope(
 
     Neighbouring blocks share a sample, so that the band has no holes.
     """
-    known = np.isfinite(values)
-    time, values = time[known], values[known]
+    finite = np.isfinite(values)
+    time, values = time[finite], values[finite]
     if values.size <= 2 * bins:
         return time, values, values
     edges = np.linspace(0, values.size, bins + 1).astype(int)
@@ -214,7 +221,7 @@ _IN_SIGHT = 1.6  # of what is flown: limits farther off are left out of the pane
 
 @dataclass(frozen=True, eq=False)
 class ManeuverCourse:
-    """One maneuver: inputs and outputs by name, ``(N,)`` each, load factors as totals."""
+    """A maneuver: inputs and outputs by name, ``(N,)`` each, load factors as totals."""
 
     label: str
     inputs: Mapping[str, np.ndarray]
@@ -253,7 +260,12 @@ def figure_maneuvers(
             style: dict[str, Any] = {"drawstyle": "steps-post"} if name in course.inputs else {}
             look = method_style(column, alone=True)
             panel.plot(
-                time, values, label=plain(course.label), color=look["color"], linewidth=1.0, **style
+                time,
+                values,
+                label=escaped_dollars(course.label),
+                color=look["color"],
+                linewidth=1.0,
+                **style,
             )
             for end in shown:
                 panel.axhline(end, **_LIMIT)
@@ -291,12 +303,12 @@ def figure_coherence(kinds: Sequence[tuple[str, Any]], title: str = "") -> Figur
     for m, output in enumerate(first.outputs):
         for q, name in enumerate(first.inputs):
             panel = sheet.axes[m][q]
-            for number, (kind, found) in enumerate(kinds):
+            for number, (kind, result) in enumerate(kinds):
                 look = method_style(number, alone=True)
                 panel.plot(
-                    found.frequency,
-                    found.coherence[m, q],
-                    label=plain(kind),
+                    result.frequency,
+                    result.coherence[m, q],
+                    label=escaped_dollars(kind),
                     color=look["color"],
                     linewidth=1.2,
                 )
@@ -308,16 +320,18 @@ def figure_coherence(kinds: Sequence[tuple[str, Any]], title: str = "") -> Figur
             if q:
                 panel.tick_params(labelleft=False)
             if m == len(first.outputs) - 1:
-                panel.set_xlabel(f"frequency (Hz), {plain(name)}", fontsize=LABEL_SIZE)
-        y_label(sheet.axes[m][0], f"coherence of {plain(output)} (–)")
+                panel.set_xlabel(f"frequency (Hz), {escaped_dollars(name)}", fontsize=LABEL_SIZE)
+        y_label(sheet.axes[m][0], f"coherence of {escaped_dollars(output)} (–)")
     return finish(sheet, title, head=0.12)
 
 
 # ---- Figures of a fleet of flights
 
-_PANEL, _ROW = 1.15, 0.3  # inches
+_PANEL = 1.15  # inches, height of a panel
+_ROW = 0.3  # inches, height of a row
 _SHOWN = 5.0  # inner spreads of the values, beyond which an error bar that tells nothing is cut
-_FLIGHTS, _LONGEST = 45, 12  # names, and letters in them, that stand at the axis without touching
+_FLIGHTS = 45  # most names at an axis without overlap
+_LONGEST = 12  # letters of a name at an axis
 
 
 @dataclass(frozen=True, eq=False)
@@ -334,8 +348,8 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class OverCondition:
-    """A derivative of n flights over a condition: values and sigmas ``(n,)``, which flights stand
-    out, and the pooled line.
+    """A derivative of n flights over a condition: values and sigmas ``(n,)``, outlying flights, and
+    the pooled line.
     """
 
     name: str
@@ -457,7 +471,7 @@ def figure_shared(rows: Sequence[Shared], condition: str, unit: str, title: str 
                     label=label,
                 )
         _limits(panel, shown.factor * row.values, shown.factor * row.sigmas)
-        y_label(panel, plain(f"{row.name} ({shown.text})"))
+        y_label(panel, escaped_dollars(f"{row.name} ({shown.text})"))
     sheet.panels[-1].set_xlabel(axis_label(condition, across), fontsize=LABEL_SIZE)
     return finish(sheet, title)
 
@@ -465,14 +479,14 @@ def figure_shared(rows: Sequence[Shared], condition: str, unit: str, title: str 
 def figure_effects(
     flights: Sequence[str], probabilities: Mapping[str, np.ndarray], title: str = ""
 ) -> Figure:
-    """A row an effect, a column a flight: filled where the flight has it, open where it has it not,
-    half where it does not tell.
+    """Plot a row for each effect and a column for each flight: filled if present, open if absent,
+    half if undecided.
     """
     names = list(probabilities)
     named = len(flights) <= _FLIGHTS and max(map(len, flights)) <= _LONGEST
     sheet = make_sheet(
         [_ROW * len(names) + 0.15],
-        left=max(0.72, *(text_width(plain(name)) + 0.25 for name in names)),
+        left=max(0.72, *(text_width(escaped_dollars(name)) + 0.25 for name in names)),
     )
     panel = sheet.panels[0]
     for y, name in zip(range(len(names) - 1, -1, -1), names, strict=True):
@@ -495,32 +509,35 @@ def figure_effects(
                     markeredgewidth=0.7,
                     label=label,
                 )
-    panel.set_yticks(range(len(names)), [plain(name) for name in names[::-1]])
+    panel.set_yticks(range(len(names)), [escaped_dollars(name) for name in names[::-1]])
     panel.set_ylim(-0.6, len(names) - 0.4)
     panel.set_xlim(0.2, len(flights) + 0.8)
     panel.tick_params(axis="both", labelsize=TICK_SIZE, length=0)
     if named:
         panel.grid(False)
         panel.set_xticks(
-            1 + np.arange(len(flights)), [plain(flight) for flight in flights], rotation=90
+            1 + np.arange(len(flights)),
+            [escaped_dollars(flight) for flight in flights],
+            rotation=90,
         )
     else:
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
         panel.set_xlabel(
-            f"flight, in the order of the file: {plain(flights[0])} to {plain(flights[-1])}",
+            f"flight, in the order of the file: {escaped_dollars(flights[0])} to "
+            f"{escaped_dollars(flights[-1])}",
             fontsize=LABEL_SIZE,
         )
     return finish(
         sheet,
         title,
-        bottom=0.2 + max(text_width(plain(flight), TICK_SIZE) for flight in flights)
+        bottom=0.2 + max(text_width(escaped_dollars(flight), TICK_SIZE) for flight in flights)
         if named
         else 0.5,
     )
 
 
 def _limits(panel: object, values: np.ndarray, sigmas: np.ndarray) -> None:
-    """Room for every value; of error bars what is not longer than the spread of the values."""
+    """Set axis limits for all values, and for error bars up to the spread of the values."""
     reach = 2.0 * float(np.median(sigmas)) + 1e-12
     low, high = float(np.min(values)) - reach, float(np.max(values)) + reach
     panel.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))  # type: ignore[attr-defined]

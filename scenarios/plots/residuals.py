@@ -18,12 +18,12 @@ from scenarios.plots.display import (
     MEASURED_DATA,
     axis_label,
     display_unit,
-    plain,
+    escaped_dollars,
     scaled_unit,
     signed,
     symbol,
 )
-from scenarios.plots.signals import Response, context, figure_fit
+from scenarios.plots.signals import MethodOutputs, context, figure_fit
 from scenarios.plots.style import (
     BLACK,
     BLUE,
@@ -49,7 +49,8 @@ from scenarios.plots.style import (
 
 CLIP = 8.0  # standard deviations; an error beyond becomes an arrow with its size
 _LABEL = 2.0  # inches, where a label is folded
-_OURS, _PUBLISHED = 0.17, -0.17  # offsets within a row
+_OURS = 0.17  # offset of our residuals within a row
+_PUBLISHED = -0.17  # offset of published ones within a row
 
 
 @dataclass(frozen=True)
@@ -71,8 +72,8 @@ class ComparisonRow:
 
 @dataclass(frozen=True)
 class EquivalentRow:
-    """One derivative of one flexible aircraft: rigid, statically condensed and estimated value, all
-    in ``unit``.
+    """A derivative of a flexible aircraft: rigid, statically condensed and estimated value, in
+    ``unit``.
     """
 
     aircraft: str
@@ -157,7 +158,10 @@ def figure_comparison(rows: Sequence[ComparisonRow], title: str = "") -> Figure:
     its per cent only.
     """
     n, has_published = len(rows), any(row.published is not None for row in rows)
-    lines = [folded(plain(row.label), _LABEL) if row.label else [symbol(row.name)] for row in rows]
+    lines = [
+        folded(escaped_dollars(row.label), _LABEL) if row.label else [symbol(row.name)]
+        for row in rows
+    ]
     labels = ["\n".join(some) for some in lines]
     left = max([1.0, *(text_width(line) + 0.2 for some in lines for line in some)])
     tallest = max((len(some) for some in lines), default=1)
@@ -414,7 +418,7 @@ def figure_held_out(
     both = (("predicted after", prediction.after), ("predicted before", prediction.before))
     shown = (("predicted", prediction.before),) if same else both
     responses = [
-        Response(label, dict(zip(prediction.channels, values, strict=True)))
+        MethodOutputs(label, dict(zip(prediction.channels, values, strict=True)))
         for label, values in shown
     ]
     record = prediction.record
@@ -523,7 +527,7 @@ def spectrum(residual: np.ndarray, interval: float, used: int) -> tuple[np.ndarr
 
 
 def _same(fitted: FittedRecord, rows: Sequence[int]) -> bool:
-    """Whether before and after differ by less than a figure can show: nothing was added."""
+    """Whether before and after differ by less than a figure can show."""
     change, size = (
         np.abs(fitted.before - fitted.after)[rows].max(axis=1, initial=0.0),
         np.abs(fitted.after)[rows].max(axis=1, initial=0.0),
@@ -547,6 +551,6 @@ def _band(panel: Axes, sigma: float) -> None:
 
 
 def _few_ticks(panel: Axes) -> None:
-    """Ticks are most of what drawing costs, and a narrow panel has no room for many."""
+    """Use few ticks, which take most of the drawing time."""
     for axis, bins in ((panel.xaxis, 5), (panel.yaxis, 3)):
         axis.set_major_locator(MaxNLocator(nbins=bins, steps=[1, 2, 2.5, 5, 10]))

@@ -1,4 +1,6 @@
-"""Studies beside each other: estimates of each parameter, their errors, and outputs over time."""
+"""Figures that compare studies: estimates of each parameter, their errors, and outputs over
+time.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,7 @@ from scenarios.plots.display import (
     SIMULATED_DATA,
     axis_label,
     display_unit,
-    plain,
+    escaped_dollars,
     scaled_unit,
     signed,
     symbol,
@@ -38,15 +40,15 @@ from scenarios.plots.style import (
     y_label,
 )
 
-# largest errors that are drawn to scale; those beyond become arrows with their size
-SIGMAS, PERCENT = 8.0, 40.0
+SIGMAS = 8.0  # largest error that is drawn to scale, standard deviations; larger ones become arrows
+PERCENT = 40.0  # the same for errors in per cent
 _LINE = 0.14  # inches, one mark with its number
 
 
 @dataclass(frozen=True)
 class ParameterColumn:
-    """One parameter in one study, all in one unit; ``std`` is zero where none is stated,
-    ``published`` with its deviation likewise.
+    """A parameter in one study, in one unit; ``std`` is 0 if not stated, likewise that of
+    ``published``.
     """
 
     estimate: float
@@ -57,7 +59,7 @@ class ParameterColumn:
 
     @property
     def reference(self) -> float | None:
-        """What the estimate is held against."""
+        """Reference value of the error."""
         return self.true if self.condensed is None else self.condensed
 
 
@@ -101,8 +103,8 @@ def figure_studies_estimates(
             for each in row
             if each is not None
         ]
-        plain_unit = display_unit(units[name], name)
-        unit = scaled_unit(plain_unit, plain_unit.factor * max(sizes))
+        base_unit = display_unit(units[name], name)
+        unit = scaled_unit(base_unit, base_unit.factor * max(sizes))
         label = axis_label(name, unit)
         caption(panel, label if "$" in label else label.replace("_", " "))
         for x, each in enumerate(row):
@@ -138,7 +140,7 @@ def figure_studies_errors(rows: Rows, labels: Sequence[str], title: str = "") ->
             look = {
                 "color": method_style(number)["color"],
                 "marker": "o",
-                "label": plain(labels[number]),
+                "label": escaped_dollars(labels[number]),
             }
             _draw_errors(percent, sigmas, each, y, look)
             if each.published is not None:
@@ -208,7 +210,10 @@ def figure_studies_responses(
                     alpha=0.5,
                 )
                 panel.plot(
-                    each.time, unit.factor * each.predicted[name], label=plain(each.label), **look
+                    each.time,
+                    unit.factor * each.predicted[name],
+                    label=escaped_dollars(each.label),
+                    **look,
                 )
         y_label(panel, axis_label(name, unit))
     kinds = sorted({SIMULATED_DATA if each.simulated else MEASURED_DATA for each in studies})

@@ -24,7 +24,7 @@ from scenarios.plots.display import (
     axis_label,
     course,
     display_unit,
-    plain,
+    escaped_dollars,
     signed,
     symbol,
 )
@@ -54,16 +54,14 @@ from sim.truth.flight import Truth
 
 
 @dataclass(frozen=True, eq=False)
-class Response:
-    """What a method says the outputs were: by output name ``(N,)`` at the record's samples, NaN
-    where it says nothing.
-    """
+class MethodOutputs:
+    """Outputs of a method by name, ``(N,)`` at the record's samples, NaN where missing."""
 
     label: str
     outputs: Mapping[str, np.ndarray]
 
 
-def response_of(estimate: Estimate, label: str = "", record: int = 0) -> Response:
+def response_of(estimate: Estimate, label: str = "", record: int = 0) -> MethodOutputs:
     """The response that an estimate carries for its record number ``record``.
 
     Of a filter it is the prediction one sample ahead, NaN where a sample was missing or the filter
@@ -76,7 +74,7 @@ def response_of(estimate: Estimate, label: str = "", record: int = 0) -> Respons
     if estimate.history is not None:
         values[~estimate.history.valid] = np.nan
         shown = label or f"{shown}, one sample ahead"
-    return Response(shown, dict(zip(estimate.output_names, values, strict=True)))
+    return MethodOutputs(shown, dict(zip(estimate.output_names, values, strict=True)))
 
 
 def units_of(record: Record, names: Sequence[str]) -> list[str]:
@@ -119,7 +117,7 @@ def figure_record(record: Record, title: str = "", data: str = MEASURED_DATA) ->
 
 def figure_fit(
     record: Record,
-    responses: Sequence[Response],
+    responses: Sequence[MethodOutputs],
     truth: Truth | None = None,
     title: str = "",
     noise_std: Mapping[str, float] | None = None,
@@ -132,9 +130,11 @@ def figure_fit(
     Parameters
     ----------
     responses : one for each method, drawn over each other; outputs of which none speaks are left
-    out. truth : its noise-free outputs are added, dashed. noise_std : by output; adds a band of two
-    standard deviations of the measurement noise to the residual. above : channels that stand by
-    themselves above the outputs, such as inputs and airspeed.
+        out.
+    truth : its noise-free outputs are added, dashed.
+    noise_std : by output; adds a band of two standard deviations of the measurement noise to the
+        residual.
+    above : channels that stand by themselves above the outputs, such as inputs and airspeed.
 
     Angles in degrees. Raises ModelError when no response speaks of any output.
     """
@@ -172,7 +172,7 @@ def figure_fit(
                 method_style(order, alone=len(responses) == 1 and truth is None),
                 unit.factor * response.outputs[channel.name],
             )
-            upper.plot(record.time, values, label=plain(response.label), **look)
+            upper.plot(record.time, values, label=escaped_dollars(response.label), **look)
             residual = np.where(channel.valid, unit.factor * channel.values - values, np.nan)
             below.plot(
                 record.time,
@@ -191,19 +191,19 @@ def figure_fit(
 
 
 def context(record: Record, shown: Sequence[str]) -> list[Channel]:
-    """What stands above the outputs ``shown``: the inputs, and outputs of which no model speaks,
-    such as the airspeed.
+    """Panels above the outputs ``shown``: inputs, and outputs without a model, such as the
+    airspeed.
     """
     return [*record.inputs, *(each for each in record.outputs if each.name not in shown)]
 
 
 def _alone(panels: Sequence[Axes], record: Record, channels: Sequence[Channel]) -> None:
-    """A panel for each channel that nothing is estimated of, held inputs as steps."""
-    held = record.hold is Hold.PREVIOUS
+    """Draw a panel for each channel without an estimate, held inputs as steps."""
+    is_held = record.hold is Hold.PREVIOUS
     for panel, channel in zip(panels, channels, strict=False):
         unit = display_unit(channel.unit)
         values = np.where(channel.valid, unit.factor * channel.values, np.nan)
-        steps = held and channel.name in record.input_names
+        steps = is_held and channel.name in record.input_names
         style = "steps-post" if steps else "default"
         panel.plot(record.time, values, color=GREEN, linewidth=1.2, drawstyle=style)
         panel.yaxis.set_major_locator(MaxNLocator(3))
@@ -261,7 +261,7 @@ def figure_trajectory(
         y_label(panel, f"{name} ({unit.text})")
         for number, (label, history) in enumerate(histories.items()):
             path = course(history, name, unit.factor)
-            panel.plot(path.time, path.mean, label=plain(label), **method_style(number))
+            panel.plot(path.time, path.mean, label=escaped_dollars(label), **method_style(number))
         if truth is not None:
             actual = truth.states[name]
             panel.plot(truth.time, unit.factor * actual, label="true", zorder=5, **TRUE)
@@ -292,7 +292,7 @@ def figure_ballistic_coefficient(
         row_gap=0.36 if blocks == 1 else 0.62,
         column_gap=0.6,
     )
-    room = (WIDTH - sheet.left - sheet.right - sheet.column_gap) / 2
+    available_width = (WIDTH - sheet.left - sheet.right - sheet.column_gap) / 2
     paths = {label: course(history, "beta", unit.factor) for label, history in histories.items()}
     errors: list[np.ndarray] = []
     lowest: list[Axes] = []
@@ -305,8 +305,10 @@ def figure_ballistic_coefficient(
             panel,
             "\n".join(
                 folded(
-                    plain(label) if path.time.size else f"{plain(label)}: no sound sample",
-                    room,
+                    escaped_dollars(label)
+                    if path.time.size
+                    else f"{escaped_dollars(label)}: no sound sample",
+                    available_width,
                     TICK_SIZE,
                 )
             ),
@@ -349,7 +351,8 @@ def figure_ballistic_coefficient(
     )
     if true is not None:
         limit = max(
-            _late_limit(error, path.std) for error, path in zip(errors, paths.values(), strict=True)
+            _settled_limit(error, path.std)
+            for error, path in zip(errors, paths.values(), strict=True)
         )
         _share_limits(sheet, 1, per_row, -limit, limit)
     for panel in lowest:
@@ -397,14 +400,14 @@ def _errors(
                 linestyle=look["linestyle"],
                 zorder=look["zorder"],
             )
-        limit = max(limit, _late_limit(error, path.std, 0.1))
+        limit = max(limit, _settled_limit(error, path.std, 0.1))
     panel.set_ylim(-limit or -1.0, limit or 1.0)
     y_label(panel, f"error ({unit.text})")
     caption(panel, f"{name}: estimate − true, thin: ±2σ")
 
 
-def _late_limit(error: np.ndarray, std: np.ndarray, after: float = 0.5) -> float:
-    """A limit for what an error and its bounds do after this share of the samples."""
+def _settled_limit(error: np.ndarray, std: np.ndarray, after: float = 0.5) -> float:
+    """Axis limit for an error and its bounds after this share of the samples."""
     if error.size == 0:
         return 1.0
     start = int(after * error.size)

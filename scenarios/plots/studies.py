@@ -1,4 +1,4 @@
-"""Figures of many runs, of what records determine, and of flexibility."""
+"""Figures of many runs, of observability, and of flexibility."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ident.statistics.intervals import mean_square_interval
-from scenarios.plots.display import axis_label, display_unit, plain, symbol
+from scenarios.plots.display import axis_label, display_unit, escaped_dollars, symbol
 from scenarios.plots.style import (
     BLACK,
     BLUE,
@@ -35,15 +35,16 @@ from scenarios.plots.style import (
 
 # ---- Errors of many runs in the sigmas that each run reports
 
-# inches a parameter; half the height of its dots, of a row; sigmas, where the axis ends
-_ROW, _SPREAD, _CLIP = 0.42, 0.3, 5.0
+_ROW = 0.42  # inches, height of a parameter's row
+_SPREAD = 0.3  # half the height of its dots, share of the row
+_CLIP = 5.0  # standard deviations, where the axis ends
 EXPECTED = 95.45  # % of a Gaussian within two standard deviations
 
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """One parameter, or all: errors of every run in its own sigmas ``(N,)``; share within two, and
-    the ends of its interval, in per cent.
+    """Errors of every run in its own sigmas ``(N,)``; share within two sigmas with its interval,
+    per cent.
     """
 
     name: str
@@ -66,7 +67,7 @@ def figure_campaign(rows: Sequence[Coverage], title: str = "") -> Figure:
     errors, share = sheet.panels
     errors.axvspan(-2.0, 2.0, color=LIGHT, alpha=0.55, linewidth=0, label="within ±2σ")
     errors.axvline(0.0, **ZERO)
-    share.axvline(EXPECTED, label=plain(f"{EXPECTED:g} % of a Gaussian"), **TRUE)
+    share.axvline(EXPECTED, label=escaped_dollars(f"{EXPECTED:g} % of a Gaussian"), **TRUE)
     for y, row in zip(range(n - 1, -1, -1), rows, strict=True):
         # Spread over the row by a sequence that fills it evenly, the same for every parameter.
         heights = y + _SPREAD * (
@@ -120,7 +121,7 @@ MOST_ROWS = 40  # parameters of one figure
 
 @dataclass(frozen=True, eq=False)
 class CoverageRow:
-    """One parameter: share, low and high end in per cent within one, two and three sigmas."""
+    """Share with low and high end in per cent within one, two and three sigmas."""
 
     name: str
     shares: tuple[tuple[float, float, float], ...]
@@ -157,15 +158,17 @@ def figure_coverage(
         panel.axvline(expected, label="normal distribution", **TRUE)
         for y, row in zip(range(n - 1, -1, -1), rows, strict=True):
             share, low, high = row.shares[at]
-            held = low <= expected <= high
+            covered = low <= expected <= high
             said = (
-                "95 % interval" if held else "95 % interval without the normal distribution's share"
+                "95 % interval"
+                if covered
+                else "95 % interval without the normal distribution's share"
             )
             panel.plot(
                 [low, high],
                 [y, y],
                 "-",
-                color=BLUE if held else VERMILION,
+                color=BLUE if covered else VERMILION,
                 linewidth=1.4,
                 label=said,
             )
@@ -177,9 +180,9 @@ def figure_coverage(
             min(expected, *(row.shares[at][1] for row in rows)),
             max(expected, *(row.shares[at][2] for row in rows)),
         )
-        room = 0.08 * max(highest - lowest, 1.0)
-        panel.set_xlim(max(lowest - room, -1.0), min(highest + room, 101.0))
-        panel.set_xlabel(plain(f"within {at + 1}σ (%)"), fontsize=LABEL_SIZE)
+        margin = 0.08 * max(highest - lowest, 1.0)
+        panel.set_xlim(max(lowest - margin, -1.0), min(highest + margin, 101.0))
+        panel.set_xlabel(escaped_dollars(f"within {at + 1}σ (%)"), fontsize=LABEL_SIZE)
     return finish(sheet, title)
 
 
@@ -217,8 +220,8 @@ def figure_errors(names: Sequence[str], sigmas: np.ndarray, title: str = "") -> 
 
 
 def figure_squares(panels: Sequence[SquaresPanel], title: str = "") -> Figure:
-    """NEES, NIS: each run's sum over its degrees of freedom, beside chi-square and the interval
-    that holds 95 % of it.
+    """Plot NEES and NIS of each run over the degrees of freedom, with chi-square and its 95 %
+    interval.
     """
     sheet = make_sheet([2.1], (1.0,) * len(panels), column_gap=0.75, share_x=False)
     for panel, shown in zip(sheet.panels, panels, strict=True):
@@ -334,7 +337,7 @@ def figure_determination(methods: Sequence[DeterminedBy], title: str = "") -> Fi
         colour, mark = method_style(number)["color"], _MARKS[number % len(_MARKS)]
         look = {"color": colour, "marker": mark, "linestyle": "none", "markersize": 3.5}
         along = np.arange(1, len(each.strengths) + 1)
-        spectrum.plot(along, each.strengths, label=plain(each.label), **look)
+        spectrum.plot(along, each.strengths, label=escaped_dollars(each.label), **look)
         spare.plot(
             along, np.cumsum(each.strengths**2 / (1.0 + each.strengths**2)), **method_style(number)
         )
@@ -479,9 +482,9 @@ def _draw_derivative(panel: Axes, degrees: Sequence[float], course: DerivativeCo
         label="best rigid model, no noise",
     )
     shift = np.linspace(-0.03, 0.03, len(course.estimates)) if len(course.estimates) > 1 else [0.0]
-    for number, (label, found) in enumerate(course.estimates.items()):
+    for number, (label, result) in enumerate(course.estimates.items()):
         colour, marker = _ESTIMATES[number % len(_ESTIMATES)]
-        values, std = (unit.factor * np.array(part) for part in zip(*found, strict=True))
+        values, std = (unit.factor * np.array(part) for part in zip(*result, strict=True))
         places = np.array(degrees) * np.exp(shift[number])
         look: dict[str, Any] = {
             "fmt": marker,
@@ -490,7 +493,9 @@ def _draw_derivative(panel: Axes, degrees: Sequence[float], course: DerivativeCo
             "linewidth": 0.9,
             "capsize": 1.5,
         }
-        panel.errorbar(places, values, yerr=2.0 * std, label=f"{plain(label)} ±2σ", **look)
+        panel.errorbar(
+            places, values, yerr=2.0 * std, label=f"{escaped_dollars(label)} ±2σ", **look
+        )
     for each in course.published:
         printed: dict[str, Any] = {
             "fmt": "s",
@@ -525,7 +530,7 @@ def _dress(
                 color=_CRITERIA[number],
                 linewidth=1.4,
                 linestyle=_LINES[number],
-                label=plain(criterion.label),
+                label=escaped_dollars(criterion.label),
             )
     for label, degree in marks.items():
         place: dict[str, Any] = {
@@ -535,4 +540,4 @@ def _dress(
             "fontsize": TICK_SIZE - 1.0,
             "annotation_clip": False,
         }
-        panel.annotate(plain(label), (degree, 1.0), **place)
+        panel.annotate(escaped_dollars(label), (degree, 1.0), **place)

@@ -1,5 +1,5 @@
-"""The one look of all figures: sizes for print at 100 %, colours that colour-blind readers can tell
-apart, a sheet of panels.
+"""Style of all figures: sizes for print at 100 %, a palette for colour-blind readers, a sheet of
+panels.
 
 Panels are placed in inches by hand: a layout engine draws every figure twice to learn what is known
 beforehand.
@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator, ScalarFormatter
 
-from scenarios.plots.display import plain
+from scenarios.plots.display import escaped_dollars
 from sim.errors import ModelError
 
 DPI = 110
@@ -61,7 +61,10 @@ ZERO: dict[str, Any] = {"color": BLACK, "linewidth": 0.6}
 
 _UNSEEN = str.maketrans("", "", "${}_^")
 _SMALL = 4.0  # points; a mark below it is enlarged in the legend
-_TITLE_ROW, _LEGEND_ROW, _CHARACTER, _HANDLE = 0.17, 0.16, 0.066, 0.55  # inches
+_TITLE_ROW = 0.17  # inches
+_LEGEND_ROW = 0.16  # inches
+_CHARACTER = 0.066  # inches, width of a character
+_HANDLE = 0.55  # inches, width of a line in the legend
 _SMALLEST = 6.0  # points, of a label that has little room
 _MOST = 8, 5  # numbers at an axis, along and up
 _BOLD = 1.1  # how much wider bold letters are
@@ -84,7 +87,7 @@ class Sheet:
 
     @property
     def panels(self) -> tuple[Axes, ...]:
-        """All panels in the order of reading."""
+        """All panels in reading order."""
         return tuple(axes for row in self.axes for axes in row)
 
 
@@ -215,7 +218,13 @@ def draw_title(figure: Figure, title: str, width: float, height: float) -> None:
         y = 1.0 - (0.08 + number * _TITLE_ROW) / height
         size, weight = (TITLE_SIZE, "bold") if bold else (LABEL_SIZE, "normal")
         figure.text(
-            0.15 / width, y, plain(line), fontsize=size, fontweight=weight, va="top", ha="left"
+            0.15 / width,
+            y,
+            escaped_dollars(line),
+            fontsize=size,
+            fontweight=weight,
+            va="top",
+            ha="left",
         )
 
 
@@ -241,8 +250,11 @@ class PanelsOverNames:
 
     Attributes
     ----------
-    sheet : the panels. names : along each axis. kind : what a name is of, in a word. title : with
-    the numbered names. numbered : whether they are.
+    sheet : the panels.
+    names : along each axis.
+    kind : what a name is of, in a word.
+    title : with the numbered names.
+    numbered : whether they are.
     """
 
     sheet: Sheet
@@ -264,15 +276,17 @@ class PanelsOverNames:
             left=0.66,
         )
         inner = WIDTH - sheet.left - sheet.right - sheet.column_gap * (columns - 1)
-        room = inner / columns / max(len(names), 1)
-        numbered = any(text_width(name, TICK_SIZE) > room for name in names)
+        width_per_name = inner / columns / max(len(names), 1)
+        numbered = any(text_width(name, TICK_SIZE) > width_per_name for name in names)
         if numbered:
             title = "\n".join([title, *(f"{i}: {name}" for i, name in enumerate(names, start=1))])
         return cls(sheet, names, kind, title, numbered)
 
     def finished(self, head: float) -> Figure:
         """The figure, its axes labelled; ``head``: inches above the first row."""
-        labels = [str(i + 1) if self.numbered else plain(n) for i, n in enumerate(self.names)]
+        labels = [
+            str(i + 1) if self.numbered else escaped_dollars(n) for i, n in enumerate(self.names)
+        ]
         for panel in self.sheet.panels:
             panel.set_xticks(range(len(labels)), labels)
             panel.tick_params(labelbottom=True)
@@ -312,7 +326,7 @@ def cells(panel: Axes, values: np.ndarray, **look: Any) -> QuadMesh:
 
 
 def decades(axis: Axis, multiples: Sequence[float] = (1.0,)) -> None:
-    """Plain numbers at multiples of the powers of ten, nothing between."""
+    """Label an axis with plain numbers at multiples of powers of ten."""
     axis.set_major_locator(LogLocator(subs=multiples, numticks=9))
     axis.set_minor_locator(NullLocator())
     axis.set_major_formatter(FuncFormatter(lambda value, position: f"{value:g}"))
@@ -349,20 +363,20 @@ def _fewer_ticks(panel: Axes, width: float, height: float) -> None:
             locator.set_params(nbins=most)
 
 
-def _fitted_label(panel: Axes, room: float) -> None:
+def _fitted_label(panel: Axes, available_width: float) -> None:
     """Make the label up the side smaller where it would reach into the next panel's."""
     points = float(panel.yaxis.label.get_fontsize())
     wide = text_width(panel.get_ylabel(), points)
-    if wide > room:
-        panel.yaxis.label.set_fontsize(max(_SMALLEST, points * room / wide))
+    if wide > available_width:
+        panel.yaxis.label.set_fontsize(max(_SMALLEST, points * available_width / wide))
 
 
 def _title_lines(title: str, width: float) -> list[tuple[str, bool]]:
     """Folded lines, and whether each is bold."""
     first, *rest = title.split("\n")
-    room = width - 0.3
-    return [(line, True) for line in folded(first, room / _BOLD, TITLE_SIZE)] + [
-        (line, False) for text in rest for line in folded(text, room)
+    available_width = width - 0.3
+    return [(line, True) for line in folded(first, available_width / _BOLD, TITLE_SIZE)] + [
+        (line, False) for text in rest for line in folded(text, available_width)
     ]
 
 
@@ -375,7 +389,7 @@ def _labelled(sheet: Sheet) -> dict[str, Any]:
 
 
 def _legend_columns(labels: Sequence[str], width: float) -> int:
-    """As many columns as fit side by side by an estimate of the labels' length."""
+    """Number of columns that fit beside each other, from the estimated length of the labels."""
     if not labels:
         return 1
     widths = [text_width(label, TICK_SIZE) + _HANDLE for label in labels]

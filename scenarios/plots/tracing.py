@@ -16,8 +16,8 @@ from scenarios.plots.display import (
     NamedEffects,
     Replicated,
     display_unit,
+    escaped_dollars,
     is_alternative,
-    plain,
     reason,
     symbol,
 )
@@ -131,9 +131,11 @@ def figure_derivatives(
 # ---- Why the winner won
 
 ROWS = {1: 12, 2: 8}  # candidates of a round, by the number of rounds; 6 of more
-SPARE, PANELS = 4, 3  # candidates of a round after which nothing was needed; rounds
-# inches a candidate, inches for a number, size of text
-_ROW, _NUMBER, _SMALL = 0.2, 0.56, TICK_SIZE - 0.5
+SPARE = 4  # candidates drawn of a round that added no effect
+PANELS = 3  # rounds at most
+_ROW = 0.2  # inches, height of a candidate
+_NUMBER = 0.56  # inches, width of a number
+_SMALL = TICK_SIZE - 0.5  # points, size of small text
 _TITLE_LEFT = 0.15  # inches
 NOTHING = NamedEffects()
 
@@ -168,7 +170,11 @@ def figure_evidence(
         max(
             [
                 1.0,
-                *(text_width(plain(c.name), _SMALL) + 0.25 for each in rounds for c in each.shown),
+                *(
+                    text_width(escaped_dollars(c.name), _SMALL) + 0.25
+                    for each in rounds
+                    for c in each.shown
+                ),
             ]
         ),
     )
@@ -197,18 +203,18 @@ def figure_evidence(
 
 
 def _rounds(candidates: Sequence[Candidate], standing: NamedEffects) -> list[_Round]:
-    """The rounds on the way to what stands; without any the first ones."""
+    """Rounds of the search that led to the final effects; without any the first ones."""
     nodes = list(dict.fromkeys((len(c.within), c.within) for c in candidates))
     path = [node for node in nodes if set(node[1]) <= set(standing.named)] or nodes
-    kept = sorted(path, key=lambda node: node[0])[:PANELS]
-    most = ROWS.get(len(kept), 6)
+    chosen = sorted(path, key=lambda node: node[0])[:PANELS]
+    most = ROWS.get(len(chosen), 6)
 
     def rows(within: tuple[str, ...]) -> int:
         return SPARE if standing.complete(within) else most
 
     return [
         _round([c for c in candidates if c.within == within], standing, rows(within))
-        for _, within in kept
+        for _, within in chosen
     ]
 
 
@@ -271,11 +277,11 @@ def _draw_odds(panel: Axes, each: _Round, standing: NamedEffects) -> None:
     span = (most - low) or 1.0
     panel.set_xlim(low - 0.02 * span, most + 0.04 * span)
     panel.xaxis.set_major_locator(MaxNLocator(5))
-    panel.set_yticks(_places(each), [plain(c.name) for c in each.shown], fontsize=_SMALL)
+    panel.set_yticks(_places(each), [escaped_dollars(c.name) for c in each.shown], fontsize=_SMALL)
 
 
 def _head(panel: Axes, each: _Round, standing: NamedEffects, x: float) -> None:
-    """What the round began from, above the names, and below them how many others there are."""
+    """Write the start of a round above the names, and the number of further candidates below."""
     beside = f"beside {' + '.join(each.within)}" if each.within else "beside the declared model"
     done = (
         "; nothing more was needed"
@@ -285,7 +291,7 @@ def _head(panel: Axes, each: _Round, standing: NamedEffects, x: float) -> None:
         else ""
     )
     panel.set_title(
-        plain(f"round {each.number}, {beside}{done}"),
+        escaped_dollars(f"round {each.number}, {beside}{done}"),
         fontsize=TICK_SIZE,
         loc="left",
         x=x,
@@ -375,21 +381,22 @@ def figure_replication(effects: Sequence[Replicated], title: str = "") -> Figure
             label="one record ±2σ",
         )
         panel.set_xlim(-0.5, len(effect.by_record) - 0.5)
-        room = 5.9 / len(effect.by_record)
+        width_per_record = 5.9 / len(effect.by_record)
         panel.set_xticks(
             range(len(effect.by_record)),
-            ["\n".join(folded(plain(label), room, TICK_SIZE)) for label in effect.records],
+            [
+                "\n".join(folded(escaped_dollars(label), width_per_record, TICK_SIZE))
+                for label in effect.records
+            ],
         )
         text = display_unit(effect.by_record[0][name].unit, name).text
-        y_label(panel, plain(f"{name.replace('_', ' ')} ({text})"))
-        caption(panel, plain(effect.name))
+        y_label(panel, escaped_dollars(f"{name.replace('_', ' ')} ({text})"))
+        caption(panel, escaped_dollars(effect.name))
     return finish(sheet, title, head=0.22, bottom=0.45)
 
 
 def _shown(quantities: Sequence[Quantity], name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Values and standard deviations in the units of a figure; a sigma that says nothing is as long
-    as the value.
-    """
+    """Values and standard deviations in the units of a figure, sigmas limited to the value."""
     rows = np.array(
         [displayed(quantity, name)[:2] for quantity in quantities], dtype=float
     ).reshape(-1, 2)

@@ -1,1 +1,1 @@
-"""What a measured record goes through between its file and a fit."""
+"""Preparation of measured records: from the file to the fit."""

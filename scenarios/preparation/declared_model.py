@@ -67,10 +67,10 @@ def model_of_file(vehicle: VehicleFile) -> Model:
 
 
 def outputs_with_bias(model: Model, outputs: Sequence[str]) -> list[str]:
-    """Which of the outputs have a free constant bias in a fit: those that the equations name, else
-    all but an altitude.
+    """Outputs with a free constant bias: those that the equations name, else all except an
+    altitude.
 
-    Of a falling body an altitude's bias is the same as another ballistic coefficient.
+    On a falling body a bias of the altitude is equivalent to another ballistic coefficient.
     """
     if isinstance(model.equations, Biased):
         return [name for name in outputs if name in model.equations.biased_outputs]
@@ -90,7 +90,7 @@ def step_for(model: Model, records: Sequence[Record], usual: float) -> float:
 
 
 def step_of(model: Model, interval: float, usual: float) -> float:
-    """That sub-step of an own model for samples ``interval`` apart, s."""
+    """Sub-step of a user model for samples ``interval`` apart, s."""
     sizes = root_sizes(compile_model(model), inputs_at_rest(model))
     quick = RESOLVED / float(np.max(sizes)) if len(sizes) else math.inf
     return min(max(quick, interval / FINEST), usual if interval <= RARE * usual else interval)
@@ -109,7 +109,7 @@ def root_sizes(system: System, u: list[float]) -> np.ndarray:
 
 
 def _coupling(name: str, modes: int) -> bool:
-    """Couplings between two modes are held at what the file says."""
+    """Whether a parameter is a constant of a mode or couples two modes; these are fixed."""
     return any(
         name in (f"Ceta{i}_eta{j}", f"Ceta{i}_etadot{j}")
         for i in range(1, modes + 1)
@@ -136,10 +136,10 @@ Reading = tuple[Model, list[Record]]
 
 @dataclass(frozen=True)
 class Compared:
-    """How two readings of the same records compare.
+    """Comparison of two readings of the same records.
 
     ``gain``: twice the log likelihood by which the second fits better, in effective samples; zero
-    where the fits leave the question open. ``why_open``: why they do; empty where they decide.
+    if undecided. ``why_open``: why it is undecided, else empty.
     """
 
     gain: float
@@ -201,8 +201,8 @@ def better_by(
         return Compared(0.0, why)
     if np.min(new.variance / old.variance) > (1.0 - least) ** 2:
         return Compared(0.0)
-    known = [problem.valid for problem in old.layout.problems]
-    return Compared(likelier_by(old.residuals, new.residuals, known))
+    valid = [problem.valid for problem in old.layout.problems]
+    return Compared(likelier_by(old.residuals, new.residuals, valid))
 
 
 def from_trim(record: Record, model: Model) -> Record:
@@ -237,7 +237,7 @@ def implausible_bias(value: float, measured: np.ndarray) -> bool:
 
 
 def _undecided(fit: Fit, reading: Reading) -> str:
-    """Why a fit says nothing of its reading; empty where it does."""
+    """Why a fit does not decide on its reading; else empty."""
     if fit.outcome is not Outcome.CONVERGED:
         return "a fit has not converged"
     if of_totals(reading[0]):
@@ -263,17 +263,17 @@ def _implausible(*fits: Fit | None) -> list[np.ndarray]:
     """Isolated wrong samples of each record by either fit, ``(m, N)``; none where a fit is
     missing.
     """
-    known = [
+    finite = [
         fit
         for fit in fits
         if fit is not None and all(np.all(np.isfinite(each)) for each in fit.residuals)
     ]
-    if len(known) < len(fits):
+    if len(finite) < len(fits):
         return []
-    problems = known[0].layout.problems
+    problems = finite[0].layout.problems
     out = [np.zeros_like(problem.valid) for problem in problems]
     edges = [input_edges(problem.record) for problem in problems]
-    for fit in known:
+    for fit in finite:
         for i in np.flatnonzero(
             [any(np.any(problem.valid[row]) for problem in problems) for row in range(len(out[0]))]
         ):
@@ -282,8 +282,8 @@ def _implausible(*fits: Fit | None) -> list[np.ndarray]:
                 [problem.valid[i] for problem in problems],
                 edges,
             )
-            for mask, found in zip(out, wrong, strict=True):
-                mask[i] |= found
+            for mask, result in zip(out, wrong, strict=True):
+                mask[i] |= result
     return out
 
 
@@ -320,18 +320,18 @@ def likelier_by(
             )
             if count and old > 0.0 and new > 0.0:
                 total[k] += share * count * np.log(old / new)
-    found = float(np.sum(total))
-    return 0.0 if np.min(total * np.sign(found)) < -AGAINST else found
+    result = float(np.sum(total))
+    return 0.0 if np.min(total * np.sign(result)) < -AGAINST else result
 
 
 def with_hold(records: Sequence[Record], hold: Hold) -> list[Record]:
-    """The same records with their inputs read so."""
+    """The records with inputs held or linear between samples."""
     return [record if record.hold is hold else replace(record, hold=hold) for record in records]
 
 
 def held_by_computer(record: Record) -> bool:
-    """Whether every input stands still most of the time to the last digit, and leaps where it
-    moves, as one does that a computer steps.
+    """Whether every input is constant most of the time to the last digit and changes in steps, as a
+    computer's.
     """
     return all(_leaps(np.diff(channel.values)) for channel in record.inputs)
 
@@ -349,7 +349,7 @@ def _leaps(steps: np.ndarray) -> bool:
 def linear_by(
     records: Sequence[Record], model: Model, read: Callable[[Model, list[Record]], Reading]
 ) -> float:
-    """How much better linear inputs serve than held ones; zero where nothing can tell."""
+    """Gain of linear inputs over held ones; zero if undecided."""
     if not model.equations.inputs or all(held_by_computer(record) for record in records):
         return 0.0
     some = _some(records)

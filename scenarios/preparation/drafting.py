@@ -72,9 +72,12 @@ class Guess:
 
     Attributes
     ----------
-    channel : our name. choice : the column or expression. reason : why this one, in a few words.
-    least, most : of its values, SI. samples : how many numbers it has. fault : what is wrong with
-    it, empty where nothing is.
+    channel : our name.
+    choice : the column or expression.
+    reason : why this one, in a few words.
+    least, most : of its values, SI.
+    samples : how many numbers it has.
+    fault : what is wrong with it, empty where nothing is.
     """
 
     channel: str
@@ -104,11 +107,13 @@ class Draft:
 
     Attributes
     ----------
-    file : the record file. topics : its topics. guesses : channels found, in the order of our
-    channels. faults : everything that is wrong with the file, one line each. unused : columns that
-    no channel takes. model : the model that the channels fit, empty where none does. clockless :
-    the file has no
-        clock, and no rate was given.
+    file : the record file.
+    topics : its topics.
+    guesses : channels found, in the order of our channels.
+    faults : everything that is wrong with the file, one line each.
+    unused : columns that no channel takes.
+    model : the model that the channels fit, empty where none does.
+    clockless : the file has no clock, and no rate was given.
     """
 
     file: RecordFile
@@ -125,18 +130,19 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
 
     Parameters
     ----------
-    file : the file as it was read. rate : Hz, of a file without a clock.
+    file : the file as it was read.
+    rate : Hz, of a file without a clock.
     """
     topics = _topics_of(file)
-    found = _guesses(CHANNEL_UNITS, topics, _in_degrees(topics))
+    result = _guesses(CHANNEL_UNITS, topics, _in_degrees(topics))
     clockless: tuple[str, ...] = ()
-    if not any(guess.channel == TIME for guess in found) and len(topics) == 1 and rate is None:
+    if not any(guess.channel == TIME for guess in result) and len(topics) == 1 and rate is None:
         clockless = (
             "the file has no clock; give its rate with --rate HZ, or name the column of time",
         )
     if len(topics) > 1:
-        found = [guess for guess in found if guess.channel != TIME]
-    tried = _tried(file, found, 1.0 if clockless else rate)
+        result = [guess for guess in result if guess.channel != TIME]
+    tried = _tried(file, result, 1.0 if clockless else rate)
     faults = list(dict.fromkeys([*clockless, *(guess.fault for guess in tried if guess.fault)]))
     taken = {column for guess in tried for column in _columns_in(guess.choice, topics)}
     names = [
@@ -160,7 +166,8 @@ def recognised(file: RecordFile, channels: Iterable[str]) -> Mapping[str, str]:
 
     Parameters
     ----------
-    file : the file as it was read. channels : our names of the channels that are looked for.
+    file : the file as it was read.
+    channels : our names of the channels that are looked for.
 
     Returns
     -------
@@ -173,7 +180,7 @@ def recognised(file: RecordFile, channels: Iterable[str]) -> Mapping[str, str]:
 
 
 def map_text(draft: Draft) -> str:
-    """The draft as a channel map in TOML, a reason beside each line."""
+    """The draft as a channel map in TOML, with a reason beside each line."""
     lines = [
         f"# Draft of a channel map for {draft.file.path.name}. Check every line: names do not say "
         "signs, and seldom units."
@@ -214,8 +221,8 @@ def map_text(draft: Draft) -> str:
 
 
 def _sweep_words(file: RecordFile) -> list[str]:
-    """How to analyse the sweep of ArduPilot's SYSID mode: its target and the rate or acceleration
-    that it moves most; nothing for any other file.
+    """Options for the sweep of ArduPilot's SYSID mode: its target and the rate or acceleration that
+    it moves most; empty for other files.
     """
     for topic in _topics_of(file):
         known = {name: at for at, name in enumerate(topic.table.header)}
@@ -250,7 +257,7 @@ def _is_multirotor(topics: Sequence[Topic]) -> bool:
                 return bool(np.any(_numbers(topic, topic.table.header.index(field)) == number))
     if len(topics) == 1:
         return any(
-            _plain(split_header(cell)[0]) in map(_plain, COMMANDS)
+            _letters_and_digits(split_header(cell)[0]) in map(_letters_and_digits, COMMANDS)
             for cell in topics[0].table.header
         )
     airspeed = any(
@@ -267,10 +274,10 @@ def _topics_of(file: RecordFile) -> Sequence[Topic]:
 def _guesses(
     channels: Iterable[str], topics: Sequence[Topic], degrees: Collection[str]
 ) -> list[Guess]:
-    """The best columns of channels, those left out that what flies has not."""
+    """The best columns for the channels that the vehicle can have."""
     absent = (*SURFACES, "airspeed") if _is_multirotor(topics) else COMMANDS
-    found = (_guess(channel, topics, degrees) for channel in channels if channel not in absent)
-    return [guess for guess in found if guess is not None]
+    result = (_guess(channel, topics, degrees) for channel in channels if channel not in absent)
+    return [guess for guess in result if guess is not None]
 
 
 def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> Guess | None:
@@ -290,12 +297,17 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
         for each in words.get("expression", ()):
             if all(_has(name, topics) and "." in name for name in each["needs"]):
                 return Guess(channel, ColumnChoice(each["text"]), each["reason"])
-    for rank in (_plain(channel), *(_plain(name) for name in words.get("names", ()))):
+    for rank in (
+        _letters_and_digits(channel),
+        *(_letters_and_digits(name) for name in words.get("names", ())),
+    ):
         for topic in topics:
             if len(topics) > 1 and NO_MEASUREMENT.search(topic.name.lower()):
                 continue
             cells, spelt = topic.table.header, (rank, *(f"{rank}{word}" for word in UNIT_WORDS))
-            named = [n for n in range(len(cells)) if _plain(split_at(cells, n)[0]) in spelt]
+            named = [
+                n for n in range(len(cells)) if _letters_and_digits(split_at(cells, n)[0]) in spelt
+            ]
             # Of two columns of one name the one whose unit is known: the other may be in any unit.
             for index in sorted(named, key=lambda n: not _says_unit(topic, n, channel)):
                 if channel == TIME or (clock_place(topic.table) != index and _moves(topic, index)):
@@ -307,8 +319,7 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
 
 
 def _says_unit(topic: Topic, index: int, channel: str) -> bool:
-    """Whether the file states a unit of a column that can be the channel's; any will do for a
-    clock, whose rate tells."""
+    """Whether the file states a unit that suits the channel; any unit suits a clock."""
     said = stated_unit(topic.table, index)
     return channel == TIME or (said is not None and _converts(said, CHANNEL_UNITS[channel]))
 
@@ -360,7 +371,7 @@ def _moves(topic: Topic, index: int) -> bool:
 
 def _in_degrees(topics: Sequence[Topic]) -> set[str]:
     """Topics with an unlabelled angle or rate that moves further than one in radians would."""
-    found = set()
+    result = set()
     for channel, inside in CHANNEL_UNITS.items():
         if inside not in BEYOND or channel in INPUTS:
             continue
@@ -370,8 +381,8 @@ def _in_degrees(topics: Sequence[Topic]) -> set[str]:
             and guess.choice.unit in ("deg", "deg/s")
             and "no unit is stated" in guess.reason
         ):
-            found.add(str(guess.choice.column).rpartition(".")[0] if len(topics) > 1 else "")
-    return found
+            result.add(str(guess.choice.column).rpartition(".")[0] if len(topics) > 1 else "")
+    return result
 
 
 def _of_column(channel: str, topic: Topic, index: int, degrees: Collection[str]) -> Guess:
@@ -438,12 +449,12 @@ def _tried(file: RecordFile, guesses: Sequence[Guess], rate: float | None) -> li
             {topic_of[name] for name in _columns_in(guess.choice, topics)} if file.topics else set()
         )
         groups.setdefault(frozenset(used), []).append(guess)
-    found: dict[str, Guess] = {
+    result: dict[str, Guess] = {
         channel: guess for guess in guesses if (channel := guess.channel) == TIME
     }
     for some in groups.values():
-        found |= _read(file, [guess for guess in some if guess.channel != TIME], clock, rate)
-    return [found[guess.channel] for guess in guesses]
+        result |= _read(file, [guess for guess in some if guess.channel != TIME], clock, rate)
+    return [result[guess.channel] for guess in guesses]
 
 
 def _read(
@@ -535,7 +546,7 @@ def _unit_words(unit: str | None) -> str:
     )
 
 
-def _plain(name: str) -> str:
+def _letters_and_digits(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", name.lower())
 
 

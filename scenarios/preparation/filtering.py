@@ -1,4 +1,4 @@
-"""Gaps in the time of a record, and one zero-phase filter for all channels."""
+"""Gaps in the time of a record, and zero-phase filtering of all channels."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from sim.record import Channel, Hold, Record
 
 # Of 767 simulated records at 10 to 400 Hz, even or with jitter of a quarter of a step, none is
 # split; of 379 that lost up to a tenth of their rows at random one is.
-MANY = 5.0  # usual steps, from which a longer one is a gap
-LONG = 0.25  # s, which a gap lasts at least: shorter ones are bridged by the input before them
+MANY = 5.0  # shortest gap, in usual steps
+LONG = 0.25  # s, shortest gap; shorter ones are bridged by the input before them
 FEWEST = 30  # samples that a part needs to be used
 
 
 def gaps_of(record: Record) -> np.ndarray:
-    """Positions of the samples before a gap, shape ``(G,)``: steps longer than five usual ones and
-    than a quarter of a second.
+    """Positions of the samples before a gap, ``(G,)``: a step longer than five usual ones and a
+    quarter of a second.
     """
     steps = np.diff(record.time)
     return np.flatnonzero(steps > max(MANY * float(np.median(steps)), LONG))
@@ -35,8 +35,8 @@ class Parted:
 
     Attributes
     ----------
-    name : of the record. time : shape ``(N,)``, s, of all its rows; None where its parts are
-        resampled.
+    name : of the record.
+    time : shape ``(N,)``, s, of all its rows; None where its parts are resampled.
     count : number of its parts.
     """
 
@@ -46,8 +46,7 @@ class Parted:
 
 
 def parts_of(parted: Sequence[Parted], each: Sequence[Record]) -> list[tuple[Parted, slice]]:
-    """Each record with the places of its parts in a list of the parts of all of them, which
-    ``each`` is."""
+    """Each record with the slice of its parts in ``each``, the list of all parts of all records."""
     ends = np.cumsum([0, *(one.count for one in parted)]).tolist()
     assert ends[-1] == len(each)
     return [(one, slice(*span)) for one, span in zip(parted, pairwise(ends), strict=True)]
@@ -56,15 +55,16 @@ def parts_of(parted: Sequence[Parted], each: Sequence[Record]) -> list[tuple[Par
 def put_together(
     parted: Parted, parts: Sequence[Record], rows: Sequence[Sequence[np.ndarray]]
 ) -> tuple[Record, list[np.ndarray]]:
-    """A record of its parts, and each of several predictions ``(m, N)`` of those of the parts.
+    """Join the parts of a record, and predictions ``(m, N)`` of the parts.
 
-    Rows outside the parts have no measurement, the inputs before them and, as where a simulation
-    fails, the mean of the prediction.
+    Rows outside the parts have no measurement, the inputs of the last row before them, and the mean
+    of the prediction, as where a simulation fails.
 
     Parameters
     ----------
-    parted : the record. parts : in the order of their times. rows : predictions, each ``(m, n)``
-        for each part.
+    parted : the record.
+    parts : in the order of their times.
+    rows : predictions, each ``(m, n)`` for each part.
     """
     if len(parts) == 1 and (parted.time is None or len(parts[0]) == parted.time.size):
         return replace(parts[0], name=parted.name), [of_parts[0] for of_parts in rows]
@@ -72,8 +72,8 @@ def put_together(
     time = times if parted.time is None else parted.time
     places = np.searchsorted(time, times)
     before = np.clip(np.searchsorted(times, time, side="right") - 1, 0, None)
-    known = np.zeros(time.size, dtype=bool)
-    known[places] = True
+    valid = np.zeros(time.size, dtype=bool)
+    valid[places] = True
 
     def inputs(channel: Channel) -> Channel:
         return Channel.of(
@@ -90,7 +90,7 @@ def put_together(
             for part in parts
         ]
         return Channel.of(
-            channel.name, channel.unit, np.where(known, np.concatenate(values)[before], np.nan)
+            channel.name, channel.unit, np.where(valid, np.concatenate(values)[before], np.nan)
         )
 
     every = {channel.name: channel for part in reversed(parts) for channel in part.outputs}
@@ -104,23 +104,21 @@ def put_together(
     out = []
     for of_parts in rows:
         all_parts = np.concatenate(of_parts, axis=1)
-        out.append(np.where(known, all_parts[:, before], all_parts.mean(axis=1, keepdims=True)))
+        out.append(np.where(valid, all_parts[:, before], all_parts.mean(axis=1, keepdims=True)))
     return record, out
 
 
 def split_at_gaps(
     record: Record, use: str = "used as {count} record{s}"
 ) -> tuple[tuple[Record, ...], str]:
-    """The parts of a record between its gaps and a sentence on them; the record itself and nothing
-    where it has none.
+    """Return the parts of a record between its gaps, and a sentence on them; the record and an
+    empty text without a gap.
 
-    ``use`` : what the sentence says is done with the parts.
+    ``use``: use of the parts, for the sentence. A part of fewer than 30 samples, or without a
+    sample of any output, is left out, unless no part has more. A part lacks the outputs without
+    samples in it; its name is ``NAME[from-to s]``.
 
-    Raises RecordError for a time beyond all measure.
-
-    A part of fewer than 30 samples, or without a sample of any output, is left out, unless no part
-    has more; a part lacks the outputs of which
-    it has no sample; every part is named ``NAME[from-to s]``.
+    Raises RecordError for an impossible time.
     """
     wrong = np.flatnonzero(np.abs(record.time) > LARGEST)
     if wrong.size:
@@ -143,12 +141,12 @@ def split_at_gaps(
         for (begin, end), some in zip(pairwise(ends), seen, strict=True)
         if end - begin >= 2 and some
     ]
-    kept = [span for span in spans if span[1] - span[0] >= FEWEST] or spans
-    parts = tuple(_rows(record, begin, end) for begin, end in kept)
+    long_spans = [span for span in spans if span[1] - span[0] >= FEWEST] or spans
+    parts = tuple(_rows(record, begin, end) for begin, end in long_spans)
     t = record.time
     shown = [f"{t[position]:.4g} to {t[position + 1]:.4g} s" for position in after[:3]]
     more = f" and {after.size - 3} more" if after.size > 3 else ""
-    dropped = len(ends) - 1 - len(kept)
+    dropped = len(ends) - 1 - len(long_spans)
     left = (
         f"; {dropped} part{'s' * (dropped > 1)} of fewer than {FEWEST} samples left out"
         if dropped
@@ -190,7 +188,7 @@ def filtered(record: Record, plan: Plan) -> tuple[Record, str]:
     Raises
     ------
     RecordError : a rate above the record's, a corner above half its rate or below one period a
-    record, or too few samples.
+        record, or too few samples.
     """
     step = float(np.median(np.diff(record.time)))
     if plan.lowpass is None and (
@@ -212,8 +210,8 @@ def filtered(record: Record, plan: Plan) -> tuple[Record, str]:
     pad = min(len(time) - 1, round(3.0 / (corner * step)))
     smooth = {name: sosfiltfilt(sections, values, padlen=pad) for name, (values, _) in rows.items()}
     near = {
-        name: _near_gaps(known, int(np.ceil(REACH / (corner * step))))
-        for name, (_, known) in rows.items()
+        name: _near_gaps(valid, int(np.ceil(REACH / (corner * step))))
+        for name, (_, valid) in rows.items()
     }
     new = (
         time
@@ -283,12 +281,12 @@ def _corner(record: Record, plan: Plan, rate: float) -> tuple[float, str]:
             )
         corners.append(plan.lowpass)
     corner = min(corners)
-    held = (
+    remark = (
         "; its inputs were held: loads that follow them at once are then read half a sample late"
         if record.hold is Hold.PREVIOUS
         else ""
     )
-    inputs = f", inputs linear since then{held}" if record.inputs else ""
+    inputs = f", inputs linear since then{remark}" if record.inputs else ""
     return (
         corner,
         f"{record.name}: {said}all channels behind one zero-phase low-pass of {corner:.3g} "
@@ -316,7 +314,7 @@ def _is_even(time: np.ndarray, step: float) -> bool:
 
 def _on(time: np.ndarray, record: Record, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
     """A channel at ``time``, gaps bridged, and where its samples on both sides are there."""
-    t, known = record.time, channel.valid
+    t, valid = record.time, channel.valid
     if channel.name in record.input_names and record.hold is Hold.PREVIOUS:
         from scipy.interpolate import CubicSpline
 
@@ -324,8 +322,8 @@ def _on(time: np.ndarray, record: Record, channel: Channel) -> tuple[np.ndarray,
         return CubicSpline(middles, channel.values)(np.maximum(time, middles[0])), np.ones(
             len(time), dtype=bool
         )
-    return np.interp(time, t[known], channel.values[known]), np.interp(
-        time, t, known.astype(float)
+    return np.interp(time, t[valid], channel.values[valid]), np.interp(
+        time, t, valid.astype(float)
     ) > 1.0 - 1e-9
 
 
@@ -344,11 +342,11 @@ def _for_lines(time: np.ndarray, values: np.ndarray, new: np.ndarray) -> np.ndar
     return np.asarray(solveh_banded(np.vstack([beside, diagonal]), goal))
 
 
-def _near_gaps(known: np.ndarray, reach: int) -> np.ndarray:
+def _near_gaps(valid: np.ndarray, reach: int) -> np.ndarray:
     return (
-        np.asarray(np.convolve(~known, np.ones(2 * reach + 1), mode="same") > 0.5)
-        if not np.all(known)
-        else ~known
+        np.asarray(np.convolve(~valid, np.ones(2 * reach + 1), mode="same") > 0.5)
+        if not np.all(valid)
+        else ~valid
     )
 
 

@@ -41,9 +41,7 @@ STILL = 0.3
 
 
 def of_totals(model: Model) -> bool:
-    """Whether the equations are of totals, not of perturbations about a trim: a user's own, those
-    that say so, and those that know the airspeed.
-    """
+    """Whether the equations describe total motion, not perturbations about a trim."""
     if isinstance(model.equations, OfTotals):
         return model.equations.totals
     return is_own(model) or any(state.name == "airspeed" for state in model.equations.states)
@@ -70,9 +68,7 @@ def about_trim(record: Record) -> tuple[Record, dict[str, float]]:
 
 
 def trim_sentence(record: Record, name: str) -> str:
-    """What it means that no trim of an input was found although it stands off zero; empty where it
-    does not.
-    """
+    """Sentence if no trim of an input was found although it is not zero; else empty."""
     values, unit = record[name].values, record[name].unit
     middle = float(np.median(values))
     if abs(middle) <= OFF * float(np.ptp(values)):
@@ -169,7 +165,7 @@ def with_load_factors(record: Record, kept: Collection[str] = ()) -> tuple[Recor
     ------
     RecordError : az is that of inverted flight: most likely it is positive up in this file.
     """
-    told = []
+    notes = []
     for name, (channel, sign) in ACCELEROMETERS.items():
         if channel not in record.output_names or name in record.output_names or channel in kept:
             continue
@@ -188,8 +184,8 @@ def with_load_factors(record: Record, kept: Collection[str] = ()) -> tuple[Recor
                 remedy="turn its sign, or hand it over as nz if it is positive up",
             )
         record = replace(record, outputs=outputs)
-        told.append(f"{record.name}: {name} is {'-' if sign < 0.0 else ''}{channel}/{G0:g}")
-    return record, tuple(told)
+        notes.append(f"{record.name}: {name} is {'-' if sign < 0.0 else ''}{channel}/{G0:g}")
+    return record, tuple(notes)
 
 
 # ---- Measured airspeed and dynamic pressure as recorded inputs of the equations
@@ -213,8 +209,8 @@ class Flow:
 
 
 def able(model: Model) -> tuple[str, ...]:
-    """Which of ``MEASURED`` the model's equations can use; none that a user's own does not declare
-    itself.
+    """Members of ``MEASURED`` that the equations can use; for a user model only those that it
+    declares.
     """
     ports = {port.name for port in model.equations.ports}
     if is_own(model) or not {SPEED, LIFT} <= ports or "airspeed" not in model.parameters:
@@ -263,25 +259,25 @@ def with_flow(
 
 
 def measured_flow(record: Record, model: Model) -> Flow | None:
-    """Speed and density from what the record measures, wrong samples and gaps bridged, smoothed;
-    None where it measures nothing.
+    """Smoothed speed and density of a record, without wrong samples and gaps; None if it measures
+    neither.
     """
     usable = [name for name in able(model) if name in record.output_names]
     if not usable:
         return None
-    found = {name: _smooth(record, record[name]) for name in usable}
-    if "airspeed" not in found:
+    result = {name: _smooth(record, record[name]) for name in usable}
+    if "airspeed" not in result:
         return Flow(
-            np.sqrt(2.0 * found["dynamic_pressure"] / model.parameters["air_density"].value), None
+            np.sqrt(2.0 * result["dynamic_pressure"] / model.parameters["air_density"].value), None
         )
-    speed = found["airspeed"]
+    speed = result["airspeed"]
     return Flow(
-        speed, 2.0 * found["dynamic_pressure"] / speed**2 if "dynamic_pressure" in found else None
+        speed, 2.0 * result["dynamic_pressure"] / speed**2 if "dynamic_pressure" in result else None
     )
 
 
 def flow_sentence(record: Record, model: Model) -> str:
-    """What the measured flow is and how far from the declared one; empty where none is measured."""
+    """Sentence on the measured flow and its difference from the declared one; empty without one."""
     flow = measured_flow(record, model)
     if flow is None:
         return ""
@@ -297,8 +293,8 @@ def flow_sentence(record: Record, model: Model) -> str:
 
 
 def flow_doubts(records: Sequence[Record], model: Model) -> list[str]:
-    """Where measured airspeed or air density are far from those of the vehicle file: what, in which
-    records, and how to mend it.
+    """Records whose measured airspeed or air density is far from the vehicle file's, and the
+    remedy.
     """
     flows = [
         (record.name, flow)
@@ -310,7 +306,7 @@ def flow_doubts(records: Sequence[Record], model: Model) -> list[str]:
         name: float(np.mean(flow.density)) for name, flow in flows if flow.density is not None
     }
     from_pressure = bool(flows) and not any("airspeed" in record.output_names for record in records)
-    told = []
+    doubts = []
     if far := _far(speeds, model, "airspeed"):
         what = (
             "the airspeed that the measured dynamic pressure makes with the declared air"
@@ -324,17 +320,17 @@ def flow_doubts(records: Sequence[Record], model: Model) -> list[str]:
             else "unit of the column and whether it is a true airspeed"
         )
         meant = "natural frequency and damping are those at that speed"
-        apart = f"{far[0]}: {what}, {far[1]} m/s, is far from {far[2]} m/s in the vehicle file"
-        told.append(f"{apart}: {meant}; mend {mend} there, or check the {cause}")
+        difference = f"{far[0]}: {what}, {far[1]} m/s, is far from {far[2]} m/s in the vehicle file"
+        doubts.append(f"{difference}: {meant}; mend {mend} there, or check the {cause}")
     if far := _far(densities, model, "air_density"):
         what = (
             f"the air density that measured pressure and airspeed make, {far[1]} kg/m3, is far "
             f"from {far[2]} kg/m3 in the vehicle file"
         )
-        told.append(
+        doubts.append(
             f"{far[0]}: {what}; mend air_density there, or check whether the airspeed is a true one"
         )
-    return told
+    return doubts
 
 
 def _far(means: Mapping[str, float], model: Model, name: str) -> tuple[str, str, str] | None:
@@ -344,13 +340,13 @@ def _far(means: Mapping[str, float], model: Model, name: str) -> tuple[str, str,
     if not means:
         return None
     declared = model.parameters[name].value
-    found = {record: mean for record, mean in means.items() if abs(mean / declared - 1.0) > APART}
-    if not found:
+    result = {record: mean for record, mean in means.items() if abs(mean / declared - 1.0) > APART}
+    if not result:
         return None
     shown = list(
-        dict.fromkeys(f"{mean:.3g}" for mean in (min(found.values()), max(found.values())))
+        dict.fromkeys(f"{mean:.3g}" for mean in (min(result.values()), max(result.values())))
     )
-    return ", ".join(found), " to ".join(shown), f"{declared:.3g}"
+    return ", ".join(result), " to ".join(shown), f"{declared:.3g}"
 
 
 def _carrying(record: Record, flow: Flow | None, model: Model, added: Sequence[Signal]) -> Record:
@@ -368,15 +364,15 @@ def _carrying(record: Record, flow: Flow | None, model: Model, added: Sequence[S
         lift = -p["gravity"].value / flow.speed * (pressure / level - 1.0)
     rows = {SPEED: flow.speed - speed0, DENSITY: density - air, LIFT: lift}
     inputs = tuple(
-        Channel.of(signal.name, signal.unit, held(rows[signal.name], record.hold))
+        Channel.of(signal.name, signal.unit, interval_means(rows[signal.name], record.hold))
         for signal in added
     )
     return replace(without_flow(record), inputs=(*record.inputs, *inputs))
 
 
-def held(values: np.ndarray, hold: Hold) -> np.ndarray:
-    """Samples that stand for straight lines between ``values``: where inputs are held, the mean
-    over each interval.
+def interval_means(values: np.ndarray, hold: Hold) -> np.ndarray:
+    """Samples that stand for straight lines between ``values``; of held inputs the mean over each
+    interval.
     """
     return (
         values if hold is Hold.LINEAR else np.append(0.5 * (values[:-1] + values[1:]), values[-1])
@@ -384,11 +380,11 @@ def held(values: np.ndarray, hold: Hold) -> np.ndarray:
 
 
 def _smooth(record: Record, channel: Channel) -> np.ndarray:
-    known = channel.valid.copy()
-    known[known] = ~_spikes(channel.values[known])
+    usable = channel.valid.copy()
+    usable[usable] = ~_spikes(channel.values[usable])
     time, step = record.time, float(np.median(np.diff(record.time)))
     grid = np.linspace(time[0], time[-1], max(2, 1 + round((time[-1] - time[0]) / step)))
-    even = np.interp(grid, time[known], channel.values[known])
+    even = np.interp(grid, time[usable], channel.values[usable])
     half = min(round(0.5 * WINDOW / step), len(even) - 1)
     if half > 0:
         # Beyond its ends the signal goes on as the line through its first and its last window does.
@@ -450,16 +446,16 @@ def with_attitude(model: Model, records: Sequence[Record]) -> tuple[Model, list[
     """
     if any(signal.name == ATTITUDE for signal in model.equations.outputs):
         return model, list(records), ""
-    plain = [without_attitude(record) for record in records]
-    told = [_tells(record) for record in records]
-    if not wants_attitude(model) or not all(told):
-        return model, plain, PARTLY if wants_attitude(model) and any(told) else ""
+    without = [without_attitude(record) for record in records]
+    has_attitude = [_tells(record) for record in records]
+    if not wants_attitude(model) or not all(has_attitude):
+        return model, without, PARTLY if wants_attitude(model) and any(has_attitude) else ""
     equations: Any = model.equations
     added = Signal(ATTITUDE, "rad", "recorded: pitch attitude above that at the record's begin")
     wider = replace(model, equations=replace(equations, inputs=(*equations.inputs, added)))
     carried = [
         replace(bare, inputs=(*bare.inputs, _from_begin(record)))
-        for bare, record in zip(plain, records, strict=True)
+        for bare, record in zip(without, records, strict=True)
     ]
     return wider, carried, "the pitch attitude is measured: a phugoid takes it as it is"
 
@@ -484,8 +480,8 @@ def _from_begin(record: Record) -> Channel:
     time, channel = record.time, record[ATTITUDE]
     # Not as an airspeed is despiked: attitude turns within a few samples, and its turning points
     # are no spikes.
-    known = np.flatnonzero(channel.valid)
-    known = np.delete(known, input_spikes(channel.values[known]))
-    values = np.interp(time, time[known], channel.values[known])
+    finite_rows = np.flatnonzero(channel.valid)
+    finite_rows = np.delete(finite_rows, input_spikes(channel.values[finite_rows]))
+    values = np.interp(time, time[finite_rows], channel.values[finite_rows])
     level = float(np.mean(values[: max(1, int(np.searchsorted(time, time[0] + BEGINNING)))]))
-    return Channel.of(ATTITUDE, "rad", held(values - level, record.hold))
+    return Channel.of(ATTITUDE, "rad", interval_means(values - level, record.hold))

@@ -1,8 +1,4 @@
-"""What a user asks of measured records: files, model, parts, filter, and how inputs are read.
-
-``maneuvers.toml``: parts of one record by number and name, and the plan that uses some of
-them.
-"""
+"""A user's request for measured records: files, model, parts, filter, and how inputs are read."""
 
 from __future__ import annotations
 
@@ -17,7 +13,7 @@ from scenarios.files.declarations import CHANNEL_UNITS
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
-    from ident.flying_qualities.levels import Flown
+    from ident.flying_qualities.levels import FlightPhase
     from scenarios.files.declarations import ColumnChoice
     from scenarios.files.measured.columns import RecordFile
     from scenarios.files.sources import Source
@@ -47,20 +43,21 @@ WHOLE = (Segment(),)
 
 @dataclass(frozen=True)
 class Plan:
-    """How records are prepared; the same for all of a call.
+    """Preparation of records; the same for all records of a call.
 
     Attributes
     ----------
     segments : each becomes a record of its own.
     hold : behaviour of the inputs between samples; None: as the file's sidecar says, else as the
-    data say. rate : Hz, to which all channels are resampled behind one anti-alias filter; None
-    keeps the samples. Of a file without a clock it is the
-        rate of its rows, and of a log of several topics the rate of the grid that they are put on.
+        data say.
+    rate : Hz, to which all channels are resampled behind one anti-alias filter; None keeps the
+        samples. Of a file without a clock it is the rate of its rows, and of a log of several
+        topics the rate of the grid that they are put on.
     lowpass : Hz, corner of one zero-phase filter for all channels; None leaves them unfiltered.
     columns : names of a file's columns, in their order, where it has no header or another one is
-    wanted; none keeps its own. trusted : what the raw columns show is only warned of; nothing is
-    refused or set aside for it. chosen : sentences on where the segments come from, where a file of
-    maneuvers gave them.
+        wanted; none keeps its own.
+    trusted : what the raw columns show is only warned of; nothing is refused or set aside for it.
+    chosen : sentences on where the segments come from, where a file of maneuvers gave them.
     """
 
     segments: tuple[Segment, ...] = WHOLE
@@ -105,7 +102,7 @@ def plan_of(
     Raises
     ------
     DeclarationError : ends that make no pairs, segments that overlap, a hold or a frequency that is
-    none, an empty or repeated name.
+        none, an empty or repeated name.
     """
     held = _hold_of(hold) if hold is not None else None
     return Plan(
@@ -119,7 +116,7 @@ def plan_of(
 
 
 def options_of(plan: Plan) -> list[str]:
-    """The words of a command line that ask for a plan; segments of maneuvers as their times."""
+    """Options of the command line that give a plan; segments of maneuvers by their times."""
     words = []
     for segment in plan.segments:
         for option, value in (("--from", segment.start), ("--to", segment.stop)):
@@ -188,13 +185,17 @@ class Request:
     ----------
     records : files that are fitted or checked.
     model : one of ``MODELS`` of the vehicle files, or a user's Python file or model; empty where
-    none is asked for. vehicle : constants and starting values; None takes ``vehicle.toml`` from the
-    folder of the first record. An own model can do without. validate : files that are predicted,
-    whole. effects : a user's Python file, which is run, or effects. channels : a channel map, for
-    all records. aircraft_class, flight_phase : class I to IV and category A to C of MIL-F-8785C;
-    None takes the vehicle file's. effort : how far a diagnosis looks, one of
-    ``ident.tracing.settings.EFFORTS``. plan : segments of ``records`` (those of ``validate`` are
-    not cut), and how all of them are prepared.
+        none is asked for.
+    vehicle : constants and starting values; None takes ``vehicle.toml`` from the folder of the
+        first record. An own model can do without.
+    validate : files that are predicted, whole.
+    effects : a user's Python file, which is run, or effects.
+    channels : a channel map, for all records.
+    aircraft_class, flight_phase : class I to IV and category A to C of MIL-F-8785C; None takes the
+        vehicle file's.
+    effort : how far a diagnosis looks, one of ``ident.tracing.settings.EFFORTS``.
+    plan : segments of ``records`` (those of ``validate`` are not cut), and how all of them are
+        prepared.
     """
 
     records: tuple[Path | RecordFile, ...]
@@ -209,15 +210,15 @@ class Request:
     flight_phase: str | None = None
 
 
-def flown_of(request: Request, vehicle: VehicleFile) -> Flown:
-    """Class and category by which levels of flying qualities are told: the request's, else the
-    vehicle file's, else assumed.
+def declared_phase(request: Request, vehicle: VehicleFile) -> FlightPhase:
+    """Aircraft class and flight-phase category for levels of flying qualities: from the request,
+    else the vehicle file, else assumed.
 
     Raises
     ------
     DeclarationError : a class or category that there is not, or one asked of what is no aircraft.
     """
-    from ident.flying_qualities.levels import flown_as
+    from ident.flying_qualities.levels import flight_phase_of
     from scenarios.files.user_models import is_of_aircraft
 
     aircraft = vehicle.model != "ballistic" and (vehicle.own is None or is_of_aircraft(vehicle.own))
@@ -228,7 +229,7 @@ def flown_of(request: Request, vehicle: VehicleFile) -> Flown:
         if given is not None and not aircraft:
             what = f"{vehicle.model} is no model of an aircraft, whose flying qualities have levels"
             raise DeclarationError(what, where=option, remedy="leave it out")
-    return flown_as(
+    return flight_phase_of(
         request.aircraft_class or vehicle.aircraft_class,
         request.flight_phase or vehicle.flight_phase,
     )
@@ -249,14 +250,14 @@ def reading_options(request: Request, *, opening: bool = False, rate: bool = Tru
 
 
 def column_choices(
-    request: Request, known: Iterable[str] = CHANNEL_UNITS
+    request: Request, allowed: Iterable[str] = CHANNEL_UNITS
 ) -> Mapping[str, ColumnChoice] | None:
-    """The channel map that a request names, of the channels ``known``, read now; None where it
+    """The channel map that a request names, of the channels ``allowed``, read now; None where it
     names none. Raises DeclarationError.
     """
     from scenarios.files.declarations import read_channel_map
 
-    return read_channel_map(request.channels, known) if request.channels is not None else None
+    return read_channel_map(request.channels, allowed) if request.channels is not None else None
 
 
 FILE = "maneuvers.toml"
@@ -274,15 +275,13 @@ class Part:
 
     @property
     def sentence(self) -> str:
-        """What messages call it, ``"maneuver 3 (pitch-doublet-1), 119.2 to 127.5 s"``."""
+        """Name of the part in messages, ``"maneuver 3 (pitch-doublet-1), 119.2 to 127.5 s"``."""
         return f"maneuver {self.number} ({self.name}), {self.start:g} to {self.stop:g} s"
 
 
 @dataclass(frozen=True)
-class Parts:
-    """The parts that a file declares, and the record that they are of: its name and hash, each
-    empty where the file does not say it.
-    """
+class DeclaredParts:
+    """Parts that a file declares, with name and hash of their record, empty if not stated."""
 
     where: str
     record: str
@@ -290,13 +289,13 @@ class Parts:
     parts: tuple[Part, ...]
 
 
-def read_parts(path: str | Path) -> Parts:
+def read_parts(path: str | Path) -> DeclaredParts:
     """Read ``maneuvers.toml``; a table without a number counts on from the one before it.
 
     Raises
     ------
     DeclarationError : no such file, an unknown or missing key, a wrong value, times the wrong way
-    round, a number or name twice.
+        round, a number or name twice.
     """
     from scenarios.files.declarations import checked, read_toml
     from scenarios.files.schemas import FileEntry
@@ -318,11 +317,11 @@ def read_parts(path: str | Path) -> Parts:
                     what, where=where, remedy="give each a number and a name of its own"
                 )
         parts.append(part)
-    return Parts(where, entry.record or "", entry.sha256 or "", tuple(parts))
+    return DeclaredParts(where, entry.record or "", entry.sha256 or "", tuple(parts))
 
 
-def chosen_parts(parts: Parts, asked: Sequence[str | int]) -> tuple[Part, ...]:
-    """The parts that are asked for by number or name, in the order of their times.
+def chosen_parts(parts: DeclaredParts, requested: Sequence[str | int]) -> tuple[Part, ...]:
+    """The parts with the given numbers or names, in the order of their times.
 
     Raises
     ------
@@ -331,27 +330,27 @@ def chosen_parts(parts: Parts, asked: Sequence[str | int]) -> tuple[Part, ...]:
     by_name = {each.name: each for each in parts.parts} | {
         str(each.number): each for each in parts.parts
     }
-    found: list[Part] = []
-    for wanted in asked:
+    result: list[Part] = []
+    for wanted in requested:
         part = by_name.get(str(wanted).strip())
         if part is None:
-            known = ", ".join(f"{each.number} {each.name}" for each in parts.parts[:12]) + (
+            available = ", ".join(f"{each.number} {each.name}" for each in parts.parts[:12]) + (
                 ", ..." if len(parts.parts) > 12 else ""
             )
             raise DeclarationError(
                 f"there is no maneuver {str(wanted)!r}",
                 where=parts.where,
-                remedy=f"it has {known}" if known else "it has none",
+                remedy=f"it has {available}" if available else "it has none",
             )
-        if part in found:
+        if part in result:
             raise DeclarationError(
                 f"maneuver {part.number} is asked for twice",
                 where="--maneuver",
                 remedy="name each once",
             )
-        found.append(part)
-    found.sort(key=lambda each: each.start)
-    for one, other in pairwise(found):
+        result.append(part)
+    result.sort(key=lambda each: each.start)
+    for one, other in pairwise(result):
         if other.start < one.stop:
             what = (
                 f"maneuvers {one.number} and {other.number} overlap ({one.start:g} to {one.stop:g} "
@@ -362,27 +361,27 @@ def chosen_parts(parts: Parts, asked: Sequence[str | int]) -> tuple[Part, ...]:
                 where=parts.where,
                 remedy="take one of them, or change their times in the file",
             )
-    return tuple(found)
+    return tuple(result)
 
 
 def with_maneuvers(
     plan: Plan,
     records: Sequence[Path | RecordFile],
-    asked: Sequence[str | int] | None,
-    file: Path | Parts | None = None,
+    requested: Sequence[str | int] | None,
+    file: Path | DeclaredParts | None = None,
 ) -> Plan:
     """The plan with the parts of maneuvers as its segments, as ``--from`` and ``--to`` of each
     would give it, and a sentence on each.
 
-    ``asked`` : numbers or names; None or empty leaves the plan alone. ``file`` : None takes
+    ``requested`` : numbers or names; None or empty leaves the plan alone. ``file`` : None takes
     ``maneuvers.toml`` beside the record.
 
     Raises
     ------
     DeclarationError : together with ``--from`` or ``--to`` or with several records, no file, one of
-    another record, or no such maneuver.
+        another record, or no such maneuver.
     """
-    if not asked:
+    if not requested:
         if file is not None:
             raise DeclarationError(
                 "no maneuver is named",
@@ -399,14 +398,14 @@ def with_maneuvers(
         raise DeclarationError(
             what, where="--maneuver", remedy="name one record, or cut each with --from and --to"
         )
-    parts = file if isinstance(file, Parts) else read_parts(file or _beside(records[0]))
+    parts = file if isinstance(file, DeclaredParts) else read_parts(file or _beside(records[0]))
     _refuse_other(parts, records[0])
-    found = chosen_parts(parts, asked)
-    segments = plan_of([each.start for each in found], [each.stop for each in found]).segments
+    result = chosen_parts(parts, requested)
+    segments = plan_of([each.start for each in result], [each.stop for each in result]).segments
     return replace(
         plan,
         segments=segments,
-        chosen=tuple(f"{each.sentence}, of {parts.where}" for each in found),
+        chosen=tuple(f"{each.sentence}, of {parts.where}" for each in result),
     )
 
 
@@ -430,7 +429,7 @@ def _beside(record: Path | RecordFile) -> Path:
     return beside
 
 
-def _refuse_other(parts: Parts, record: Path | RecordFile) -> None:
+def _refuse_other(parts: DeclaredParts, record: Path | RecordFile) -> None:
     """Raise DeclarationError where the file was made for a record of another content."""
     from scenarios.files.sources import read_source
     from sim.errors import RecordError

@@ -73,7 +73,7 @@ def refuse_still(records: Sequence[Record], model: Model) -> None:
     Raises
     ------
     RecordError : an output whose samples are all the same; controls that rest in every record;
-    nothing that moves above its noise.
+        nothing that moves above its noise.
     """
     for record in records:
         for channel in record.outputs:
@@ -108,7 +108,7 @@ def refuse_unrelated_records(fitted: Sequence[Record], validation: Sequence[Reco
     Raises
     ------
     RecordError : sticks in two units, which are never converted; a record to be predicted with none
-    of the fitted channels.
+        of the fitted channels.
     """
     first = fitted[0]
     for record in (*fitted[1:], *validation):
@@ -125,8 +125,8 @@ def refuse_unrelated_records(fitted: Sequence[Record], validation: Sequence[Reco
     measured = {name for record in fitted for name in record.output_names}
     for record in validation:
         if not measured.intersection(record.output_names):
-            known = ", ".join(sorted(measured))
-            what = f"none of the fitted channels ({known}) is measured here"
+            available = ", ".join(sorted(measured))
+            what = f"none of the fitted channels ({available}) is measured here"
             raise RecordError(
                 what, where=record.name, remedy="validate on a record that has one of them"
             )
@@ -158,8 +158,8 @@ def refuse_unpredictable(
 
 
 def why_unpredictable(record: Record, model: Model) -> str:
-    """Why the prediction of a record would say nothing of a model: a stuck channel, too few
-    samples, no motion; empty where it would.
+    """Why a prediction of a record would not test a model: a stuck channel, too few samples, no
+    motion; else empty.
     """
     biases = [channel for channel in record.outputs if channel.name in model.biases]
     unknown = len(model.initial) + len(biases)
@@ -204,11 +204,13 @@ def _still(channel: Channel) -> bool:
 # ---- What is kept out of the fit when the user names no record for that
 
 SHARE = 0.3  # of the excitation
-EARLIEST, LATEST = 0.1, 0.8  # of the duration
+EARLIEST = 0.1  # earliest cut, share of the duration
+LATEST = 0.8  # latest cut, share of the duration
 LEAST = 0.1  # of the excitation, for the held-out part
 FEWEST = 20  # samples in either part
 REMAINS = 0.3  # of all samples, that the other records must hold where the last is kept out whole
-FIRST, BEGINNING = 5, 0.02  # samples, and share of them, that show the trim
+FIRST = 5  # fewest samples that show the trim
+BEGINNING = 0.02  # share of the samples that show the trim
 _REST = 0.02  # of the input's largest movement
 _REST_TIME = 0.5  # s
 _NOISE = 4.0  # sigmas of the noise on a recorded input that a resting one stays within
@@ -222,7 +224,7 @@ class Split:
     """
 
     fitted: tuple[Record, ...]
-    held: Record
+    held_out: Record
     cut: float | None
     sentence: str
 
@@ -252,11 +254,11 @@ def split_off(records: Sequence[Record], model: Model) -> Split:
             "others are fitted"
         )
         return Split(tuple(others), last, None, said)
-    first, held = hold_out(last)
-    cut = float(held.time[0])
+    first, held_out = hold_out(last)
+    cut = float(held_out.time[0])
     return Split(
         (*others, first),
-        held,
+        held_out,
         cut,
         f"no --validate: the last part of {last.name}, from {cut:g} s on, is not fitted but "
         "predicted",
@@ -294,8 +296,7 @@ def hold_out(record: Record) -> tuple[Record, Record]:
     Raises
     ------
     RecordError : fewer than 40 rows (either part gets 20 at least), a part without a sample of a
-    channel, or a fitted part in which no
-        control moves.
+        channel, or a fitted part in which no control moves.
     """
     if len(record) < 2 * FEWEST:
         raise RecordError(
@@ -303,7 +304,7 @@ def hold_out(record: Record) -> tuple[Record, Record]:
         )
     cut = min(max(_cut(record), FEWEST), len(record) - FEWEST)
     first = _part(record, slice(0, cut), "fitted")
-    held = _part(record, slice(cut, len(record)), "held-out")
+    held_out = _part(record, slice(cut, len(record)), "held-out")
     steered = [
         channel.name
         for channel in record.inputs
@@ -315,7 +316,7 @@ def hold_out(record: Record) -> tuple[Record, Record]:
             "out: the rest says nothing of a model"
         )
         raise RecordError(what, where=record.name, remedy=_REMEDY)
-    return first, held
+    return first, held_out
 
 
 def _cut(record: Record) -> int:
@@ -352,8 +353,8 @@ def _cut(record: Record) -> int:
 
 
 def _trim(values: np.ndarray) -> float:
-    """Where a control stands as the record begins: its median would be the step itself where one is
-    held for most of the record.
+    """Value of a control at the begin of the record; the median would be the step itself if held
+    for most of it.
     """
     return float(np.median(values[: max(FIRST, round(BEGINNING * len(values)))]))
 

@@ -1,5 +1,6 @@
-"""From record files to records that a model is fitted to: parts, units, gaps, filter, trim; and
-records that no fit of model `aircraft` should start from.
+"""Prepare records for a fit: parts, units, gaps, filter, trim.
+
+Also refuses records that no fit of model `aircraft` should start from.
 """
 
 from __future__ import annotations
@@ -64,7 +65,8 @@ LARGEST = {
 }
 COMMON = 97.0  # percentile that has to exceed a limit: single wrong samples say nothing of the unit
 # Median specific force of a flight, m/s2: one g unless most of the record is a turn or a dive.
-IN_G, IN_FEET = (0.7, 1.6), (0.9 * G0 / LENGTHS["ft"], 1.1 * G0 / LENGTHS["ft"])
+IN_G = (0.7, 1.6)  # range if it is in g
+IN_FEET = (0.9 * G0 / LENGTHS["ft"], 1.1 * G0 / LENGTHS["ft"])  # range if it is in ft/s2
 TOGETHER = 1e-6  # of a surface's motion, that another does not share: recorded surfaces have noise
 
 
@@ -73,12 +75,13 @@ def refuse_unfit_records(records: Sequence[Record], model: Model) -> None:
 
     Parameters
     ----------
-    records : of one call, SI. model : with its free parameters.
+    records : of one call, SI.
+    model : with its free parameters.
 
     Raises
     ------
     RecordError : angles or accelerations that are in another unit than they are said to be; two
-    surfaces that move together in all records although both have free terms in one coefficient.
+        surfaces that move together in all records although both have free terms in one coefficient.
     """
     aircraft = declaration_of(model)
     if aircraft is None:
@@ -134,12 +137,12 @@ def refuse_moving_together(
 
     Parameters
     ----------
-    records : of one call. groups : signals of terms, surfaces or mixes, whose effects are to be
-        told apart.
+    records : of one call.
+    groups : signals of terms, surfaces or mixes, whose effects are to be told apart.
     """
     rows = surface_motion(records, aircraft)
-    told = {tuple(sorted(pair)) for group in groups for pair in combinations(sorted(group), 2)}
-    for one, other in sorted(told):
+    pairs = {tuple(sorted(pair)) for group in groups for pair in combinations(sorted(group), 2)}
+    for one, other in sorted(pairs):
         if one not in rows or other not in rows:
             continue
         a, b = rows[one], rows[other]
@@ -158,7 +161,7 @@ def refuse_moving_together(
 
 
 def commanded(aircraft: Aircraft) -> tuple[str, ...]:
-    """Surfaces and mixes whose effects a user wants apart: parts of a mix stand in the mix.
+    """Surfaces and mixes whose effects are estimated separately; parts of a mix are not.
 
     Parameters
     ----------
@@ -173,7 +176,8 @@ def surface_motion(records: Sequence[Record], aircraft: Aircraft) -> Mapping[str
 
     Parameters
     ----------
-    records : of one call. aircraft : what declares surfaces and mixes.
+    records : of one call.
+    aircraft : what declares surfaces and mixes.
     """
     parts: dict[str, list[np.ndarray]] = {}
     for record in records:
@@ -191,7 +195,7 @@ def surface_motion(records: Sequence[Record], aircraft: Aircraft) -> Mapping[str
 
 
 def _surfaces_of(term: Term, aircraft: Aircraft) -> set[str]:
-    """The surface or mix that stands alone in a term; products with the air's angles differ."""
+    """The surface or mix that a term has as its only control; products with air angles differ."""
     names = term.signals & {*aircraft.surfaces, *aircraft.mixes}
     return set(names) if len(term.factors) == 1 and term.factors[0].power == 1 else set()
 
@@ -212,7 +216,7 @@ STEADY = 0.01  # of the pressure, within which its change is no evidence of anyt
 
 @dataclass(frozen=True)
 class Decided:
-    """How other records were read where no file said it: hold of the inputs, and whether the trim
+    """How other records were read if no file states it: hold of the inputs, and whether the trim
     lift follows a measured pressure.
     """
 
@@ -221,8 +225,8 @@ class Decided:
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
-    """What a fit starts from.
+class PreparedData:
+    """Model and records from which a fit starts.
 
     Attributes
     ----------
@@ -230,8 +234,10 @@ class Prepared:
     fitted, validation : records for it; those with gaps in time are there in parts.
     parted : records that are predicted, each with the number of its parts in ``validation``.
     measured : the fitted records as they would be written: before trims are taken off and the flow
-    becomes an input. notes : what was done, one sentence each. doubts : what in the files is likely
-    to be wrong, and the remedy. look : what the raw columns show.
+        becomes an input.
+    notes : what was done, one sentence each.
+    doubts : what in the files is likely to be wrong, and the remedy.
+    look : what the raw columns show.
     """
 
     model: Model
@@ -245,7 +251,7 @@ class Prepared:
 
     @property
     def predicted(self) -> tuple[Record, ...]:
-        """The records that are predicted, each whole."""
+        """The records that are predicted, each complete."""
         return tuple(
             put_together(one, self.validation[span], ())[0]
             for one, span in parts_of(self.parted, self.validation)
@@ -253,12 +259,12 @@ class Prepared:
 
 
 def prepared(
-    record: Record, plan: Plan, *, own: bool = False, kept: Collection[str] = ()
+    record: Record, plan: Plan, *, own: bool = False, untouched: Collection[str] = ()
 ) -> tuple[Record, tuple[str, ...]]:
-    """Load factors from accelerometers but for those ``kept``, then the plan's common filter;
+    """Load factors from accelerometers but for those ``untouched``, then the plan's common filter;
     sentences on both. A sound record comes back itself.
     """
-    record, of_accelerometers = (record, ()) if own else with_load_factors(record, kept)
+    record, of_accelerometers = (record, ()) if own else with_load_factors(record, untouched)
     record, of_filter = filtered(record, plan)
     return record, (*of_accelerometers, *([of_filter] if of_filter else []))
 
@@ -274,7 +280,7 @@ def prepare(
     attitude: bool = False,
     decided: Decided | None = None,
     part: Segment = WHOLE[0],
-) -> Prepared:
+) -> PreparedData:
     """A model's channels out of files, prepared: the plan's segments of ``files``, that ``part`` of
     those of ``validate``.
 
@@ -298,23 +304,23 @@ def prepare(
         _read(file, segment, n < split and len(plan.segments) > 1, model, optional, channels, plan)
         for n, (file, segment) in enumerate(parts)
     ]
-    told = [f"{each[0].name}: {note}" for each, notes in parted for note in notes]
+    texts = [f"{each[0].name}: {note}" for each, notes in parted for note in notes]
     read: list[Read] = []
     for (record, stated), _ in parted[:split]:
         pieces, of_gaps = split_at_gaps(record)
         read += [(piece, stated) for piece in pieces]
-        told += [f"{record.name}: {of_gaps}"] if of_gaps else []
+        texts += [f"{record.name}: {of_gaps}"] if of_gaps else []
     names = [record for (record, _), _ in parted]
     first, split, whole = split, len(read), []
     for (record, stated), _ in parted[first:]:
         pieces, of_gaps = split_at_gaps(record, IN_PARTS)
         read += [(piece, stated) for piece in pieces]
         whole.append(Parted(record.name, record.time if plan.rate is None else None, len(pieces)))
-        told += [f"{record.name}: {of_gaps}"] if of_gaps else []
+        texts += [f"{record.name}: {of_gaps}"] if of_gaps else []
     records, look = checked_records([record for record, _ in read], expectations_of(model), plan)
     read = [(record, stated) for record, (_, stated) in zip(records, read, strict=True)]
     ready = for_model(read[:split], model, plan, read[split:], decided)
-    notes = (*plan.chosen, *grouped(told, names), *ready.notes)
+    notes = (*plan.chosen, *grouped(texts, names), *ready.notes)
     return replace(
         ready, notes=notes, doubts=(*look.doubts, *ready.doubts), look=look, parted=tuple(whole)
     )
@@ -326,17 +332,17 @@ def for_model(
     plan: Plan | None = None,
     validation: Sequence[Read] = (),
     decided: Decided | None = None,
-) -> Prepared:
+) -> PreparedData:
     """Records as read, prepared for a model; those to be predicted are read as those that are
     fitted.
     """
     plan, split = plan or Plan(), len(fitted)
     read = [*fitted, *validation]
-    own, known = is_own(model), all(stated for _, stated in read)
-    kept = [signal.name for signal in model.equations.outputs]
-    first = [record if own else with_load_factors(record, kept)[0] for record, _ in fitted]
+    own, all_stated = is_own(model), all(stated for _, stated in read)
+    outputs = [signal.name for signal in model.equations.outputs]
+    first = [record if own else with_load_factors(record, outputs)[0] for record, _ in fitted]
     hold, weight, notes = (
-        _readings(first, model, plan, known=known)
+        _readings(first, model, plan, all_stated=all_stated)
         if decided is None
         else (plan.hold or decided.hold, decided.weight, [])
     )
@@ -346,7 +352,7 @@ def for_model(
         as_read = (
             record if hold is None or (stated and plan.hold is None) else replace(record, hold=hold)
         )
-        one, sentences = prepared(as_read, plan, own=own, kept=kept)
+        one, sentences = prepared(as_read, plan, own=own, untouched=outputs)
         records.append(one)
         told += sentences
     # numbers beyond all measure are for the fit to refuse
@@ -372,7 +378,7 @@ def for_model(
     told += [said] if said else []
     told += ["the airspeed is measured: speed-variation is no candidate"] if flown else []
     doubts = (*flow_doubts(records, model), *_idle_motors(records))
-    return Prepared(
+    return PreparedData(
         wider,
         tuple(ready[:split]),
         tuple(ready[split:]),
@@ -402,10 +408,10 @@ def _shown(value: float, unit: str) -> str:
     return f"{math.degrees(value):.4g} deg" if unit == "rad" else f"{value:.4g} {unit}"
 
 
-def grouped(told: Sequence[str], records: Sequence[Record]) -> list[str]:
+def grouped(notes: Sequence[str], records: Sequence[Record]) -> list[str]:
     """Sentences on single records, ``"NAME: text"``; the same text on several of them once."""
     names: dict[str, list[str]] = {}
-    for sentence in told:
+    for sentence in notes:
         of = next(
             (record.name for record in records if sentence.startswith(f"{record.name}: ")), ""
         )
@@ -442,7 +448,7 @@ def _read(
         optional=optional,
         hold=plan.hold,
         instead=instead,
-        known=units,
+        channel_units=units,
         rate=plan.rate,
     )
     # Named by their files: a sidecar's name may be the same for all of them.
@@ -451,7 +457,7 @@ def _read(
 
 
 def _readings(
-    fitted: Sequence[Record], model: Model, plan: Plan, *, known: bool
+    fitted: Sequence[Record], model: Model, plan: Plan, *, all_stated: bool
 ) -> tuple[Hold | None, bool, list[str]]:
     """Hold of the inputs where no file says it (None: as read), whether the trim lift follows the
     pressure, and sentences on both.
@@ -463,7 +469,7 @@ def _readings(
         word = "held" if plan.hold is Hold.PREVIOUS else "linear"
         weight, of_weight = _weight(with_hold(fitted, plan.hold), model)
         return plan.hold, weight, [f"inputs {word} between samples: {BY_HAND}", *of_weight]
-    gain = 0.0 if known else linear_by(fitted, model, partial(with_flow, weight=weight))
+    gain = 0.0 if all_stated else linear_by(fitted, model, partial(with_flow, weight=weight))
     if gain < BETTER:
         return None, weight, of_weight
     weight, of_weight = _weight(with_hold(fitted, Hold.LINEAR), model)
@@ -486,17 +492,17 @@ def _weight(fitted: Sequence[Record], model: Model) -> tuple[bool, list[str]]:
         for signal in model.equations.outputs
         if any(signal.name in record.output_names for record in fitted)
     ]
-    found = better_by(
+    result = better_by(
         with_flow(model, fitted), with_flow(model, fitted, weight=False), outputs, PLAIN
     )
-    if found.gain < BETTER:
+    if result.gain < BETTER:
         undecided = (
-            f" (as in flight; fits do not decide it: {found.why_open})" if found.why_open else ""
+            f" (as in flight; fits do not decide it: {result.why_open})" if result.why_open else ""
         )
         return True, [f"the lift that carries the weight follows the measured pressure{undecided}"]
     return False, [
         "the lift that carries the weight is left out: perturbations alone fit better (twice the "
-        f"log likelihood {found.gain:.1f})"
+        f"log likelihood {result.gain:.1f})"
     ]
 
 

@@ -29,8 +29,8 @@ BEYOND = 1e50  # squares of larger numbers leave the range of finite ones
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """One finding in a record, by the record's name, and what was done about it."""
+class HandledFinding:
+    """A finding in a record, with the record's name and how it was handled."""
 
     record: str
     finding: RecordFinding
@@ -45,27 +45,28 @@ class Seen:
 
 @dataclass(frozen=True, eq=False)
 class RecordCheck:
-    """What was seen in the raw columns of all records of a call. ``trusted``: only warned of,
-    nothing set aside or refused.
+    """Findings in the raw columns of all records of a call.
+
+    ``trusted``: findings are only warnings; no sample is masked and no record refused.
     """
 
     records: tuple[str, ...] = ()
-    seen: tuple[Seen, ...] = ()
+    seen: tuple[HandledFinding, ...] = ()
     trusted: bool = False
 
     @property
     def doubts(self) -> list[str]:
-        """What is likely to be wrong, and the remedy, one sentence each."""
+        """Probable errors with their remedies, one sentence each."""
         return [_with_remedy(one) for one in self.seen if one.done == WARNED]
 
     @property
     def set_aside(self) -> list[str]:
-        """What samples do not count, and why, one sentence each."""
+        """Masked samples and the reasons, one sentence each."""
         return [f"{one.sentence}; {one.done}" for one in self.seen if one.masked]
 
     @property
     def lines(self) -> list[str]:
-        """What was set aside or is worth knowing, one sentence each."""
+        """Masked samples and further notes, one sentence each."""
         return [
             f"{one.sentence}; {one.done}" if one.masked else one.sentence
             for one in self.seen
@@ -77,8 +78,8 @@ NOTHING_SEEN = RecordCheck()
 
 
 def expectations_of(model: Model) -> Expectations:
-    """What a declared model lets one expect of its record: airspeed, gravity, and the pitch
-    acceleration that its first input makes.
+    """Expected properties of a record of a declared model: airspeed, gravity, and the pitch
+    acceleration by its first input.
     """
     if is_own(model):
         return Expectations(aircraft=False)
@@ -103,7 +104,7 @@ def expectations_of(model: Model) -> Expectations:
 
 
 def joined(looks: Sequence[RecordCheck], *, trusted: bool) -> RecordCheck:
-    """What was seen in records that were looked at one by one."""
+    """The findings of records that were checked one by one."""
     return RecordCheck(
         tuple(dict.fromkeys(name for look in looks for name in look.records)),
         tuple(one for look in looks for one in look.seen),
@@ -114,13 +115,13 @@ def joined(looks: Sequence[RecordCheck], *, trusted: bool) -> RecordCheck:
 def checked_records(
     records: Sequence[Record], expected: Expectations, plan: Plan
 ) -> tuple[list[Record], RecordCheck]:
-    """Records less their samples that carry no information, and what was seen; a record with
-    nothing to mask comes back itself.
+    """Records without samples that carry no information, and the findings; a record without masked
+    samples is returned as it is.
 
     Raises
     ------
     RecordError : a fault that is certain and would spoil every number, with its remedy; with the
-    plan's ``trusted`` a warning instead.
+        plan's ``trusted`` a warning instead.
     """
     out, seen = [], []
     for record in records:
@@ -143,24 +144,24 @@ def _refuse_endless(record: Record) -> None:
         usual = float(np.median(np.diff(record.time)))
         span = float(record.time[-1] - record.time[0])
     if not span / usual <= MOST_STEPS:
-        told = (
+        problem = (
             f"it goes from {record.time[0]:.4g} to {record.time[-1]:.4g} s in steps of {usual:.3g} "
             "s"
         )
         remedy = "correct wrong times, or read a part of the rows with --from and --to"
-        raise RecordError(told, where=f"{record.name}, column time", remedy=remedy)
+        raise RecordError(problem, where=f"{record.name}, column time", remedy=remedy)
 
 
-def _acted_on(record: Record, finding: RecordFinding, plan: Plan) -> tuple[Record, Seen]:
+def _acted_on(record: Record, finding: RecordFinding, plan: Plan) -> tuple[Record, HandledFinding]:
     if finding.certainty is Certainty.CERTAIN and not plan.trusted:
         remedy = f"{finding.remedy} ({TRUST} takes it as it is)"
         raise RecordError(
             finding.sentence, where=f"{record.name}, {_place(finding)}", remedy=remedy
         )
     if finding.certainty is Certainty.NOTED:
-        return record, Seen(record.name, finding, NOTED)
+        return record, HandledFinding(record.name, finding, NOTED)
     if plan.trusted or finding.certainty is not Certainty.COSTS_INFORMATION:
-        return record, Seen(record.name, finding, WARNED)
+        return record, HandledFinding(record.name, finding, WARNED)
     channel = record[finding.channel]
     mask = finding.mask & channel.valid
     if finding.kind in (Kind.HELD, Kind.INTERPOLATED) and (
@@ -170,12 +171,12 @@ def _acted_on(record: Record, finding: RecordFinding, plan: Plan) -> tuple[Recor
         fresh = channel.valid & ~mask
         values = np.interp(record.time, record.time[fresh], channel.values[fresh])
         done = "replaced by straight lines between updates, for the filter"
-        return _with(record, channel.name, np.where(channel.valid, values, np.nan)), Seen(
+        return _with(record, channel.name, np.where(channel.valid, values, np.nan)), HandledFinding(
             record.name, finding, done, int(np.count_nonzero(mask))
         )
     if np.all(mask | ~channel.valid):
-        return record, Seen(record.name, finding, WARNED)
-    return _with(record, channel.name, np.where(mask, np.nan, channel.with_gaps())), Seen(
+        return record, HandledFinding(record.name, finding, WARNED)
+    return _with(record, channel.name, np.where(mask, np.nan, channel.with_gaps())), HandledFinding(
         record.name, finding, "set aside", int(np.count_nonzero(mask))
     )
 
@@ -196,7 +197,7 @@ def _place(finding: RecordFinding) -> str:
     )
 
 
-def _with_remedy(one: Seen) -> str:
+def _with_remedy(one: HandledFinding) -> str:
     return f"{one.sentence}; {one.finding.remedy}" if one.finding.remedy else one.sentence
 
 
@@ -206,8 +207,8 @@ SHOWN = 3  # places of one finding that a table has room for
 
 
 def record_content(look: RecordCheck) -> dict[str, Any]:
-    """The entry ``record`` of a study: which records were looked at, what was seen, how many
-    samples of which channel were set aside.
+    """The entry ``record`` of a study: names of the records, findings, and masked samples by
+    channel.
     """
     masked: dict[str, dict[str, int]] = {}
     for one in look.seen:
@@ -223,12 +224,12 @@ def record_content(look: RecordCheck) -> dict[str, Any]:
 
 
 def record_lines(look: RecordCheck) -> list[str]:
-    """What a terminal shows beside the warnings: what was set aside and what is worth knowing."""
+    """Lines of a terminal beside the warnings: masked samples and notes."""
     return [f"record: {line}" for line in look.lines]
 
 
 def record_rows(look: RecordCheck) -> list[tuple[str, str, str, str, str]]:
-    """Record, channel, what is seen, when, what was done: the rows of a page's table."""
+    """Rows of a page's table: record, channel, finding, time, handling."""
     return [
         (
             one.record,
@@ -242,7 +243,7 @@ def record_rows(look: RecordCheck) -> list[tuple[str, str, str, str, str]]:
 
 
 def record_table(look: RecordCheck) -> Table:
-    """The same as a page's table; without rows where nothing is seen."""
+    """The findings as a table of a page."""
     columns = tuple(map(Column, ("record", "channel", "seen", "when", "done")))
     caption = (
         "What the raw columns show, before any fit; samples that were set aside count in no fit "
@@ -251,7 +252,7 @@ def record_table(look: RecordCheck) -> Table:
     return Table(caption, columns, tuple(record_rows(look)))
 
 
-def _content(one: Seen) -> dict[str, Any]:
+def _content(one: HandledFinding) -> dict[str, Any]:
     finding = one.finding
     return {
         "record": one.record,

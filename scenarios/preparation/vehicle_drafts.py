@@ -1,4 +1,4 @@
-"""Drafts of vehicle files: what a record says of its vehicle, the rest as comments."""
+"""Drafts of vehicle files: numbers that a record gives, all others as comments."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from scenarios.files.sources import MOST_DOCUMENT, found_json, json_value, read_content
+from scenarios.files.sources import MOST_DOCUMENT, json_or_none, json_value, read_content
 from scenarios.files.writing import write_json, write_text
 from scenarios.report.document import (
     BY_ROW,
@@ -87,10 +87,7 @@ def estimates(caption: str, rows: Sequence[tuple[str, str, float, float]]) -> Ta
     return table(
         caption,
         (Column("parameter"), [name for name, *_ in rows]),
-        (
-            Column("estimate", BY_ROW),
-            [estimate(value, sigma) for _, _, value, sigma in rows],
-        ),
+        (Column("estimate", BY_ROW), [estimate(value, sigma) for _, _, value, sigma in rows]),
         units=[unit or PURE for _, unit, *_ in rows],
     )
 
@@ -470,7 +467,7 @@ def _again(folder: Path) -> str:
 
 def _document(folder: Path) -> dict[str, Any]:
     for name in _DOCUMENTS:
-        content = found_json(folder / name)
+        content = json_or_none(folder / name)
         if isinstance(content, dict) and str(content.get("schema", "")).startswith("flightid/"):
             return content
     return {}

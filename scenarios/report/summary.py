@@ -13,7 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from ident.flying_qualities.levels import STANDARD, WORST, Flown, ModeLevel
+from ident.flying_qualities.levels import STANDARD, WORST, FlightPhase, ModeLevel
 from ident.statistics.residuals import ResidualTest
 from scenarios.report.quantities import (
     derived_line,
@@ -351,7 +351,7 @@ def limit_text(level: ModeLevel) -> str:
     return f"{words} {value}, asked {least} {level.limit:.3g}{spaced}"
 
 
-def levels_heading(flown: Flown) -> str:
+def levels_heading(flown: FlightPhase) -> str:
     """Standard, class and category, and what of them nobody declared."""
     classes = (
         f"; class {flown.aircraft_class} is for medium weight: I is light, III large, IV a fighter"
@@ -367,7 +367,9 @@ def levels_heading(flown: Flown) -> str:
     return f"levels by {STANDARD}, class {flown.aircraft_class}, category {flown.category}{assumed}"
 
 
-def levels_line(levels: Sequence[ModeLevel], flown: Flown, tests: Sequence[ResidualTest]) -> str:
+def levels_line(
+    levels: Sequence[ModeLevel], flown: FlightPhase, tests: Sequence[ResidualTest]
+) -> str:
     """All levels in one line; empty where the model has no mode that the standard speaks of.
 
     Probabilities are those of the sigmas: where a residual test fails, what the model lacks is not
@@ -383,7 +385,7 @@ def levels_line(levels: Sequence[ModeLevel], flown: Flown, tests: Sequence[Resid
     return f"{levels_heading(flown)}{doubted}: {'; '.join(map(level_sentence, levels))}"
 
 
-def levels_content(levels: Sequence[ModeLevel], flown: Flown) -> dict[str, Any]:
+def levels_content(levels: Sequence[ModeLevel], flown: FlightPhase) -> dict[str, Any]:
     """For a JSON file: level and probability of each mode, finite numbers only."""
     return {
         "standard": STANDARD,

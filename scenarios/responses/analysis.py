@@ -1,4 +1,4 @@
-"""Frequency responses from record files: what is estimated, how, and what a user should know."""
+"""Frequency responses from record files: options, estimates and cautions."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from scenarios.preparation.plan import Request, column_choices
 from scenarios.responses.fitting import (
     FitOptions,
     Fits,
-    FittedModel,
+    FittedResponseModel,
     ModelOptions,
     fit_cautions,
     fits_of,
@@ -66,7 +66,7 @@ LEAST_APART = 0.25
 
 @dataclass(frozen=True)
 class ResponseOptions:
-    """How responses are estimated.
+    """Options of frequency-response estimates.
 
     Attributes
     ----------
@@ -110,14 +110,20 @@ class ResponseEstimates:
 
     Attributes
     ----------
-    identities : the files. parts : names of the records and parts that were pooled.
-    names : signals. units : by signal.
-    found : the estimate, by the joint input-output method where references are named.
+    identities : the files.
+    parts : names of the records and parts that were pooled.
+    names : signals.
+    units : by signal.
+    responses : the estimate, by the joint input-output method where references are named.
     direct : the direct estimate besides, where references are named.
-    rate : Hz, of the samples that were used. notes : what was done. cautions : what a user should
-        know. simulated : a program made all records. fits : transfer functions of the responses.
-        model : a linear one that was fitted to them.
-    qualities : flying qualities of the responses. loop : stability margins.
+    rate : Hz, of the samples that were used.
+    notes : what was done.
+    cautions : what a user should know.
+    simulated : a program made all records.
+    fits : transfer functions of the responses.
+    model : a linear one that was fitted to them.
+    qualities : flying qualities of the responses.
+    loop : stability margins.
     """
 
     identities: tuple[InputFile, ...]
@@ -125,7 +131,7 @@ class ResponseEstimates:
     durations: tuple[float, ...]
     names: Names
     units: Mapping[str, str]
-    found: FrequencyResponses
+    responses: FrequencyResponses
     direct: FrequencyResponses | None
     rate: float
     notes: tuple[str, ...]
@@ -134,7 +140,7 @@ class ResponseEstimates:
     fits: Fits | None = None
     qualities: tuple[Qualities, ...] = ()
     loop: LoopMargins | None = None
-    model: FittedModel | None = None
+    model: FittedResponseModel | None = None
 
     def unit(self, output: str, one: str) -> str:
         """Unit of a response, ``"deg/s per deg"``; empty where neither signal has one."""
@@ -152,8 +158,8 @@ class ResponseEstimates:
             "inputs": [name.replace(".", "_") for name in self.names.inputs],
             "outputs": [name.replace(".", "_") for name in self.names.outputs],
         }
-        omega = 2.0 * math.pi * self.found.frequency
-        return control.FrequencyResponseData(self.found.response, omega, **names)
+        omega = 2.0 * math.pi * self.responses.frequency
+        return control.FrequencyResponseData(self.responses.response, omega, **names)
 
     def __repr__(self) -> str:
         pairs = len(self.names.inputs) * len(self.names.outputs)
@@ -186,44 +192,44 @@ def responses_of(
     refuse_loop(margins, names)
     refuse_twice(request.records)
     files = read_record_files(request.records)
-    known = (*names.inputs, *names.outputs, *names.references)
-    words = [name for name in known if name.isidentifier() and name not in CHANNEL_UNITS]
+    signal_names = (*names.inputs, *names.outputs, *names.references)
+    words = [name for name in signal_names if name.isidentifier() and name not in CHANNEL_UNITS]
     chosen = column_choices(request, (*CHANNEL_UNITS, *words))
     read = read_signals(files, names, request.plan, chosen)
     if margins is not None:
         # A loop is broken between signals of one computer: no hold acts between them.
         read = replace(read, hold=None)
-    found, direct, step, notes = estimated(read, options)
-    _refuse_proportional(found, names)
+    responses, direct, step, notes = estimated(read, options)
+    _refuse_proportional(responses, names)
     fit = fit or FitOptions()
     if fit.fixed and not fit.forms and model.model is None:
         remedy = "add --fit FORM, or --model M"
         raise DeclarationError("no form is named", where="--fix", remedy=remedy)
-    fits = fits_of(found, names, fit)
+    fits = fits_of(responses, names, fit)
     if model.model is not None and not fit.forms:
         model = replace(model, fixed=fit.values)
-    held = read.step if read.hold is Hold.PREVIOUS else None
-    fitted = model_fit_of(found, names, model, held)
-    loop = loop_margins_of(found, names, margins, read, partial(_of_a_part, options, found))
+    hold_step = read.step if read.hold is Hold.PREVIOUS else None
+    fitted = model_fit_of(responses, names, model, hold_step)
+    loop = loop_margins_of(responses, names, margins, read, partial(_of_a_part, options, responses))
     return ResponseEstimates(
         identities(files),
         read.names,
         read.durations,
         names,
         read.units,
-        found,
+        responses,
         direct,
         1.0 / step,
         (*read.notes, *notes),
         (
-            *cautions_of(found, direct, names),
+            *cautions_of(responses, direct, names),
             *fit_cautions(fits),
             *(fitted.cautions if fitted else ()),
             *(loop.cautions if loop else ()),
         ),
         all(file.sidecar.simulated for file in files),
         fits,
-        qualities_of(found, names, bandwidth, fits, limits, pilot),
+        qualities_of(responses, names, bandwidth, fits, limits, pilot),
         loop,
         fitted,
     )
@@ -255,11 +261,11 @@ def _windows(
     )
 
 
-def _refuse_proportional(found: FrequencyResponses, names: Names) -> None:
-    """Raise RecordError where an input says nothing that the other inputs do not."""
-    if found.joint or len(names.inputs) < 2:
+def _refuse_proportional(estimated_responses: FrequencyResponses, names: Names) -> None:
+    """Raise RecordError if an input is a combination of the other inputs."""
+    if estimated_responses.joint or len(names.inputs) < 2:
         return
-    for one, coherence in zip(names.inputs, found.input_coherence, strict=True):
+    for one, coherence in zip(names.inputs, estimated_responses.input_coherence, strict=True):
         if float(np.median(coherence)) > PROPORTIONAL:
             what = f"{one} follows from the other inputs at every frequency"
             remedy = "leave one of them out; their responses cannot be separated"
@@ -291,94 +297,95 @@ def estimated(
         notes += [f"decimated from {rate:.4g} to {1.0 / step:.4g} Hz behind one zero-phase filter"]
     spectra = Spectra(windows, options.tapers, least_coherence=options.least_coherence)
     frequency = frequencies(low, high)
-    found = estimate_responses(signals, frequency, spectra)
+    result = estimate_responses(signals, frequency, spectra)
     if options.tapers:
         notes += [f"{options.tapers} sine tapers of each whole part"]
     else:
         lengths = ", ".join(f"{each:.4g}" for each in windows)
         notes += [f"Hann windows of {lengths} s that overlap by three quarters, combined"]
     direct = None
-    if found.joint:
+    if result.joint:
         open_ = [replace(each, references=np.zeros((0, 0))) for each in signals]
         direct = estimate_responses(open_, frequency, spectra)
         notes += ["joint input-output estimate by the references"]
     if read.hold is Hold.PREVIOUS:
-        between = _held(2.0 * math.pi * frequency * read.step)
-        found, direct = (
-            _without(found, between),
+        between = _hold_response(2.0 * math.pi * frequency * read.step)
+        result, direct = (
+            _without(result, between),
             None if direct is None else _without(direct, between),
         )
         notes += ["the inputs are held between samples; the responses are corrected for this hold"]
-    return found, direct, step, notes
+    return result, direct, step, notes
 
 
-def _held(angle: np.ndarray) -> np.ndarray:
+def _hold_response(angle: np.ndarray) -> np.ndarray:
     """Response of a hold over one step at ``angle``, rad a sample."""
     return (1.0 - np.exp(-1j * angle)) / (1j * angle)
 
 
-def _without(found: FrequencyResponses, between: np.ndarray) -> FrequencyResponses:
-    return replace(found, response=found.response / between, std=found.std / np.abs(between))
+def _without(responses: FrequencyResponses, between: np.ndarray) -> FrequencyResponses:
+    return replace(
+        responses, response=responses.response / between, std=responses.std / np.abs(between)
+    )
 
 
 def cautions_of(
-    found: FrequencyResponses, direct: FrequencyResponses | None, names: Names
+    estimated_responses: FrequencyResponses, direct: FrequencyResponses | None, names: Names
 ) -> tuple[str, ...]:
-    """What a user should know of an estimate, one sentence each."""
+    """Cautions on an estimate, one sentence each."""
     out = []
     for row, output in enumerate(names.outputs):
         for column, one in enumerate(names.inputs):
-            if not found.usable[row, column].any():
-                limit = f"{found.spectra.least_coherence:g}"
+            if not estimated_responses.usable[row, column].any():
+                limit = f"{estimated_responses.spectra.least_coherence:g}"
                 error = f"{100.0 * RANDOM_ERROR:g} %"
                 out.append(
                     f"{output}/{one}: no frequency is usable, with a coherence of {limit}, a "
                     f"random error of {error} and power of the input on both sides"
                 )
             elif direct is not None:
-                out += _bias_of_direct(found, direct, row, column, f"{output}/{one}")
-    out += _leaks(found, names)
-    if not found.joint and len(names.inputs) > 1:
+                out += _bias_of_direct(estimated_responses, direct, row, column, f"{output}/{one}")
+    out += _leaks(estimated_responses, names)
+    if not estimated_responses.joint and len(names.inputs) > 1:
         for column, one in enumerate(names.inputs):
-            mean = float(found.input_coherence[column].mean())
+            mean = float(estimated_responses.input_coherence[column].mean())
             if mean > CORRELATED:
                 said = f"input {one} has a mean coherence of {mean:.2f} with the other inputs"
                 out.append(f"{said}: their responses are hard to separate, see their errors")
     return tuple(out)
 
 
-def _leaks(found: FrequencyResponses, names: Names) -> list[str]:
-    """Frequencies at which an input has no power of its own: a coherence there is that of what
-    leaks through the windows from elsewhere."""
+def _leaks(responses: FrequencyResponses, names: Names) -> list[str]:
+    """Frequencies at which an input has no power of its own: the coherence there is leakage."""
     out = []
-    excitations = names.references if found.joint else names.inputs
-    for column, leaked in enumerate(found.leaked):
-        places = found.frequency[leaked]
+    excitations = names.references if responses.joint else names.inputs
+    for column, leaked in enumerate(responses.leaked):
+        places = responses.frequency[leaked]
         if places.size > LEAKED * leaked.size:
-            usable = int(np.count_nonzero(leaked & found.usable[:, column].any(axis=0)))
+            usable = int(np.count_nonzero(leaked & responses.usable[:, column].any(axis=0)))
             said = f"{excitations[column]} has hardly any power between {places[0]:.3g} and"
-            kept = f"{usable} of them count as usable" if usable else "none of them is usable"
+            remark = f"{usable} of them count as usable" if usable else "none of them is usable"
             out.append(
                 f"{said} {places[-1]:.3g} Hz, where {places.size} of {leaked.size} frequencies "
-                f"hold what leaks from others ({kept}); name the swept --band"
+                f"hold what leaks from others ({remark}); name the swept --band"
             )
     return out
 
 
 def _bias_of_direct(
-    found: FrequencyResponses, direct: FrequencyResponses, row: int, column: int, name: str
+    responses: FrequencyResponses, direct: FrequencyResponses, row: int, column: int, name: str
 ) -> list[str]:
     """A sentence where the direct estimate contradicts the joint one."""
-    band = found.usable[row, column]
-    apart = np.abs(direct.response - found.response)[row, column, band]
+    band = responses.usable[row, column]
+    difference = np.abs(direct.response - responses.response)[row, column, band]
     # Without feedback the difference has the joint one's variance less the direct one's (Hausman,
     # "Specification Tests in Econometrics", Econometrica 46(6), 1978); LEAST_APART floors it.
-    left = 1.0 - (direct.std / found.std)[row, column, band] ** 2
-    allowed = found.radius()[row, column, band] * np.sqrt(np.maximum(left, LEAST_APART))
-    share = float(np.mean(apart > allowed))
+    left = 1.0 - (direct.std / responses.std)[row, column, band] ** 2
+    allowed = responses.radius()[row, column, band] * np.sqrt(np.maximum(left, LEAST_APART))
+    share = float(np.mean(difference > allowed))
     if share <= DISAGREE:
         return []
-    ratio = direct.response[row, column, band] / found.response[row, column, band]
+    ratio = direct.response[row, column, band] / responses.response[row, column, band]
     decibel = float(np.max(np.abs(20.0 * np.log10(np.abs(ratio)))))
     return [
         f"{name}: the direct estimate is biased by feedback: it differs from the joint one by up "
@@ -386,10 +393,10 @@ def _bias_of_direct(
     ]
 
 
-def pairs(found: ResponseEstimates) -> list[tuple[int, int, str]]:
+def pairs(estimates: ResponseEstimates) -> list[tuple[int, int, str]]:
     """Row, column and name ``"q/elevator"`` of every response, outputs first."""
     return [
         (row, column, f"{output}/{one}")
-        for row, output in enumerate(found.names.outputs)
-        for column, one in enumerate(found.names.inputs)
+        for row, output in enumerate(estimates.names.outputs)
+        for column, one in enumerate(estimates.names.inputs)
     ]

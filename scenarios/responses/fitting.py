@@ -20,7 +20,7 @@ from ident.frequency_response.transfer_function import (
     GOOD,
     PILOTED,
     FittedResponse,
-    Target,
+    ResponseTarget,
     TransferFit,
     fit_transfer_functions,
     form_of,
@@ -44,17 +44,19 @@ from sim.errors import DeclarationError, ModelError, RecordError
 # ---- Transfer functions fitted to the estimated responses
 
 NO_DELAY = 1e-9  # s, below which a delay is rounding
-UNCERTAIN, INSENSITIVE = 0.2, 0.1  # of a value: Tischler and Remple's limits of both deviations
+UNCERTAIN = 0.2  # limit of the Cramer-Rao bound, share of a value (Tischler and Remple)
+INSENSITIVE = 0.1  # limit of the insensitivity, share of a value (Tischler and Remple)
 
 
 @dataclass(frozen=True)
 class FitOptions:
-    """Which transfer functions are fitted.
+    """Options of transfer-function fits.
 
     Attributes
     ----------
     forms : ``FORM`` for every response or ``OUTPUT=FORM``; empty fits none.
-    fixed : ``NAME=VALUE``. shared_poles : all denominators are the same.
+    fixed : ``NAME=VALUE``.
+    shared_poles : all denominators are the same.
     """
 
     forms: tuple[str, ...] = ()
@@ -88,7 +90,8 @@ class Mismatch:
 
     Attributes
     ----------
-    frequency : Hz. gain : dB, phase : deg, of the estimate over the model.
+    frequency : Hz.
+    gain : dB, phase : deg, of the estimate over the model.
     gain_error, phase_error : half widths of their 95 % bands.
     """
 
@@ -100,13 +103,13 @@ class Mismatch:
 
     @property
     def piloted(self) -> np.ndarray:
-        """Where the envelopes of unnoticeable dynamics are judged, bool."""
+        """Whether frequencies are in the range of the envelopes of unnoticeable dynamics, bool."""
         omega = 2.0 * math.pi * self.frequency
         return np.asarray((omega >= PILOTED[0]) & (omega <= PILOTED[1]))
 
     @property
     def outside(self) -> np.ndarray:
-        """Where the mismatch is beyond the envelopes by more than its 95 % band, bool."""
+        """Whether the mismatch exceeds the envelopes by more than its 95 % band, bool."""
         limits = unnoticeable(2.0 * math.pi * self.frequency)
         gain = (self.gain - self.gain_error > limits.high_gain) | (
             self.gain + self.gain_error < limits.low_gain
@@ -123,7 +126,9 @@ class Fits:
 
     Attributes
     ----------
-    fit : all of them. places : row and column of the response of each. mismatches : of each.
+    fit : all of them.
+    places : row and column of the response of each.
+    mismatches : of each.
     """
 
     fit: TransferFit
@@ -138,7 +143,7 @@ class Fits:
         return self.fit.functions[at], self.mismatches[at]
 
 
-def fits_of(found: FrequencyResponses, names: Names, options: FitOptions) -> Fits | None:
+def fits_of(responses: FrequencyResponses, names: Names, options: FitOptions) -> Fits | None:
     """Fit the forms to the responses in their usable bands; None where no form is named.
 
     Raises DeclarationError, RecordError or ModelError in one line.
@@ -151,11 +156,11 @@ def fits_of(found: FrequencyResponses, names: Names, options: FitOptions) -> Fit
         for column, one in enumerate(names.inputs):
             if output not in by_output:
                 continue
-            usable = found.usable[row, column]
+            usable = responses.usable[row, column]
             if not usable.any():
                 what = f"no usable band of {output}/{one} to fit"
                 raise RecordError(what, where="--fit", remedy="lower --coherence, or leave it out")
-            targets.append(target_of(found, (row, column), f"{output}/{one}"))
+            targets.append(target_of(responses, (row, column), f"{output}/{one}"))
             places.append((row, column))
             forms.append(form_of(by_output[output]))
     try:
@@ -166,23 +171,25 @@ def fits_of(found: FrequencyResponses, names: Names, options: FitOptions) -> Fit
         option = {"fix": "--fix", "shared poles": "--shared-poles"}.get(error.where, "--fit")
         raise DeclarationError(error.what, where=option, remedy=error.remedy) from None
     each = tuple(
-        _mismatch(found, place, function)
+        _mismatch(responses, place, function)
         for place, function in zip(places, fit.functions, strict=True)
     )
     return Fits(fit, tuple(places), each)
 
 
-def target_of(found: FrequencyResponses, place: tuple[int, int], name: str) -> Target:
+def target_of(responses: FrequencyResponses, place: tuple[int, int], name: str) -> ResponseTarget:
     """The usable band of a response, as it is fitted."""
-    usable = found.usable[place]
-    likeness = found.coherence[place[0]] if found.joint else found.partial_coherence[place]
-    return Target(
+    usable = responses.usable[place]
+    likeness = (
+        responses.coherence[place[0]] if responses.joint else responses.partial_coherence[place]
+    )
+    return ResponseTarget(
         name,
-        2.0 * math.pi * found.frequency[usable],
-        found.response[place][usable],
+        2.0 * math.pi * responses.frequency[usable],
+        responses.response[place][usable],
         likeness[usable],
-        found.std[place][usable],
-        found.lengths[place[0]][usable],
+        responses.std[place][usable],
+        responses.lengths[place[0]][usable],
     )
 
 
@@ -206,14 +213,16 @@ def _by_output(forms: Sequence[str], outputs: Sequence[str]) -> Mapping[str, str
 
 
 def _mismatch(
-    found: FrequencyResponses, place: tuple[int, int], function: FittedResponse
+    responses: FrequencyResponses, place: tuple[int, int], function: FittedResponse
 ) -> Mismatch:
-    usable = found.usable[place]
-    frequency = found.frequency[usable]
-    response = found.response[place][usable]
+    usable = responses.usable[place]
+    frequency = responses.frequency[usable]
+    response = responses.response[place][usable]
     ratio = response / function.response(2.0 * math.pi * frequency)
-    share = np.minimum((found.half_width()[place] / np.abs(found.response[place]))[usable], 0.999)
-    turn = found.phase_half_width()[place][usable]
+    share = np.minimum(
+        (responses.half_width()[place] / np.abs(responses.response[place]))[usable], 0.999
+    )
+    turn = responses.phase_half_width()[place][usable]
     return Mismatch(
         frequency,
         20.0 * np.log10(np.abs(ratio)),
@@ -236,7 +245,7 @@ def cost_sentence(function: FittedResponse) -> str:
 
 
 def envelope_sentence(function: FittedResponse, mismatch: Mismatch) -> str:
-    """Whether the mismatch of a low-order form would be noticed; empty for plain orders."""
+    """Whether a pilot would notice the mismatch of a low-order form; empty for plain orders."""
     if function.form.name not in FORMS or not mismatch.piloted.any():
         return ""
     outside = mismatch.outside
@@ -273,7 +282,7 @@ def _polynomial(coefficients: np.ndarray) -> str:
 
 
 def fit_cautions(fits: Fits | None) -> tuple[str, ...]:
-    """What a user should know of the fits, one sentence each."""
+    """Cautions on the fits, one sentence each."""
     if fits is None:
         return ()
     out = [] if fits.fit.converged else ["the search for the transfer functions did not end"]
@@ -329,8 +338,9 @@ DELAY = "delay"
 
 @dataclass(frozen=True)
 class ModelOptions:
-    """Which model is fitted: ``model`` its name or file, None fits none; ``vehicle`` its constants
-    and starting values; ``fixed`` parameters that are held."""
+    """Options of a model fit: ``model`` its name or file, None for no fit; ``vehicle`` its
+    constants and starting values; ``fixed`` parameters.
+    """
 
     model: str | None = None
     vehicle: Path | None = None
@@ -338,7 +348,7 @@ class ModelOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class FittedModel:
+class FittedResponseModel:
     """A model fitted to the responses at ``places`` ``(row, column)``; ``model`` its name,
     ``units`` by parameter, ``sentences`` on what was done, ``file`` the vehicle file that was read.
     """
@@ -362,7 +372,7 @@ class FittedModel:
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """What a user should know, one sentence each."""
+        """Cautions on the fit, one sentence each."""
         fit, out = self.fit, []
         if not fit.converged:
             out.append(f"the search for the parameters of {self.model} did not end")
@@ -383,14 +393,17 @@ class FittedModel:
 
 
 def model_fit_of(
-    found: FrequencyResponses, names: Names, options: ModelOptions, held: float | None = None
-) -> FittedModel | None:
+    estimated_responses: FrequencyResponses,
+    names: Names,
+    options: ModelOptions,
+    hold_step: float | None = None,
+) -> FittedResponseModel | None:
     """Fit the model to all responses that have a usable band; None where none is named.
 
     The model is linearised about rest, or about level flight where it has one, which stays where
-    the starting values have it. A delay of all inputs is free unless it is fixed. ``held`` : s, of
-    inputs that are held so long and whose hold was taken out of the responses: an output that the
-    input moves at once does not lag by the hold, so that the model is sampled like the record.
+    the starting values have it. A delay of all inputs is free unless it is fixed. ``hold_step`` :
+    s, hold of inputs whose hold was taken out of the responses: an output that the input moves at
+    once does not lag by the hold, so that the model is sampled like the record.
 
     Raises
     ------
@@ -407,11 +420,11 @@ def model_fit_of(
     places, targets, pairs = [], [], []
     for row, output in enumerate(names.outputs):
         for column, one in enumerate(names.inputs):
-            if np.count_nonzero(found.usable[row, column]) >= 3:
+            if np.count_nonzero(estimated_responses.usable[row, column]) >= 3:
                 name = f"{output}/{one}"
                 places.append((row, column))
                 pairs.append(name)
-                targets.append(target_of(found, (row, column), name))
+                targets.append(target_of(estimated_responses, (row, column), name))
     if not targets:
         what = "no response has a usable band to fit"
         raise RecordError(what, where="--model", remedy="lower --coherence, or leave it out")
@@ -423,23 +436,23 @@ def model_fit_of(
 
     def responses(values: Mapping[str, float]) -> list[np.ndarray]:
         space = state_space(system, values, x0, u0)
-        late = values.get(DELAY, 0.0)
+        delay_value = values.get(DELAY, 0.0)
         eye, out = np.eye(len(space.A)), []
         A, B = space.A, space.B
-        if held is not None:
+        if hold_step is not None:
             # Phi and Gamma of a step over which the inputs are held.
             n, r = B.shape
             both = np.zeros((n + r, n + r))
             both[:n, :n], both[:n, n:] = A, B
-            whole = expm(held * both)
+            whole = expm(hold_step * both)
             A, B = whole[:n, :n], whole[:n, n:]
         for target, k, m in zip(targets, outputs, inputs, strict=True):
             s = 1j * target.omega
-            z = s if held is None else np.exp(s * held)
+            z = s if hold_step is None else np.exp(s * hold_step)
             inside = np.linalg.solve(z[:, None, None] * eye - A, B[None, :, m, None])
             row = (space.C[k] @ inside)[:, 0] + space.D[k, m]
-            between = 1.0 if held is None else (1.0 - np.exp(-s * held)) / (s * held)
-            out.append(row * np.exp(-s * late) / between)
+            between = 1.0 if hold_step is None else (1.0 - np.exp(-s * hold_step)) / (s * hold_step)
+            out.append(row * np.exp(-s * delay_value) / between)
         return out
 
     start, fixed = _starts(system, options.fixed or {})
@@ -450,7 +463,7 @@ def model_fit_of(
     units = {name: system.parameters[name].unit for name in (*start, *fixed) if name != DELAY}
     units |= {DELAY: "s"}
     about = "level flight" if trim is not None else "rest"
-    return FittedModel(
+    return FittedResponseModel(
         options.model,
         vehicle.name,
         fit,
@@ -464,7 +477,7 @@ def model_fit_of(
 
 
 def _fitted(model: str, vehicle: VehicleFile, about: str, count: int) -> str:
-    """Which model of which vehicle was fitted to how many responses."""
+    """Sentence on the model, the vehicle and the number of responses that were fitted."""
     named = vehicle_with_file(vehicle.name, vehicle.identity)
     responses = f"{count} response{'s' * (count != 1)}"
     return f"{model} model of {named}, linearised about {about}, fitted to {responses}"
@@ -473,7 +486,7 @@ def _fitted(model: str, vehicle: VehicleFile, about: str, count: int) -> str:
 def _starts(
     system: System, fixed: Mapping[str, float]
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Starting values of what is free, a delay of all inputs included, and what is held."""
+    """Starting values of the free parameters, with a delay of all inputs, and the fixed ones."""
     free = [name for name in system.parameters.free_names if not name.startswith("bias_")]
     known = [*free, *([] if DELAY in free else [DELAY])]
     for name in fixed:
@@ -487,28 +500,28 @@ def _starts(
 
 
 def _refuse_other_signals(system: System, names: Names) -> None:
-    for option, asked, known in (
+    for option, requested, known in (
         ("--input", names.inputs, system.input_names),
         ("--output", names.outputs, system.output_names),
     ):
-        for name in asked:
+        for name in requested:
             if name not in known:
                 what, remedy = f"the model has no {name!r}", f"it has {', '.join(known)}"
                 raise DeclarationError(what, where=option, remedy=remedy)
 
 
-def model_lines(found: FittedModel) -> list[str]:
+def model_lines(fitted: FittedResponseModel) -> list[str]:
     """The costs of the fitted model, one sentence each."""
-    lines = list(found.sentences)
-    for name, cost in zip(found.pairs, found.fit.costs, strict=True):
+    lines = list(fitted.sentences)
+    for name, cost in zip(fitted.pairs, fitted.fit.costs, strict=True):
         said = "close to the data" if cost <= BEST else "acceptable" if cost <= GOOD else "poor"
         lines.append(f"{name}: cost {cost:.3g}, {said}")
-    return [*lines, f"mean cost {found.fit.cost:.3g}"]
+    return [*lines, f"mean cost {fitted.fit.cost:.3g}"]
 
 
-def model_table(found: FittedModel, caption: str = "") -> Table:
+def model_table(fitted: FittedResponseModel, caption: str = "") -> Table:
     """The parameters of a fitted model; those that were fixed come last."""
-    fit = found.fit
+    fit = fitted.fit
     names, fixed = list(fit.names), list(fit.fixed)
     none = [MISSING] * len(fixed)
 
@@ -532,7 +545,7 @@ def model_table(found: FittedModel, caption: str = "") -> Table:
         (Column("Cramer-Rao", "%"), [*shares(fit.cramer_rao), *none]),
         (Column("insensitivity", "%"), [*shares(fit.insensitivity), *none]),
         (Column("start", BY_ROW), [*start, *none]),
-        units=[found.units.get(name, "") for name in (*names, *fixed)],
+        units=[fitted.units.get(name, "") for name in (*names, *fixed)],
     )
 
 
@@ -541,14 +554,14 @@ def _share(part: float, value: float) -> Cell:
     return formatted(share if math.isfinite(share) and share < 1000.0 else None, ".3g")
 
 
-def model_content(found: FittedModel) -> dict[str, Any]:
+def model_content(fitted: FittedResponseModel) -> dict[str, Any]:
     """The fitted model for ``responses.json``."""
-    fit = found.fit
+    fit = fitted.fit
     return {
-        "model": found.model,
-        "vehicle": found.vehicle,
+        "model": fitted.model,
+        "vehicle": fitted.vehicle,
         "cost": fit.cost,
-        "costs": dict(zip(found.pairs, fit.costs, strict=True)),
+        "costs": dict(zip(fitted.pairs, fit.costs, strict=True)),
         "converged": fit.converged,
         "parameters": {
             name: {
@@ -557,7 +570,7 @@ def model_content(found: FittedModel) -> dict[str, Any]:
                 "cramer_rao": float(fit.cramer_rao[k]),
                 "insensitivity": float(fit.insensitivity[k]),
                 "start": float(fit.start[k]),
-                "unit": found.units.get(name, ""),
+                "unit": fitted.units.get(name, ""),
             }
             for k, name in enumerate(fit.names)
         },

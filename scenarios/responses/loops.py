@@ -46,12 +46,15 @@ class LoopMargins:
 
     Attributes
     ----------
-    name : ``"returned/command"``. sign : ``"minus"`` where the returned signal is subtracted.
-    curve, margins : of all records together. maneuvers : of each part by itself, None where it
-        gives no estimate; ``parts``: their names, ``reasons``: why, by name.
+    name : ``"returned/command"``.
+    sign : ``"minus"`` where the returned signal is subtracted.
+    curve, margins : of all records together.
+    maneuvers : of each part by itself, None where it gives no estimate; ``parts``: their names,
+        ``reasons``: why, by name.
     worst : the least of each margin over the parts; empty with one part.
-    cautions : what a user should know. contradicted : whether excitation, command and returned
-        signal say the other sign; the margins are then those of another loop.
+    cautions : what a user should know.
+    contradicted : whether excitation, command and returned signal say the other sign; the margins
+        are then those of another loop.
     """
 
     name: str
@@ -80,7 +83,7 @@ def refuse_loop(sign: str | None, names: Names) -> None:
 
 
 def loop_margins_of(
-    found: FrequencyResponses,
+    responses: FrequencyResponses,
     names: Names,
     sign: str | None,
     read: ReadSignals,
@@ -90,7 +93,7 @@ def loop_margins_of(
 
     ``again`` : estimates the response of one part in the same way.
     """
-    if sign is None or not found.usable[0, 0].any():
+    if sign is None or not responses.usable[0, 0].any():
         return None
     name = f"{names.outputs[0]}/{names.inputs[0]}"
 
@@ -99,7 +102,7 @@ def loop_margins_of(
         target = target if sign == MINUS else turned(target)
         return loop_curve(target), stability_margins(target)
 
-    curve, pooled = margins(found)
+    curve, pooled = margins(responses)
     each: list[StabilityMargins | None] = []
     reasons: list[str] = []
     for number, part in enumerate(read.names):
@@ -116,12 +119,12 @@ def loop_margins_of(
         except FlightidError as error:
             each.append(None)
             reasons.append(f"{part}: no margins by itself: {error.what}")
-    known = [one for one in each if one is not None]
-    worst = worst_margins(known) if known else ()
+    determined = [one for one in each if one is not None]
+    worst = worst_margins(determined) if determined else ()
     at = [number for number, one in enumerate(each) if one is not None]
     worst = tuple(replace(one, maneuver=at[one.maneuver]) for one in worst)
-    other = found.joint and fitting_sign(_products(read)) not in (sign, None)
-    cautions = _cautions(found, names, sign, worst, contradicted=other)
+    other = responses.joint and fitting_sign(_products(read)) not in (sign, None)
+    cautions = _cautions(responses, names, sign, worst, contradicted=other)
     parts = read.names if each else ()
     return LoopMargins(
         name, sign, curve, pooled, parts, tuple(each), tuple(reasons), worst, cautions, other
@@ -129,7 +132,7 @@ def loop_margins_of(
 
 
 def _cautions(
-    found: FrequencyResponses,
+    responses: FrequencyResponses,
     names: Names,
     sign: str,
     worst: Sequence[WorstMargin],
@@ -137,7 +140,7 @@ def _cautions(
     contradicted: bool,
 ) -> tuple[str, ...]:
     out = []
-    if not found.joint:
+    if not responses.joint:
         out.append(
             "margins from the direct estimate: what noise and turbulence bring back through the "
             "loop "
@@ -157,8 +160,8 @@ def _cautions(
 def _products(read: ReadSignals) -> np.ndarray:
     """Sums of products ``(3, 3)`` of reference, command and returned signal about their means."""
     rows = [np.concatenate([each.references, each.inputs, each.outputs]) for each in read.signals]
-    apart = [row - row.mean(axis=1, keepdims=True) for row in rows]
-    return np.asarray(sum(row @ row.T for row in apart))
+    centred = [row - row.mean(axis=1, keepdims=True) for row in rows]
+    return np.asarray(sum(row @ row.T for row in centred))
 
 
 def fitting_sign(products: np.ndarray) -> str | None:
@@ -196,10 +199,7 @@ def loop_tables(loop: LoopMargins) -> list[Table]:
         (Column("margin"), [WORDS[name] for name in named]),
         (Column("value", BY_ROW), [formatted(each.size.value, ".3g") for each in named.values()]),
         (Column("95 %", right=True), [interval_text(each) for each in named.values()]),
-        (
-            Column("at", "rad/s", printed="at rad/s"),
-            [formatted(f, ".3g") for f in frequencies],
-        ),
+        (Column("at", "rad/s", printed="at rad/s"), [formatted(f, ".3g") for f in frequencies]),
         (
             Column("at", "Hz", printed="Hz"),
             [formatted(f / (2.0 * math.pi), ".3g") for f in frequencies],
@@ -229,9 +229,9 @@ def interval_text(margin: Margin) -> str:
 
 
 def margin_lines(loop: LoopMargins) -> list[str]:
-    """How the margins compare with the required ones, and what is not known."""
+    """Comparison of the margins with the required ones, and what is undetermined."""
     out = []
-    known = loop.margins.named
+    named = loop.margins.named
     sizes = [
         ("gain_increase", REQUIRED_GAIN, "dB"),
         ("gain_decrease", REQUIRED_GAIN, "dB"),
@@ -239,14 +239,14 @@ def margin_lines(loop: LoopMargins) -> list[str]:
     ]
     said = []
     for name, required, unit in sizes:
-        if name in known:
+        if name in named:
             ends = sorted(
-                abs(end) if known[name].low * known[name].high > 0.0 else end
-                for end in (known[name].low, known[name].high)
+                abs(end) if named[name].low * named[name].high > 0.0 else end
+                for end in (named[name].low, named[name].high)
             )
             verdict = (
                 "met"
-                if ends[0] >= required and not known[name].open
+                if ends[0] >= required and not named[name].open
                 else "not met"
                 if ends[1] < required
                 else "undecided"

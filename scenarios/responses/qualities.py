@@ -1,4 +1,4 @@
-"""Flying qualities from estimated responses and fitted forms: numbers, levels, their tables."""
+"""Flying qualities from estimated responses and fitted forms: quantities, levels, tables."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from ident.flying_qualities.attitude_criteria import (
 from ident.flying_qualities.levels import (
     CATEGORIES,
     CLASSES,
-    Level,
     Quality,
+    QualityLevel,
     form_levels,
     form_qualities,
 )
@@ -40,18 +40,21 @@ from scenarios.responses.fitting import Fits, target_of
 from scenarios.responses.reading import Names
 from sim.errors import DeclarationError
 
-RATE, ATTITUDE = "rate", "attitude"
-PITCH = "pitch"  # the form that airspeed belongs to
+# Kinds of an output.
+RATE = "rate"
+ATTITUDE = "attitude"
+PITCH = "pitch"  # the fitted form whose levels depend on the airspeed
 
 
 @dataclass(frozen=True)
 class LevelOptions:
-    """Against which limits fitted forms are held.
+    """Aircraft class and flight-phase category for the levels of fitted forms.
 
     Attributes
     ----------
     flown : ``CLASS-CATEGORY``, class I, II-C, II-L, III or IV and category A, B or C of the flight
-        phase, as in ``IV-A``; None judges nothing. airspeed : m/s, for n/alpha and CAP.
+        phase, as in ``IV-A``; None: no levels.
+    airspeed : m/s, for n/alpha and CAP.
     """
 
     flown: str | None = None
@@ -59,10 +62,10 @@ class LevelOptions:
 
     def __post_init__(self) -> None:
         if self.flown is not None and self.parts not in product(CLASSES, CATEGORIES):
-            known = f"{', '.join(CLASSES)} and {', '.join(CATEGORIES)}"
+            available = f"{', '.join(CLASSES)} and {', '.join(CATEGORIES)}"
             what = f"{self.flown!r} is no class and category"
             raise DeclarationError(
-                what, where="--levels", remedy=f"write CLASS-CATEGORY of {known}, as in IV-A"
+                what, where="--levels", remedy=f"write CLASS-CATEGORY of {available}, as in IV-A"
             )
         if self.airspeed is not None and not (self.airspeed > 0.0 and math.isfinite(self.airspeed)):
             what = f"{self.airspeed:g} m/s is no airspeed"
@@ -75,7 +78,7 @@ class LevelOptions:
         return head, tail
 
     def refuse_unused(self, fits: Fits | None) -> None:
-        """Raise DeclarationError where nothing is fitted that the options are for."""
+        """Raise DeclarationError if no fit uses these options."""
         forms = [each.form.name for each in fits.fit.functions] if fits is not None else []
         if self.flown is not None and not any(name in FORMS for name in forms):
             remedy = f"add --fit with one of {', '.join(FORMS)}"
@@ -92,21 +95,23 @@ NO_LEVELS = LevelOptions()
 
 
 def pilot_demand(bandwidth: float | None, delay: float | None) -> PilotDemand | None:
-    """What is asked of a pilot; None without a bandwidth. Raises DeclarationError for numbers that
-    are none, or for a delay without a bandwidth."""
+    """Task of the pilot; None without a bandwidth.
+
+    Raises DeclarationError for wrong numbers, or for a delay without a bandwidth.
+    """
     if bandwidth is None:
         if delay is not None:
             remedy = "add --pilot RAD/S, the closed-loop bandwidth"
             raise DeclarationError("there is no pilot", where="--pilot-delay", remedy=remedy)
         return None
-    late = PILOT_DELAY if delay is None else delay
+    delay_seconds = PILOT_DELAY if delay is None else delay
     for option, value, fine in (
         ("--pilot", bandwidth, bandwidth > 0.0),
-        ("--pilot-delay", late, late >= 0.0),
+        ("--pilot-delay", delay_seconds, delay_seconds >= 0.0),
     ):
         if not (fine and math.isfinite(value)):
             raise DeclarationError(f"{value:g}", where=option, remedy="give a positive number")
-    return PilotDemand(bandwidth, late)
+    return PilotDemand(bandwidth, delay_seconds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,11 +120,16 @@ class Qualities:
 
     Attributes
     ----------
-    name : of the response. place : its row and column.
-    bandwidth, curve : where a kind of output is named. dropback : where ``pitch`` is fitted, s.
-    form : quantities of a fitted form. levels : of these, where limits are asked for.
-    overshoot : of the pitch rate after a step, largest over steady. pilot : of Neal and Smith, or
-        why there is none. flown : class and category of the levels. form_name : of the fitted form.
+    name : of the response.
+    place : its row and column.
+    bandwidth, curve : where a kind of output is named.
+    dropback : where ``pitch`` is fitted, s.
+    form : quantities of a fitted form.
+    levels : of these, where limits are asked for.
+    overshoot : of the pitch rate after a step, largest over steady.
+    pilot : of Neal and Smith, or why there is none.
+    flown : class and category of the levels.
+    form_name : of the fitted form.
     """
 
     name: str
@@ -128,7 +138,7 @@ class Qualities:
     curve: AttitudeCurve | None
     dropback: BandwidthQuantity | None
     form: tuple[Quality, ...] = ()
-    levels: tuple[Level, ...] = ()
+    levels: tuple[QualityLevel, ...] = ()
     overshoot: BandwidthQuantity | None = None
     pilot: NealSmith | str | None = None
     flown: tuple[str, str] | None = None
@@ -136,29 +146,29 @@ class Qualities:
 
     @property
     def numbers(self) -> Mapping[str, tuple[BandwidthQuantity, str]]:
-        """Quantities that are known, with their units."""
-        found: dict[str, tuple[BandwidthQuantity | None, str]] = {}
+        """The determined quantities with their units."""
+        result: dict[str, tuple[BandwidthQuantity | None, str]] = {}
         if self.bandwidth is not None:
-            found |= {
+            result |= {
                 "bandwidth": (self.bandwidth.bandwidth, "rad/s"),
                 "phase_bandwidth": (self.bandwidth.phase, "rad/s"),
                 "gain_bandwidth": (self.bandwidth.gain, "rad/s"),
                 "neutral_frequency": (self.bandwidth.neutral, "rad/s"),
                 "phase_delay": (self.bandwidth.delay, "s"),
             }
-        found["dropback"] = (self.dropback, "s")
-        found["pitch_rate_overshoot"] = (self.overshoot, "1")
+        result["dropback"] = (self.dropback, "s")
+        result["pitch_rate_overshoot"] = (self.overshoot, "1")
         if isinstance(self.pilot, NealSmith):
-            found["pilot_resonance"] = (self.pilot.resonance, "dB")
-            found["pilot_compensation"] = (self.pilot.compensation, "deg")
-        found |= {
+            result["pilot_resonance"] = (self.pilot.resonance, "dB")
+            result["pilot_compensation"] = (self.pilot.compensation, "deg")
+        result |= {
             each.name: (BandwidthQuantity(each.value, each.std), each.unit) for each in self.form
         }
-        return {name: (each, unit) for name, (each, unit) in found.items() if each is not None}
+        return {name: (each, unit) for name, (each, unit) in result.items() if each is not None}
 
     @property
     def lines(self) -> list[str]:
-        """The levels that are reached, and what is not known, one sentence each."""
+        """Levels and undetermined quantities, one sentence each."""
         out = []
         for level in self.levels:
             said = quality_name(level.quality.name)
@@ -182,7 +192,7 @@ _QUALITY_NAMES = {
 
 
 def quality_name(name: str) -> str:
-    """How tables and sentences call a quantity of ``Qualities.numbers``."""
+    """Name of a quantity of ``Qualities.numbers`` in tables and sentences."""
     return _QUALITY_NAMES.get(name, name.replace("_", " "))
 
 
@@ -192,8 +202,11 @@ class ChartLevel:
 
     Attributes
     ----------
-    name : of the criterion. words : what is judged. level : 1 to 4, 4 outside all; best, worst :
-        within two standard deviations. source : of the limits.
+    name : of the criterion.
+    words : what is judged.
+    level : 1 to 4, 4 outside all;
+    best, worst : within two standard deviations.
+    source : of the limits.
     """
 
     name: str
@@ -208,8 +221,8 @@ def chart_levels(one: Qualities) -> list[ChartLevel]:
     """Levels of bandwidth and phase delay, and of Neal and Smith's pilot, where they are known."""
     out = []
     band = one.bandwidth
-    flown = one.flown is not None and one.flown[1] == "A" and one.form_name in ("", PITCH)
-    if flown and band is not None and band.bandwidth is not None and band.delay is not None:
+    in_category_a = one.flown is not None and one.flown[1] == "A" and one.form_name in ("", PITCH)
+    if in_category_a and band is not None and band.bandwidth is not None and band.delay is not None:
         width, delay = band.bandwidth, band.delay
         best, worst = (
             pitch_bandwidth_level(
@@ -220,18 +233,18 @@ def chart_levels(one: Qualities) -> list[ChartLevel]:
         words = "bandwidth and phase delay" + ("" if one.form_name else ", if this is pitch")
         level = pitch_bandwidth_level(width.value, delay.value)
         out.append(ChartLevel("bandwidth_and_phase_delay", words, level, best, worst, PITCH_SOURCE))
-    found = one.pilot
-    if isinstance(found, NealSmith) and found.droop >= DROOP - 0.05:
-        words = f"resonance at {found.demand.bandwidth:g} rad/s, delay {found.demand.delay:g} s"
+    result = one.pilot
+    if isinstance(result, NealSmith) and result.droop >= DROOP - 0.05:
+        words = f"resonance at {result.demand.bandwidth:g} rad/s, delay {result.demand.delay:g} s"
         source = "MIL-STD-1797A, 4.2.1.2, closed-loop criterion"
         out.append(
-            ChartLevel("pilot_resonance", words, found.level, found.best, found.worst, source)
+            ChartLevel("pilot_resonance", words, result.level, result.best, result.worst, source)
         )
     return out
 
 
 def _chart_lines(one: Qualities) -> list[str]:
-    """Levels of criteria with two quantities, and what is said of the pilot."""
+    """Levels of criteria with two quantities, and the pilot's compensation."""
     out = [
         f"{each.words}: {level_text(each.level, each.best, each.worst)} ({each.source})"
         for each in chart_levels(one)
@@ -252,14 +265,14 @@ def level_text(level: int, best: int, worst: int) -> str:
 
 
 def refuse_kind(kind: str | None) -> None:
-    """Raise DeclarationError for what is no kind of output."""
+    """Raise DeclarationError for an unknown kind of output."""
     if kind not in (None, RATE, ATTITUDE):
         remedy = f"say {RATE} or {ATTITUDE}, what the outputs are"
         raise DeclarationError(f"there is no kind {kind!r}", where="--bandwidth", remedy=remedy)
 
 
 def qualities_of(
-    found: FrequencyResponses,
+    responses: FrequencyResponses,
     names: Names,
     kind: str | None,
     fits: Fits | None,
@@ -282,8 +295,8 @@ def qualities_of(
             fall = dropback(fitted[0]) if fitted is not None else None
             bandwidth = curve = None
             name = f"{output}/{one}"
-            if kind is not None and found.usable[row, column].any():
-                target = target_of(found, (row, column), name)
+            if kind is not None and responses.usable[row, column].any():
+                target = target_of(responses, (row, column), name)
                 bandwidth = attitude_bandwidth(target, rate=kind == RATE)
                 curve = attitude_curve(target, rate=kind == RATE)
             form = (
@@ -296,11 +309,22 @@ def qualities_of(
             if bandwidth is not None or fall is not None or form:
                 over = pitch_overshoot(fitted[0]) if fitted is not None else None
                 closed = neal_smith(curve, pilot) if curve is not None and pilot else None
-                flown = limits.parts if limits.flown is not None else None
+                flight_phase = limits.parts if limits.flown is not None else None
                 place = (row, column)
                 out.append(
                     Qualities(
-                        *(name, place, bandwidth, curve, fall, form, levels, over, closed, flown),
+                        *(
+                            name,
+                            place,
+                            bandwidth,
+                            curve,
+                            fall,
+                            form,
+                            levels,
+                            over,
+                            closed,
+                            flight_phase,
+                        ),
                         fitted[0].form.name if fitted is not None else "",
                     )
                 )
@@ -335,20 +359,20 @@ def quality_tables(qualities: Sequence[Qualities]) -> list[Table]:
 
 
 def quality_lines(qualities: Sequence[Qualities]) -> list[str]:
-    """Levels that are reached and what is not known of flying qualities, one sentence each."""
+    """Levels and undetermined flying qualities, one sentence each."""
     return [line for each in qualities for line in each.lines]
 
 
 def levels_by_name(qualities: Sequence[Qualities]) -> dict[str, dict[str, tuple[int, int, int]]]:
     """Level, best and worst within two standard deviations by response and quantity or chart."""
-    found = {
+    result = {
         each.name: {
             **{one.quality.name: (one.level, one.best, one.worst) for one in each.levels},
             **{one.name: (one.level, one.best, one.worst) for one in chart_levels(each)},
         }
         for each in qualities
     }
-    return {name: levels for name, levels in found.items() if levels}
+    return {name: levels for name, levels in result.items() if levels}
 
 
 def levels_content(one: Qualities) -> list[dict[str, Any]]:
@@ -363,7 +387,7 @@ def levels_content(one: Qualities) -> list[dict[str, Any]]:
     ]
 
 
-def _level_row(name: str, reached: Level | ChartLevel, source: str) -> dict[str, Any]:
+def _level_row(name: str, reached: QualityLevel | ChartLevel, source: str) -> dict[str, Any]:
     return {
         "quantity": name,
         "level": reached.level,

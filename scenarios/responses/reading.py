@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ident.frequency_response import Signals
+from ident.frequency_response import EvenSignals
 from scenarios.files.declarations import CHANNEL_UNITS, TIME, ColumnChoice, split_header
 from scenarios.files.formats.cells import CellTable
 from scenarios.files.measured.columns import RecordFile, with_names
@@ -30,7 +30,7 @@ FEWEST = 64  # samples of a record
 
 @dataclass(frozen=True)
 class Names:
-    """Names of inputs, outputs and references, as they were asked for."""
+    """Names of inputs, outputs and references, as requested."""
 
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
@@ -64,7 +64,7 @@ class ReadSignals:
     notes : what was done, one sentence each.
     """
 
-    signals: tuple[Signals, ...]
+    signals: tuple[EvenSignals, ...]
     names: tuple[str, ...]
     durations: tuple[float, ...]
     units: Mapping[str, str]
@@ -105,7 +105,7 @@ def read_signals(
                 notes += [sentence] if sentence else []
                 records.append(part)
                 of_file.append(file.path)
-    records = _told_apart(records, of_file)
+    records = _with_distinct_names(records, of_file)
     step = float(np.median(np.diff(records[0].time)))
     _refuse_other_kinds(records, step)
     signals = []
@@ -126,7 +126,7 @@ def read_signals(
     )
 
 
-def _told_apart(records: list[Record], files: list[Path]) -> list[Record]:
+def _with_distinct_names(records: list[Record], files: list[Path]) -> list[Record]:
     """The records with the names of their files where records of several files have one name."""
     named: dict[str, set[Path]] = {}
     for record, path in zip(records, files, strict=True):
@@ -168,15 +168,15 @@ def _read(
 ) -> tuple[Record, list[str]]:
     every = (*names.inputs, *names.references, *names.outputs)
     choices = {**file.choices, **(channels or {})}
-    known = dict(CHANNEL_UNITS)
+    units = dict(CHANNEL_UNITS)
     for name in every:
         if name == TIME:
             remedy = "name a signal"
             raise DeclarationError("time is no signal", where="--input, --output", remedy=remedy)
         if name in CHANNEL_UNITS or name in choices:
-            known.setdefault(name, "")
+            units.setdefault(name, "")
             continue
-        known[name] = ""
+        units[name] = ""
         choices[name] = ColumnChoice(name, _unit(file, name))
     record, notes = read_with_notes(
         file,
@@ -186,7 +186,7 @@ def _read(
         start,
         stop,
         hold=plan.hold,
-        known=known,
+        channel_units=units,
         rate=plan.rate,
     )
     missing = [name for name in names.outputs if name not in record.output_names]
@@ -231,7 +231,9 @@ def _unit(file: RecordFile, name: str) -> str | None:
 
 
 def _even(record: Record, step: float) -> tuple[Record, list[str]]:
-    """A record at even steps of ``step`` without missing samples, and what was done for it."""
+    """The record at even steps of ``step`` without missing samples, and a sentence on the
+    changes.
+    """
     notes = []
     time = record.time
     for channel in record.outputs:
@@ -259,7 +261,7 @@ def _even(record: Record, step: float) -> tuple[Record, list[str]]:
     return replace(record, time=grid, inputs=inputs, outputs=outputs), notes
 
 
-def _signals(record: Record, names: Names, step: float) -> Signals:
+def _signals(record: Record, names: Names, step: float) -> EvenSignals:
     if len(record) < FEWEST:
         what = f"{len(record)} samples are too few for a frequency response"
         raise RecordError(what, where=record.name, remedy=f"give a part of {FEWEST} or more")
@@ -270,4 +272,4 @@ def _signals(record: Record, names: Names, step: float) -> Signals:
             raise RecordError(what, where=where, remedy="choose a part with a maneuver")
     rows = [record.input_array(group) for group in (names.inputs, names.references)]
     outputs = record.output_array(names.outputs)[0]
-    return Signals(step, rows[0], outputs, rows[1])
+    return EvenSignals(step, rows[0], outputs, rows[1])

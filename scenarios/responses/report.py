@@ -50,11 +50,7 @@ from scenarios.responses.fitting import (
     model_table,
     transfer_text,
 )
-from scenarios.responses.loops import (
-    loop_tables,
-    margin_lines,
-    margins_content,
-)
+from scenarios.responses.loops import loop_tables, margin_lines, margins_content
 from scenarios.responses.qualities import levels_content, quality_lines, quality_tables
 
 if TYPE_CHECKING:
@@ -66,50 +62,53 @@ ROWS = 12  # frequencies of a printed table
 
 
 def print_responses(
-    found: ResponseEstimates, out: Console | None = None, details: str = BELOW
+    estimates: ResponseEstimates, out: Console | None = None, details: str = BELOW
 ) -> None:
     """Print an estimate."""
     out = out or console()
-    print_summary(out, responses_summary(found, details))
-    for line in found.cautions:
+    print_summary(out, responses_summary(estimates, details))
+    for line in estimates.cautions:
         print_paragraph(out, f"warning: {line}", indent=0)
-    for line in found.notes:
+    for line in estimates.notes:
         print_paragraph(out, line, indent=0)
-    for row, column, _ in pairs(found):
+    for row, column, _ in pairs(estimates):
         show_table(
-            out, response_table(found, row, column, f": {band_sentence(found, row, column)}")
+            out,
+            response_table(estimates, row, column, f": {band_sentence(estimates, row, column)}"),
         )
-    show_blocks(out, quality_tables(found.qualities))
-    for line in quality_lines(found.qualities):
+    show_blocks(out, quality_tables(estimates.qualities))
+    for line in quality_lines(estimates.qualities):
         print_paragraph(out, line, indent=0)
-    if found.loop is not None:
-        show_blocks(out, loop_tables(found.loop))
-        for line in margin_lines(found.loop):
+    if estimates.loop is not None:
+        show_blocks(out, loop_tables(estimates.loop))
+        for line in margin_lines(estimates.loop):
             print_paragraph(out, line, indent=0)
-    for row, column, _ in pairs(found):
-        for line in fit_lines(found, row, column):
+    for row, column, _ in pairs(estimates):
+        for line in fit_lines(estimates, row, column):
             print_paragraph(out, line, indent=0)
-        show_blocks(out, fit_tables(found, row, column))
-    if found.model is not None:
-        for line in model_lines(found.model):
+        show_blocks(out, fit_tables(estimates, row, column))
+    if estimates.model is not None:
+        for line in model_lines(estimates.model):
             print_paragraph(out, line, indent=0)
-        show_table(out, model_table(found.model))
+        show_table(out, model_table(estimates.model))
 
 
-def name_pair(found: ResponseEstimates, row: int, column: int) -> tuple[str, str]:
+def name_pair(estimates: ResponseEstimates, row: int, column: int) -> tuple[str, str]:
     """Output and input of a response."""
-    return found.names.outputs[row], found.names.inputs[column]
+    return estimates.names.outputs[row], estimates.names.inputs[column]
 
 
-def responses_summary(found: ResponseEstimates, details: str = BELOW) -> Summary:
-    """The records, what was estimated, and the usable bands."""
-    whole = sum(found.durations)
-    some = ", ".join(found.parts[:3]) + (", ..." if len(found.parts) > 3 else "")
-    number = len(pairs(found))
-    method = "joint input-output" if found.found.joint else "direct"
-    bands = [f"{name} {band_sentence(found, row, column)}" for row, column, name in pairs(found)]
+def responses_summary(estimates: ResponseEstimates, details: str = BELOW) -> Summary:
+    """Summary: the records, the estimate, and the usable bands."""
+    whole = sum(estimates.durations)
+    some = ", ".join(estimates.parts[:3]) + (", ..." if len(estimates.parts) > 3 else "")
+    number = len(pairs(estimates))
+    method = "joint input-output" if estimates.responses.joint else "direct"
+    bands = [
+        f"{name} {band_sentence(estimates, row, column)}" for row, column, name in pairs(estimates)
+    ]
     return Summary(
-        f"{some}, {whole:.4g} s in {len(found.parts)} part{'s' * (len(found.parts) > 1)}",
+        f"{some}, {whole:.4g} s in {len(estimates.parts)} part{'s' * (len(estimates.parts) > 1)}",
         f"{number} frequency response{'s' * (number > 1)}, {method} estimate",
         "; ".join(bands),
         "",
@@ -117,9 +116,9 @@ def responses_summary(found: ResponseEstimates, details: str = BELOW) -> Summary
     )
 
 
-def fit_lines(found: ResponseEstimates, row: int, column: int) -> list[str]:
+def fit_lines(estimates: ResponseEstimates, row: int, column: int) -> list[str]:
     """The transfer function of a response, its cost and how its mismatch is judged."""
-    fitted = found.fits.of(row, column) if found.fits is not None else None
+    fitted = estimates.fits.of(row, column) if estimates.fits is not None else None
     if fitted is None:
         return []
     function, mismatch = fitted
@@ -128,10 +127,12 @@ def fit_lines(found: ResponseEstimates, row: int, column: int) -> list[str]:
     return [head, cost_sentence(function), *([judged] if judged else [])]
 
 
-def fit_tables(found: ResponseEstimates, row: int, column: int, caption: str = "") -> list[Table]:
+def fit_tables(
+    estimates: ResponseEstimates, row: int, column: int, caption: str = ""
+) -> list[Table]:
     """The parameters of a fitted transfer function; no table where none was fitted."""
-    fitted = found.fits.of(row, column) if found.fits is not None else None
-    if fitted is None or found.fits is None:
+    fitted = estimates.fits.of(row, column) if estimates.fits is not None else None
+    if fitted is None or estimates.fits is None:
         return []
     function, _ = fitted
     names = list(function.form.parameters)
@@ -144,7 +145,7 @@ def fit_tables(found: ResponseEstimates, row: int, column: int, caption: str = "
     def spread(name: str) -> Cell:
         return formatted(function.std[name], ".2g") if name in function.std else "fixed"
 
-    shared = ["shared" if name in found.fits.fit.shared else "" for name in names]
+    shared = ["shared" if name in estimates.fits.fit.shared else "" for name in names]
     return [
         table(
             caption,
@@ -166,11 +167,11 @@ def fit_tables(found: ResponseEstimates, row: int, column: int, caption: str = "
     ]
 
 
-def band_sentence(found: ResponseEstimates, row: int, column: int) -> str:
+def band_sentence(estimates: ResponseEstimates, row: int, column: int) -> str:
     """``"usable from 0.1 to 4.2 Hz (coherence 0.6 or more)"``."""
-    band = found.found.bands()[row][column]
-    kind = "partial coherence" if len(found.names.inputs) > 1 else "coherence"
-    limit = f"{kind} {found.found.spectra.least_coherence:g} or more"
+    band = estimates.responses.bands()[row][column]
+    kind = "partial coherence" if len(estimates.names.inputs) > 1 else "coherence"
+    limit = f"{kind} {estimates.responses.spectra.least_coherence:g} or more"
     if band is None:
         return f"nowhere usable ({limit})"
     return f"usable from {band[0]:.3g} to {band[1]:.3g} Hz ({limit})"
@@ -181,20 +182,22 @@ def shown_rows(count: int, most: int = ROWS) -> np.ndarray:
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
 
 
-def response_table(found: ResponseEstimates, row: int, column: int, sentence: str = "") -> Table:
+def response_table(
+    estimates: ResponseEstimates, row: int, column: int, sentence: str = ""
+) -> Table:
     """Some frequencies of a response, named by its output, input and unit."""
-    one, output, name = found.found, *name_pair(found, row, column)
+    one, output, name = estimates.responses, *name_pair(estimates, row, column)
     at = shown_rows(one.frequency.size)
     response, usable = one.response[row, column], one.usable[row, column]
-    unit = found.unit(output, name)
-    label = next(text for i, j, text in pairs(found) if (i, j) == (row, column))
+    unit = estimates.unit(output, name)
+    label = next(text for i, j, text in pairs(estimates) if (i, j) == (row, column))
     size = np.abs(response)
 
     def cells(values: np.ndarray, form: str) -> list[Cell]:
         return [formatted(float(values[k]), form) for k in at]
 
     magnitude = unit or PURE
-    several = len(found.names.inputs) > 1
+    several = len(estimates.names.inputs) > 1
     return table(
         f"{label}{f', {unit}' if unit else ''}{sentence}",
         (Column("frequency", "Hz", printed="Hz"), cells(one.frequency, ".3g")),
@@ -234,34 +237,34 @@ READING = (
 )
 
 
-def responses_page(found: ResponseEstimates, drawn: Sequence[Drawn] = ()) -> Page:
-    """The page of an estimate with the figures ``drawn``."""
-    names, summary = found.names, responses_summary(found)
-    files = [each.name for each in found.identities]
+def responses_page(estimates: ResponseEstimates, figure_files: Sequence[Drawn] = ()) -> Page:
+    """The page of an estimate with the figures ``figure_files``."""
+    names, summary = estimates.names, responses_summary(estimates)
+    files = [each.name for each in estimates.identities]
     tables: list[Block] = []
     functions: list[Block] = []
-    for row, column, name in pairs(found):
-        tables.append(response_table(found, row, column))
-        tables.append(Prose(f"{name}: {band_sentence(found, row, column)}.", "note"))
-        functions += [Prose(as_sentence(line)) for line in fit_lines(found, row, column)]
-        functions += fit_tables(found, row, column, f"Parameters of {name}")
-    qualities: list[Block] = [*quality_tables(found.qualities)]
-    if judged := quality_lines(found.qualities):
+    for row, column, name in pairs(estimates):
+        tables.append(response_table(estimates, row, column))
+        tables.append(Prose(f"{name}: {band_sentence(estimates, row, column)}.", "note"))
+        functions += [Prose(as_sentence(line)) for line in fit_lines(estimates, row, column)]
+        functions += fit_tables(estimates, row, column, f"Parameters of {name}")
+    qualities: list[Block] = [*quality_tables(estimates.qualities)]
+    if judged := quality_lines(estimates.qualities):
         qualities.append(Bullets(tuple(map(as_sentence, judged))))
     margins: list[Block] = []
-    if found.loop is not None:
-        margins += loop_tables(found.loop)
-        margins.append(Bullets(tuple(map(as_sentence, margin_lines(found.loop)))))
+    if estimates.loop is not None:
+        margins += loop_tables(estimates.loop)
+        margins.append(Bullets(tuple(map(as_sentence, margin_lines(estimates.loop)))))
     words = ["flightid", "response", *files]
     words += [word for name in names.inputs for word in ("--input", name)]
     words += [word for name in names.outputs for word in ("--output", name)]
     words += [word for name in names.references for word in ("--reference", name)]
-    words += ["--margins", found.loop.sign] if found.loop is not None else []
-    vehicle = found.model.file if found.model is not None else None
-    words += ["--model", found.model.model] if found.model is not None else []
+    words += ["--margins", estimates.loop.sign] if estimates.loop is not None else []
+    vehicle = estimates.model.file if estimates.model is not None else None
+    words += ["--model", estimates.model.model] if estimates.model is not None else []
     words += ["--vehicle", vehicle.name] if vehicle is not None else []
-    usable = sum(band is not None for row in found.found.bands() for band in row)
-    number = len(pairs(found))
+    usable = sum(band is not None for row in estimates.responses.bands() for band in row)
+    number = len(pairs(estimates))
     return Page(
         title=f"{', '.join(files[:3])}{', ...' if len(files) > 3 else ''}: frequency responses",
         kind="Frequency responses",
@@ -271,22 +274,22 @@ def responses_page(found: ResponseEstimates, drawn: Sequence[Drawn] = ()) -> Pag
         tone="plain",
         sentence=as_sentence(summary.outcome),
         summary=(as_sentence(summary.result),),
-        warnings=tuple(map(as_sentence, found.cautions)),
+        warnings=tuple(map(as_sentence, estimates.cautions)),
         sections=(
-            *section("Bode diagrams", *figures(drawn)),
+            *section("Bode diagrams", *figures(figure_files)),
             *section("Transfer functions", *functions),
-            *section("Derivatives", *model_blocks(found)),
+            *section("Derivatives", *model_blocks(estimates)),
             *section("Flying qualities", *qualities),
             *section("Stability margins", *margins),
             *section("Numbers", *tables),
-            *section("How they were estimated", Bullets(tuple(map(as_sentence, found.notes)))),
+            *section("How they were estimated", Bullets(tuple(map(as_sentence, estimates.notes)))),
             *section("How the numbers are read", Bullets(READING)),
         ),
         reproduction=reproduction(
             words,
             "",
             [
-                *(("used", each.name, each.sha256) for each in found.identities),
+                *(("used", each.name, each.sha256) for each in estimates.identities),
                 *(("vehicle", each.name, each.sha256) for each in (vehicle,) if each is not None),
             ],
         ),
@@ -302,114 +305,114 @@ SCHEMA = "flightid/responses/1"
 
 
 def write_responses(
-    found: ResponseEstimates, folder: str | Path, *, figures: Formats = USUAL
+    estimates: ResponseEstimates, folder: str | Path, *, figures: Formats = USUAL
 ) -> Path:
-    """Write an estimate into ``folder``, whole or not at all; returns the folder."""
+    """Write an estimate into ``folder``, completely or not at all; return the folder."""
     with study_folder(folder, MAIN) as scratch:
-        drawn: tuple[Drawn, ...] = ()
+        figure_files: tuple[Drawn, ...] = ()
         if figures:
-            from scenarios.plots.drawing import drawn_for_page
+            from scenarios.plots.drawing import draw_for_page
             from scenarios.plots.flying_qualities import figure_response
 
-            several = len(pairs(found)) > 1
+            several = len(pairs(estimates)) > 1
             named = [
                 (
                     f"response_{n}" if several else "response",
-                    partial(figure_response, found, row, column),
+                    partial(figure_response, estimates, row, column),
                 )
-                for n, (row, column, _) in enumerate(pairs(found), start=1)
+                for n, (row, column, _) in enumerate(pairs(estimates), start=1)
             ]
-            if found.fits is not None:
+            if estimates.fits is not None:
                 from scenarios.plots.flying_qualities import figure_mismatch
 
                 named += [
                     (
                         f"mismatch_{n}" if several else "mismatch",
-                        partial(figure_mismatch, found, *place),
+                        partial(figure_mismatch, estimates, *place),
                     )
-                    for n, (row, column, _) in enumerate(pairs(found), start=1)
-                    if (place := (row, column)) in found.fits.places
+                    for n, (row, column, _) in enumerate(pairs(estimates), start=1)
+                    if (place := (row, column)) in estimates.fits.places
                 ]
             about = {
                 f"{kind}_{n}": name
-                for n, (_, _, name) in enumerate(pairs(found), start=1)
+                for n, (_, _, name) in enumerate(pairs(estimates), start=1)
                 for kind in ("response", "mismatch")
             }
-            named += quality_figures(found)
-            if any(each.curve is not None for each in found.qualities):
+            named += quality_figures(estimates)
+            if any(each.curve is not None for each in estimates.qualities):
                 from scenarios.plots.flying_qualities import figure_bandwidth
 
                 named += [
                     (
                         f"bandwidth_{n}" if several else "bandwidth",
-                        partial(figure_bandwidth, found, n - 1),
+                        partial(figure_bandwidth, estimates, n - 1),
                     )
-                    for n in range(1, len(found.qualities) + 1)
+                    for n in range(1, len(estimates.qualities) + 1)
                 ]
-            if found.loop is not None:
+            if estimates.loop is not None:
                 from scenarios.plots.flying_qualities import figure_margins
 
-                named.append(("loop", partial(figure_margins, found)))
-            drawn = tuple(
+                named.append(("loop", partial(figure_margins, estimates)))
+            figure_files = tuple(
                 replace(
                     each,
                     caption=f"{about[each.stem]}: {caption_of(each.stem.rstrip('_0123456789'))}",
                 )
                 if each.stem in about
                 else each
-                for each in drawn_for_page(named, scratch, figures)
+                for each in draw_for_page(named, scratch, figures)
             )
-        write_text(scratch / TABLE, responses_csv(found))
-        write_page(scratch, responses_page(found, drawn))
-        write_json(scratch / MAIN, responses_content(found))
+        write_text(scratch / TABLE, responses_csv(estimates))
+        write_page(scratch, responses_page(estimates, figure_files))
+        write_json(scratch / MAIN, responses_content(estimates))
     return Path(folder)
 
 
-def model_blocks(found: ResponseEstimates) -> list[Block]:
+def model_blocks(estimates: ResponseEstimates) -> list[Block]:
     """The fitted model on the page; none where none was fitted."""
-    if found.model is None:
+    if estimates.model is None:
         return []
-    title = f"Parameters of {found.model.model}"
+    title = f"Parameters of {estimates.model.model}"
     return [
-        *(Prose(as_sentence(line)) for line in model_lines(found.model)),
-        model_table(found.model, title),
+        *(Prose(as_sentence(line)) for line in model_lines(estimates.model)),
+        model_table(estimates.model, title),
     ]
 
 
-def quality_figures(found: ResponseEstimates) -> list[tuple[str, partial[Figure]]]:
+def quality_figures(estimates: ResponseEstimates) -> list[tuple[str, partial[Figure]]]:
     """Names and makers of the charts of flying qualities and of the steps of fitted responses."""
     from scenarios.plots.flying_qualities import charts_of, figure_qualities, figure_steps
 
-    charts = [each for each in found.qualities if charts_of(each)]
+    charts = [each for each in estimates.qualities if charts_of(each)]
     out: list[tuple[str, partial[Figure]]] = [
         (
             f"qualities_{n}" if len(charts) > 1 else "qualities",
-            partial(figure_qualities, found, n - 1),
+            partial(figure_qualities, estimates, n - 1),
         )
         for n in range(1, len(charts) + 1)
     ]
-    places = [] if found.fits is None else list(found.fits.places)
+    places = [] if estimates.fits is None else list(estimates.fits.places)
     steady = [
         place
         for place in places
-        if found.fits is not None
-        and (fitted := found.fits.of(*place)) is not None
+        if estimates.fits is not None
+        and (fitted := estimates.fits.of(*place)) is not None
         and step_response(fitted[0]) is not None
     ]
     out += [
-        (f"step_{n}" if len(steady) > 1 else "step", partial(figure_steps, found, *place))
+        (f"step_{n}" if len(steady) > 1 else "step", partial(figure_steps, estimates, *place))
         for n, place in enumerate(steady, start=1)
     ]
     return out
 
 
-def response_columns(found: ResponseEstimates, row: int, column: int) -> dict[str, np.ndarray]:
+def response_columns(estimates: ResponseEstimates, row: int, column: int) -> dict[str, np.ndarray]:
     """The numbers of one response by the names of their columns, each ``(F,)``.
 
     ``magnitude`` in the unit of output over input, phases in degrees without jumps, bands of 95 %;
     the lower bound of a magnitude that is not determined is zero.
     """
-    one = found.found
+    one = estimates.responses
     response, half = one.response[row, column], one.half_width()[row, column]
     size = np.abs(response)
     phase = np.degrees(one.phase()[row, column])
@@ -432,74 +435,76 @@ def response_columns(found: ResponseEstimates, row: int, column: int) -> dict[st
         "degrees_of_freedom": one.degrees[row],
         "usable": one.usable[row, column].astype(int),
     }
-    if found.direct is not None:
-        other = found.direct.response[row, column]
+    if estimates.direct is not None:
+        other = estimates.direct.response[row, column]
         columns |= {"direct_real": other.real, "direct_imaginary": other.imag}
     return columns
 
 
-def responses_csv(found: ResponseEstimates) -> str:
+def responses_csv(estimates: ResponseEstimates) -> str:
     """Content of ``responses.csv``: a row for each output, input and frequency."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    for number, (row, column, _) in enumerate(pairs(found)):
-        columns = response_columns(found, row, column)
+    for number, (row, column, _) in enumerate(pairs(estimates)):
+        columns = response_columns(estimates, row, column)
         if not number:
             writer.writerow(["output", "input", *columns])
-        names = [found.names.outputs[row], found.names.inputs[column]]
+        names = [estimates.names.outputs[row], estimates.names.inputs[column]]
         for cells in zip(*(each.tolist() for each in columns.values()), strict=True):
             writer.writerow([*names, *map(repr, cells)])
     return out.getvalue()
 
 
-def responses_content(found: ResponseEstimates) -> dict[str, Any]:
+def responses_content(estimates: ResponseEstimates) -> dict[str, Any]:
     """Content of ``responses.json``: the same numbers by response, with the usable bands in Hz."""
-    one = found.found
+    one = estimates.responses
     bands = one.bands()
     responses = []
-    for row, column, _ in pairs(found):
+    for row, column, _ in pairs(estimates):
         band = bands[row][column]
-        output, name = found.names.outputs[row], found.names.inputs[column]
-        columns = response_columns(found, row, column)
+        output, name = estimates.names.outputs[row], estimates.names.inputs[column]
+        columns = response_columns(estimates, row, column)
         columns["usable"] = columns["usable"].astype(bool)
         responses.append(
             {
                 "output": output,
                 "input": name,
-                "unit": found.unit(output, name) or "1",
+                "unit": estimates.unit(output, name) or "1",
                 **({"usable_band_Hz": list(band)} if band else {}),
                 **{key: values.tolist() for key, values in columns.items()},
             }
         )
-    parts = zip(found.parts, found.durations, strict=True)
+    parts = zip(estimates.parts, estimates.durations, strict=True)
     return {
         "schema": SCHEMA,
         "method": "joint input-output" if one.joint else "direct",
-        "references": list(found.names.references),
+        "references": list(estimates.names.references),
         "estimate": {
             "windows_s": list(one.spectra.windows),
             "tapers": one.spectra.tapers,
-            "rate_Hz": found.rate,
+            "rate_Hz": estimates.rate,
             "detrended": "linear",
             "least_coherence": one.spectra.least_coherence,
         },
-        **({"flying_qualities": _qualities_content(found)} if found.qualities else {}),
+        **({"flying_qualities": _qualities_content(estimates)} if estimates.qualities else {}),
         "parts": [{"name": name, "duration_s": duration} for name, duration in parts],
         "responses": responses,
-        **({"fits": _fits_content(found, found.fits)} if found.fits is not None else {}),
-        **({"model_fit": model_content(found.model)} if found.model is not None else {}),
-        **({"margins": margins_content(found.loop)} if found.loop is not None else {}),
-        "notes": list(found.notes),
-        "warnings": list(found.cautions),
+        **(
+            {"fits": _fits_content(estimates, estimates.fits)} if estimates.fits is not None else {}
+        ),
+        **({"model_fit": model_content(estimates.model)} if estimates.model is not None else {}),
+        **({"margins": margins_content(estimates.loop)} if estimates.loop is not None else {}),
+        "notes": list(estimates.notes),
+        "warnings": list(estimates.cautions),
         "inputs": {
-            "records": [each.name for each in found.identities],
-            "sha256": [each.sha256 for each in found.identities],
+            "records": [each.name for each in estimates.identities],
+            "sha256": [each.sha256 for each in estimates.identities],
         },
         "versions": versions(),
     }
 
 
-def _fits_content(found: ResponseEstimates, fits: Fits) -> dict[str, Any]:
+def _fits_content(estimates: ResponseEstimates, fits: Fits) -> dict[str, Any]:
     functions = []
     for (row, column), function, mismatch in zip(
         fits.places, fits.fit.functions, fits.mismatches, strict=True
@@ -507,8 +512,8 @@ def _fits_content(found: ResponseEstimates, fits: Fits) -> dict[str, Any]:
         form, judged = function.form, envelope_sentence(function, mismatch)
         functions.append(
             {
-                "output": found.names.outputs[row],
-                "input": found.names.inputs[column],
+                "output": estimates.names.outputs[row],
+                "input": estimates.names.inputs[column],
                 "form": form.name,
                 "cost": function.cost,
                 "numerator": function.numerator.tolist(),
@@ -544,11 +549,11 @@ def _fits_content(found: ResponseEstimates, fits: Fits) -> dict[str, Any]:
     }
 
 
-def _qualities_content(found: ResponseEstimates) -> list[dict[str, Any]]:
+def _qualities_content(estimates: ResponseEstimates) -> list[dict[str, Any]]:
     return [
         {
-            "output": found.names.outputs[each.place[0]],
-            "input": found.names.inputs[each.place[1]],
+            "output": estimates.names.outputs[each.place[0]],
+            "input": estimates.names.inputs[each.place[1]],
             **{
                 name: {"value": number.value, "std": number.std, "unit": unit}
                 for name, (number, unit) in each.numbers.items()
@@ -556,5 +561,5 @@ def _qualities_content(found: ResponseEstimates) -> list[dict[str, Any]]:
             "notes": list(each.bandwidth.notes) if each.bandwidth is not None else [],
             **({"levels": told} if (told := levels_content(each)) else {}),
         }
-        for each in found.qualities
+        for each in estimates.qualities
     ]

@@ -1,4 +1,4 @@
-"""Columns of a comparison of studies, read from their folders."""
+"""Read studies from their folders and arrange their estimates in columns."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from scenarios.files.declarations import CHANNEL_UNITS, TIME
 from scenarios.files.measured.columns import SIMULATED as SIMULATED_ORIGIN
-from scenarios.files.sources import found_json, read_json, resolved
+from scenarios.files.sources import json_or_none, read_json, resolved
 from scenarios.files.writing import PREDICTED, RESPONSE, TRUE
 from sim.errors import DeclarationError
 from sim.vehicles.factory import (
@@ -28,16 +28,16 @@ from sim.vehicles.factory import (
 
 # ---- Measured, predicted and noise-free outputs over time, read back from a study folder
 
-SIMULATION, SIMULATED = "simulation", "simulated_"  # of the closed-loop scenarios
+SIMULATION = "simulation"  # file of a closed-loop scenario's outputs
+SIMULATED = "simulated_"  # prefix of simulated outputs
 
 
 @dataclass(frozen=True, eq=False)
 class StudyResponses:
-    """Outputs of one study over ``time (N,)`` s, each ``(N,)`` in SI by name, NaN where there is
-    nothing.
+    """Outputs of one study over ``time (N,)``, s: ``(N,)`` each, SI, by name, NaN where missing.
 
-    ``predicted`` is what the estimate says; ``true`` is empty where nobody knows it. ``units`` of
-    the channels, those that are known; ``simulated``: a program made the record.
+    ``predicted``: of the estimate; ``true``: empty if unknown. ``units`` of the channels;
+    ``simulated``: whether the record is simulated.
     """
 
     time: np.ndarray
@@ -50,9 +50,7 @@ class StudyResponses:
 
 
 def read_responses(folder: Path, method: str = "") -> StudyResponses | None:
-    """Responses of a study's main method, or of another by its name; None where the folder has none
-    that can be read.
-    """
+    """Return the responses of a study's main method or of a named one; None if there are none."""
     stems = (f"{RESPONSE}_{method}",) if method else (RESPONSE, SIMULATION)
     path = next(
         (folder / f"{stem}.csv" for stem in stems if (folder / f"{stem}.csv").is_file()), None
@@ -80,27 +78,27 @@ def read_responses(folder: Path, method: str = "") -> StudyResponses | None:
         measured,
         {name: predicted[name] for name in measured},
         true,
-        *_told(folder),
+        *_channel_units(folder),
     )
 
 
-def _told(folder: Path) -> tuple[dict[str, str], bool]:
-    """Units of channels, those of the folder's record where it tells them, and whether that record
-    is simulated.
+def _channel_units(folder: Path) -> tuple[dict[str, str], bool]:
+    """Units of the channels, from the folder's record if it states them, and whether that record is
+    simulated.
     """
-    found = found_json(folder / "record.json")
-    content = found if isinstance(found, dict) else {}
+    result = json_or_none(folder / "record.json")
+    content = result if isinstance(result, dict) else {}
     units = content.get("units", {})
-    told = {name: str(unit) for name, unit in units.items()} if isinstance(units, dict) else {}
-    return {**CHANNEL_UNITS, **told}, content.get("origin") == SIMULATED_ORIGIN or (
+    units_by_name = (
+        {name: str(unit) for name, unit in units.items()} if isinstance(units, dict) else {}
+    )
+    return {**CHANNEL_UNITS, **units_by_name}, content.get("origin") == SIMULATED_ORIGIN or (
         folder / "truth.json"
     ).is_file()
 
 
 def _columns(path: Path) -> dict[str, np.ndarray]:
-    """Columns of numbers by heading, NaN for an empty cell; none where the file is no such
-    table.
-    """
+    """Columns of numbers by heading, NaN for an empty cell; empty if the file is no such table."""
     try:
         with path.open(encoding="utf-8", newline="") as file:
             head, *rows = list(csv.reader(file))
@@ -121,11 +119,10 @@ def _columns(path: Path) -> dict[str, np.ndarray]:
 
 @dataclass(frozen=True)
 class Value:
-    """What one study says of one parameter, all in ``unit``.
+    """Estimate of one parameter in one study, all numbers in ``unit``.
 
-    ``std`` is zero where the study states none. ``condensed`` is what the study's model should find
-    where the aircraft has modes that it lacks. ``published`` has a deviation of zero where none is
-    printed.
+    ``std``: 0 if not stated. ``condensed``: reference value of a model that lacks modes of the
+    aircraft. ``published``: with a standard deviation of 0 if none is printed.
     """
 
     estimate: float
@@ -137,14 +134,12 @@ class Value:
 
     @property
     def reference(self) -> float | None:
-        """What the estimate is held against: the condensed value where there is one, else the true
-        one.
-        """
+        """Reference value of the error: the condensed value if there is one, else the true one."""
         return self.true if self.condensed is None else self.condensed
 
     @property
     def percent(self) -> float | None:
-        """Error in percent of the reference; None where there is none or it is zero."""
+        """Error in per cent of the reference; None without a reference or if it is zero."""
         return (
             None
             if not self.reference
@@ -153,7 +148,7 @@ class Value:
 
     @property
     def sigmas(self) -> float | None:
-        """Error in the study's own standard deviations; None without a reference or a deviation."""
+        """Error in standard deviations of the estimate; None without reference or deviation."""
         return (
             None
             if self.reference is None or not self.std > 0.0
@@ -161,7 +156,7 @@ class Value:
         )
 
     def in_unit(self, factor: float, unit: str) -> Value:
-        """The same, all numbers times ``factor``, in another ``unit``."""
+        """All numbers times ``factor``, in another ``unit``."""
         true, condensed = (
             factor * each if each is not None else None for each in (self.true, self.condensed)
         )
@@ -174,7 +169,7 @@ class Value:
 
     @property
     def published_value(self) -> Value | None:
-        """The published number as a value of its own, held against the same."""
+        """The published number as a value with the same reference."""
         return (
             None
             if self.published is None
@@ -188,11 +183,14 @@ class StudyColumn:
 
     Attributes
     ----------
-    label : what tells it from the others, unique in a comparison. folder, method : where it comes
-    from; ``method`` is empty for the main one. title : the study's own. estimator : the word of the
-    study for how it was estimated. outcome : code of the estimate, or the verdict. seed : None of a
-    measured record. values, derived : parameters and derived quantities by name. responses :
-    outputs over time; None where the folder has none.
+    label : what tells it from the others, unique in a comparison.
+    folder, method : where it comes from; ``method`` is empty for the main one.
+    title : the study's own.
+    estimator : the word of the study for how it was estimated.
+    outcome : code of the estimate, or the verdict.
+    seed : None of a measured record.
+    values, derived : parameters and derived quantities by name.
+    responses : outputs over time; None where the folder has none.
     """
 
     label: str
@@ -215,12 +213,12 @@ FEWEST = 2
 
 @dataclass(frozen=True, eq=False)
 class SideBySide:
-    """Studies beside each other.
+    """Several studies, parameter by parameter.
 
-    ``names``: parameters that at least two of them estimate, in the order of the equations;
+    ``names``: parameters that at least two studies estimate, in the order of the equations;
     ``units`` of these; ``derived``: derived quantities likewise; ``single``: parameters that only
-    one estimates, by name of its column; ``apart``: what has the same name in several studies and
-    another unit in each, which is not compared.
+    one study estimates, by label of its column; ``apart``: names with different units in different
+    studies, which are not compared.
     """
 
     columns: tuple[StudyColumn, ...]
@@ -230,22 +228,22 @@ class SideBySide:
     apart: tuple[str, ...]
 
     def value(self, name: str, column: StudyColumn) -> Value | None:
-        """What a column says of a parameter or derived quantity; None where it says nothing."""
+        """Value of a parameter or derived quantity in a column; None if missing."""
         return column.values.get(name) if name in self.names else column.derived.get(name)
 
     def words(self, name: str) -> str:
-        """How a row is called: a parameter by its name, a derived quantity in words."""
+        """Heading of a row: name of a parameter, words for a derived quantity."""
         return name if name in self.names else name.replace("_", " ")
 
     def unit(self, name: str) -> str:
-        """The one unit of a parameter or derived quantity."""
+        """Unit of a parameter or derived quantity."""
         return next(
             value.unit for column in self.columns if (value := self.value(name, column)) is not None
         )
 
 
 def compare_columns(columns: Sequence[StudyColumn]) -> SideBySide:
-    """Studies side by side.
+    """Compare columns parameter by parameter.
 
     Raises
     ------
@@ -257,30 +255,34 @@ def compare_columns(columns: Sequence[StudyColumn]) -> SideBySide:
             where=columns[0].label if columns else "compare",
             remedy="name at least two",
         )
-    held = [dict(column.values) for column in columns]
-    apart = tuple(
+    values_by_column = [dict(column.values) for column in columns]
+    separate = tuple(
         name
-        for name in _ordered({name for values in held for name in values})
-        if len(_units(name, held)) > 1
+        for name in _ordered({name for values in values_by_column for name in values})
+        if len(_units(name, values_by_column)) > 1
     )
-    counted = {name: sum(name in values for values in held) for values in held for name in values}
+    counted = {
+        name: sum(name in values for values in values_by_column)
+        for values in values_by_column
+        for name in values
+    }
     names = _ordered(
-        {name for name, count in counted.items() if count >= FEWEST and name not in apart}
+        {name for name, count in counted.items() if count >= FEWEST and name not in separate}
     )
     if not names:
         what = f"{', '.join(column.label for column in columns)} share no parameter"
         remedy = (
-            f"in the same unit: {', '.join(apart)}"
-            if apart
+            f"in the same unit: {', '.join(separate)}"
+            if separate
             else "; ".join(f"{c.label} has {_few(list(c.values))}" for c in columns)
         )
         raise DeclarationError(
             what, where="compare", remedy=f"name studies of one model ({remedy})"
         )
     single = {
-        c.label: found
+        c.label: result
         for c in columns
-        if (found := _ordered({name for name in c.values if counted[name] == 1}))
+        if (result := _ordered({name for name in c.values if counted[name] == 1}))
     }
     derived = [dict(column.derived) for column in columns]
     both = {
@@ -289,11 +291,11 @@ def compare_columns(columns: Sequence[StudyColumn]) -> SideBySide:
         for name in values
         if sum(name in other for other in derived) >= FEWEST and len(_units(name, derived)) == 1
     }
-    return SideBySide(tuple(columns), names, _ordered(both - set(names)), single, apart)
+    return SideBySide(tuple(columns), names, _ordered(both - set(names)), single, separate)
 
 
-def _units(name: str, held: Sequence[dict[str, Value]]) -> set[str]:
-    return {values[name].unit for values in held if name in values}
+def _units(name: str, values_by_column: Sequence[dict[str, Value]]) -> set[str]:
+    return {values[name].unit for values in values_by_column if name in values}
 
 
 def _few(names: Sequence[str]) -> str:
@@ -302,7 +304,7 @@ def _few(names: Sequence[str]) -> str:
 
 
 def _ordered(names: set[str]) -> tuple[str, ...]:
-    """In the order of the equations; what these do not know after it by name, numbers in it as
+    """Names in the order of the equations; other names after them, numbers in names sorted as
     numbers.
     """
     known = [
@@ -333,12 +335,13 @@ OWN = "own"  # the name of a closed-loop study's main method among its methods
 
 
 def read_columns(studies: Sequence[str], every: bool = False) -> tuple[StudyColumn, ...]:
-    """The columns of studies in the order given, each with a label of its own.
+    """Read the columns of studies in the given order, each with a unique label.
 
     Parameters
     ----------
     studies : folders of studies or the JSON in them; ``FOLDER:METHOD`` is one of its further
-    methods. every : all methods of each study, its main one first.
+        methods.
+    every : all methods of each study, its main one first.
 
     Raises
     ------
@@ -354,11 +357,11 @@ def read_columns(studies: Sequence[str], every: bool = False) -> tuple[StudyColu
                     "it is named twice", where=text, remedy="name each study once"
                 )
             columns.append(column)
-    return _told_apart(columns)
+    return _distinct_labels(columns)
 
 
 def _reading_columns(text: str, every: bool) -> list[StudyColumn]:
-    """The columns that one argument asks for."""
+    """Columns of one argument of the command."""
     path, method = Path(text), ""
     if not path.exists() and ":" in text:
         before, _, method = text.rpartition(":")
@@ -367,9 +370,9 @@ def _reading_columns(text: str, every: bool) -> list[StudyColumn]:
     content = _content(file)
     methods = _methods(content)
     if method and method not in methods:
-        known = ", ".join(methods)
+        available = ", ".join(methods)
         remedy = (
-            f"use one of {known}"
+            f"use one of {available}"
             if methods
             else "leave the method out: the study has its main one only"
         )
@@ -385,15 +388,15 @@ def _reading_columns(text: str, every: bool) -> list[StudyColumn]:
 
 
 def _study_file(path: Path, text: str) -> Path:
-    """The JSON of a study by its folder or its own path."""
-    found = (
+    """JSON file of a study, by its folder or its own path."""
+    result = (
         [path / name for name in STUDIES if (path / name).is_file()]
         if path.is_dir()
         else [path]
         if path.name in STUDIES
         else []
     )
-    if not found:
+    if not result:
         what = (
             "there is no study in this folder"
             if path.is_dir()
@@ -402,11 +405,11 @@ def _study_file(path: Path, text: str) -> Path:
             else "there is no such folder"
         )
         raise DeclarationError(what, where=text, remedy=WRITERS)
-    return found[0]
+    return result[0]
 
 
 def _content(file: Path) -> dict[str, Any]:
-    """A study's JSON."""
+    """Content of a study's JSON file."""
     content = read_json(file, wanted=WRITERS.removeprefix("name "))
     if not isinstance(content, dict) or content.get("schema") != STUDIES[file.name]:
         raise DeclarationError(f"it is no {STUDIES[file.name]}", where=str(file), remedy=WRITERS)
@@ -434,7 +437,7 @@ def _methods(content: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 def _column(
     table: Mapping[str, Any], file: Path, method: str, content: Mapping[str, Any]
 ) -> StudyColumn:
-    """One method of a study whose JSON is ``content``; ``table`` is its part of it."""
+    """One method of a study; ``content``: of its JSON file, ``table``: the part of this method."""
     folder = file.parent
     parameters, derived = table.get("parameters"), table.get("derived")
     estimator = table.get("method", table.get("label", ""))
@@ -460,7 +463,7 @@ def _column(
 
 
 def _values(table: Any, where: str) -> dict[str, Value]:
-    """Name -> Value of a table of a study; an entry without an estimate says nothing."""
+    """Values by name of a table of a study; entries without an estimate are left out."""
     if table is None:
         return {}
     if not isinstance(table, dict):
@@ -499,9 +502,9 @@ def _number(value: Any) -> float | None:
     )
 
 
-def _told_apart(columns: Sequence[StudyColumn]) -> tuple[StudyColumn, ...]:
-    """Labels by folder, with as many of the folders above as it takes, and by method where a study
-    stands there with several.
+def _distinct_labels(columns: Sequence[StudyColumn]) -> tuple[StudyColumn, ...]:
+    """Unique labels from the folders, with parent folders as needed, and the method where a study
+    has several.
     """
     paths = [resolved(column.folder) for column in columns]
     depth = 1

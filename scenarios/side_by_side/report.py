@@ -1,4 +1,4 @@
-"""A comparison of studies in the terminal, as JSON, CSV, figures and page."""
+"""Reports of a comparison of studies: terminal, JSON, CSV, figures and page."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rich.console import Console
 
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text
-from scenarios.plots import drawn_in
+from scenarios.plots import draw_into
 from scenarios.report.document import (
     BY_ROW,
     MISSING,
@@ -67,8 +67,8 @@ PUBLISHED = ("published", "published_std", "published_error_percent", "published
 
 
 def compared_content(compared: SideBySide) -> dict[str, Any]:
-    """Content of ``compared.json``: the studies in order, and of each shared quantity what every
-    study says.
+    """Return the content of ``compared.json``: the studies in order, and the value of each shared
+    parameter in every study.
     """
     return {
         "schema": SCHEMA,
@@ -82,8 +82,8 @@ def compared_content(compared: SideBySide) -> dict[str, Any]:
 
 
 def compared_csv(compared: SideBySide) -> str:
-    """The same as a table, a row for each parameter and study; a cell is empty where there is
-    nothing.
+    """Return the same as CSV text, a row for each parameter and study, empty cells for missing
+    values.
     """
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
@@ -113,15 +113,15 @@ def compared_csv(compared: SideBySide) -> str:
 
 
 def _study(column: StudyColumn) -> dict[str, Any]:
-    told: dict[str, Any] = {
+    content: dict[str, Any] = {
         "label": column.label,
         "folder": str(column.folder),
         "title": column.title,
         "outcome": column.outcome,
     }
-    told |= {"method": column.estimator}
-    told |= {"method_name": column.method} if column.method else {}
-    return told | ({"seed": column.seed} if column.seed is not None else {})
+    content |= {"method": column.estimator}
+    content |= {"method_name": column.method} if column.method else {}
+    return content | ({"seed": column.seed} if column.seed is not None else {})
 
 
 def _table(compared: SideBySide, names: tuple[str, ...]) -> dict[str, Any]:
@@ -129,15 +129,15 @@ def _table(compared: SideBySide, names: tuple[str, ...]) -> dict[str, Any]:
 
 
 def _rows(compared: SideBySide, name: str) -> dict[str, Any]:
-    found = ((column.label, compared.value(name, column)) for column in compared.columns)
-    return {label: _row(value) for label, value in found if value is not None}
+    result = ((column.label, compared.value(name, column)) for column in compared.columns)
+    return {label: _row(value) for label, value in result if value is not None}
 
 
 def _row(value: Value) -> dict[str, Any]:
     row: dict[str, Any] = {"estimate": value.estimate}
-    known = {"std": value.std or None, "true": value.true, "condensed": value.condensed}
-    known |= {"error_percent": value.percent, "error_sigmas": value.sigmas}
-    row |= {key: number for key, number in known.items() if number is not None}
+    row_ = {"std": value.std or None, "true": value.true, "condensed": value.condensed}
+    row_ |= {"error_percent": value.percent, "error_sigmas": value.sigmas}
+    row |= {key: number for key, number in row_.items() if number is not None}
     printed = value.published_value
     if printed is not None:
         told = {
@@ -158,7 +158,7 @@ TITLE = "studies side by side"
 
 
 def compared_figures(compared: SideBySide) -> Iterator[Named]:
-    """The figures of a comparison: the stem of each file, and what draws it."""
+    """Return the figures of a comparison: stem of each file and function that draws it."""
     from scenarios.plots.side_by_side import (
         figure_studies_errors,
         figure_studies_estimates,
@@ -168,18 +168,18 @@ def compared_figures(compared: SideBySide) -> Iterator[Named]:
     labels = [column.label for column in compared.columns]
     names = (*compared.names, *compared.derived)
     rows = {
-        name: [_drawn(compared.value(name, column)) for column in compared.columns]
+        name: [_parameter_column(compared.value(name, column)) for column in compared.columns]
         for name in names
     }
     units = {name: compared.unit(name) for name in names}
     yield "compared_estimates", partial(figure_studies_estimates, rows, units, labels, TITLE)
-    known = {
+    with_reference = {
         name: row
         for name, row in rows.items()
         if any(each is not None and each.reference is not None for each in row)
     }
-    if known:
-        yield "compared_errors", partial(figure_studies_errors, known, labels, TITLE)
+    if with_reference:
+        yield "compared_errors", partial(figure_studies_errors, with_reference, labels, TITLE)
     flown = [
         _response(column.label, column.responses)
         for column in compared.columns
@@ -194,7 +194,7 @@ def compared_figures(compared: SideBySide) -> Iterator[Named]:
         yield "compared_responses", partial(figure_studies_responses, flown, shared, TITLE)
 
 
-def _drawn(value: Value | None) -> ParameterColumn | None:
+def _parameter_column(value: Value | None) -> ParameterColumn | None:
     from scenarios.plots.side_by_side import ParameterColumn
 
     return (
@@ -206,17 +206,17 @@ def _drawn(value: Value | None) -> ParameterColumn | None:
     )
 
 
-def _response(label: str, found: StudyResponses) -> StudyResponse:
+def _response(label: str, responses: StudyResponses) -> StudyResponse:
     from scenarios.plots.side_by_side import StudyResponse
 
     return StudyResponse(
         label,
-        found.time,
-        found.inputs,
-        found.measured,
-        found.predicted,
-        found.units,
-        found.simulated,
+        responses.time,
+        responses.inputs,
+        responses.measured,
+        responses.predicted,
+        responses.units,
+        responses.simulated,
     )
 
 
@@ -229,18 +229,18 @@ PUBLISHED_ERRORS = "error of the published value in % (in its own standard devia
 LIMIT = 3.0  # combined sigmas from which two studies are said to disagree
 
 
-def compared_page(compared: SideBySide, drawn: Sequence[Drawn] = ()) -> Page:
-    """The page of a comparison with the figures ``drawn``."""
+def compared_page(compared: SideBySide, figure_files: Sequence[Drawn] = ()) -> Page:
+    """Return the page of a comparison with its figures."""
     labels = [column.label for column in compared.columns]
-    apart, told = _farthest(compared)
+    sigmas, told = _farthest(compared)
     shared = (
         f"{len(compared.names)} parameters are estimated by at least two of {len(labels)} studies"
     )
     return Page(
         title="Studies side by side",
         kind=", ".join(labels),
-        verdict="" if apart is None else "apart" if apart > LIMIT else "alike",
-        tone="plain" if apart is None else "fair" if apart > LIMIT else "good",
+        verdict="" if sigmas is None else "apart" if sigmas > LIMIT else "alike",
+        tone="plain" if sigmas is None else "fair" if sigmas > LIMIT else "good",
         sentence=as_sentence(told) if told else "",
         summary=(as_sentence(shared),),
         warnings=tuple(
@@ -249,7 +249,7 @@ def compared_page(compared: SideBySide, drawn: Sequence[Drawn] = ()) -> Page:
             else []
         ),
         sections=(
-            *section("Figures", *figures(drawn)),
+            *section("Figures", *figures(figure_files)),
             *section("The studies", _studies(compared.columns)),
             *section("Estimates", *compared_tables(compared)),
             *section(
@@ -284,19 +284,19 @@ def _studies(columns: Sequence[Study]) -> Table:
 
 
 def compared_tables(compared: SideBySide) -> list[Table]:
-    """What the studies share, a column a study: estimates, what each model should find where that
-    differs, errors, and published values where there are any.
+    """Return tables of the shared parameters, a column for each study: estimates, reference values
+    where they differ, errors, and published values.
     """
     names = (*compared.names, *compared.derived)
-    found = [
+    result = [
         value for name in names for c in compared.columns if (value := compared.value(name, c))
     ]
     tables = [_table_of(compared, ESTIMATES, _estimate, true=True)]
     if any(_differs(compared, name) for name in names):
         tables.append(_table_of(compared, REFERENCE, lambda v: known(v.reference)))
-    if any(value.reference is not None for value in found):
+    if any(value.reference is not None for value in result):
         tables.append(_table_of(compared, ERRORS, _error, PURE))
-    if any(value.published is not None for value in found):
+    if any(value.published is not None for value in result):
         tables.append(_table_of(compared, "published +- sigma", _published))
         tables.append(_table_of(compared, PUBLISHED_ERRORS, _published_error, PURE))
     return [each for each in tables if each.rows]
@@ -310,7 +310,9 @@ def _table_of(
     *,
     true: bool = False,
 ) -> Table:
-    """Rows and studies that say nothing are left out; ``true`` adds what all studies agree on."""
+    """A table without empty rows and columns; ``true`` adds the true value common to all
+    studies.
+    """
 
     def told(name: str, column: StudyColumn) -> Cell:
         value = _shown(compared, name, column)
@@ -336,31 +338,31 @@ def _table_of(
 
 
 def _shown(compared: SideBySide, name: str, study: StudyColumn) -> Value | None:
-    """What a study says of a parameter, in the unit in which it is shown."""
+    """Value of a parameter in a study, in the unit that is shown."""
     value = compared.value(name, study)
     return value.in_unit(*shown_in(value.unit, name)) if value is not None else None
 
 
 def _common(compared: SideBySide, name: str) -> float | None:
-    """The true value where all studies that state one state the same."""
-    told = {
+    """The true value if all studies that state one agree."""
+    true_values = {
         value.true
         for column in compared.columns
         if (value := _shown(compared, name, column)) is not None and value.true is not None
     }
-    return told.pop() if len(told) == 1 else None
+    return true_values.pop() if len(true_values) == 1 else None
 
 
 def _differs(compared: SideBySide, name: str) -> bool:
-    """Whether what is to be found is another number in another study, or not the true one."""
-    found = [
+    """Whether the reference value differs between studies, or from the true one."""
+    result = [
         value
         for study in compared.columns
         if (value := compared.value(name, study)) is not None and value.reference is not None
     ]
     return (
-        any(value.condensed is not None for value in found)
-        or len({value.reference for value in found}) > 1
+        any(value.condensed is not None for value in result)
+        or len({value.reference for value in result}) > 1
     )
 
 
@@ -370,10 +372,10 @@ def _estimate(value: Value) -> Cell:
 
 def _error(value: Value) -> Cell:
     percent, sigmas = value.percent, value.sigmas
-    told = [f"{percent:+.2f} %"] if percent is not None else []
-    told += [f"({sigmas:+.1f})"] if sigmas is not None else []
+    parts = [f"{percent:+.2f} %"] if percent is not None else []
+    parts += [f"({sigmas:+.1f})"] if sigmas is not None else []
     number = percent if percent is not None else sigmas
-    return MISSING if number is None else Number(number, shown=" ".join(told))
+    return MISSING if number is None else Number(number, shown=" ".join(parts))
 
 
 def _published(value: Value) -> Cell:
@@ -389,8 +391,8 @@ def _published_error(value: Value) -> Cell:
 
 
 def _farthest(compared: SideBySide) -> tuple[float | None, str]:
-    """The two studies that are farthest apart in one parameter, in their combined sigmas; None
-    where no two have sigmas.
+    """The two studies that differ most in one parameter, in combined sigmas; None without
+    sigmas.
     """
     best: tuple[float, str, str, str] | None = None
     for name in compared.names:
@@ -419,28 +421,27 @@ def _named(column: Study) -> str:
 
 # ---- Studies side by side in the terminal
 
-# columns of a terminal: an estimate with its sigma; parameter, unit and true value
-CELL, FIXED = 17, 40
+CELL = 17  # terminal columns of an estimate with its sigma
+FIXED = 40  # terminal columns of parameter, unit and true value
 
 
 def print_compared(compared: SideBySide, out: Console | None = None) -> None:
-    """What each study is, then tables of what they share: estimates, errors and published values
-    where there are any.
-    """
+    """Print the studies, then tables of estimates, errors and published values."""
     out = out or console()
     numbered = (
         sum(len(GAP) + max(len(column.label), CELL) for column in compared.columns)
         > out.width - FIXED
     )
     for place, column in enumerate(compared.columns, start=1):
-        told = [
+        headings = [
             column.title or column.estimator,
             *([column.estimator] if column.title and column.estimator else []),
         ]
-        told += [f"seed {column.seed}"] if column.seed is not None else []
+        headings += [f"seed {column.seed}"] if column.seed is not None else []
         print_paragraph(
             out,
-            f"{f'{place} ' if numbered else ''}{column.label}: {', '.join(told)}; {column.outcome}",
+            f"{f'{place} ' if numbered else ''}{column.label}: {', '.join(headings)}; "
+            f"{column.outcome}",
             indent=0,
         )
     if numbered:
@@ -470,16 +471,16 @@ MAIN = "compared.json"  # a study's own JSON is comparison.json: what compares s
 
 
 def write_compared(compared: SideBySide, folder: str | Path, *, figures: Formats = USUAL) -> Path:
-    """Write a comparison into ``folder``, whole or not at all; returns the folder.
+    """Write a comparison into ``folder``, completely or not at all; return the folder.
 
-    Files: ``compared.csv``, in the formats ``figures`` the figures ``compared_estimates``,
-    ``compared_errors`` where some truth is known and ``compared_responses`` where outputs over time
-    are; ``report.html`` and ``report.json``; ``compared.json`` last. The folder may hold the
-    studies' own folders.
+    Files: ``compared.csv``; the figures ``compared_estimates``, ``compared_errors`` if a true value
+    is known and ``compared_responses`` if there are outputs over time, in the formats ``figures``;
+    ``report.html`` and ``report.json``; ``compared.json`` last. The studies' own folders may be
+    inside.
     """
     with study_folder(folder, MAIN) as scratch:
         write_text(scratch / "compared.csv", compared_csv(compared))
-        drawn = drawn_in(scratch, compared_figures(compared), figures)
-        write_page(scratch, compared_page(compared, drawn))
+        figure_files = draw_into(scratch, compared_figures(compared), figures)
+        write_page(scratch, compared_page(compared, figure_files))
         write_json(scratch / MAIN, compared_content(compared))
     return Path(folder)

@@ -327,9 +327,9 @@ def write_structure(found: FoundStructure, folder: str | Path, *, figures: Forma
         write_text(scratch / VEHICLE, written(found.aircraft, found.sigmas))
         drawn: tuple[Drawn, ...] = ()
         if figures:
-            from scenarios.plots.drawing import drawn_for_page
+            from scenarios.plots.drawing import draw_for_page
 
-            drawn = drawn_for_page(structure_figures(found), scratch, figures)
+            drawn = draw_for_page(structure_figures(found), scratch, figures)
         write_page(scratch, structure_page(found, drawn))
         write_json(scratch / MAIN, structure_content(found))
     return Path(folder)

@@ -594,10 +594,10 @@ def write_campaign(
         write_text(scratch / "estimates.csv", text.getvalue())
         drawn: tuple[Drawn, ...] = ()
         if figures:
-            from scenarios.plots.drawing import drawn_for_page
+            from scenarios.plots.drawing import draw_for_page
             from scenarios.studies.folder import campaign_figures
 
-            drawn = drawn_for_page(
+            drawn = draw_for_page(
                 campaign_figures(campaign, judgement.statistics), scratch, figures
             )
         write_page(scratch, campaign_page(campaign, judgement, drawn))

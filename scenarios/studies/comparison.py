@@ -289,8 +289,8 @@ def bank_sentence(name: str, second: SecondPass | None) -> str:
     if second is None:
         return label if name == "filterpy" else f"{label}; no sound filter to compare with filterpy"
     return (
-        f"{label}; equals filterpy to {second.sigmas:.0e} sigma on the filter at {second.held:.4g} "
-        "s"
+        f"{label}; equals filterpy to {second.sigmas:.0e} sigma on the filter at "
+        f"{second.delay:.4g} s"
     )
 
 
@@ -301,7 +301,7 @@ def bank_content(name: str, second: SecondPass | None) -> dict[str, Any]:
     content: dict[str, Any] = {"name": name, "sentence": bank_sentence(name, second)}
     if second is not None:
         content["against_filterpy"] = {
-            "delay": second.held,
+            "delay": second.delay,
             "largest_sigmas": second.sigmas,
             "mean_sigmas": second.mean,
             "std_sigmas": second.std,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
-    from ident.flying_qualities.levels import Flown
+    from ident.flying_qualities.levels import FlightPhase
     from scenarios.files.sources import InputFile
     from sim.declaration.model import Model
 
@@ -213,7 +213,7 @@ class Scenario:
     condensed: bool = False
     display: Mapping[str, str] = field(default_factory=lambda: EMPTY)
     seed: int = 1
-    flown: Flown | None = None
+    flown: FlightPhase | None = None
     files: tuple[InputFile, ...] = ()
     repeated: Repeated | None = None
     sweep: SweepPlan | None = None

@@ -19,7 +19,7 @@ from scenarios.files.writing import (
     write_responses,
     write_text,
 )
-from scenarios.plots import drawn_in
+from scenarios.plots import draw_into
 from scenarios.plots.display import SIMULATED_DATA
 from scenarios.report.figure_formats import USUAL, Formats
 from scenarios.report.folder import write_page
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     from scenarios.plots.drawing import Named
     from scenarios.plots.residuals import EquivalentRow
-    from scenarios.plots.signals import Response
+    from scenarios.plots.signals import MethodOutputs
     from scenarios.plots.studies import Coverage, DeterminedBy
 
 
@@ -345,7 +345,7 @@ def _ballistic_figures(study: StudyResult) -> Iterator[Named]:
         )
 
 
-def _response(method: MethodResult) -> Response:
+def _response(method: MethodResult) -> MethodOutputs:
     from scenarios.plots.signals import response_of
 
     return response_of(method.result.estimate, method.estimation.label)
@@ -431,7 +431,7 @@ def write_study(study: StudyResult, folder: str | Path, *, figures: Formats = US
         if study.sweep is not None:
             write_text(scratch / "sweep.csv", sweep_csv(study.sweep))
         write_text(scratch / "study.txt", as_text(lambda out: print_study(study, out, HERE)))
-        drawn = drawn_in(scratch, study_figures(study), figures)
+        drawn = draw_into(scratch, study_figures(study), figures)
         write_page(scratch, study_page(study, drawn))
         write_json(scratch / MAIN, comparison(study))
     return Path(folder)

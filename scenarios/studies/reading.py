@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from ident.flying_qualities.levels import flown_as
+from ident.flying_qualities.levels import flight_phase_of
 from scenarios.files.aircraft_files import read_model_file
 from scenarios.files.declarations import checked, closest
 from scenarios.files.user_models import OwnModel, is_model_file, is_of_aircraft
@@ -407,7 +407,7 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
         content.condensed,
         dict(content.display),
         content.seed,
-        flown_as(content.aircraft_class, content.flight_phase)
+        flight_phase_of(content.aircraft_class, content.flight_phase)
         if content.aircraft_class or content.flight_phase
         else None,
         tuple(file.identity for file in files.values()),

@@ -1,1 +1,3 @@
-"""A test campaign's records at once: each flight diagnosed and kept, then what recurs."""
+"""Survey of a test campaign: each flight is diagnosed and stored, then effects that recur are
+found.
+"""

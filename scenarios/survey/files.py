@@ -11,7 +11,7 @@ import numpy as np
 
 from ident.tracing.diagnosis import Verdict
 from scenarios.files.writing import file_stems, study_folder, write_json, write_text
-from scenarios.plots import drawn_in
+from scenarios.plots import draw_into
 from scenarios.report.document import (
     Bullets,
     Page,
@@ -73,7 +73,7 @@ def survey_figures(survey: SurveyResult) -> Iterator[Named]:
     title = survey.flights.title
     if survey.recurs:
         flights = survey.recurs[0].flights
-        probabilities = {each.name: each.found.probability for each in survey.recurs}
+        probabilities = {each.name: each.recurrence.probability for each in survey.recurs}
         yield (
             "effects",
             partial(
@@ -91,7 +91,7 @@ def survey_figures(survey: SurveyResult) -> Iterator[Named]:
         here = [number for number, name in enumerate(each.flights) if name in at]
         has = np.array([each.flights[number] in each.has for number in here])
         where = np.array([at[each.flights[number]] for number in here])
-        sigma = float(np.sqrt(each.found.covariance[0, 0]))
+        sigma = float(np.sqrt(each.recurrence.covariance[0, 0]))
         (local, own), *_ = each.parameters.items()
         rows.append(
             Shared(
@@ -101,7 +101,7 @@ def survey_figures(survey: SurveyResult) -> Iterator[Named]:
                 each.values[here, 0],
                 each.sigmas[here, 0],
                 has,
-                float(each.found.value[0]),
+                float(each.recurrence.value[0]),
                 sigma,
             )
         )
@@ -119,7 +119,7 @@ def survey_figures(survey: SurveyResult) -> Iterator[Named]:
     stems = file_stems(list(survey.conditions))
     for name in dict.fromkeys(_condition(each, condition) for each in survey.derivatives):
         mine = [
-            _drawn(each, survey, name)
+            _over_condition(each, survey, name)
             for each in survey.derivatives
             if _condition(each, condition) == name
         ]
@@ -136,11 +136,11 @@ def survey_figures(survey: SurveyResult) -> Iterator[Named]:
 
 
 def _condition(each: Derivative, usual: str) -> str:
-    """The condition that a derivative is drawn over: that with which it changes."""
+    """The condition that a derivative is drawn over: the one with which it changes."""
     return each.drifts[0] if each.drifts is not None else usual
 
 
-def _drawn(each: Derivative, survey: SurveyResult, condition: str) -> OverCondition:
+def _over_condition(each: Derivative, survey: SurveyResult, condition: str) -> OverCondition:
     from scenarios.plots.maneuvers import Line, OverCondition
 
     at = survey.conditions[condition]
@@ -177,13 +177,11 @@ HOW = (
 
 
 def survey_page(
-    survey: SurveyResult, drawn: Sequence[Drawn] = (), linked: Collection[str] = ()
+    survey: SurveyResult, figure_files: Sequence[Drawn] = (), linked: Collection[str] = ()
 ) -> Page:
-    """The page of a survey with the figures ``drawn``; flights in ``linked`` have a page of their
-    own beside it.
-    """
+    """The page of a survey with its figures; flights in ``linked`` have a page of their own."""
     word, rest = verdict_of(survey)
-    told = [
+    texts = [
         f"{each.name}: {part}"
         for each in survey.recurs
         for part in (belongs_phrase(each, survey), rivals_phrase(each))
@@ -192,7 +190,7 @@ def survey_page(
     alone = single_phrases(survey)
     return Page(
         title=f"{survey.flights.title}: survey",
-        kind=f"{survey.flights.model} model, {len(survey.grown.kept)} flights",
+        kind=f"{survey.flights.model} model, {len(survey.survey_files.diagnoses)} flights",
         verdict=capital(word.lower()),
         tone=_tone(survey),
         sentence=as_sentence(rest),
@@ -206,7 +204,7 @@ def survey_page(
         ),
         warnings=tuple(map(as_sentence, survey.warnings)),
         sections=(
-            *section("Figures", *figures(drawn)),
+            *section("Figures", *figures(figure_files)),
             *section(
                 "New since the last survey",
                 Bullets(tuple(map(as_sentence, map(capital, fresh(survey))))),
@@ -214,7 +212,7 @@ def survey_page(
             *section(
                 "Recurring effects",
                 effects_table(survey),
-                Bullets(tuple(map(as_sentence, told))),
+                Bullets(tuple(map(as_sentence, texts))),
                 Prose(as_sentence(HOW), "note"),
             ),
             *section(
@@ -222,18 +220,12 @@ def survey_page(
                 derivatives_table(survey),
                 Bullets(tuple(map(as_sentence, hints(survey)))),
             ),
+            *section("Flights that stand out", outlying_table(survey)),
             *section(
-                "Flights that stand out",
-                outlying_table(survey),
+                "Flights", flights_table(survey, linked), Bullets(tuple(map(as_sentence, alone)))
             ),
             *section(
-                "Flights",
-                flights_table(survey, linked),
-                Bullets(tuple(map(as_sentence, alone))),
-            ),
-            *section(
-                "Assumptions",
-                Bullets(tuple(map(as_sentence, (*_rests(survey), *survey.notes)))),
+                "Assumptions", Bullets(tuple(map(as_sentence, (*_rests(survey), *survey.notes))))
             ),
         ),
         reproduction=reproduction(
@@ -246,7 +238,7 @@ def survey_page(
 
 
 def _tone(survey: SurveyResult) -> str:
-    if not survey.grown.kept:
+    if not survey.survey_files.diagnoses:
         return "open"
     return (
         "fair"
@@ -281,12 +273,12 @@ def write_survey(
     """
     with study_folder(folder, MAIN) as scratch:
         write_text(scratch / "derivatives.csv", derivatives_text(survey))
-        drawn = drawn_in(scratch, survey_figures(survey), figures)
+        figure_files = draw_into(scratch, survey_figures(survey), figures)
         linked = [
             name
-            for name in survey.grown.kept
+            for name in survey.survey_files.diagnoses
             if (Path(folder) / FOLDER / name / "report.html").is_file()
         ]
-        write_page(scratch, survey_page(survey, drawn, linked))
+        write_page(scratch, survey_page(survey, figure_files, linked))
         write_json(scratch / MAIN, survey_content(survey, now()))
     return Path(folder)

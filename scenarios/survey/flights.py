@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from scenarios.files.declarations import checked, read_toml_source, toml_of
-from scenarios.files.sources import InputFile, Source, found_json, own_version
+from scenarios.files.sources import InputFile, Source, json_or_none, own_version
 from scenarios.files.units import to_si
 from scenarios.files.user_models import is_model_file
 from scenarios.files.vehicles import read_vehicle, refuse_unknown_model, vehicle_next_to
@@ -40,7 +40,7 @@ def changed(content: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str,
 
 
 def toml_text(content: Mapping[str, Any]) -> str:
-    """TOML of what a TOML file held: a line a key, tables inline."""
+    """TOML text of the content of a TOML file: one line a key, tables inline."""
     return "".join(f"{_text(key)} = {_inline(value)}\n" for key, value in content.items())
 
 
@@ -115,7 +115,7 @@ class SurveyFlight:
         return None if self.vehicle else vehicle_next_to(self.records[0])
 
     def request(self) -> Request:
-        """What a diagnosis of this flight is asked."""
+        """Request of the diagnosis of this flight."""
         raw = self.vehicle.encode()
         identity = InputFile(self.vehicle_name, hashlib.sha256(raw).hexdigest())
         vehicle = Source(Path(self.vehicle_name), raw, identity) if raw else None
@@ -148,9 +148,8 @@ def read_flights(path: str | Path) -> Flights:
     Raises
     ------
     DeclarationError : no such file, a key that is unknown or missing, a value that is wrong, two
-    flights of one name, no flight; a line with file,
-        flight and remedy. Records that are not there are no error here: their flights are told as
-        failed.
+        flights of one name, no flight; a line with file, flight and remedy. Records that are not
+        there are no error here: their flights are told as failed.
     """
     from scenarios.files.schemas import SurveyEntry
 
@@ -160,30 +159,32 @@ def read_flights(path: str | Path) -> Flights:
     model = str(root / entry.model) if is_model_file(entry.model) else entry.model
     refuse_unknown_model(model, f"{where}, key model")
     vehicle = toml_of(read_toml_source(root / entry.vehicle)) if entry.vehicle is not None else {}
-    found = [
+    result = [
         (_name_of(each, root, where, number), each)
         for number, each in enumerate([*_listed(entry, root, where), *entry.flights], start=1)
     ]
-    if not found:
+    if not result:
         raise DeclarationError(
             "there is no flight",
             where=where,
             remedy='add [[flights]] tables, or records = "flights/*.csv"',
         )
-    names = [name for name, _ in found]
+    names = [name for name, _ in result]
     first: dict[str, str] = {}
     for name in names:
         other = first.setdefault(name.lower(), name)
         if names.count(name) > 1 or other != name:
-            told = (
+            pair = (
                 name
                 if other == name
                 else f"{other} and {name}, one folder where case does not count"
             )
             raise DeclarationError(
-                f"two flights are called {told}", where=where, remedy="give each a name of its own"
+                f"two flights are called {pair}", where=where, remedy="give each a name of its own"
             )
-    flights = tuple(_flight(name, each, entry, root, model, vehicle, where) for name, each in found)
+    flights = tuple(
+        _flight(name, each, entry, root, model, vehicle, where) for name, each in result
+    )
     flights = _in_one_unit(flights, where)
     _refuse_unreadable(
         flights,
@@ -197,11 +198,11 @@ def read_flights(path: str | Path) -> Flights:
 
 
 def _listed(entry: SurveyEntry, root: Path, where: str) -> list[FlightEntry]:
-    """Flights of the records that stand at the top of the file, in the order of their names."""
+    """Flights of the records that the top of the file lists, sorted by name."""
     from scenarios.files.schemas import FlightEntry
 
     patterns = [entry.records] if isinstance(entry.records, str) else entry.records or []
-    told = {Path(one) for each in entry.flights for one in (each.records or [str(each.record)])}
+    listed = {Path(one) for each in entry.flights for one in (each.records or [str(each.record)])}
     out = []
     for pattern in patterns:
         anchor = Path(Path(pattern).anchor) if Path(pattern).is_absolute() else root
@@ -221,7 +222,7 @@ def _listed(entry: SurveyEntry, root: Path, where: str) -> list[FlightEntry]:
         out += [
             FlightEntry.model_validate({"record": each.as_posix()})
             for each in paths
-            if each not in told
+            if each not in listed
         ]
     return out
 
@@ -277,9 +278,11 @@ def _flight(
     except FlightidError as error:
         raise DeclarationError(error.what, where=place, remedy=error.remedy) from None
     records = tuple(root / each for each in (entry.records or [str(entry.record)]))
-    asked = _either(entry.maneuver, shared.maneuver)
+    maneuver = _either(entry.maneuver, shared.maneuver)
     file = _either(entry.maneuvers, shared.maneuvers)
-    plan = _with_maneuvers(plan, records, asked, root / file if file is not None else None, place)
+    plan = _with_maneuvers(
+        plan, records, maneuver, root / file if file is not None else None, place
+    )
     if entry.vehicle and not vehicle:
         raise DeclarationError(
             "changes a vehicle file that is not named",
@@ -309,7 +312,7 @@ def _flight(
 
 
 def _with_maneuvers(
-    plan: Plan, records: tuple[Path, ...], asked: Any, file: Path | None, place: str
+    plan: Plan, records: tuple[Path, ...], maneuver: Any, file: Path | None, place: str
 ) -> Plan:
     """The plan with the maneuvers that a flight names. Raises DeclarationError; a record that is
     not there fails with its flight.
@@ -320,7 +323,7 @@ def _with_maneuvers(
         return plan
     try:
         return with_maneuvers(
-            plan, records, asked if isinstance(asked, list | None) else [asked], file
+            plan, records, maneuver if isinstance(maneuver, list | None) else [maneuver], file
         )
     except DeclarationError as error:
         raise DeclarationError(
@@ -331,8 +334,8 @@ def _with_maneuvers(
 def _refuse_unreadable(
     flights: Sequence[SurveyFlight], vehicle: str, shared: str, where: str
 ) -> None:
-    """Raise DeclarationError for what would fail in every flight: a map or file of effects that is
-    not there, a vehicle that is none.
+    """Raise DeclarationError for an error common to all flights: a missing map or file of effects,
+    a wrong vehicle.
     """
     for flight in flights:
         for path in (flight.channels, flight.effects):
@@ -353,12 +356,12 @@ def _refuse_unreadable(
             read_vehicle(source, texts[text].model)
         except DeclarationError as error:
             place = error.where.removeprefix(texts[text].vehicle_name)
-            told = (
+            origin = (
                 f"{vehicle}{place}"
                 if text == shared
                 else f"{where}, flight {texts[text].name}, vehicle{place}"
             )
-            raise DeclarationError(error.what, where=told, remedy=error.remedy) from None
+            raise DeclarationError(error.what, where=origin, remedy=error.remedy) from None
 
 
 def _either(own: Any, shared: Any) -> Any:
@@ -512,23 +515,25 @@ def diagnosed(flight: SurveyFlight, folder: Path, figures: Formats) -> dict[str,
 
 
 def kinematics_of(flight: SurveyFlight) -> dict[str, Any]:
-    """What the kinematics say of a flight's sensors, or why they say nothing."""
+    """Kinematic check of a flight's sensors, or why there is none."""
     from scenarios.compatibility.check import check_files
     from scenarios.compatibility.report import finding_lines
 
     try:
-        found = check_files(flight.request())
+        result = check_files(flight.request())
     except FlightidError as error:
         return {"done": False, "sentences": [f"{error.what}"], "findings": []}
-    names = list(dict.fromkeys(finding.name for finding in found.result.findings if finding.stands))
-    return {"done": True, "sentences": list(finding_lines(found)), "findings": names}
+    names = list(
+        dict.fromkeys(finding.name for finding in result.result.findings if finding.stands)
+    )
+    return {"done": True, "sentences": list(finding_lines(result)), "findings": names}
 
 
-def kept_of(flight: SurveyFlight, folder: Path) -> dict[str, Any] | None:
-    """What is kept of a flight where it is still of this record, vehicle, model, options and
-    version; else None.
+def kept_diagnosis(flight: SurveyFlight, folder: Path) -> dict[str, Any] | None:
+    """Stored diagnosis of a flight if record, vehicle, model, options and version are unchanged;
+    else None.
     """
-    content = found_json(folder / FOLDER / flight.name / KEPT)
+    content = json_or_none(folder / FOLDER / flight.name / KEPT)
     sound = (
         isinstance(content, dict)
         and content.get("schema") == SCHEMA

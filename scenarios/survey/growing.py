@@ -21,11 +21,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from scenarios.files.sources import found_json
+from scenarios.files.sources import json_or_none
 from scenarios.files.user_models import is_model_file
 from scenarios.files.writing import study_folder, write_json
 from scenarios.report.figure_formats import Formats
-from scenarios.survey.flights import FOLDER, Diagnoses, Flights, SurveyFlight, kept_of
+from scenarios.survey.flights import FOLDER, Diagnoses, Flights, SurveyFlight, kept_diagnosis
 from scenarios.survey.flights import KEPT as KEPT_FILES
 from scenarios.tasks.study import TaskRequest, run_study
 from scenarios.tasks.work import Row, Task
@@ -70,18 +70,21 @@ class PooledFits:
         return {"digests": [self.digest(number) for number in range(len(self.flights))]}
 
     def digest(self, number: int) -> str:
-        """Of everything that a flight's fits depend on; not of the starts, from which every fit
-        goes to its end.
-        """
-        told = [SCHEMA, self.flights[number].digest, sorted(self.effects), sorted(self.own[number])]
-        return hashlib.sha256(json.dumps(told).encode()).hexdigest()
+        """Hash of everything that a flight's fits depend on, without the starting values."""
+        content = [
+            SCHEMA,
+            self.flights[number].digest,
+            sorted(self.effects),
+            sorted(self.own[number]),
+        ]
+        return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
     def path(self, number: int) -> Path:
         return self.folder / FOLDER / self.flights[number].name / KEPT
 
     def kept(self, number: int) -> Mapping[str, Any] | None:
         """The fits of a flight as its folder has them; None where it has none of these."""
-        content = found_json(self.path(number))
+        content = json_or_none(self.path(number))
         return (
             content
             if isinstance(content, dict) and content.get("digest") == self.digest(number)
@@ -135,7 +138,7 @@ def fitted_sets(
     opened = opened_files(request, vehicle_path_of(request))
     posed = posed_for(opened, request.plan)
     records = (*posed.records, *posed.predicted)
-    known = {
+    by_name = {
         each.name: each
         for each in candidates_for(posed.model, own_effects(request.effects, posed.model)[0])
     }
@@ -143,20 +146,20 @@ def fitted_sets(
     outputs = [item.name for item in posed.model.equations.outputs if item.name in measured]
     data = FitData(records, measured_masks(records, outputs), posed.model, outputs)
     settings = FitSettings(max_step=step_for(posed.model, posed.records, 0.01), enough=1e-6)
-    able = [name for name in names if name in known]
-    search = _Search(
+    able = [name for name in names if name in by_name]
+    search = _EffectSetFits(
         data,
         settings,
-        known,
+        by_name,
         starts,
         {full: value for each in own.values() for full, value in each.items()},
     )
-    beside = [name for name in own if name in known]
+    beside = [name for name in own if name in by_name]
     remain = [name for name in beside if is_of_flight(name)]
-    found = {True: search.sets(able, beside)} | (
+    result = {True: search.sets(able, beside)} | (
         {False: search.sets(able, remain)} if remain != beside else {}
     )
-    most = next((each for each in reversed(found[True].values()) if each is not None), None)
+    most = next((each for each in reversed(result[True].values()) if each is not None), None)
     share = (
         effective_share(most.fit.residuals, [problem.valid for problem in most.fit.layout.problems])
         if most is not None
@@ -168,15 +171,15 @@ def fitted_sets(
         if item.free and not item.name.startswith("bias_")
     ]
     units = {item.name: item.unit for item in posed.model.parameters}
-    local = {name: [item.name for item in known[name].parameters if item.free] for name in able}
+    local = {name: [item.name for item in by_name[name].parameters if item.free] for name in able}
     return {
         "declared": declared,
         "units": {name: units[name] for name in declared},
         "effects": {
             name: {
                 "parameters": local[name],
-                "units": _units(known[name]),
-                "full": _full(known[name]),
+                "units": _units(by_name[name]),
+                "full": _full(by_name[name]),
             }
             for name in able
         },
@@ -184,20 +187,20 @@ def fitted_sets(
         "own": [name for name in beside if name not in remain],
         **{
             key: {
-                "+".join(sorted(taken)): _told(
-                    each, declared, [known[n] for n in sorted(taken)], share
+                "+".join(sorted(taken)): _fit_content(
+                    each, declared, [by_name[n] for n in sorted(taken)], share
                 )
-                for taken, each in found[own_in].items()
+                for taken, each in result[own_in].items()
                 if each
             }
             for key, own_in in (("sets", True), ("sets_without", False))
-            if own_in in found
+            if own_in in result
         },
     }
 
 
 @dataclass(frozen=True, eq=False)
-class _Search:
+class _EffectSetFits:
     """Fits of one record with sets of effects, each begun at the likeliest smaller one."""
 
     data: FitData
@@ -209,18 +212,20 @@ class _Search:
     def sets(
         self, names: Sequence[str], beside: Sequence[str]
     ) -> dict[frozenset[str], FittedModel | None]:
-        """Every set of ``names``, with the effects ``beside`` in each; the whole one last."""
-        found: dict[frozenset[str], FittedModel | None] = {}
+        """Fits with every subset of ``names``, with the effects ``beside`` in each; the full set
+        last.
+        """
+        result: dict[frozenset[str], FittedModel | None] = {}
         for size in range(len(names) + 1):
             for chosen in combinations(names, size):
                 sound = [
                     each
                     for name in chosen
-                    if (each := found[frozenset(chosen) - {name}]) is not None
+                    if (each := result[frozenset(chosen) - {name}]) is not None
                 ]
                 start = min(sound, key=lambda each: each.fit.cost, default=None)
-                found[frozenset(chosen)] = self.fitted([*beside, *chosen], start)
-        return found
+                result[frozenset(chosen)] = self.fitted([*beside, *chosen], start)
+        return result
 
     def fitted(self, names: Sequence[str], start: FittedModel | None) -> FittedModel | None:
         from ident.tracing.fitted_model import fit_set, start_from
@@ -243,7 +248,7 @@ def _full(effect: Traceable) -> list[str]:
     return [full_name(effect, item.name) for item in effect.parameters if item.free]
 
 
-def _told(
+def _fit_content(
     fitted: FittedModel, declared: Sequence[str], effects: Sequence[Traceable], share: float
 ) -> dict[str, Any]:
     """Estimates of the declared parameters and then of the effects', with their covariance."""
@@ -384,15 +389,15 @@ Tell = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
-class Grown:
-    """What a survey has of its flights.
+class SurveyFiles:
+    """The diagnoses of a survey's flights, and which of them are new.
 
-    ``kept``: of each flight by name, in the order of the file. ``computed``, ``failed`` (with the
-    reason), ``removed`` since the last survey, ``before``: names of the flights that the last
-    survey had.
+    ``diagnoses``: content of each flight's diagnosis file by name of the flight, in the order of
+    the survey file. ``computed``, ``failed`` (with the reason), ``removed`` since the last
+    survey, ``before``: names of the flights that the last survey had.
     """
 
-    kept: Mapping[str, Mapping[str, Any]]
+    diagnoses: Mapping[str, Mapping[str, Any]]
     flights: Mapping[str, SurveyFlight]
     computed: tuple[str, ...]
     failed: Mapping[str, str]
@@ -402,57 +407,68 @@ class Grown:
     @property
     def new(self) -> tuple[str, ...]:
         """Flights that the last survey had not; none in the first one."""
-        return tuple(name for name in self.kept if name not in self.before) if self.before else ()
+        return (
+            tuple(name for name in self.diagnoses if name not in self.before) if self.before else ()
+        )
 
 
-def grown(
-    asked: Flights,
+def survey_files(
+    survey_flights: Flights,
     folder: Path,
     jobs: int = 1,
     figures: Formats = (),
     tell: Tell = lambda stage, share: None,
     cluster: str | None = None,
-) -> Grown:
+) -> SurveyFiles:
     """Diagnose the flights whose results the folder lacks, by processes or by the ``cluster`` at an
     address, and give all.
 
     Raises
     ------
-    KeyboardInterrupt : Ctrl-C, with how many flights are kept. FlightidError : ``folder`` cannot be
-    written.
+    KeyboardInterrupt : Ctrl-C, with how many flights are kept.
+    FlightidError : ``folder`` cannot be written.
     """
     before = last_survey(folder)
-    missing = tuple(flight for flight in asked.flights if kept_of(flight, folder) is None)
+    missing = tuple(
+        flight for flight in survey_flights.flights if kept_diagnosis(flight, folder) is None
+    )
     failed: dict[str, str] = {}
     if missing:
         work = Diagnoses(missing, folder, figures)
         try:
-            table = flown(work, len(missing), jobs, folder, tell, cluster)
+            table = run_flights(work, len(missing), jobs, folder, tell, cluster)
             ended = len(table)
         except KeyboardInterrupt:
             ended, table = 0, None
         if table is None or not table.whole:
             raise KeyboardInterrupt(
-                f"{len(asked.flights) - len(missing) + ended} of {len(asked.flights)} flights are "
-                f"kept in {folder}"
+                f"{len(survey_flights.flights) - len(missing) + ended} of "
+                f"{len(survey_flights.flights)} flights are kept in {folder}"
             )
         failed = {
             missing[int(n)].name: str(error)
             for n, error in zip(table.columns["number"], table.columns["error"], strict=True)
             if error
         }
-    found = {flight.name: kept_of(flight, folder) for flight in asked.flights}
-    kept = {name: content for name, content in found.items() if content is not None}
-    for name in found:
-        if name not in kept and name not in failed:
+    result = {flight.name: kept_diagnosis(flight, folder) for flight in survey_flights.flights}
+    diagnoses = {name: content for name, content in result.items() if content is not None}
+    for name in result:
+        if name not in diagnoses and name not in failed:
             failed[name] = "nothing was kept of it"
-    computed = tuple(flight.name for flight in missing if flight.name in kept)
+    computed = tuple(flight.name for flight in missing if flight.name in diagnoses)
     had = frozenset(str(name) for name in before.get("flights", {}))
-    removed = tuple(sorted(had - set(found)))
-    return Grown(kept, {f.name: replace(f) for f in asked.flights}, computed, failed, removed, had)
+    removed = tuple(sorted(had - set(result)))
+    return SurveyFiles(
+        diagnoses,
+        {f.name: replace(f) for f in survey_flights.flights},
+        computed,
+        failed,
+        removed,
+        had,
+    )
 
 
-def flown(
+def run_flights(
     work: Diagnoses | PooledFits,
     count: int,
     jobs: int,
@@ -463,18 +479,18 @@ def flown(
     """The rows of a survey's work of ``count`` flights, whose files are in ``folder`` then. Raises
     as ``run_study``.
     """
-    asked = TaskRequest(
+    task_request = TaskRequest(
         count, 0, max(1, min(jobs, count)), cluster=cluster, unit="flights", elsewhere=folder
     )
     if cluster is None:
-        return run_study(work, asked, tell)
+        return run_study(work, task_request, tell)
 
-    return run_study(sent(work), asked, tell)
+    return run_study(sent(work), task_request, tell)
 
 
 def last_survey(folder: Path) -> Mapping[str, Any]:
     """The document of the last survey in a folder; empty where there is none."""
-    content = found_json(folder / MAIN)
+    content = json_or_none(folder / MAIN)
     return (
         content
         if isinstance(content, dict)

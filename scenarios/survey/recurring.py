@@ -29,16 +29,16 @@ from ident.pooling import (
 FEWEST_NAMED = 2
 MOST = 5  # effects that are tried together: 32 sets a flight
 
-Kept = Mapping[str, Mapping[str, Any]]
+DiagnosesByFlight = Mapping[str, Mapping[str, Any]]
 
 
-def candidates(kept: Kept) -> tuple[str, ...]:
+def candidates(diagnoses: DiagnosesByFlight) -> tuple[str, ...]:
     """Effects that may recur, the most often named first: claimed somewhere, and named in two
     flights at least.
     """
     claimed: Counter[str] = Counter()
     named: Counter[str] = Counter()
-    for flight in kept.values():
+    for flight in diagnoses.values():
         names = {
             name for each in flight["effects"] for name in (each["name"], *each["alternatives"])
         }
@@ -93,10 +93,10 @@ def effects_of_one_flight(
     }
 
 
-def starts_of(kept: Kept, names: Sequence[str]) -> dict[str, float]:
-    """Where each effect's parameters begin: the median over the flights that name it."""
+def starts_of(diagnoses: DiagnosesByFlight, names: Sequence[str]) -> dict[str, float]:
+    """Starting values of each effect's parameters: the median over the flights that name it."""
     seen: dict[str, list[float]] = {}
-    for flight in kept.values():
+    for flight in diagnoses.values():
         for each in flight["effects"]:
             if each["name"] in names:
                 for local, q in each["parameters"].items():
@@ -125,7 +125,7 @@ class Recurring:
     name: str
     parameters: Mapping[str, str]
     flights: tuple[str, ...]
-    found: Recurrence
+    recurrence: Recurrence
     values: np.ndarray
     sigmas: np.ndarray
     rivals: Mapping[str, float]
@@ -134,13 +134,13 @@ class Recurring:
     @property
     def has(self) -> tuple[str, ...]:
         return tuple(
-            name for name, there in zip(self.flights, self.found.has, strict=True) if there
+            name for name, there in zip(self.flights, self.recurrence.has, strict=True) if there
         )
 
     @property
     def has_not(self) -> tuple[str, ...]:
         return tuple(
-            name for name, there in zip(self.flights, self.found.has_not, strict=True) if there
+            name for name, there in zip(self.flights, self.recurrence.has_not, strict=True) if there
         )
 
     @property
@@ -153,8 +153,8 @@ class Recurring:
 def evidence_of(
     fits: Sequence[Mapping[str, Any]], name: str, beside: Sequence[frozenset[str]]
 ) -> tuple[Evidence, np.ndarray]:
-    """What each flight says of an effect added to the sets ``beside``, and which flights can say
-    anything ``(n,)``.
+    """Evidence of each flight for an effect added to the sets ``beside``, and which flights can be
+    used ``(n,)``.
     """
     gain: list[float] = []
     value: list[np.ndarray] = []
@@ -188,7 +188,10 @@ def evidence_of(
 
 
 def recurring(
-    names: Sequence[str], flights: Sequence[str], fits: Sequence[Mapping[str, Any]], kept: Kept
+    names: Sequence[str],
+    flights: Sequence[str],
+    fits: Sequence[Mapping[str, Any]],
+    diagnoses: DiagnosesByFlight,
 ) -> tuple[list[Recurring], list[frozenset[str]]]:
     """The effects that recur, the strongest first, and of each flight those that it has.
 
@@ -199,10 +202,10 @@ def recurring(
     taken: list[str] = []
     sets = [frozenset[str]() for _ in fits]
     while len(taken) < len(names):
-        asked = {
+        pooled = {
             name: recurrence_of_effect(fits, name, sets) for name in names if name not in taken
         }
-        tried = {name: each for name, each in asked.items() if each is not None and each.recurs}
+        tried = {name: each for name, each in pooled.items() if each is not None and each.recurs}
         if not tried:
             break
         best = max(tried, key=lambda name: tried[name].log_likelihood)
@@ -217,12 +220,14 @@ def recurring(
             break
     for name in list(taken):
         better = _preferred(
-            name, [rival for rival in names if rival not in taken], fits, sets, kept
+            name, [rival for rival in names if rival not in taken], fits, sets, diagnoses
         )
         if better != name:
             taken[taken.index(name)] = better
             sets = assigned(fits, taken, [each - {name} for each in sets])
-    return [_told(name, names, taken, flights, fits, sets, kept) for name in taken], sets
+    return [
+        _recurring_of(name, names, taken, flights, fits, sets, diagnoses) for name in taken
+    ], sets
 
 
 def _preferred(
@@ -230,7 +235,7 @@ def _preferred(
     rivals: Sequence[str],
     fits: Sequence[Mapping[str, Any]],
     sets: Sequence[frozenset[str]],
-    kept: Kept,
+    diagnoses: DiagnosesByFlight,
 ) -> str:
     """An effect, or the rival that all flights together prefer in its place.
 
@@ -239,10 +244,10 @@ def _preferred(
     either, by the flights' own diagnoses, which know the declared derivatives.
     """
     bare = [each - {name} for each in sets]
-    found = {one: recurrence_of_effect(fits, one, bare) for one in (name, *rivals)}
+    result = {one: recurrence_of_effect(fits, one, bare) for one in (name, *rivals)}
     likely = {
         one: 2.0 * each.log_likelihood
-        for one, each in found.items()
+        for one, each in result.items()
         if each is not None and each.recurs
     }
     if not likely:
@@ -259,14 +264,14 @@ def _preferred(
     }
     steady = [one for one in equal if differ[one] < min(differ.values()) + CLEARLY]
     claims = Counter(
-        e["name"] for flight in kept.values() for e in flight["effects"] if e["claimed"]
+        e["name"] for flight in diagnoses.values() for e in flight["effects"] if e["claimed"]
     )
     return max(steady, key=lambda one: (claims[one], one == name, one))
 
 
 def _differences(fits: Sequence[Mapping[str, Any]], sets: Sequence[frozenset[str]]) -> float:
-    """By how much the derivatives of all flights differ from one value each: Cochran's statistic,
-    summed.
+    """Difference of the derivatives of all flights from common values: the sum of Cochran's
+    statistics.
     """
     seen: dict[str, list[tuple[float, float]]] = {}
     for each, taken in zip(fits, sets, strict=True):
@@ -283,72 +288,70 @@ def _differences(fits: Sequence[Mapping[str, Any]], sets: Sequence[frozenset[str
 def recurrence_of_effect(
     fits: Sequence[Mapping[str, Any]], name: str, sets: Sequence[frozenset[str]]
 ) -> Recurrence | None:
-    """An effect over the flights that can tell it; None with fewer than two."""
+    """Pool an effect over the flights that can be used; None with fewer than two."""
     evidence, able = evidence_of(fits, name, sets)
     if able.sum() < 2:
         return None
-    found = recurrence(evidence.of(np.flatnonzero(able)), LIBRARY)
+    result = recurrence(evidence.of(np.flatnonzero(able)), LIBRARY)
     if able.all():
-        return found
-    probability = np.full(len(able), found.share)
-    probability[able] = found.probability
+        return result
+    probability = np.full(len(able), result.share)
+    probability[able] = result.probability
     at_common = np.zeros(len(able))
-    at_common[able] = found.at_common
-    return Recurrence(**{**vars(found), "probability": probability, "at_common": at_common})
+    at_common[able] = result.at_common
+    return Recurrence(**{**vars(result), "probability": probability, "at_common": at_common})
 
 
 def assigned(
     fits: Sequence[Mapping[str, Any]], taken: Sequence[str], sets: Sequence[frozenset[str]]
 ) -> list[frozenset[str]]:
-    """Of each flight the effects that it is likelier to have than not, asked in turn until none
-    changes.
-    """
+    """Effects of each flight that are more likely present than not, iterated until none changes."""
     now = list(sets)
     for _ in range(4):
         before = list(now)
         for name in taken:
-            found = recurrence_of_effect(fits, name, now)
-            if found is not None:
+            result = recurrence_of_effect(fits, name, now)
+            if result is not None:
                 now = [
                     each | {name} if p > PRESENT else each - {name}
-                    for each, p in zip(now, found.probability, strict=True)
+                    for each, p in zip(now, result.probability, strict=True)
                 ]
         if now == before:
             break
     return now
 
 
-def _told(
+def _recurring_of(
     name: str,
     names: Sequence[str],
     taken: Sequence[str],
     flights: Sequence[str],
     fits: Sequence[Mapping[str, Any]],
     sets: Sequence[frozenset[str]],
-    kept: Kept,
+    diagnoses: DiagnosesByFlight,
 ) -> Recurring:
-    found = recurrence_of_effect(fits, name, sets)
-    assert found is not None
+    result = recurrence_of_effect(fits, name, sets)
+    assert result is not None
     evidence, _ = evidence_of(fits, name, sets)
-    told = next(each["effects"][name] for each in fits if name in each["effects"])
+    effect_content = next(each["effects"][name] for each in fits if name in each["effects"])
     margins = {}
     for rival in names:
         if rival not in taken:
             other = recurrence_of_effect(fits, rival, [each - {name} for each in sets])
             margins[rival] = 2.0 * (
-                found.log_likelihood - (other.log_likelihood if other is not None else 0.0)
+                result.log_likelihood - (other.log_likelihood if other is not None else 0.0)
             )
     by_itself = tuple(
         one
         for one in flights
-        if any(e["claimed"] and e["name"] == name for e in kept[one]["effects"])
+        if any(e["claimed"] and e["name"] == name for e in diagnoses[one]["effects"])
     )
     sigmas = np.sqrt(np.einsum("nii->ni", evidence.covariance))
     return Recurring(
         name,
-        {local: told["units"][local] for local in told["parameters"]},
+        {local: effect_content["units"][local] for local in effect_content["parameters"]},
         tuple(flights),
-        found,
+        result,
         evidence.value,
         sigmas,
         margins,
@@ -365,7 +368,10 @@ ROUNDS = 4  # of asking flights for their own effects again; far more than it ta
 
 
 def recurring_with_other_effects(
-    names: Sequence[str], flights: Sequence[str], fits: Sequence[Mapping[str, Any]], kept: Kept
+    names: Sequence[str],
+    flights: Sequence[str],
+    fits: Sequence[Mapping[str, Any]],
+    diagnoses: DiagnosesByFlight,
 ) -> tuple[list[Recurring], list[frozenset[str]], list[Mapping[str, Any]]]:
     """As ``recurring``, where a flight's own effects have to be needed beside what recurs; with the
     fits that were taken of each flight.
@@ -380,18 +386,16 @@ def recurring_with_other_effects(
             {**each, "sets": each["sets_without"]} if without else each
             for each, without in zip(fits, left, strict=True)
         ]
-        found, sets = recurring(names, flights, now, kept)
-        taken = frozenset(each.name for each in found)
+        result, sets = recurring(names, flights, now, diagnoses)
+        taken = frozenset(each.name for each in result)
         before, left = left, tuple(_needless(each, taken) for each in fits)
         if left == before:
             break
-    return found, sets, now
+    return result, sets, now
 
 
 def _needless(fitted: Mapping[str, Any], taken: frozenset[str]) -> bool:
-    """Whether a flight's own effects are not needed beside the effects ``taken``, of which it may
-    have any.
-    """
+    """Whether a flight's own effects are unnecessary beside the effects ``taken``."""
 
     def most(sets: Mapping[str, Any]) -> float:
         return max(
@@ -439,26 +443,26 @@ class Derivative:
     @property
     def drifts(self) -> tuple[str, Trend] | None:
         """The condition with which it changes most surely, where one does."""
-        told = {
+        significant = {
             name: (line, q) for name, (line, q) in self.trends.items() if q < FALSE_DISCOVERY_RATE
         }
-        if not told:
+        if not significant:
             return None
-        best = min(told, key=lambda name: (told[name][0].p_value, name))
-        return best, told[best][0]
+        best = min(significant, key=lambda name: (significant[name][0].p_value, name))
+        return best, significant[best][0]
 
 
 def estimates(
     flights: Sequence[str],
     fits: Sequence[Mapping[str, Any]],
-    found: Sequence[Recurring],
+    recurring_effects: Sequence[Recurring],
     sets: Sequence[frozenset[str]],
 ) -> list[dict[str, tuple[float, float]]]:
     """Derivatives of each flight with sigmas, once the other flights have told the values that are
     shared.
     """
     out: list[dict[str, tuple[float, float]]] = []
-    shared = {each.name: each for each in found if each.found.agrees}
+    shared = {each.name: each for each in recurring_effects if each.recurrence.agrees}
     for number, (each, taken) in enumerate(zip(fits, sets, strict=True)):
         fitted = each["sets"].get("+".join(sorted(taken)))
         if fitted is None:
@@ -470,8 +474,10 @@ def estimates(
             one = shared[name]
             at = np.array([fitted["names"].index(full) for full in each["effects"][name]["full"]])
             # as it weighs in the common value
-            own = covariance_own[np.ix_(at, at)] / one.found.probability[number]
-            others = without_one(one.found.value, one.found.covariance, one.values[number], own)
+            own = covariance_own[np.ix_(at, at)] / one.recurrence.probability[number]
+            others = without_one(
+                one.recurrence.value, one.recurrence.covariance, one.values[number], own
+            )
             if others is not None:
                 value, covariance = conditioned(value, covariance, at, *others)
         sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -486,14 +492,14 @@ def estimates(
 
 
 def effects_over(
-    found: Sequence[Recurring], conditions: Mapping[str, Mapping[str, float]]
+    recurring_effects: Sequence[Recurring], conditions: Mapping[str, Mapping[str, float]]
 ) -> dict[tuple[str, str], tuple[str, Trend]]:
     """Parameters of effects whose values differ between flights, by effect and name, with the
     condition with which each changes most surely.
     """
-    asked: list[tuple[tuple[str, str], str, Trend]] = []
-    for each in found:
-        if each.found.agrees:
+    trends_found: list[tuple[tuple[str, str], str, Trend]] = []
+    for each in recurring_effects:
+        if each.recurrence.agrees:
             continue
         for condition, by_flight in conditions.items():
             at = [
@@ -505,10 +511,10 @@ def effects_over(
             for place, local in enumerate(each.parameters):
                 line = trend(each.values[at, place], each.sigmas[at, place], where)
                 if line is not None:
-                    asked.append(((each.name, local), condition, line))
-    rates = adjusted(np.array([line.p_value for *_, line in asked]))
+                    trends_found.append(((each.name, local), condition, line))
+    rates = adjusted(np.array([line.p_value for *_, line in trends_found]))
     out: dict[tuple[str, str], tuple[str, Trend]] = {}
-    for (key, condition, line), rate in zip(asked, rates, strict=True):
+    for (key, condition, line), rate in zip(trends_found, rates, strict=True):
         if rate < FALSE_DISCOVERY_RATE and (key not in out or line.p_value < out[key][1].p_value):
             out[key] = condition, line
     return out
@@ -553,7 +559,7 @@ def over_flights(
     out = []
     for (name, here, values, sigmas, common, lines), rate in zip(made, differ, strict=True):
         trends = {condition: (line, float(next(rates))) for condition, line in lines.items()}
-        plain = Derivative(
+        derivative = Derivative(
             name,
             units.get(name, ""),
             here,
@@ -565,7 +571,7 @@ def over_flights(
             np.zeros(len(here)),
             np.zeros(len(here), dtype=bool),
         )
-        drift = plain.drifts
+        drift = derivative.drifts
         left = values - common.value
         if drift is not None:
             left = (
@@ -575,5 +581,5 @@ def over_flights(
                 )[0]
             )
         off, stands = outlying_flights(left, sigmas)
-        out.append(Derivative(**{**vars(plain), "off": off, "out": stands}))
+        out.append(Derivative(**{**vars(derivative), "off": off, "out": stands}))
     return out

@@ -45,8 +45,8 @@ HAS, HAS_NOT, UNTOLD = "has it", "does not have it", "undecided"
 
 def verdict_of(survey: SurveyResult) -> tuple[str, str]:
     """A word or two, and the sentence after it."""
-    kept = survey.grown.kept
-    if not kept:
+    diagnoses = survey.survey_files.diagnoses
+    if not diagnoses:
         return "NO FLIGHT", "no flight could be used"
     if survey.recurs:
         return "RECURS", "; ".join(effect_phrase(each) for each in survey.recurs)
@@ -56,7 +56,7 @@ def verdict_of(survey: SurveyResult) -> tuple[str, str]:
     )
     return (
         "NOTHING RECURS",
-        f"no effect acts in two or more of {len(kept)} flights beyond chance{besides}",
+        f"no effect acts in two or more of {len(diagnoses)} flights beyond chance{besides}",
     )
 
 
@@ -69,22 +69,22 @@ def verdicts_phrase(survey: SurveyResult) -> str:
 def effect_phrase(each: Recurring) -> str:
     """``"vane-offset 3.00 +- 0.02 m in 40 of 40 flights"``."""
     values = values_of(each)
-    told = (
+    text = (
         f" {values[0].partition(' ')[2]}"
         if len(values) == 1
         else f" ({', '.join(values)})"
         if len(values) == 2
         else ""
     )
-    return f"{each.name}{told} in {len(each.has)} of {len(each.flights)} flights"
+    return f"{each.name}{text} in {len(each.has)} of {len(each.flights)} flights"
 
 
 def values_of(each: Recurring) -> list[str]:
     """The common values with sigmas, in the units in which they are shown."""
     out = []
-    sigmas = np.sqrt(np.diag(each.found.covariance))
+    sigmas = np.sqrt(np.diag(each.recurrence.covariance))
     for (local, unit), value, sigma in zip(
-        each.parameters.items(), each.found.value, sigmas, strict=True
+        each.parameters.items(), each.recurrence.value, sigmas, strict=True
     ):
         factor, text = shown_in(unit, local)
         out.append(
@@ -95,17 +95,20 @@ def values_of(each: Recurring) -> list[str]:
 
 
 def belongs_phrase(each: Recurring, survey: SurveyResult) -> str:
-    """Whose it is, and whether its value is one, or changes with a condition."""
-    told = f"{len(each.has)} have it, {len(each.has_not)} do not, {len(each.untold)} are undecided"
+    """In which flights an effect is present, and whether its value is constant or changes with a
+    condition.
+    """
+    text = f"{len(each.has)} have it, {len(each.has_not)} do not, {len(each.untold)} are undecided"
     whose = (
-        f"it belongs to the aircraft: no flight excludes it ({told})"
-        if each.found.belongs == "aircraft"
-        else f"it acts in some flights only: {told}"
+        f"it belongs to the aircraft: no flight excludes it ({text})"
+        if each.recurrence.belongs == "aircraft"
+        else f"it acts in some flights only: {text}"
     )
     same = (
         "the values of all flights agree"
-        if each.found.agrees
-        else f"its values differ by {100 * each.found.scatter:.0f} % (one sigma) between flights"
+        if each.recurrence.agrees
+        else f"its values differ by {100 * each.recurrence.scatter:.0f} % (one sigma) between "
+        "flights"
     )
     changes = [
         f"{local} {change}"
@@ -116,31 +119,31 @@ def belongs_phrase(each: Recurring, survey: SurveyResult) -> str:
 
 
 def _effect_change(survey: SurveyResult, each: Recurring, local: str) -> str:
-    found = survey.effect_trends.get((each.name, local))
-    if found is None:
+    result = survey.effect_trends.get((each.name, local))
+    if result is None:
         return ""
     factor, text = shown_in(each.parameters[local], local)
-    return _change(*found, survey.condition_units.get(found[0], "1"), text, factor)
+    return _change(*result, survey.condition_units.get(result[0], "1"), text, factor)
 
 
 def rivals_phrase(each: Recurring) -> str:
-    """What it was told from, and what not."""
+    """Effects that the evidence excludes, and those that it does not."""
     equal = [name for name, margin in each.rivals.items() if margin < EQUAL]
-    told = {name: margin for name, margin in each.rivals.items() if margin >= EQUAL}
+    margins = {name: margin for name, margin in each.rivals.items() if margin >= EQUAL}
     out = []
     if equal:
         out.append(
             f"equally likely: {' or '.join(equal)}; chosen since the derivatives agree better "
             "between flights, or by the flights' diagnoses"
         )
-    if told:
+    if margins:
         least = (
-            f"(twice the log likelihood larger by {min(told.values()):.4g}"
-            f"{' at least' if len(told) > 1 else ''})"
+            f"(twice the log likelihood larger by {min(margins.values()):.4g}"
+            f"{' at least' if len(margins) > 1 else ''})"
         )
         out.append(
             "preferred to "
-            f"{' and '.join((', '.join(list(told)[:-1]), list(told)[-1])) if len(told) > 1 else next(iter(told))} "  # noqa: E501
+            f"{' and '.join((', '.join(list(margins)[:-1]), list(margins)[-1])) if len(margins) > 1 else next(iter(margins))} "  # noqa: E501
             f"{least}"
         )
     if each.name in AT_THE_INPUT:
@@ -177,7 +180,7 @@ def drifts(survey: SurveyResult) -> list[str]:
 
 
 def hints(survey: SurveyResult) -> list[str]:
-    """What a change with a condition may mean other than what it says."""
+    """Other possible causes of a change with a condition."""
     forces = [
         each.name
         for each in survey.derivatives
@@ -193,7 +196,7 @@ def hints(survey: SurveyResult) -> list[str]:
 
 
 def outlying(survey: SurveyResult) -> list[tuple[str, str, float]]:
-    """Flights that stand out: flight, derivative, standard deviations."""
+    """Outlying flights: flight, derivative, standard deviations."""
     return [
         (flight, each.name, float(far))
         for each in survey.derivatives
@@ -203,11 +206,11 @@ def outlying(survey: SurveyResult) -> list[tuple[str, str, float]]:
 
 
 def news(survey: SurveyResult) -> str:
-    """What this survey computed, and what is new, failed or removed since the last one."""
-    grown = survey.grown
+    """Counts of this survey: computed, new, failed and removed flights."""
+    grown = survey.survey_files
     parts = [
-        f"{len(grown.kept)} flights",
-        f"{len(grown.computed)} computed now, {len(grown.kept) - len(grown.computed)} kept",
+        f"{len(grown.diagnoses)} flights",
+        f"{len(grown.computed)} computed now, {len(grown.diagnoses) - len(grown.computed)} kept",
     ]
     parts += [f"new: {listed(grown.new)}"] if grown.new else []
     parts += [f"{len(grown.failed)} failed: {listed(list(grown.failed))}"] if grown.failed else []
@@ -228,10 +231,10 @@ def single_phrases(survey: SurveyResult) -> list[str]:
 
 
 def fresh(survey: SurveyResult) -> list[str]:
-    """What is new: each flight by itself, and what it has of what recurs."""
+    """The new flights, each with its own verdict and the recurring effects that it has."""
     out = []
-    for name in survey.grown.new:
-        kept = survey.grown.kept[name]
+    for name in survey.survey_files.new:
+        diagnosis = survey.survey_files.diagnoses[name]
         has = [each.name for each in survey.recurs if name in each.has]
         besides = (
             f"; it has the recurring {' and '.join(has)}"
@@ -240,7 +243,7 @@ def fresh(survey: SurveyResult) -> list[str]:
             if survey.recurs
             else ""
         )
-        out.append(f"{kept['verdict']}, {name}: {kept['headline']}{besides}")
+        out.append(f"{diagnosis['verdict']}, {name}: {diagnosis['headline']}{besides}")
     return out
 
 
@@ -250,7 +253,7 @@ def listed(names: Sequence[str], most: int = 6) -> str:
 
 
 def state(each: Recurring, flight: str) -> str:
-    """What is told of an effect in one flight."""
+    """Status of an effect in one flight."""
     if flight not in each.flights:
         return "–"
     return HAS if flight in each.has else HAS_NOT if flight in each.has_not else UNTOLD
@@ -260,17 +263,17 @@ def newest_first(survey: SurveyResult) -> list[str]:
     """Names of the flights: new ones first, then by date, the last first, then in the order of the
     file from its end.
     """
-    order = list(survey.grown.kept)
-    fresh = set(survey.grown.new)
+    order = list(survey.survey_files.diagnoses)
+    fresh = set(survey.survey_files.new)
     return sorted(
         order,
-        key=lambda name: (name in fresh, survey.grown.flights[name].date, order.index(name)),
+        key=lambda name: (name in fresh, survey.survey_files.flights[name].date, order.index(name)),
         reverse=True,
     )
 
 
 def effects_table(survey: SurveyResult) -> Table:
-    """What recurs."""
+    """Table of the recurring effects."""
     some = survey.recurs
 
     def counts(flights: Callable[[Recurring], Sequence[str]]) -> list[Cell]:
@@ -279,7 +282,7 @@ def effects_table(survey: SurveyResult) -> Table:
     whose = {"aircraft": "the aircraft"}
     chances = [
         Number(p, shown=f"{p:.1g}" if p > FAR else f"<{FAR:.0e}")
-        for p in (each.found.p_value for each in some)
+        for p in (each.recurrence.p_value for each in some)
     ]
     return table(
         "effects that recur",
@@ -287,13 +290,16 @@ def effects_table(survey: SurveyResult) -> Table:
         (Column("common value"), ["; ".join(values_of(each)) for each in some]),
         (
             Column("belongs to"),
-            [whose.get(each.found.belongs, "some flights") for each in some],
+            [whose.get(each.recurrence.belongs, "some flights") for each in some],
         ),
         (Column("have it", PURE), counts(lambda each: each.has)),
         (Column("do not have it", PURE), counts(lambda each: each.has_not)),
         (Column("undecided", PURE), counts(lambda each: each.untold)),
         (Column("named by the flight alone", PURE), counts(lambda each: each.named)),
-        (Column("values agree", right=True), ["yes" if e.found.agrees else "no" for e in some]),
+        (
+            Column("values agree", right=True),
+            ["yes" if e.recurrence.agrees else "no" for e in some],
+        ),
         (Column("chance of a false recurrence", PURE), chances),
     )
 
@@ -321,7 +327,7 @@ def derivatives_table(survey: SurveyResult) -> Table:
 
 
 def outlying_table(survey: SurveyResult) -> Table:
-    """Flights that stand out beyond the scatter of the others."""
+    """Table of flights that lie outside the scatter of the others."""
     far = outlying(survey)
     return table(
         "flights that stand out",
@@ -335,8 +341,8 @@ def flights_table(survey: SurveyResult, linked: Collection[str] = ()) -> Table:
     """Flights, the newest first, those ``linked`` leading to their own page; columns in which no
     flight has anything are left out.
     """
-    order, grown = newest_first(survey), survey.grown
-    kept = [grown.kept[name] for name in order]
+    order, grown = newest_first(survey), survey.survey_files
+    diagnosis = [grown.diagnoses[name] for name in order]
 
     def alone(name: str) -> str:
         return ", ".join(e for e, flights in survey.alone.items() if name in flights) or MISSING
@@ -349,10 +355,10 @@ def flights_table(survey: SurveyResult, linked: Collection[str] = ()) -> Table:
         (Column("since"), ["new" if name in grown.new else "" for name in order]),
         (Column("date"), [grown.flights[name].date or MISSING for name in order]),
         (Column("tail"), [grown.flights[name].tail or MISSING for name in order]),
-        (Column("verdict"), [each["verdict"] for each in kept]),
+        (Column("verdict"), [each["verdict"] for each in diagnosis]),
         *((Column(each.name), [state(each, name) for name in order]) for each in survey.recurs),
         (Column("alone"), [alone(name) for name in order]),
-        (Column("kinematics"), [kinematics(each) for each in kept]),
+        (Column("kinematics"), [kinematics(each) for each in diagnosis]),
     ]
     always = ("flight", "verdict", "kinematics")
     return table(
@@ -365,13 +371,13 @@ def flights_table(survey: SurveyResult, linked: Collection[str] = ()) -> Table:
     )
 
 
-def kinematics(kept: Mapping[str, Any]) -> str:
-    """What stands of a flight's sensors by kinematics alone: the first, and how many would do as
-    well or stand beside it.
+def kinematics(diagnosis: Mapping[str, Any]) -> str:
+    """Sensor faults of a flight from kinematics: the first one, and the number of alternatives and
+    further ones.
     """
-    if not kept["check"]["done"]:
+    if not diagnosis["check"]["done"]:
         return "not possible"
-    first, *others = kept["check"]["findings"] or ["no fault found"]
+    first, *others = diagnosis["check"]["findings"] or ["no fault found"]
     return f"{first}, {len(others)} more" if others else str(first)
 
 
@@ -380,7 +386,7 @@ def kinematics(kept: Mapping[str, Any]) -> str:
 
 def survey_content(survey: SurveyResult, created: str) -> dict[str, Any]:
     """Everything of a survey but its flights' own studies, whose folders it names; SI."""
-    grown, (word, rest) = survey.grown, verdict_of(survey)
+    grown, (word, rest) = survey.survey_files, verdict_of(survey)
     return {
         "schema": GROWING_SCHEMA,
         "created": created,
@@ -399,7 +405,7 @@ def survey_content(survey: SurveyResult, created: str) -> dict[str, Any]:
             {"flight": flight, "derivative": name, "sigmas": off}
             for flight, name, off in outlying(survey)
         ],
-        "flights": {name: _flight(survey, name) for name in grown.kept},
+        "flights": {name: _flight(survey, name) for name in grown.diagnoses},
         "failed": dict(grown.failed),
         "removed": list(grown.removed),
         "computed": list(grown.computed),
@@ -414,21 +420,21 @@ def survey_content(survey: SurveyResult, created: str) -> dict[str, Any]:
 
 
 def effect_content(each: Recurring, survey: SurveyResult) -> dict[str, Any]:
-    """One effect that recurs."""
-    found = each.found
-    sigmas = np.sqrt(np.diag(found.covariance))
-    common = zip(each.parameters.items(), found.value, sigmas, strict=True)
+    """JSON content of one recurring effect."""
+    result = each.recurrence
+    sigmas = np.sqrt(np.diag(result.covariance))
+    common = zip(each.parameters.items(), result.value, sigmas, strict=True)
     return {
         "name": each.name,
-        "belongs_to": found.belongs,
+        "belongs_to": result.belongs,
         "sentence": belongs_phrase(each, survey),
         "rivals_sentence": rivals_phrase(each),
         "parameters": {
             local: {"value": float(value), "std": float(sigma), "unit": unit}
             for (local, unit), value, sigma in common
         },
-        "one_value": found.agrees,
-        "scatter": found.scatter,
+        "one_value": result.agrees,
+        "scatter": result.scatter,
         "changes": {
             local: {
                 "with": condition,
@@ -440,9 +446,9 @@ def effect_content(each: Recurring, survey: SurveyResult) -> dict[str, Any]:
             for (name, local), (condition, line) in survey.effect_trends.items()
             if name == each.name
         },
-        "share": found.share,
-        "log_likelihood": found.log_likelihood,
-        "chance_of_as_much": found.p_value,
+        "share": result.share,
+        "log_likelihood": result.log_likelihood,
+        "chance_of_as_much": result.p_value,
         "rivals": dict(each.rivals),
         "named_alone": list(each.named),
         "flights": {
@@ -453,14 +459,14 @@ def effect_content(each: Recurring, survey: SurveyResult) -> dict[str, Any]:
                 "stds": list(s),
             }
             for name, p, v, s in zip(
-                each.flights, found.probability, each.values, each.sigmas, strict=True
+                each.flights, result.probability, each.values, each.sigmas, strict=True
             )
         },
     }
 
 
 def derivative_content(each: Derivative, survey: SurveyResult) -> dict[str, Any]:
-    """One derivative over the flights."""
+    """JSON content of one derivative over the flights."""
     common = each.common
     return {
         "unit": each.unit,
@@ -491,18 +497,18 @@ def derivative_content(each: Derivative, survey: SurveyResult) -> dict[str, Any]
 
 
 def _flight(survey: SurveyResult, name: str) -> dict[str, Any]:
-    flight, kept = survey.grown.flights[name], survey.grown.kept[name]
+    flight, diagnosis = survey.survey_files.flights[name], survey.survey_files.diagnoses[name]
     return {
         "digest": flight.digest,
-        "verdict": kept["verdict"],
-        "headline": kept["headline"],
+        "verdict": diagnosis["verdict"],
+        "headline": diagnosis["headline"],
         "date": flight.date,
         "tail": flight.tail,
         "condition": {
             key: {"value": value, "unit": unit} for key, (value, unit) in flight.condition.items()
         },
-        "claimed": [each["name"] for each in kept["effects"] if each["claimed"]],
-        "check": kept["check"],
+        "claimed": [each["name"] for each in diagnosis["effects"] if each["claimed"]],
+        "check": diagnosis["check"],
         "report": f"flights/{name}/report.html",
     }
 
@@ -550,30 +556,30 @@ def derivatives_text(survey: SurveyResult) -> str:
 
 
 def survey_text(survey: SurveyResult, width: int = WIDTH, details: str = BELOW) -> str:
-    """What a terminal of this width shows."""
+    """Text of the survey for a terminal of this width."""
     lines = [*summary_lines(summary_of(survey, details), width), ""]
     lines += table_as_lines(effects_table(survey), width)
     for each in survey.recurs:
-        told = "; ".join(
+        text = "; ".join(
             part for part in (belongs_phrase(each, survey), rivals_phrase(each)) if part
         )
-        lines += wrapped(f"{each.name}: {told}", width)
+        lines += wrapped(f"{each.name}: {text}", width)
     lines += ["", *table_as_lines(derivatives_table(survey), width)]
     far = table_as_lines(outlying_table(survey), width)
     lines += ["", *far] if far else []
     lines += ["", *table_as_lines(flights_table(survey), width)]
-    for told in (
+    for text in (
         *survey.warnings,
         *(f"note: {note}" for note in survey.notes),
         *hints(survey),
         *single_phrases(survey),
     ):
-        lines += wrapped(told, width)
+        lines += wrapped(text, width)
     return "\n".join(lines) + "\n"
 
 
 def summary_of(survey: SurveyResult, details: str = BELOW) -> Summary:
-    """The survey; what recurs; what changes; flights that stand out."""
+    """Summary: the survey, recurring effects, changes with a condition, outlying flights."""
     word, rest = verdict_of(survey)
     changes = "; ".join(drifts(survey)) or "no derivative changes with a condition beyond chance"
     far = outlying(survey)

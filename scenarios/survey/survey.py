@@ -1,4 +1,4 @@
-"""A survey: its flights grown, what recurs, derivatives over the condition."""
+"""A survey of several flights: diagnoses, recurring effects, derivatives over flight conditions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 from ident.pooling import Trend
 from scenarios.report.figure_formats import Formats
 from scenarios.survey.flights import Flights, read_flights
-from scenarios.survey.growing import Grown, PooledFits, Tell, flown, grown
+from scenarios.survey.growing import PooledFits, SurveyFiles, Tell, run_flights, survey_files
 from scenarios.survey.recurring import (
     Derivative,
     Recurring,
@@ -31,16 +31,16 @@ FITTING = 0.75  # share of the work that is the diagnoses
 class SurveyResult:
     """The result of a survey.
 
-    ``flights``: what was asked. ``grown``: each flight's own result. ``recurs``: effects that
-    recur. ``tried``: those that were asked of all flights. ``alone``: effects that flights claim
-    and that do not recur, with these flights; ``needless``: those that what recurs explains as
+    ``flights``: as declared. ``survey_files``: the diagnosis of each flight. ``recurs``: effects
+    that recur. ``tried``: effects fitted to all flights. ``alone``: effects of single flights that
+    do not recur, with these flights; ``needless``: those that what recurs explains as
     well. ``derivatives`` over the flights. ``effect_trends``: values of effects that change with a
     condition. ``refitted``: flights that were fitted with what recurs in this run. ``unfitted``:
     those that could not be, with the reason.
     """
 
     flights: Flights
-    grown: Grown
+    survey_files: SurveyFiles
     recurs: tuple[Recurring, ...] = ()
     tried: tuple[str, ...] = ()
     alone: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -54,8 +54,8 @@ class SurveyResult:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Flights that say nothing, or nothing of what recurs, each with the reason."""
-        failed = [f"{name} failed: {reason}" for name, reason in self.grown.failed.items()]
+        """Flights without information on the recurring effects, each with the reason."""
+        failed = [f"{name} failed: {reason}" for name, reason in self.survey_files.failed.items()]
         return (
             *failed,
             *(
@@ -69,24 +69,26 @@ class SurveyResult:
         """The vehicle files that were read without being named, in one sentence; empty without
         one.
         """
-        found = dict.fromkeys(
+        result = dict.fromkeys(
             str(flight.vehicle_beside)
             for flight in self.flights.flights
             if flight.vehicle_beside is not None
         )
         return (
-            (f"also read, because found beside the records: {', '.join(found)}",) if found else ()
+            (f"also read, because found beside the records: {', '.join(result)}",) if result else ()
         )
 
     def __repr__(self) -> str:
         named = ", ".join(each.name for each in self.recurs) or "nothing recurs"
-        return f"<Survey of {len(self.grown.kept)} flights: {named}>"
+        return f"<Survey of {len(self.survey_files.diagnoses)} flights: {named}>"
 
     @property
     def verdicts(self) -> Mapping[str, int]:
-        """How often each verdict stands over single flights."""
+        """Number of single flights with each verdict."""
         return dict(
-            Counter(str(each["verdict"]) for each in self.grown.kept.values()).most_common()
+            Counter(
+                str(each["verdict"]) for each in self.survey_files.diagnoses.values()
+            ).most_common()
         )
 
 
@@ -98,22 +100,22 @@ def survey_flights(
     tell: Tell = lambda stage, share: None,
     cluster: str | None = None,
 ) -> SurveyResult:
-    """Survey the flights of a file into a folder, in which each flight's own results are kept.
+    """Survey the flights of a file into a folder, in which the result of each flight is kept.
 
     ``jobs`` : processes of this machine. ``cluster`` : the address of a Dask scheduler, whose
     workers take their place.
 
     Raises
     ------
-    FlightidError : anything in the file that keeps it from being used. KeyboardInterrupt : Ctrl-C,
-    with what is kept.
+    FlightidError : anything in the file that keeps it from being used.
+    KeyboardInterrupt : Ctrl-C, with what is kept.
     """
-    asked = read_flights(path)
+    survey = read_flights(path)
     tell("reading", 0.0)
-    had = grown(
-        asked, folder, jobs, figures, lambda stage, share: tell(stage, FITTING * share), cluster
+    had = survey_files(
+        survey, folder, jobs, figures, lambda stage, share: tell(stage, FITTING * share), cluster
     )
-    names = candidates(had.kept)
+    names = candidates(had.diagnoses)
     begun = FITTING if had.computed else 0.0  # so that the time that is left follows from the share
     fits, refitted, unfitted = _fits(
         had,
@@ -124,13 +126,13 @@ def survey_flights(
         cluster,
     )
     fitted = tuple(fits)
-    found, sets, taken_of = recurring_with_other_effects(
-        names, fitted, list(fits.values()), had.kept
+    result, sets, taken_of = recurring_with_other_effects(
+        names, fitted, list(fits.values()), had.diagnoses
     )
     conditions, condition_units = conditions_of(had)
-    told = estimates(fitted, taken_of, found, sets)
+    estimated = estimates(fitted, taken_of, result, sets)
     units = {name: unit for each in fits.values() for name, unit in each["units"].items()}
-    taken = {each.name for each in found} | {rival for each in found for rival in each.rivals}
+    taken = {each.name for each in result} | {rival for each in result for rival in each.rivals}
     left = {
         name
         for name, each in zip(fitted, taken_of, strict=True)
@@ -138,21 +140,21 @@ def survey_flights(
     }
     alone: dict[str, list[str]] = {}
     needless: dict[str, list[str]] = {}
-    for name, flight in had.kept.items():
+    for name, flight in had.diagnoses.items():
         for each in flight["effects"]:
             if each["claimed"] and each["name"] not in taken:
                 gone = name in left and each["name"] in fits[name]["own"]
                 (needless if gone else alone).setdefault(each["name"], []).append(name)
-    derivatives = over_flights(fitted, told, conditions, units)
-    changes = effects_over(found, conditions)
+    derivatives = over_flights(fitted, estimated, conditions, units)
+    changes = effects_over(result, conditions)
     tell("pooled", 0.96)
     single, gone_of = (
         {name: tuple(here) for name, here in sorted(each.items())} for each in (alone, needless)
     )
     return SurveyResult(
-        asked,
+        survey,
         had,
-        tuple(found),
+        tuple(result),
         names,
         single,
         gone_of,
@@ -166,17 +168,22 @@ def survey_flights(
 
 
 def _fits(
-    had: Grown, names: tuple[str, ...], folder: Path, jobs: int, tell: Tell, cluster: str | None
+    had: SurveyFiles,
+    names: tuple[str, ...],
+    folder: Path,
+    jobs: int,
+    tell: Tell,
+    cluster: str | None,
 ) -> tuple[dict[str, Mapping[str, Any]], int, dict[str, str]]:
     """The fits of each flight with every set of what may recur, how many flights were fitted for
     that now, and which could not be.
     """
-    flights = [had.flights[name] for name in had.kept]
+    flights = [had.flights[name] for name in had.diagnoses]
     whole = PooledFits(
         tuple(flights),
         names,
-        starts_of(had.kept, names),
-        tuple(effects_of_one_flight(each, names) for each in had.kept.values()),
+        starts_of(had.diagnoses, names),
+        tuple(effects_of_one_flight(each, names) for each in had.diagnoses.values()),
         folder,
     )
     missing = [number for number in range(len(flights)) if whole.kept(number) is None]
@@ -190,7 +197,7 @@ def _fits(
             folder,
         )
         try:
-            table = flown(work, len(missing), jobs, folder, tell, cluster)
+            table = run_flights(work, len(missing), jobs, folder, tell, cluster)
         except KeyboardInterrupt:
             table = None
         if table is None or not table.whole:
@@ -199,15 +206,15 @@ def _fits(
         failed = {
             flights[missing[int(number)]].name: str(error) for number, error in errors if error
         }
-    found = {flight.name: whole.kept(number) for number, flight in enumerate(flights)}
-    return {name: each for name, each in found.items() if each is not None}, len(missing), failed
+    result = {flight.name: whole.kept(number) for number, flight in enumerate(flights)}
+    return {name: each for name, each in result.items() if each is not None}, len(missing), failed
 
 
-def conditions_of(had: Grown) -> tuple[dict[str, dict[str, float]], dict[str, str]]:
+def conditions_of(had: SurveyFiles) -> tuple[dict[str, dict[str, float]], dict[str, str]]:
     """Conditions that differ between flights, by name and flight, and their units."""
     values: dict[str, dict[str, float]] = {}
     units: dict[str, str] = {}
-    for name in had.kept:
+    for name in had.diagnoses:
         for key, (value, unit) in had.flights[name].condition.items():
             values.setdefault(key, {})[name] = value
             units[key] = unit

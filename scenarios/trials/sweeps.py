@@ -1,4 +1,4 @@
-"""Sweeps of a loop whose response and margins are known: declared, flown, estimated, compared.
+"""Sweeps of a loop with known response and margins: simulate, estimate, compare.
 
 The loop flies with a sweep of its command; `flightid response` estimates response and margins from
 its records. A new scenario is a file in `catalog` with ``kind = "sweep"``.
@@ -164,7 +164,7 @@ def sweep_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Swe
     Raises
     ------
     DeclarationError : an unknown or missing key, a value or unit that is wrong: one line with file
-    and key.
+        and key.
     """
     content = checked(_Sweep, document, where)
     if (content.airframe is None) == (content.loop is None):
@@ -179,8 +179,8 @@ def sweep_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Swe
         return positive(si(value, unit, f"{where}, key {key}", hertz), f"{where}, key {key}")
 
     def spread(value: Quantity, unit: str, key: str) -> float:
-        found = si(value, unit, f"{where}, key {key}")
-        return found if found == 0.0 else positive(found, f"{where}, key {key}")
+        result = si(value, unit, f"{where}, key {key}")
+        return result if result == 0.0 else positive(result, f"{where}, key {key}")
 
     loop = None
     if content.loop is not None:
@@ -240,12 +240,10 @@ COARSE = 1_000  # frequencies between which splines give the true margins, to 1e
 
 
 def fly_sweep(scenario: SweepScenario, rng: np.random.Generator, number: int = 1) -> Record:
-    """One flight: inputs ``sweep`` and ``command``, outputs ``returned`` and the rate that is fed
-    back.
+    """Simulate one flight: inputs ``sweep`` and ``command`` (= sweep - returned), outputs
+    ``returned`` and the rate that is fed back.
 
-        command = sweep - returned
-
-    Raises DeclarationError where the loop is unstable.
+    Raises DeclarationError if the loop is unstable.
     """
     rate = frame_rate(scenario)
     time = np.arange(int(scenario.duration * rate + 1e-9)) / rate
@@ -282,24 +280,22 @@ def frame_rate(scenario: SweepScenario) -> float:
 def _roll(
     loop: RollLoop, sweep: np.ndarray, scenario: SweepScenario, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Command, returned signal and measured roll rate, frame by frame; the command is held
-    between.
-    """
-    whole, decay, now, before = _held(loop)
+    """Command, returned signal and measured roll rate at each frame, with the command held."""
+    whole, decay, now, before = _frame_delay(loop)
     step = 1.0 / loop.rate
     share = math.exp(-step / AIR_TIME)
     white, gyro = rng.standard_normal(sweep.size), scenario.gyro * rng.standard_normal(sweep.size)
     command, returned, measured = (np.zeros(sweep.size) for _ in range(3))
-    late = np.zeros(sweep.size + whole + 2)  # commands, the first frames of which are rest
+    delayed = np.zeros(sweep.size + whole + 2)  # commands, the first frames of which are rest
     p = angle = air = 0.0
     for n in range(sweep.size):
         measured[n] = p + gyro[n]
         angle += step * measured[n]
         returned[n] = loop.proportional * measured[n] + loop.integral * angle
         command[n] = sweep[n] - returned[n]
-        late[n + whole + 1] = command[n]
+        delayed[n + whole + 1] = command[n]
         air = share * air + math.sqrt(1.0 - share**2) * scenario.rough_air * white[n]
-        p = decay * p + now * late[n + 1] + before * late[n] + step * air
+        p = decay * p + now * delayed[n + 1] + before * delayed[n] + step * air
         if not abs(p) < LARGEST:
             raise DeclarationError(
                 "the loop is unstable",
@@ -309,9 +305,10 @@ def _roll(
     return command, returned, measured
 
 
-def _held(loop: RollLoop) -> tuple[int, float, float, float]:
-    """Whole frames of the delay, the decay of p over a frame, and what the commands at its end and
-    one frame before give."""
+def _frame_delay(loop: RollLoop) -> tuple[int, float, float, float]:
+    """Whole frames of the delay, the decay of p over a frame, and the gains of the commands at its
+    end and one frame before.
+    """
     step, a = 1.0 / loop.rate, loop.inv_T_roll
     whole = int(loop.delay / step + 1e-9)
     rest = max(loop.delay - whole * step, 0.0)
@@ -327,7 +324,7 @@ def true_loop(scenario: SweepScenario, omega: np.ndarray) -> np.ndarray:
         x29 = load_x29(scenario.airframe)
         return np.asarray(open_loop(x29)(np.exp(1j * omega * x29.frame))).ravel()
     loop = scenario.loop
-    whole, decay, now, before = _held(loop)
+    whole, decay, now, before = _frame_delay(loop)
     later = np.exp(-1j * omega / loop.rate)
     plant = later ** (whole + 1) * (now + before * later) / (1.0 - decay * later)
     return np.asarray(plant * (loop.proportional + loop.integral / loop.rate / (1.0 - later)))
@@ -368,7 +365,7 @@ MAIN = "comparison.json"
 
 @dataclass(frozen=True, eq=False)
 class SweepStudy:
-    """A sweep that has been flown.
+    """Results of a sweep.
 
     Attributes
     ----------
@@ -397,8 +394,7 @@ def run_sweep(
     seed: int | None,
     progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> SweepStudy:
-    """Fly and estimate as ``flightid response`` does from the files of the flights; the same seed
-    gives the same numbers.
+    """Simulate and estimate as ``flightid response`` from the files of the flights.
 
     Raises
     ------
@@ -455,7 +451,7 @@ def _estimated(
 
 
 def print_sweep(study: SweepStudy, out: Console | None = None, details: str = BELOW) -> None:
-    """Print a study: what was estimated against the truth, the model, the margins."""
+    """Print a study: estimates and truth, the model, the margins."""
     out = out or console()
     print_summary(out, sweep_summary(study, details))
     show_table(out, estimates_table("Against the truth", study.rows))
@@ -471,14 +467,14 @@ def print_sweep(study: SweepStudy, out: Console | None = None, details: str = BE
 
 
 def sweep_summary(study: SweepStudy, details: str) -> Summary:
-    """What was flown, what came of it."""
+    """Summary of the flights and the results."""
     s = study.scenario
     flown = (
         f"{s.flights} flight{'s' * (s.flights > 1)} of {s.duration:g} s, a sweep of the command "
         f"from {s.low:g} to {s.high:g} Hz"
     )
     inside = sum(abs(row.sigmas) <= 2.0 for row in study.rows if row.sigmas is not None)
-    known = sum(row.sigmas is not None for row in study.rows)
+    determined = sum(row.sigmas is not None for row in study.rows)
     shown = [row for row in study.rows if row.name in ("gain_increase", "phase_margin")]
     margins = "; ".join(
         f"{row.name.replace('_', ' ')} {number_text(row.estimate, row.std)} {row.unit}"
@@ -486,7 +482,7 @@ def sweep_summary(study: SweepStudy, details: str) -> Summary:
     )
     return Summary(
         f"{s.name}: {flown}",
-        f"{inside} of {known} true values within two sigmas",
+        f"{inside} of {determined} true values within two sigmas",
         margins,
         details=details,
     )
@@ -498,15 +494,13 @@ def model_lines(study: SweepStudy) -> list[str]:
 
 
 def cautions(study: SweepStudy) -> tuple[str, ...]:
-    """What a user should know of the estimates."""
+    """Cautions on the estimates."""
     both = (*(study.response.cautions if study.response is not None else ()), *study.loop.cautions)
     return tuple(dict.fromkeys(both))
 
 
 def write_sweep(study: SweepStudy, folder: str | Path, *, figures: Formats = USUAL) -> Path:
-    """Write records, responses, figures, the page, ``truth.json`` and ``comparison.json``
-    (last).
-    """
+    """Write records, responses, figures, page, ``truth.json`` and ``comparison.json`` (last)."""
     with study_folder(folder, MAIN) as scratch:
         for n, record in enumerate(study.records, 1):
             write_record(scratch, record, "record" if n == 1 else f"record_{n}", simulated=True)
@@ -515,9 +509,9 @@ def write_sweep(study: SweepStudy, folder: str | Path, *, figures: Formats = USU
         write_text(
             scratch / "responses.csv", heads[0][0] + "\n" + "".join(rest for _, _, rest in heads)
         )
-        drawn: tuple[Drawn, ...] = ()
+        figure_files: tuple[Drawn, ...] = ()
         if figures:
-            from scenarios.plots.drawing import drawn_for_page
+            from scenarios.plots.drawing import draw_for_page
             from scenarios.plots.flying_qualities import (
                 figure_margins,
                 figure_mismatch,
@@ -530,8 +524,8 @@ def write_sweep(study: SweepStudy, folder: str | Path, *, figures: Formats = USU
             if study.response is not None:
                 named.append(("mismatch", partial(figure_mismatch, study.response)))
             named.append(("loop", partial(figure_margins, study.loop)))
-            drawn = drawn_for_page(named, scratch, figures)
-        write_page(scratch, sweep_page(study, drawn))
+            figure_files = draw_for_page(named, scratch, figures)
+        write_page(scratch, sweep_page(study, figure_files))
         write_json(scratch / "truth.json", truth_content(study))
         write_json(scratch / MAIN, sweep_comparison(study))
     return Path(folder)
@@ -563,7 +557,7 @@ def sweep_comparison(study: SweepStudy) -> dict[str, Any]:
     }
 
 
-def sweep_page(study: SweepStudy, drawn: tuple[Drawn, ...]) -> Page:
+def sweep_page(study: SweepStudy, figure_files: tuple[Drawn, ...]) -> Page:
     """The page of a study."""
     scenario, loop = study.scenario, study.loop.loop
     summary = sweep_summary(study, BELOW)
@@ -583,7 +577,7 @@ def sweep_page(study: SweepStudy, drawn: tuple[Drawn, ...]) -> Page:
         summary=(as_sentence(summary.result),),
         warnings=tuple(map(as_sentence, cautions(study))),
         sections=(
-            *section("Figures", *figure_blocks(drawn)),
+            *section("Figures", *figure_blocks(figure_files)),
             *section("Against the truth", estimates_table("Parameters and margins", study.rows)),
             *section("Transfer function", *model),
             *section("Stability margins", *margins),

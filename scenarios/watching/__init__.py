@@ -1,3 +1,1 @@
-"""A stream of rows identified as it arrives: lines, rows, the bank, what is shown and what is
-written.
-"""
+"""On-line identification of a stream of rows: lines, rows, filter bank, display and results."""

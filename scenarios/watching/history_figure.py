@@ -30,7 +30,7 @@ def history_section(
     time, courses = courses_of(history, content["parameters"])
     if len(time) < 2 or not courses:
         return ()
-    from scenarios.plots.drawing import drawn_for_page
+    from scenarios.plots.drawing import draw_for_page
     from scenarios.plots.estimates import figure_watched
 
     reference = {
@@ -39,8 +39,8 @@ def history_section(
         if each.get("reference") is not None and each.get("reference_std") is not None
     }
     make = partial(figure_watched, time, courses, reference, title)
-    drawn = drawn_for_page([(STEM, make)], folder, USUAL)
-    return section("While the stream arrived", *figures(drawn))
+    figure_files = draw_for_page([(STEM, make)], folder, USUAL)
+    return section("While the stream arrived", *figures(figure_files))
 
 
 def courses_of(

@@ -22,7 +22,7 @@ from ident.frequency_response import FrequencyResponses
 from ident.frequency_response.estimate import RANDOM_ERROR, frequencies, longest_run, window_lengths
 from ident.frequency_response.online import OnlineResponses, estimated, interrupt, online_responses
 from ident.frequency_response.online import take as take_samples
-from ident.frequency_response.transfer_function import Target
+from ident.frequency_response.transfer_function import ResponseTarget
 from scenarios.files.declarations import CHANNEL_UNITS, TIME
 from scenarios.files.sources import versions
 from scenarios.responses.fitting import target_of
@@ -41,7 +41,9 @@ from scenarios.responses.reading import Names
 from scenarios.watching.rows import StreamSignals
 from sim.errors import DeclarationError, RecordError
 
-LOW, HIGH, SAMPLES = 0.2, 10.0, 5.0  # Hz, and samples a period of the highest frequency
+LOW = 0.2  # Hz
+HIGH = 10.0  # Hz
+SAMPLES = 5.0  # samples in a period of the highest frequency
 BEGINNING = 2.0  # s that are collected before the rate is known
 INSIDE = 0.1  # of ln(omega), by which a crossing lies inside the band before its margin is shown
 JOINED = 0.1  # of a period of the highest frequency, one sample at least: joined by a line
@@ -61,10 +63,10 @@ class LoopNames:
 
     @property
     def signals(self) -> StreamSignals:
-        """What a stream is read for; units of columns stay as they are."""
+        """Channels to read from a stream; units of columns stay as they are."""
         inputs = (self.command, *([self.excitation] if self.excitation else []))
-        known = {name: CHANNEL_UNITS.get(name, "") for name in (*inputs, self.returned)}
-        return StreamSignals(inputs, (self.returned,), {TIME: "s", **known})
+        units = {name: CHANNEL_UNITS.get(name, "") for name in (*inputs, self.returned)}
+        return StreamSignals(inputs, (self.returned,), {TIME: "s", **units})
 
     @property
     def name(self) -> str:
@@ -75,7 +77,10 @@ class LoopNames:
 def loop_names(
     sign: str, inputs: Sequence[str], outputs: Sequence[str], excitation: str | None
 ) -> LoopNames:
-    """Names as they were asked for. Raises DeclarationError where they are no single loop."""
+    """Names of a loop's signals.
+
+    Raises DeclarationError if they are no single loop.
+    """
     references = (excitation,) if excitation else ()
     refuse_loop(sign, Names(tuple(inputs), tuple(outputs), references))
     return LoopNames(sign, inputs[0], outputs[0], excitation)
@@ -111,7 +116,7 @@ class MarginSession:
     rows: int = 0
     gaps: int = 0
     points: list[MarginPoint] = field(default_factory=list)
-    found: FrequencyResponses | None = None
+    responses: FrequencyResponses | None = None
     begun: float | None = None
     moments: np.ndarray = field(default_factory=lambda: np.zeros((4, 4)))
 
@@ -156,7 +161,7 @@ def finish_second(session: MarginSession) -> list[MarginPoint]:
         sound = block[:, np.all(np.isfinite(block), axis=0)]
         signals = np.stack([np.ones(sound.shape[1]), sound[2], sound[1], sound[-1]])
         session.moments = session.moments + signals @ signals.T
-    session.found = estimated(session.stream)
+    session.responses = estimated(session.stream)
     session.points.append(_point(session, float(block[0, -1])))
     return session.points[-1:]
 
@@ -210,7 +215,7 @@ def _even(session: MarginSession, block: np.ndarray) -> list[tuple[np.ndarray, i
     return out
 
 
-def _target(session: MarginSession) -> Target | None:
+def _target(session: MarginSession) -> ResponseTarget | None:
     """The broken-loop response along its usable band; None where that has less than three points.
 
     A stream has few windows of a frequency at first. Deviations are widened to Student's
@@ -219,16 +224,16 @@ def _target(session: MarginSession) -> Target | None:
     """
     from scipy.stats import t
 
-    found = session.found
-    if found is None:
+    responses = session.responses
+    if responses is None:
         return None
-    wide = t.ppf(0.5 * (1.0 + LEVEL), found.degrees) / NORMAL
-    found = replace(found, std=found.std * wide[:, None, :])
-    good = found.usable[0, 0] & (found.random_error[0, 0] <= RANDOM_ERROR)
-    usable = longest_run(good, np.log(found.frequency))
+    wide = t.ppf(0.5 * (1.0 + LEVEL), responses.degrees) / NORMAL
+    responses = replace(responses, std=responses.std * wide[:, None, :])
+    good = responses.usable[0, 0] & (responses.random_error[0, 0] <= RANDOM_ERROR)
+    usable = longest_run(good, np.log(responses.frequency))
     if np.count_nonzero(usable) < 3:
         return None
-    target = target_of(replace(found, usable=usable[None, None]), (0, 0), session.names.name)
+    target = target_of(replace(responses, usable=usable[None, None]), (0, 0), session.names.name)
     return target if session.names.sign == MINUS else turned(target)
 
 
@@ -237,14 +242,14 @@ def _point(session: MarginSession, time: float) -> MarginPoint:
     if target is None:
         return MarginPoint(time, None, None)
     band = float(target.omega[0]), float(target.omega[-1])
-    found = _inside(stability_margins(target), *band)
-    if found.gain_increase is None and found.phase is None:
+    margins = _inside(stability_margins(target), *band)
+    if margins.gain_increase is None and margins.phase is None:
         # The band has not reached a crossing yet, and the least distance lies beyond it.
-        found = replace(found, distance=None)
-    return MarginPoint(time, found, band)
+        margins = replace(margins, distance=None)
+    return MarginPoint(time, margins, band)
 
 
-def _inside(found: StabilityMargins, low: float, high: float) -> StabilityMargins:
+def _inside(margins: StabilityMargins, low: float, high: float) -> StabilityMargins:
     """The margins whose crossings lie well inside the usable band.
 
     At an end of the band points lie on one side of the crossing alone, and the outermost are those
@@ -255,18 +260,18 @@ def _inside(found: StabilityMargins, low: float, high: float) -> StabilityMargin
     def kept(margin: Margin) -> bool:
         return low * inside <= margin.frequency.value <= high / inside
 
-    left = [each for each in (*found.gains, *found.phases) if not kept(each)]
+    left = [each for each in (*margins.gains, *margins.phases) if not kept(each)]
     notes = tuple(
         f"a {each.kind} margin near {each.frequency.value:.3g} rad/s lies at an end of the usable "
         "band and is left out"
         for each in left
     )
     return StabilityMargins(
-        tuple(each for each in found.gains if kept(each)),
-        tuple(each for each in found.phases if kept(each)),
-        found.delay if found.delay is not None and kept(found.delay) else None,
-        found.distance if found.distance is not None and kept(found.distance) else None,
-        (*found.notes, *notes),
+        tuple(each for each in margins.gains if kept(each)),
+        tuple(each for each in margins.phases if kept(each)),
+        margins.delay if margins.delay is not None and kept(margins.delay) else None,
+        margins.distance if margins.distance is not None and kept(margins.distance) else None,
+        (*margins.notes, *notes),
     )
 
 
@@ -302,7 +307,7 @@ def margins_of(session: MarginSession) -> LoopMargins | None:
 
 
 def _contradicted(session: MarginSession) -> bool:
-    """Whether the stream says that the loop has the other sign."""
+    """Whether the stream shows that the loop has the opposite sign."""
     sums = session.moments
     if not sums[0, 0] > 0.0:
         return False
@@ -317,13 +322,13 @@ def shown(point: MarginPoint) -> list[tuple[str, Margin]]:
 
 def line(session: MarginSession, point: MarginPoint, left_out: int) -> str:
     """A second of the stream in one line, with 95 % intervals."""
-    told = [
+    texts = [
         f"{WORDS[name]} {margin.size.value:.3g} ({interval_text(margin)}) {UNITS[margin.kind]}"
         for name, margin in shown(point)
         if margin.kind != "distance"
     ]
     lost = f", {left_out} line{'s' * (left_out != 1)} left out" if left_out else ""
-    said = "; ".join(told) or "no margin is determined"
+    said = "; ".join(texts) or "no margin is determined"
     return f"{session.name}, {point.time:.2f} s{lost}: {said}"
 
 

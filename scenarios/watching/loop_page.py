@@ -1,6 +1,4 @@
-"""Stability margins of a watched loop: what is printed at the end, the study folder, its page and
-the live page.
-"""
+"""Stability margins of a watched loop: final print, study folder, its page and the live page."""
 
 from __future__ import annotations
 
@@ -16,11 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.flying_qualities.stability_margins import (
-    NORMAL,
-    REQUIRED_GAIN,
-    REQUIRED_PHASE,
-)
+from ident.flying_qualities.stability_margins import NORMAL, REQUIRED_GAIN, REQUIRED_PHASE
 from scenarios.files.writing import study_folder, write_json, write_text
 from scenarios.report.document import Block, Bullets, Page, as_sentence, now, reproduction, section
 from scenarios.report.folder import figures as page_figures
@@ -51,7 +45,7 @@ from scenarios.watching.session import Watch
 
 
 def print_loop_end(watch: Watch, session: MarginSession) -> None:
-    """The margins over the whole stream in a table, and how they compare with the required ones."""
+    """Print the margins over the whole stream in a table, compared with the required ones."""
     out, loop = console(), margins_of(session)
     gaps = f", {session.gaps} gap{'s' * (session.gaps != 1)}" if session.gaps else ""
     out.print(f"{watch.reason}; {session.rows} rows{gaps}:", highlight=False)
@@ -73,7 +67,7 @@ REQUIRED = {
 
 
 @dataclass(frozen=True, eq=False)
-class DrawnLoop:
+class PlottedLoop:
     """A loop as the figure of margins takes it."""
 
     loop: LoopMargins
@@ -83,9 +77,10 @@ class DrawnLoop:
 def write_loop(
     out: Path, watch: Watch, session: MarginSession, name: str, source: Path | None = None
 ) -> None:
-    """Write the study of a loop in a stream, whole or not at all; ``source`` is the file of its
-    rows, None of a pipe."""
-    from scenarios.plots.drawing import drawn_for_page
+    """Write the study of a loop, completely or not at all; ``source`` is the file of its rows, None
+    for a pipe.
+    """
+    from scenarios.plots.drawing import draw_for_page
     from scenarios.plots.flying_qualities import figure_margin_history, figure_margins
     from scenarios.report.figure_formats import USUAL
 
@@ -102,12 +97,12 @@ def write_loop(
     with study_folder(out, MAIN) as scratch:
         named = []
         if loop is not None:
-            named.append(("loop", partial(figure_margins, DrawnLoop(loop))))
+            named.append(("loop", partial(figure_margins, PlottedLoop(loop))))
         if any(shown(point) for point in session.points):
             named.append(("history", partial(figure_margin_history, session.points, name)))
-        drawn = drawn_for_page(named, scratch, USUAL)
+        figure_files = draw_for_page(named, scratch, USUAL)
         write_text(scratch / HISTORY, history_csv(session))
-        write_page(scratch, loop_page(content, loop, name, digest, page_figures(drawn)))
+        write_page(scratch, loop_page(content, loop, name, digest, page_figures(figure_files)))
         write_json(scratch / MAIN, content)
 
 
@@ -116,7 +111,7 @@ def loop_page(
     loop: LoopMargins | None,
     name: str,
     digest: str,
-    drawn: tuple[Block, ...],
+    figure_blocks: tuple[Block, ...],
 ) -> Page:
     """The page of a loop that was watched."""
     stream = content["stream"]
@@ -137,7 +132,7 @@ def loop_page(
         summary=(),
         warnings=tuple(map(as_sentence, content["warnings"])),
         sections=(
-            *section("Margins while the stream arrived", *drawn),
+            *section("Margins while the stream arrived", *figure_blocks),
             *section("Margins at the end", *margins),
         ),
         reproduction=reproduction(
@@ -150,7 +145,7 @@ def loop_page(
 
 
 class FollowLoop:
-    """Tells a feed what a watch of a loop does: rows, margins, and how the stream stands."""
+    """Callable that puts rows, margins and status of a watched loop into a feed."""
 
     def __init__(self, watch: Watch, session: MarginSession, feed: Feed) -> None:
         self._watch, self._session, self._feed = watch, session, feed
@@ -181,14 +176,14 @@ class FollowLoop:
         """Margins after a second; ``name`` : of the event, ``"final"`` at the end."""
         items = []
         for key, margin in shown(point):
-            told = f"{margin.size.value:.3g} ({interval_text(margin)})"
+            text = f"{margin.size.value:.3g} ({interval_text(margin)})"
             half = 0.5 * (margin.high - margin.low) / NORMAL
             items.append(
                 {
                     "name": key,
                     "word": WORDS[key],
                     "unit": UNITS[margin.kind] if margin.kind != "distance" else "",
-                    "told": told,
+                    "told": text,
                     "value": margin.size.value,
                     "std": half,
                     "low": margin.low,
@@ -224,7 +219,7 @@ class FollowLoop:
 
 @contextmanager
 def served_loop(watch: Watch, session: MarginSession, port: int | None) -> Iterator[FollowLoop]:
-    """Gives what feeds the live page of a loop, which is served while the body runs."""
+    """Context manager that serves the live page of a loop and gives the callable that feeds it."""
     with served_feed(port) as feed:
         yield FollowLoop(watch, session, feed)
 

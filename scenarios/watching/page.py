@@ -1,8 +1,8 @@
-"""The page of `watch`: a ring buffer of the latest events, the local server that shows them, and
-what feeds it with rows and estimates.
+"""The web page of `watch`: a ring buffer of events, a local HTTP server, and the functions that
+turn rows and estimates into events.
 
-A page of another site could have its own name resolve to 127.0.0.1 and then read what is served
-there (DNS rebinding); its requests bear that name in their Host header, and are refused.
+The server refuses requests whose Host header is not its own. Otherwise a page of another site,
+whose name resolves to 127.0.0.1 (DNS rebinding), could read the data.
 """
 
 from __future__ import annotations
@@ -29,29 +29,29 @@ import numpy as np
 from scenarios.report.quantities import CHANNELS, DEGREES, number_text
 from scenarios.watching.reference import HANGING, WORDS, CrossValidation, comparisons
 from scenarios.watching.rows import OUTPUTS
-from scenarios.watching.session import UNITS, Session, Step, Watch
-from scenarios.watching.study import Outcome, so_far
+from scenarios.watching.session import UNITS, Session, Watch, WatchStep
+from scenarios.watching.study import WatchOutcome, so_far
 from sim.errors import DeclarationError
 
 # ---- Events of a watch
 
-# kept: two and a half minutes at 40 Hz, half an hour at one estimate a second
-ROWS, ESTIMATES = 6000, 2000
+ROWS = 6000  # rows kept, two and a half minutes at 40 Hz
+ESTIMATES = 2000  # estimates kept, half an hour at one a second
 EVENTS = 1200  # two minutes of ten events a second
 
 
 class Event(NamedTuple):
-    """An event on its way: its name, its data as one line of JSON."""
+    """An event: its name, and its data as one line of JSON."""
 
     name: str
     data: str
 
 
 class Batch(NamedTuple):
-    """Events for one reader: ``complete`` when they are all that is kept instead of what came
-    since; ``last`` the number of the last of them.
+    """Events for one reader.
 
-    ``over`` where nothing comes after them.
+    ``complete``: they are all events in the buffer, not only the new ones; ``last``: number of the
+    last event; ``over``: no more events will follow.
     """
 
     events: list[Event]
@@ -61,11 +61,11 @@ class Batch(NamedTuple):
 
 
 class Feed:
-    """What a watch has told so far, for any number of readers in their own threads.
+    """Buffer of the events of a watch, for any number of readers in their own threads.
 
-    Memory is bounded whatever the length of the stream: the last ``EVENTS`` events; rows by their
-    number, estimates thinned to every second one whenever there are too many; of everything else
-    the last of each name.
+    Memory is bounded for any length of the stream: the buffer keeps the last ``EVENTS`` events, the
+    last ``ROWS`` rows, estimates thinned to every second one when there are too many, and the last
+    event of every other name.
     """
 
     def __init__(self, rows: int = ROWS, estimates: int = ESTIMATES, events: int = EVENTS) -> None:
@@ -80,7 +80,7 @@ class Feed:
         self.closed = False
 
     def put(self, name: str, data: str, rows: int = 0) -> None:
-        """Tell all readers; ``rows`` how many rows of the stream an event of rows holds."""
+        """Add an event and wake the readers; ``rows``: rows of the stream in an event of rows."""
         with self._changed:
             event = Event(name, data)
             self._count += 1
@@ -97,7 +97,7 @@ class Feed:
             self._changed.notify_all()
 
     def _keep_estimate(self, event: Event) -> None:
-        """Every ``_stride``-th estimate is kept, and the last of all in any case."""
+        """Keep every ``_stride``-th estimate, and the last one in any case."""
         self._latest["estimates"] = event
         self._skipped += 1
         if self._skipped >= self._stride:
@@ -108,15 +108,15 @@ class Feed:
             self._stride *= 2
 
     def close(self) -> None:
-        """Tell all readers that nothing more comes, and let them go."""
+        """Tell all readers that no more events follow, and release them."""
         self.put("bye", "{}")
         with self._changed:
             self.closed = True
             self._changed.notify_all()
 
     def since(self, last: int | None, timeout: float) -> Batch:
-        """What came after event ``last``, waiting up to ``timeout`` (s) for it; all that is kept
-        where ``last`` is None or forgotten.
+        """Return the events after number ``last``, after waiting up to ``timeout`` (s) for one; all
+        events in the buffer if ``last`` is None or no longer there.
         """
         with self._changed:
             if last is None or last > self._count or (self._ring and last < self._ring[0][0] - 1):
@@ -130,8 +130,8 @@ class Feed:
             return Batch(events, self._count, False, self.closed)
 
     def _whole(self) -> list[Event]:
-        """All that is kept, in an order that a page can follow: what does not change, rows,
-        estimates, and how it stands.
+        """All events in the buffer in the order that a page needs: constants, rows, estimates,
+        status.
         """
         first = [self._latest[name] for name in ("about",) if name in self._latest]
         estimates = list(self._estimates)
@@ -142,7 +142,7 @@ class Feed:
 
     @property
     def kept(self) -> tuple[int, int, int]:
-        """How many events, rows and estimates are kept."""
+        """Numbers of events, rows and estimates in the buffer."""
         with self._changed:
             return len(self._ring), self._kept_rows, len(self._estimates)
 
@@ -169,7 +169,7 @@ _GUARDS = {
 
 
 class PageServer(ThreadingHTTPServer):
-    """Serves a feed until ``stop``; ``address`` is where a browser finds it."""
+    """HTTP server of a feed; ``address`` is the URL for a browser."""
 
     daemon_threads = True
     block_on_close = False
@@ -177,9 +177,9 @@ class PageServer(ThreadingHTTPServer):
     request_queue_size = 32
 
     def __init__(self, feed: Feed, port: int | None = None) -> None:
-        """Listen on ``port``, or on the usual one where it is free, else on any.
+        """Listen on ``port``; by default on the usual port if it is free, else on any.
 
-        Raises DeclarationError where ``port`` is taken.
+        Raises DeclarationError if ``port`` is taken.
         """
         self.feed, self.readers = feed, 0
         self.lock = threading.Lock()
@@ -201,16 +201,16 @@ class PageServer(ThreadingHTTPServer):
         )
 
     def server_bind(self) -> None:
-        """Bind without asking a name server what this machine is called, as the library's would."""
+        """Bind without a name lookup of this machine, which the base class would do."""
         socketserver.TCPServer.server_bind(self)
         self.server_name, self.server_port = ADDRESS, int(self.server_address[1])
 
     def start(self) -> None:
-        """Serve from now on, in a thread of its own."""
+        """Serve in a thread."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Tell the readers that it is over, and end."""
+        """Tell the readers that the watch has ended, and stop."""
         self.feed.close()
         self.shutdown()
         self.server_close()
@@ -221,17 +221,17 @@ class PageServer(ThreadingHTTPServer):
         self.drop_readers()
 
     def drop_readers(self) -> None:
-        """Cut all connections, as a network would; browsers come back."""
+        """Close all connections, as a network failure would; browsers reconnect."""
         with self.lock:
-            held = list(self._open)
-        for connection in held:
+            readers = list(self._open)
+        for connection in readers:
             try:
                 connection.shutdown(socket.SHUT_RDWR)
             except OSError:
                 continue
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """As the library's, with the connection known while it is open."""
+        """As in the base class; the connection is registered while it is open."""
         threading.current_thread().name = "page-reader"
         with self.lock:
             self._open.add(request)
@@ -242,18 +242,18 @@ class PageServer(ThreadingHTTPServer):
                 self._open.discard(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A reader that went away is no error of the watch."""
+        """Ignore errors of readers that have disconnected."""
 
 
 class RequestHandler(BaseHTTPRequestHandler):
-    """One request."""
+    """Handler of one request."""
 
     server: PageServer
     server_version, sys_version = "flightid", ""
     timeout = STUCK
 
     def do_GET(self) -> None:
-        """The page at ``/``, its events at ``/events``."""
+        """Send the page at ``/`` or its events at ``/events``."""
         hosts = self.headers.get_all("Host") or []
         if len(hosts) != 1 or hosts[0].strip().lower() not in self.server.hosts:
             self._plain(
@@ -261,13 +261,12 @@ class RequestHandler(BaseHTTPRequestHandler):
                 f"this page is served at {self.server.address} alone\n",
             )
             return
-        asked = urlsplit(self.path)
-        if asked.path == "/":
+        url = urlsplit(self.path)
+        if url.path == "/":
             self._send(HTTPStatus.OK, "text/html; charset=utf-8", page().encode())
-        elif asked.path == "/events":
+        elif url.path == "/events":
             self._events(
-                self.headers.get("Last-Event-ID")
-                or "".join(parse_qs(asked.query).get("last", [""]))
+                self.headers.get("Last-Event-ID") or "".join(parse_qs(url.query).get("last", [""]))
             )
         else:
             self._plain(HTTPStatus.NOT_FOUND, "there is nothing here\n")
@@ -320,11 +319,11 @@ class RequestHandler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Say nothing: the terminal is the watch's."""
+        """Log nothing, since the terminal shows the watch."""
 
 
 def page() -> str:
-    """The page as one file."""
+    """Return the page as one HTML text."""
     here = files("scenarios.watching")
     text, style, script = (
         here.joinpath(name).read_text(encoding="utf-8")
@@ -334,7 +333,7 @@ def page() -> str:
 
 
 def _number_of(last_id: str, token: str) -> int | None:
-    """The number of the event that a reader saw last; None where it saw none of this watch."""
+    """Number of the last event that a reader has received from this watch, else None."""
     of, _, number = last_id.partition("-")
     return int(number) if of == token and number.isdecimal() and len(number) < 16 else None
 
@@ -345,8 +344,8 @@ FACTOR = {name: math.degrees(1.0) if UNITS[name] in DEGREES else 1.0 for name in
 
 
 def about(name: str, stick_unit: str, delays: np.ndarray, reference: str | None, start: str) -> str:
-    """What does not change: names and units of the strips, the delays (ms), the study that is
-    compared with.
+    """Constants of the page: names and units of the signals, the delays (ms), the reference
+    study.
     """
     strips = [{"name": "stick", "word": "stick", "unit": "" if stick_unit == "1" else stick_unit}]
     strips += [
@@ -364,10 +363,8 @@ def about(name: str, stick_unit: str, delays: np.ndarray, reference: str | None,
     )
 
 
-def rows(steps: Sequence[Step], offsets: Mapping[str, float]) -> str:
-    """Times, the stick, and of each channel what was measured and what the filter expected before
-    it saw the sample.
-    """
+def rows(steps: Sequence[WatchStep], offsets: Mapping[str, float]) -> str:
+    """Times, inputs, and for each channel the measured and the predicted values."""
     table = np.array([step.row for step in steps]).T
     expected = np.array([_expected(step) for step in steps]).T
     out: dict[str, Any] = {"t": _rounded(table[0], 9), "stick": _rounded(table[1])}
@@ -378,8 +375,8 @@ def rows(steps: Sequence[Step], offsets: Mapping[str, float]) -> str:
 
 
 def estimates(time: float, items: Iterable[CrossValidation], weights: np.ndarray, kind: str) -> str:
-    """The quantities as the terminal's table has them, and the likelihood of each delay; ``kind``
-    says whose estimate it is.
+    """Estimates as in the terminal's table, and the probability of each delay; ``kind`` names the
+    estimator.
     """
     return _line(
         {
@@ -392,7 +389,7 @@ def estimates(time: float, items: Iterable[CrossValidation], weights: np.ndarray
 
 
 def status(state: str, sentence: str, numbers: Mapping[str, float]) -> str:
-    """How the stream stands: ``state`` is waiting, collecting, running or ended."""
+    """Status of the stream; ``state`` is waiting, collecting, running or ended."""
     return _line(
         {
             "state": state,
@@ -403,7 +400,7 @@ def status(state: str, sentence: str, numbers: Mapping[str, float]) -> str:
 
 
 def _item(each: CrossValidation) -> dict[str, Any]:
-    told = (
+    text = (
         HANGING
         if each.hanging
         else f"{number_text(each.value, each.std)} ± {number_text(each.std, each.std)}"
@@ -412,7 +409,7 @@ def _item(each: CrossValidation) -> dict[str, Any]:
         "name": each.name,
         "word": WORDS.get(each.name, each.name),
         "unit": "" if each.unit == "1" else each.unit,
-        "told": told,
+        "told": text,
     }
     out |= {} if each.hanging else {"value": _number(each.value), "std": _number(each.std)}
     if each.reference is not None:
@@ -426,14 +423,14 @@ def _item(each: CrossValidation) -> dict[str, Any]:
     return out
 
 
-def _expected(step: Step) -> np.ndarray:
-    """By the bank that was linearised anew, where there is one."""
+def _expected(step: WatchStep) -> np.ndarray:
+    """Predicted outputs, of the relinearised bank if there is one."""
     state = step.state if step.refined is None else step.refined.state
     return state.expected
 
 
 def _rounded(values: np.ndarray, digits: int = 6) -> list[float | None]:
-    """Significant digits enough for a page; None for what is missing."""
+    """Numbers with enough significant digits for a page; None for missing ones."""
     return [
         float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in values.tolist()
     ]
@@ -459,28 +456,28 @@ KINDS = {
 
 
 class Follow:
-    """Tells a feed what a watch does; called with the steps as they are made, and with none when
-    nothing came.
+    """Callable that puts the steps of a watch into a feed; called without steps when no row
+    came.
     """
 
     def __init__(self, watch: Watch, feed: Feed) -> None:
         self._watch, self._feed = watch, feed
-        self._waiting: list[Step] = []
+        self._waiting: list[WatchStep] = []
         self._second, self._sent, self._stood = -np.inf, 0.0, 0.0
         self._counted: deque[tuple[float, int]] = deque()
         self._introduced = False
 
-    def __call__(self, steps: Sequence[Step]) -> None:
-        """Take steps along."""
+    def __call__(self, steps: Sequence[WatchStep]) -> None:
+        """Put steps into the feed."""
         session, now = self._watch.session, time.monotonic()
         if session is not None and session.bank is not None and not self._introduced:
             self._introduced = True
-            known = self._watch.reference
+            reference = self._watch.reference
             named = (
                 self._watch.name,
                 session.stick_unit,
                 session.bank.delays,
-                None if known is None else known.name,
+                None if reference is None else reference.name,
                 session.vehicle.name,
             )
             self._feed.put("about", about(*named))
@@ -492,10 +489,10 @@ class Follow:
             self._stood = now
             self._stand(session, now)
 
-    def end(self, session: Session, end: Outcome) -> None:
-        """Tell the last numbers and why the stream ended."""
+    def end(self, session: Session, end: WatchOutcome) -> None:
+        """Put the last estimate and the reason of the end into the feed."""
         self._rows(session)
-        kind = "refined over all rows" if end.found is not None else KINDS[end.refined]
+        kind = "refined over all rows" if end.refinement is not None else KINDS[end.refined]
         assert session.state is not None
         self._feed.put("final", estimates(session.state.time, end.standings, end.weights, kind))
         self._stand(session, time.monotonic(), f"{self._watch.reason}; {kind}")
@@ -509,13 +506,13 @@ class Follow:
         for step, second, after in zip(steps, seconds, [*seconds[1:], None], strict=True):
             if second > self._second and second != after:
                 self._second = second
-                found = so_far(session, step)
+                result = so_far(session, step)
                 items = comparisons(
-                    found.estimate, found.derived, self._watch.reference, found.hanging
+                    result.estimate, result.derived, self._watch.reference, result.hanging
                 )
                 self._feed.put(
                     "estimates",
-                    estimates(step.state.time, items, found.weights, KINDS[found.refined]),
+                    estimates(step.state.time, items, result.weights, KINDS[result.refined]),
                 )
 
     def _stand(self, session: Session | None, now: float, ended: str = "") -> None:
@@ -550,9 +547,9 @@ class Follow:
 
 @contextmanager
 def served(watch: Watch, port: int | None) -> Iterator[Follow]:
-    """Gives what feeds the page, which is served while the body runs.
+    """Context manager that serves the page and gives the callable that feeds it.
 
-    Raises DeclarationError where the port is taken.
+    Raises DeclarationError if the port is taken.
     """
     with served_feed(port) as feed:
         yield Follow(watch, feed)
@@ -560,7 +557,7 @@ def served(watch: Watch, port: int | None) -> Iterator[Follow]:
 
 @contextmanager
 def served_feed(port: int | None) -> Iterator[Feed]:
-    """Gives a feed whose page is served while the body runs."""
+    """Context manager that gives a feed whose page is served."""
     feed = Feed()
     server = PageServer(feed, port)
     server.start()

@@ -65,7 +65,7 @@ def read_reference(path: Path, needed: Sequence[str] = tuple(PAPER_START)) -> Re
         },
     }
     fixed = _numbers(content.get("fixed"), "value")
-    plain = (
+    first_pass = (
         _numbers(content["plain"].get("parameters"), "estimate")
         if isinstance(content.get("plain"), dict)
         else {}
@@ -80,7 +80,7 @@ def read_reference(path: Path, needed: Sequence[str] = tuple(PAPER_START)) -> Re
             )
         remedy = "name a study of the same model"
         raise DeclarationError(f"there is no {missing[0]} in it", where=str(file), remedy=remedy)
-    return Reference(str(path), values, fixed, plain)
+    return Reference(str(path), values, fixed, first_pass)
 
 
 def vehicle_to_watch(vehicle: Path | None, reference: Reference | None) -> VehicleFile:
@@ -91,12 +91,12 @@ def vehicle_to_watch(vehicle: Path | None, reference: Reference | None) -> Vehic
     says that; else its estimate.
     """
     if vehicle is not None:
-        found = read_vehicle(vehicle, "loes")
-        if found.constraints:
+        vehicle_file = read_vehicle(vehicle, "loes")
+        if vehicle_file.constraints:
             what = "a filter that runs along estimates every derivative"
             remedy = "leave [fixed], [bounds] and [tied] out, or use identify"
             raise DeclarationError(what, where=str(vehicle), remedy=remedy)
-        return found
+        return vehicle_file
     x29 = load_x29("F")
     constants = {
         "airspeed": x29.airframe.airspeed,
@@ -105,22 +105,22 @@ def vehicle_to_watch(vehicle: Path | None, reference: Reference | None) -> Vehic
     }
     if reference is None:
         return VehicleFile("x29", "loes", constants, dict(PAPER_START))
-    known = {
+    values = {
         **reference.fixed,
         **{name: value for name, (value, _) in reference.values.items()},
         **reference.plain,
     }
-    held = {name: reference.fixed.get(name, constants[name]) for name in LOES_CONSTANTS}
+    constants_ = {name: reference.fixed.get(name, constants[name]) for name in LOES_CONSTANTS}
     return VehicleFile(
         resolved(Path(reference.name)).name,
         "loes",
-        held,
-        {name: known[name] for name in PAPER_START},
+        constants_,
+        {name: values[name] for name in PAPER_START},
     )
 
 
 def vehicle_sentence(vehicle: VehicleFile) -> str:
-    """Which vehicle, and which file, gave constants and starting values."""
+    """Sentence on the vehicle file that gave constants and starting values."""
     named = vehicle_with_file(vehicle.name, vehicle.identity)
     return f"constants and starting values: {named}"
 
@@ -159,12 +159,12 @@ def _pairs(content: Mapping[str, Any], key: str, file: Path) -> dict[str, tuple[
 
 
 def _numbers(table: Any, key: str) -> dict[str, float]:
-    """Name -> number under ``key`` of each entry that has one; none of what is no table."""
+    """Number under ``key`` of each entry by name, if it has one."""
     entries = table.items() if isinstance(table, dict) else ()
-    found: dict[str, Any] = {
+    result: dict[str, Any] = {
         name: entry.get(key) for name, entry in entries if isinstance(entry, dict)
     }
-    return {name: float(value) for name, value in found.items() if _is_number(value)}
+    return {name: float(value) for name, value in result.items() if _is_number(value)}
 
 
 def _is_number(value: Any) -> bool:
@@ -214,8 +214,11 @@ class CrossValidation:
 
 @dataclass(frozen=True)
 class View:
-    """One moment of a watch: ``time`` (s), rows and what was left out so far, quantities, weights
-    by delay (s), which are probabilities where the estimate is ``refined``, else likelihoods."""
+    """State of a watch at one time.
+
+    ``time`` (s), counts of rows and left-out cells, quantities, and weights by delay (s), which are
+    probabilities if the estimate is ``refined``, else likelihoods.
+    """
 
     name: str
     time: float
@@ -239,16 +242,20 @@ def comparisons(
     """Derived quantities, then parameters, each against the reference where there is one;
     ``hanging`` are those that depend on the start.
     """
-    known = {} if reference is None else reference.values
+    reference_values = {} if reference is None else reference.values
     out = [
-        CrossValidation(name, DERIVED_UNITS[name], value, std, known.get(name), name in hanging)
+        CrossValidation(
+            name, DERIVED_UNITS[name], value, std, reference_values.get(name), name in hanging
+        )
         for name, (value, std) in derived.items()
     ]
     for name, unit, value, std in zip(
         estimate.names, estimate.units, estimate.values.tolist(), estimate.std.tolist(), strict=True
     ):
         if name not in derived:
-            out.append(CrossValidation(name, unit, value, std, known.get(name), name in hanging))
+            out.append(
+                CrossValidation(name, unit, value, std, reference_values.get(name), name in hanging)
+            )
     return tuple(out)
 
 
@@ -296,17 +303,17 @@ def live_table(view: View) -> Group:
 
 
 def line(view: View) -> str:
-    """The same in one line, for a log."""
+    """The view in one line, for a log."""
     by_name = {item.name: item for item in view.standings}
     shown = []
     for name, word in WORDS.items():
         if name in by_name:
             item = by_name[name]
-            told = (
+            text = (
                 f"{number_text(item.value, item.std)} +- {number_text(item.std, item.std)} "
                 f"{item.unit}"
             ).removesuffix(" 1")
-            shown.append(f"{word} {HANGING if item.hanging else told}")
+            shown.append(f"{word} {HANGING if item.hanging else text}")
     best = int(np.argmax(view.weights))
     shown.append(f"most likely {view.delays[best]:g} s (weight {view.weights[best]:.2f})")
     outside = [_word(item.name) for item in view.standings if item.beyond]
@@ -338,7 +345,7 @@ def against(outside: Sequence[str], compared: int, name: str, hanging: Sequence[
 
 
 def against_items(items: Sequence[CrossValidation], name: str) -> str:
-    """The same of compared quantities."""
+    """Agreement of compared quantities with the reference."""
     return against(
         [item.name for item in items if item.beyond],
         sum(item.z is not None for item in items),

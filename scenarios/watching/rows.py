@@ -1,4 +1,4 @@
-"""From a stream's lines to rows in SI units and in order of time."""
+"""Rows in SI units and in order of time, from the lines of a stream."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ Read = Callable[[], bytes | None]
 
 
 class Lines(NamedTuple):
-    """What came: whole lines without their ends, and at the end of the stream the beginning of a
-    line that never ended.
+    """Complete lines without their ends, and at the end of the stream the beginning of an
+    incomplete line.
     """
 
     whole: list[bytes]
@@ -55,7 +55,7 @@ class Lines(NamedTuple):
 
 
 def lines_of(read: Read, idle: float | None, name: str) -> Iterator[Lines]:
-    """Lines as a source gives them, an empty list whenever it has nothing new.
+    """Yield lines from a source, an empty list whenever it has nothing new.
 
     Parameters
     ----------
@@ -130,10 +130,10 @@ def growing_file(path: Path, until_end: bool) -> Iterator[Read]:
 
 
 def standard_input(descriptor: int = 0) -> Read:
-    """A source that reads what is piped in; it ends where the pipe does.
+    """Source of piped input, which ends with the pipe.
 
-    A thread waits for the pipe, since Windows waits for sockets alone. It reads a few pieces ahead,
-    no more.
+    A thread waits for the pipe, since Windows can only wait for sockets; it reads a few pieces
+    ahead.
     """
     pieces: queue.Queue[bytes | OSError] = queue.Queue(AHEAD)
     ended = False
@@ -179,13 +179,13 @@ LOST = 600.0  # s: after a gap this long nothing of the motion before is known
 
 @dataclass(frozen=True)
 class StreamSignals:
-    """Inputs and outputs that a stream is read for; ``known``: all channels and their units
+    """Inputs and outputs that a stream is read for; ``channel_units``: all channels and their units
     inside.
     """
 
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
-    known: Mapping[str, str] = field(default_factory=lambda: CHANNEL_UNITS)
+    channel_units: Mapping[str, str] = field(default_factory=lambda: CHANNEL_UNITS)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -198,18 +198,19 @@ LOES = StreamSignals(INPUTS, OUTPUTS)
 
 @dataclass(frozen=True)
 class Header:
-    """How the rows of a stream are read.
+    """Columns and units of a stream's rows.
 
     Attributes
     ----------
     columns : of the channels in the order time, stick, alpha, q, nz; None where an output is
         absent, or the clock.
-    width : number of cells in a row. name : of the stream.
+    width : number of cells in a row.
+    name : of the stream.
     rate : Hz, of a stream without a clock; ``first``: the line of its first row.
     computed : the file without rows and the channel map, where channels are computed; ``columns``
         are then those of the wider table.
-    sources : columns of the stream that are read, in the order of their places. signals : the
-        channels.
+    sources : columns of the stream that are read, in the order of their places.
+    signals : the channels.
     """
 
     columns: tuple[SourceColumn | None, ...]
@@ -230,8 +231,8 @@ class Header:
 
 
 class Fault(NamedTuple):
-    """A line that was left out, or a cell that was mended: the row as the user counts it (the
-    header is row 1), and what is wrong.
+    """A line that was left out, or a cell that was corrected: its row (the header is row 1), and
+    the reason.
     """
 
     row: int
@@ -248,7 +249,7 @@ class Order(NamedTuple):
     """
 
     time: float = -math.inf
-    held: tuple[float, ...] = ()
+    last_inputs: tuple[float, ...] = ()
     waiting: np.ndarray | None = None
     waiting_row: int = 0
     lost: float | None = None
@@ -269,25 +270,26 @@ def read_header(
 
     Parameters
     ----------
-    line : the header, or the first row where ``names`` are given and there is none. name : of the
-        stream.
-    choices : channel map. units : the sidecar's. names : of the columns, in their order, instead of
-        the header's.
-    rate : Hz, of a stream without a clock. first : line of the first row. signals : channels to
-    read.
+    line : the header, or the first row where ``names`` are given and there is none.
+    name : of the stream.
+    choices : channel map.
+    units : the sidecar's.
+    names : of the columns, in their order, instead of the header's.
+    rate : Hz, of a stream without a clock.
+    first : line of the first row.
+    signals : channels to read.
 
     Raises
     ------
     RecordError : not UTF-8, not separated by commas, no time or input, none of the outputs, or as
-        for ``find_column``; a channel that needs
-        other rows than its own; a rate beside a clock.
+        for ``find_column``; a channel that needs other rows than its own; a rate beside a clock.
     """
     cells = _named(header_cells(line, name), name, names)
     width, computed = len(cells), None
     sources: tuple[int, ...] = ()
     inputs, outputs = signals.inputs, signals.outputs
     refuse_unknown_units(
-        Sidecar(units=units or {}), cells, Path(name), {*signals.known, *(choices or {})}
+        Sidecar(units=units or {}), cells, Path(name), {*signals.channel_units, *(choices or {})}
     )
     if choices is not None:
         choices = {channel: _by_name(choice, cells) for channel, choice in choices.items()}
@@ -295,13 +297,13 @@ def read_header(
         file = RecordFile(
             Path(name), _table(name, cells, {}, 0), Sidecar(units=units or {}), InputFile(name, "")
         )
-        found = source_columns(file, choices, inputs, outputs)
-        if found:
-            computed, sources = (file, choices), found
+        result = source_columns(file, choices, inputs, outputs)
+        if result:
+            computed, sources = (file, choices), result
             wider, choices = with_derived(file, choices, inputs, outputs)
             cells = list(wider.table.header)
     columns = tuple(
-        find_column(channel, cells, name, choices, units, signals.known)
+        find_column(channel, cells, name, choices, units, signals.channel_units)
         for channel in signals.names
     )
     if rate is not None and columns[0] is not None:
@@ -429,7 +431,9 @@ def read_lines(
     faults: list[Fault] = []
     for number, line in enumerate(lines, start=first):
         try:
-            found = _plain(line, places, header.width) or _careful(line, places, header.width)
+            found = _plain_numbers(line, places, header.width) or _careful(
+                line, places, header.width
+            )
         except (ValueError, csv.Error) as error:
             faults.append(
                 Fault(number, "not plain text" if isinstance(error, UnicodeError) else str(error))
@@ -458,9 +462,12 @@ def read_lines(
     if header.rate is not None:
         table[0] = (np.array(numbers, dtype=float) - header.first) / header.rate
     for row, (column, channel) in enumerate(zip(header.columns, signals.names, strict=True)):
-        if column is not None and channel != STICK and signals.known[channel]:
+        if column is not None and channel != STICK and signals.channel_units[channel]:
             table[row] = to_si(
-                table[row], column.unit, signals.known[channel], column_place(header.name, column)
+                table[row],
+                column.unit,
+                signals.channel_units[channel],
+                column_place(header.name, column),
             )
     return table, numbers, faults
 
@@ -479,10 +486,11 @@ def in_order(
             table,
             [],
             order._replace(
-                time=float(table[0, -1]), held=tuple(table[1 : 1 + len(order.inputs), -1].tolist())
+                time=float(table[0, -1]),
+                last_inputs=tuple(table[1 : 1 + len(order.inputs), -1].tolist()),
             ),
         )
-    kept: list[np.ndarray] = []
+    rows: list[np.ndarray] = []
     faults: list[Fault] = []
     for row, number in zip(table.T, numbers, strict=True):
         if order.lost is not None:
@@ -512,7 +520,7 @@ def in_order(
                         for each in (ahead_row, number)
                     ]
                     continue
-                order = _accept(ahead, ahead_row, order, kept, faults)
+                order = _accept(ahead, ahead_row, order, rows, faults)
             else:
                 begun = f"{order.time:.9g} s, then " if order.time > -math.inf else "first "
                 faults.append(
@@ -522,30 +530,28 @@ def in_order(
         order = (
             order._replace(waiting=row, waiting_row=number)
             if ahead_of_all
-            else _accept(row, number, order, kept, faults)
+            else _accept(row, number, order, rows, faults)
         )
-    return np.array(kept, dtype=float).reshape(-1, table.shape[0]).T, faults, order
+    return np.array(rows, dtype=float).reshape(-1, table.shape[0]).T, faults, order
 
 
 def at_end(order: Order, height: int = 2 + len(OUTPUTS)) -> tuple[np.ndarray, list[Fault], Order]:
     """As ``in_order`` for a row that still waits when the stream ends: nothing speaks against it,
     but a jump that loses the motion.
     """
-    kept: list[np.ndarray] = []
+    rows: list[np.ndarray] = []
     faults: list[Fault] = []
     if order.waiting is not None:
         row, number, order = order.waiting, order.waiting_row, order._replace(waiting=None)
         if row[0] - order.time > LOST and order.time > -math.inf:
             faults.append(Fault(number, f"the time jumps from {order.time:g} s to {row[0]:g} s"))
         else:
-            order = _accept(row, number, order, kept, faults)
-    return np.array(kept, dtype=float).reshape(-1, height).T, faults, order
+            order = _accept(row, number, order, rows, faults)
+    return np.array(rows, dtype=float).reshape(-1, height).T, faults, order
 
 
 def _goes_on(table: np.ndarray, order: Order) -> bool:
-    """Whether all rows simply go on from ``order``, nothing to wait for or to mend; a NaN in time
-    or an input says no.
-    """
+    """Whether all rows simply continue from ``order``, without missing times or inputs."""
     if table.shape[1] == 0 or order.waiting is not None or order.lost is not None:
         return False
     steps = np.diff(table[0], prepend=order.time)
@@ -556,39 +562,41 @@ def _goes_on(table: np.ndarray, order: Order) -> bool:
 
 
 def _accept(
-    row: np.ndarray, number: int, order: Order, kept: list[np.ndarray], faults: list[Fault]
+    row: np.ndarray, number: int, order: Order, rows: list[np.ndarray], faults: list[Fault]
 ) -> Order:
     for place, name in enumerate(order.inputs, start=1):
         if math.isnan(row[place]):
-            if not order.held:
+            if not order.last_inputs:
                 faults.append(Fault(number, f"the {name} is missing, and there is none before"))
                 return order
             row = row.copy()
-            row[place] = order.held[place - 1]
+            row[place] = order.last_inputs[place - 1]
             faults.append(
                 Fault(number, f"the {name} is missing, the last one holds", left_out=False)
             )
-    kept.append(row)
-    return order._replace(time=float(row[0]), held=tuple(row[1 : 1 + len(order.inputs)].tolist()))
+    rows.append(row)
+    return order._replace(
+        time=float(row[0]), last_inputs=tuple(row[1 : 1 + len(order.inputs)].tolist())
+    )
 
 
-def _plain(line: bytes, places: Sequence[int], width: int) -> list[float] | None:
-    """The numbers of a line that holds nothing else, None for any other: nearly all lines are of
-    this sort, and it is three times as fast.
+def _plain_numbers(line: bytes, places: Sequence[int], width: int) -> list[float] | None:
+    """Numbers of a line that has only numbers, None for any other; nearly all lines do, and this is
+    three times as fast.
     """
     cells = line.split(b",")
     if len(cells) != width or b'"' in line or b"_" in line or not line.isascii():
         return None
     try:
-        found = [float(cells[place]) for place in places]
+        result = [float(cells[place]) for place in places]
     except ValueError:
         return None
-    return found if max(found) <= LARGEST and min(found) >= -LARGEST else None
+    return result if max(result) <= LARGEST and min(result) >= -LARGEST else None
 
 
 def _careful(line: bytes, places: Sequence[int], width: int) -> list[float]:
-    """The numbers of a line, NaN where a cell is empty, none of an empty line; ValueError or
-    csv.Error says what else it is.
+    """Numbers of a line, NaN for an empty cell, empty for an empty line; ValueError or csv.Error
+    otherwise.
     """
     if not line.strip():
         return []
@@ -600,7 +608,7 @@ def _careful(line: bytes, places: Sequence[int], width: int) -> list[float]:
 
 
 def _number(cell: str) -> float:
-    """A cell as a number, NaN where a sample is missing; ValueError says what else it is."""
+    """A cell as a number, NaN if empty; ValueError otherwise."""
     try:
         value = float(cell)
     except ValueError:

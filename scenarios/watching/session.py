@@ -19,13 +19,13 @@ import numpy as np
 
 from ident.banks.online import (
     BankState,
-    Ends,
+    FinalStates,
     OnlineBank,
     Rows,
     advance,
     bank_of_starts,
     begin,
-    ends_of,
+    final_states_of,
     moved_starts,
     online_bank,
     spread_of,
@@ -78,7 +78,7 @@ STEADY = 20
 UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g"}
 
 
-class Step(NamedTuple):
+class WatchStep(NamedTuple):
     """A row of the stream, the bank's state after it, how many spikes were left out by then, what
     other starts add to its deviations ``spread (n,)`` and to the delay's (s), their differences
     ``(K, n)``, and the bank that was linearised anew, where there is one."""
@@ -121,7 +121,7 @@ class Session:
     first: int = 0
     spectral: SpectralSession | None = None
     second: float = -math.inf
-    last: Step | None = None
+    last: WatchStep | None = None
 
     @property
     def rows(self) -> int:
@@ -129,7 +129,7 @@ class Session:
         return sum(block.shape[1] for block in self.taken)
 
 
-def take(session: Session, rows: np.ndarray) -> list[Step]:
+def take(session: Session, rows: np.ndarray) -> list[WatchStep]:
     """Filter rows ``(5, N)``; while they are still being collected there are no steps."""
     if rows.shape[1] == 0:
         return []
@@ -143,8 +143,8 @@ def take(session: Session, rows: np.ndarray) -> list[Step]:
     return _filter(session, session.taken[-1])
 
 
-def start(session: Session) -> list[Step]:
-    """Start the filter with what has come, however little.
+def start(session: Session) -> list[WatchStep]:
+    """Start the filter with the rows so far.
 
     Raises
     ------
@@ -194,7 +194,7 @@ def record_of(session: Session) -> Record:
     )
 
 
-def _filter(session: Session, block: np.ndarray) -> list[Step]:
+def _filter(session: Session, block: np.ndarray) -> list[WatchStep]:
     """Move the banks over the block's rows; spikes that the first leaves out become NaN in the
     block, and the others do not see them.
     """
@@ -213,7 +213,7 @@ def _filter(session: Session, block: np.ndarray) -> list[Step]:
     given = _rows_of(session, block)
     beside = _on(others, session.others_state, given)
     session.others_state = beside[-1]
-    ends = ends_of(others, beside, len(bank.delays))
+    ends = final_states_of(others, beside, len(bank.delays))
     spread = spread_of(bank, states, ends)
     refined = _refined(session, states, ends, given) if session.refine else [None] * len(states)
     columns = zip(
@@ -226,22 +226,22 @@ def _filter(session: Session, block: np.ndarray) -> list[Step]:
         refined,
         strict=True,
     )
-    steps = [Step(*each) for each in columns]
+    steps = [WatchStep(*each) for each in columns]
     session.last = steps[-1]
     return steps
 
 
 def _refined(
-    session: Session, states: list[BankState], ends: Ends, given: Rows
+    session: Session, states: list[BankState], ends: FinalStates, given: Rows
 ) -> list[Relinearised | None]:
     """The bank linearised anew after each row. Whether it is time for that is asked at the first
     row of each second, however rows come.
     """
     seconds = np.floor(given.time)
-    asked = np.flatnonzero(np.diff(seconds, prepend=session.second) > 0).tolist()
+    new_seconds = np.flatnonzero(np.diff(seconds, prepend=session.second) > 0).tolist()
     session.second = float(seconds[-1])
     out: list[Relinearised | None] = []
-    for row in [*asked, len(states) - 1]:
+    for row in [*new_seconds, len(states) - 1]:
         if row < len(out):
             continue
         stretch = slice(len(out), row + 1)
@@ -251,17 +251,17 @@ def _refined(
             else along(session.refined, Rows(*(part[..., stretch] for part in given)))
         )
         session.refined = passed[-1]
-        if row in asked:
+        if row in new_seconds:
             if session.refined is not None:
                 session.refined = on_a_grid_that_fits(session.refined)
             if _wanted(session, states[row]):
                 session.tried, before = states[row].rows_seen, session.first
-                found = _linearised(session, states[row], ends.mean[row].T)
+                result = _linearised(session, states[row], ends.mean[row].T)
                 same = session.refined is None or session.first == before
                 session.refined = (
-                    found
-                    if same and found is not None
-                    else sharper_of(session.refined, found, STARTED)
+                    result
+                    if same and result is not None
+                    else sharper_of(session.refined, result, STARTED)
                 )
         out += [*passed[:-1], session.refined]
     return out
@@ -301,8 +301,8 @@ def _linearised(session: Session, state: BankState, elsewhere: np.ndarray) -> Re
 
 
 def onset(record: Record, first: int) -> int:
-    """The row a second's worth before the stick first moves from ``first`` on by a twentieth of
-    what it ever does.
+    """Row one second before the stick first moves, from ``first`` on, by a twentieth of its largest
+    motion.
     """
     stick = record["stick"].values[first:]
     away = np.abs(stick - np.median(stick))
@@ -464,7 +464,7 @@ def session_of(watch: Watch) -> Session:
 
 
 def report(watch: Watch, faults: list[Fault]) -> None:
-    """Count faults, and say the first of each sort in one line."""
+    """Count faults, and print the first of each kind in one line."""
     for fault in faults:
         if fault.left_out:
             if not watch.left_out:

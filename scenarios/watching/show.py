@@ -1,5 +1,5 @@
-"""What a watch shows while a stream arrives, a live table or a line a second, what it ends with,
-and the study folder of a watch in the frequency domain.
+"""Display of a watch, as a live table or a line a second, its final print, and the study folder of
+a watch in the frequency domain.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from scenarios.watching.reference import (
     vehicle_sentence,
 )
 from scenarios.watching.reference import line as view_line
-from scenarios.watching.session import Session, Step, Watch
+from scenarios.watching.session import Session, Watch, WatchStep
 from scenarios.watching.spectral import (
     UNKNOWN,
     Point,
@@ -63,7 +63,7 @@ from scenarios.watching.spectral import (
 )
 from scenarios.watching.study import (
     NAME,
-    Outcome,
+    WatchOutcome,
     differences_table,
     reference_content,
     so_far,
@@ -75,26 +75,28 @@ SHOWN = 4  # parameters in a line, the best known ones
 def line(session: SpectralSession, point: Point, left_out: int) -> str:
     """A second of the stream in one line."""
     rows = estimate_of(point, session)[:SHOWN]
-    told = [
+    texts = [
         f"{each['name']} {number_text(each['value'], each['std'])} +- "
         f"{number_text(each['std'], each['std'])}"
         for each in rows
     ]
     lost = f", {left_out} line{'s' * (left_out != 1)} left out" if left_out else ""
-    return f"{session.name}, {point.time:.2f} s{lost}: {', '.join(told) or UNKNOWN}"
+    return f"{session.name}, {point.time:.2f} s{lost}: {', '.join(texts) or UNKNOWN}"
 
 
 def items_of(
-    session: SpectralSession, found: Estimate | None, reference: Reference | None
+    session: SpectralSession, estimate: Estimate | None, reference: Reference | None
 ) -> tuple[CrossValidation, ...]:
     """The last estimate against the reference where there is one."""
     return (
-        () if found is None else comparisons(found, derived_quantities(session, found), reference)
+        ()
+        if estimate is None
+        else comparisons(estimate, derived_quantities(session, estimate), reference)
     )
 
 
 def print_spectral_end(watch: Watch, session: SpectralSession) -> None:
-    """The last estimate in a table, what is not determined, and the reference."""
+    """Print the last estimate in a table, undetermined parameters, and the reference."""
     out, found = console(), last_estimate(session)
     items = items_of(session, found, watch.reference)
     out.print(
@@ -134,12 +136,12 @@ def print_spectral_end(watch: Watch, session: SpectralSession) -> None:
 
 def beside_lines(session: SpectralSession | None, bank: Estimate) -> list[str]:
     """The estimate in the frequency domain against that of the bank, whose data it shares."""
-    found = None if session is None else last_estimate(session)
-    if found is None:
+    estimate = None if session is None else last_estimate(session)
+    if estimate is None:
         return []
     parts = []
     for name, value, std in zip(
-        found.names, found.values.tolist(), found.std.tolist(), strict=True
+        estimate.names, estimate.values.tolist(), estimate.std.tolist(), strict=True
     ):
         if name in bank.names:
             # Of two estimates from the same data the larger deviation is the measure.
@@ -153,9 +155,9 @@ def beside_lines(session: SpectralSession | None, bank: Estimate) -> list[str]:
 
 
 def write_spectral(out: Path, watch: Watch, session: SpectralSession, name: str) -> None:
-    """Write the study of a stream in the frequency domain, whole or not at all."""
-    found = last_estimate(session)
-    items = items_of(session, found, watch.reference)
+    """Write the study of a stream in the frequency domain, completely or not at all."""
+    estimate = last_estimate(session)
+    items = items_of(session, estimate, watch.reference)
     with study_folder(out, "comparison.json") as scratch:
         record_file, _ = write_record(scratch, record_of(session))
         history = history_csv(session)
@@ -199,7 +201,7 @@ def spectral_page(
     with which it begins, ``vehicle`` the vehicle file that was read.
     """
     stream = content["stream"]
-    told = (
+    counts = (
         f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['mended']} mended"
     )
     outside: Sequence[str] = content.get("reference", {}).get("outside", ())
@@ -217,12 +219,12 @@ def spectral_page(
         kind=f"Watch of {name}, {content['model']}, equation error in the frequency domain",
         verdict=verdict,
         tone="fair" if outside else "good" if content["parameters"] else "open",
-        sentence=as_sentence(words or told),
-        summary=(as_sentence(told),) if "reference" in content else (),
+        sentence=as_sentence(words or counts),
+        summary=(as_sentence(counts),) if "reference" in content else (),
         warnings=tuple(map(as_sentence, content.get("warnings", ()))),
         sections=(
             *first,
-            *section("Estimates", *found_blocks(content)),
+            *section("Estimates", *estimate_blocks(content)),
             *section(
                 "Against the reference",
                 differences_table(content["reference"]) if "reference" in content else None,
@@ -238,8 +240,8 @@ def spectral_page(
     )
 
 
-def found_blocks(content: Mapping[str, Any]) -> list[Block]:
-    """Tables of the parameters and of what follows from them."""
+def estimate_blocks(content: Mapping[str, Any]) -> list[Block]:
+    """Tables of the parameters and of derived quantities."""
     if not content["parameters"]:
         return []
     rows = [
@@ -258,14 +260,14 @@ def found_blocks(content: Mapping[str, Any]) -> list[Block]:
 REFRESH = 0.25  # s between two drawings of the live table
 
 
-def view_of(watch: Watch, session: Session, step: Step | None = None) -> View:
+def view_of(watch: Watch, session: Session, step: WatchStep | None = None) -> View:
     """The stream after a step, the last when None."""
     # A step that is named is news, however long its row waited to be filtered.
     silent = time.monotonic() - watch.heard if step is None else 0.0
     bank, step = session.bank, session.last if step is None else step
     assert bank is not None and step is not None
-    found, state = so_far(session, step), step.state
-    items = comparisons(found.estimate, found.derived, watch.reference, found.hanging)
+    result, state = so_far(session, step), step.state
+    items = comparisons(result.estimate, result.derived, watch.reference, result.hanging)
     sound = bool(state.sound.any())
     return View(
         watch.name,
@@ -275,10 +277,10 @@ def view_of(watch: Watch, session: Session, step: Step | None = None) -> View:
         step.spikes,
         items,
         bank.delays,
-        found.weights,
+        result.weights,
         silent,
         sound,
-        found.refined,
+        result.refined,
     )
 
 
@@ -294,7 +296,7 @@ class Show:
         terminal = console()
         self.live = Live(console=terminal, auto_refresh=False) if terminal.is_terminal else None
 
-    def __call__(self, steps: Sequence[Step]) -> None:
+    def __call__(self, steps: Sequence[WatchStep]) -> None:
         """Show the last state, or a line for the last of ``steps`` in each second."""
         session = self._watch.session
         if session is None or session.state is None:
@@ -306,9 +308,9 @@ class Show:
                 self.live.update(live_table(view_of(self._watch, session)), refresh=True)
             return
         # Of those that were collected before the filter started only the last counts.
-        told = list(steps)[-1:] if self._said == -np.inf else steps
-        seconds = [int(np.floor(step.row[0])) for step in told]
-        for step, second, after in zip(told, seconds, [*seconds[1:], None], strict=False):
+        shown_steps = list(steps)[-1:] if self._said == -np.inf else steps
+        seconds = [int(np.floor(step.row[0])) for step in shown_steps]
+        for step, second, after in zip(shown_steps, seconds, [*seconds[1:], None], strict=False):
             if second > self._said and second != after:
                 self._said = second
                 print(view_line(view_of(self._watch, session, step)), flush=True)
@@ -316,16 +318,16 @@ class Show:
 
 @contextmanager
 def display(watch: Watch) -> Iterator[Show]:
-    """Gives what shows the stream's states; on a terminal its live table stands while the body
-    runs.
-    """
+    """Context manager that gives the display; on a terminal a live table."""
     show = Show(watch)
     with show.live if show.live is not None else nullcontext():
         yield show
 
 
-def print_end(watch: Watch, session: Session, end: Outcome) -> None:
-    """The last table, why the stream ended, and what lies outside the reference's bounds."""
+def print_end(watch: Watch, session: Session, end: WatchOutcome) -> None:
+    """Print the last table, the reason of the end, and quantities outside the reference's
+    bounds.
+    """
     from scenarios.report.quantities import console
 
     terminal = console()
@@ -338,7 +340,7 @@ def print_end(watch: Watch, session: Session, end: Outcome) -> None:
     )
     kind = (
         "refined over all rows"
-        if end.found is not None
+        if end.refinement is not None
         else "refined on line"
         if end.refined
         else "on line, the most likely filter"
@@ -346,7 +348,7 @@ def print_end(watch: Watch, session: Session, end: Outcome) -> None:
     terminal.print(f"{watch.reason}; {kind}:", highlight=False)
     terminal.print(vehicle_sentence(session.vehicle), highlight=False)
     terminal.print(live_table(view))
-    for words in beside_lines(session.spectral, (end.found or end.online).estimate):
+    for words in beside_lines(session.spectral, (end.refinement or end.online).estimate):
         terminal.print(words, highlight=False)
     hanging = [WORDS.get(item.name, item.name) for item in end.standings if item.hanging]
     if hanging:

@@ -1,5 +1,7 @@
-"""A stream identified in the frequency domain: an estimate for every second, for models whose
-states are measured, and beside the bank of the low-order equivalent system."""
+"""On-line identification in the frequency domain, with an estimate every second.
+
+For models whose states are measured, and beside the filter bank of the low-order equivalent system.
+"""
 
 from __future__ import annotations
 
@@ -41,8 +43,9 @@ BEFORE = 1e-9  # s, by which a row may lie before a second and still begin it
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """The estimate after a second of the stream: ``time`` s, values and standard deviations
-    ``(q,)``, infinite where nothing is determined."""
+    """Estimate after a second of the stream: ``time`` s, values and standard deviations ``(q,)``,
+    infinite if undetermined.
+    """
 
     time: float
     values: np.ndarray
@@ -76,9 +79,9 @@ class SpectralSession:
     @property
     def regressed(self) -> OnlineEquations:
         """The equations; of the low-order equivalent those with its lag and delay held."""
-        found = self.equations if self.lag is None else self.lag.equations
-        assert found is not None
-        return found
+        result = self.equations if self.lag is None else self.lag.equations
+        assert result is not None
+        return result
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -108,7 +111,8 @@ def spectral_session(
 
     Raises
     ------
-    ModelError : equations that cannot be regressed on line. DeclarationError : tied parameters.
+    ModelError : equations that cannot be regressed on line.
+    DeclarationError : tied parameters.
     """
     if vehicle.model == "loes":
         declared = model_from_constants("loes", vehicle.constants, vehicle.derivatives)
@@ -148,7 +152,7 @@ def take(session: SpectralSession, rows: np.ndarray) -> list[Point]:
 
 
 def regress(session: SpectralSession) -> list[Point]:
-    """Regress the rows that wait; the estimate after them, none where nothing is determined yet."""
+    """Regress the rows that wait and return the estimate; None if nothing is determined yet."""
     if not session.waiting:
         return []
     block = np.concatenate(session.waiting, axis=1)
@@ -161,15 +165,15 @@ def regress(session: SpectralSession) -> list[Point]:
     values = None if session.last is None else session.last.values
     if session.lag is not None:
         session.lag = taken(session.lag, time, inputs[0], outputs, values)
-        found, session.lag = estimated(session.lag)
+        equations, session.lag = estimated(session.lag)
     else:
         assert session.equations is not None and session.sums is not None
         session.sums = advance(session.equations, session.sums, time, inputs, outputs, values)
-        found = estimate(session.equations, session.sums)
-    if found is None or not np.all(np.isfinite(found.values)):
+        equations = estimate(session.equations, session.sums)
+    if equations is None or not np.all(np.isfinite(equations.values)):
         return []
-    session.last = found
-    session.points.append(Point(float(block[0, -1]), found.values, found.std))
+    session.last = equations
+    session.points.append(Point(float(block[0, -1]), equations.values, equations.std))
     return session.points[-1:]
 
 
@@ -180,7 +184,7 @@ def record_of(session: SpectralSession) -> Record:
     if table.shape[1] < 2:
         what = f"{table.shape[1]} row(s) that can be used"
         raise RecordError(what, where=session.name, remedy="a stream needs at least two")
-    r, units = len(session.signals.inputs), session.signals.known
+    r, units = len(session.signals.inputs), session.signals.channel_units
     inputs = tuple(
         Channel.of(name, units[name], row)
         for name, row in zip(session.signals.inputs, table[1 : 1 + r], strict=True)
@@ -199,23 +203,23 @@ def record_of(session: SpectralSession) -> Record:
 
 
 def last_estimate(session: SpectralSession) -> Estimate | None:
-    """The last estimate of what is determined; None where nothing is."""
-    found, names = session.last, session.names
-    if found is None:
+    """The last estimate of the determined parameters; None without any."""
+    result, names = session.last, session.names
+    if result is None:
         return None
-    known = [k for k in range(len(names)) if np.isfinite(found.std[k]) and found.std[k] > 0.0]
-    if not known:
+    finite = [k for k in range(len(names)) if np.isfinite(result.std[k]) and result.std[k] > 0.0]
+    if not finite:
         return None
-    units = tuple(session.system.parameters[names[k]].unit for k in known)
-    noise = np.sqrt(np.mean(found.levels, axis=1))
+    units = tuple(session.system.parameters[names[k]].unit for k in finite)
+    noise = np.sqrt(np.mean(result.levels, axis=1))
     return Estimate(
         METHOD,
-        tuple(names[k] for k in known),
+        tuple(names[k] for k in finite),
         units,
-        found.values[known],
-        found.covariance[np.ix_(known, known)],
+        result.values[finite],
+        result.covariance[np.ix_(finite, finite)],
         Outcome.CONVERGED,
-        -found.cost,
+        -result.cost,
         session.regressed.labels,
         noise,
         (),
@@ -223,19 +227,21 @@ def last_estimate(session: SpectralSession) -> Estimate | None:
 
 
 def undetermined(session: SpectralSession) -> list[str]:
-    """Parameters of which the stream says nothing."""
-    found = last_estimate(session)
-    return [name for name in session.names if found is None or name not in found.names]
+    """Parameters that the stream does not determine."""
+    latest = last_estimate(session)
+    return [name for name in session.names if latest is None or name not in latest.names]
 
 
-def derived_quantities(session: SpectralSession, found: Estimate) -> dict[str, tuple[float, float]]:
+def derived_quantities(
+    session: SpectralSession, latest: Estimate
+) -> dict[str, tuple[float, float]]:
     """Natural frequency, damping and so on with standard deviations, where the model has them."""
     if undetermined(session):
         return {}
     if session.lag is not None:
-        both = found.value("delay"), found.sigma("delay")
-        return {**derived_of(found, session.vehicle, both), "delay": both}
-    return modal_estimate(session.system, found) if moves_about_rest(session.declared) else {}
+        both = latest.value("delay"), latest.sigma("delay")
+        return {**derived_of(latest, session.vehicle, both), "delay": both}
+    return modal_estimate(session.system, latest) if moves_about_rest(session.declared) else {}
 
 
 def history_csv(session: SpectralSession) -> str:
@@ -268,8 +274,8 @@ def estimate_of(point: Point, session: SpectralSession) -> list[dict[str, Any]]:
 
 def spectral_content(session: SpectralSession) -> dict[str, Any]:
     """The last estimate for ``comparison.json``."""
-    found = last_estimate(session)
-    if found is None:
+    latest = last_estimate(session)
+    if latest is None:
         nothing, unknown = Outcome.NOT_IDENTIFIABLE, undetermined(session)
         return {
             "method": METHOD,
@@ -281,15 +287,15 @@ def spectral_content(session: SpectralSession) -> dict[str, Any]:
             "undetermined": unknown,
             "warnings": [f"{UNKNOWN} by this stream: {', '.join(unknown)}"],
         }
-    each = zip(found.names, found.units, found.values.tolist(), found.std.tolist(), strict=True)
+    each = zip(latest.names, latest.units, latest.values.tolist(), latest.std.tolist(), strict=True)
     rows = tuple(Row(*one) for one in each)
     held = [
         item
         for item in session.system.parameters
         if not item.free and not item.name.startswith("bias_")
     ]
-    fixed = {item.name: (item.value, item.unit) for item in held if item.name not in found.names}
-    content = estimate_content(found, rows, derived_quantities(session, found), fixed, ())
+    fixed = {item.name: (item.value, item.unit) for item in held if item.name not in latest.names}
+    content = estimate_content(latest, rows, derived_quantities(session, latest), fixed, ())
     unknown = undetermined(session)
     warnings = [f"{UNKNOWN} by this stream: {', '.join(unknown)}"] if unknown else []
     ends = session.regressed.omega[[0, -1]] / (2.0 * np.pi)

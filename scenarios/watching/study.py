@@ -1,4 +1,4 @@
-"""Results of a watch: estimates, history, comparison, page, and what is shown while it runs."""
+"""Results of a watch: estimates, history, comparison, page, and the values shown on line."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from scipy.special import ndtr
 from ident.banks.delays import likelihood_weights
 from ident.banks.online import MEDIAN_SQUARE, BankState, OnlineBank, moved_starts, spread_covariance
 from ident.banks.relinearised import joint_estimate
-from ident.estimate import Estimate
-from ident.estimate import Outcome as EstimateOutcome
+from ident.estimate import Estimate, Outcome
 from scenarios.files.sources import InputFile, resolved, versions
 from scenarios.files.writing import study_folder, write_json, write_record, write_text
 from scenarios.identification.assessment import IdentificationResult
@@ -53,7 +52,7 @@ from scenarios.watching.reference import (
     usual_command,
 )
 from scenarios.watching.rows import OUTPUTS
-from scenarios.watching.session import STARTED, Session, Step
+from scenarios.watching.session import STARTED, Session, WatchStep
 from scenarios.watching.spectral import METHOD, history_csv, last_estimate, spectral_content
 from sim.errors import DeclarationError, FlightidError
 from sim.record import Record
@@ -79,14 +78,14 @@ class SoFar:
     hanging: frozenset[str] = frozenset()
 
 
-def so_far(session: Session, step: Step | None = None) -> SoFar:
+def so_far(session: Session, step: WatchStep | None = None) -> SoFar:
     """The estimate after a step, the last when None: the one that was linearised anew where there
     is one.
     """
     step = session.last if step is None else step
     assert session.bank is not None and step is not None
     if step.refined is None:
-        return plain_so_far(session, step)
+        return first_pass_so_far(session, step)
     estimate = joint_estimate(step.refined)
     weights = nearest(session.bank.delays, estimate.value("delay"), estimate.sigma("delay"))
     return SoFar(estimate, derived_of(estimate, session.vehicle, (0.0, 0.0)), weights, True)
@@ -101,17 +100,15 @@ def nearest(delays: np.ndarray, value: float, std: float) -> np.ndarray:
     return np.diff(np.concatenate([[0.0], below, [1.0]]))
 
 
-def plain_so_far(session: Session, step: Step | None = None) -> SoFar:
-    """The most likely plain filter's estimate; its deviations hold what other starts end apart
-    by.
-    """
+def first_pass_so_far(session: Session, step: WatchStep | None = None) -> SoFar:
+    """Estimate of the most likely filter; its deviations include the differences between starts."""
     bank, step = session.bank, session.last if step is None else step
     assert bank is not None and step is not None
     estimate, weights, (delay, std) = likely_estimate(bank, step.state)
     n_x = len(bank.system.states)
-    spread, apart = step.spread[n_x:], step.differences[:, n_x:]
+    spread, differences = step.spread[n_x:], step.differences[:, n_x:]
     derived = derived_of(estimate, session.vehicle, (delay, std))
-    ended = _derived_spread(session, estimate, derived, apart)
+    ended = _derived_spread(session, estimate, derived, differences)
     began = _derived_spread(session, *_at_start(session, estimate))
     prior = np.sqrt(np.diagonal(bank.covariance))[n_x:]
     hanging = {
@@ -127,8 +124,10 @@ def plain_so_far(session: Session, step: Step | None = None) -> SoFar:
         name: (value, float(np.hypot(sigma, spans.get(name, 0.0))))
         for name, (value, sigma) in derived.items()
     }
-    held = np.isfinite(spread)
-    covariance = estimate.covariance + spread_covariance(np.where(held, spread, prior), apart)
+    finite = np.isfinite(spread)
+    covariance = estimate.covariance + spread_covariance(
+        np.where(finite, spread, prior), differences
+    )
     return SoFar(replace(estimate, covariance=covariance), wide, weights, False, frozenset(hanging))
 
 
@@ -141,7 +140,7 @@ def likely_estimate(
     best, n_x = state.best, len(bank.system.states)
     names = bank.names[n_x:]
     P = state.covariance[best, n_x:, n_x:]
-    outcome = EstimateOutcome.CONVERGED if state.sound[best] else EstimateOutcome.DIVERGED
+    outcome = Outcome.CONVERGED if state.sound[best] else Outcome.DIVERGED
     log_likelihood = np.where(state.sound, state.log_likelihood, -np.inf)
     weights = likelihood_weights(log_likelihood)
     std = np.sqrt(np.diag(bank.R))
@@ -164,8 +163,8 @@ def likely_estimate(
 def _at_start(
     session: Session, estimate: Estimate
 ) -> tuple[Estimate, Mapping[str, tuple[float, float]], np.ndarray]:
-    """The declared start as an estimate, what is derived of it, and how far the other starts began
-    from it ``(K, n)``.
+    """The declared start as an estimate, derived quantities, and the differences of the other
+    starts ``(K, n)``.
     """
     bank = session.bank
     assert bank is not None
@@ -176,19 +175,22 @@ def _at_start(
 
 
 def _derived_spread(
-    session: Session, about: Estimate, derived: Mapping[str, tuple[float, float]], apart: np.ndarray
+    session: Session,
+    about: Estimate,
+    derived: Mapping[str, tuple[float, float]],
+    differences: np.ndarray,
 ) -> dict[str, float]:
     """Typical differences of natural frequency and damping between estimates that differ by ``apart
     (K, n)``; infinite where half have none.
     """
     each = [
         derived_of(replace(about, values=about.values + away), session.vehicle, (0.0, 0.0))
-        for away in apart
+        for away in differences
     ]
     out = {}
     for name, (value, _) in derived.items():
         if name != "delay":
-            far = [found[name][0] - value if name in found else np.inf for found in each]
+            far = [result[name][0] - value if name in result else np.inf for result in each]
             out[name] = float(np.sqrt(np.median(np.square(far)) / MEDIAN_SQUARE))
     return out
 
@@ -227,7 +229,7 @@ class History:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Leave nothing behind that is not whole."""
+        """Remove an incomplete file."""
         if self._file is not None:
             self._file.close()
             self.path.unlink(missing_ok=True)
@@ -239,7 +241,7 @@ class History:
         ):
             self._folder.rmdir()
 
-    def write(self, bank: OnlineBank, steps: Sequence[Step], refine: bool = False) -> None:
+    def write(self, bank: OnlineBank, steps: Sequence[WatchStep], refine: bool = False) -> None:
         """Append a line for each step, all of them on disk when this returns; ``refine``: the bank
         is linearised anew on its way.
 
@@ -263,7 +265,7 @@ class History:
             ) from None
 
     def finish(self) -> str:
-        """The whole text."""
+        """Close the file and return its text."""
         if self._file is not None:
             self._file.close()
             self._file = None
@@ -287,7 +289,7 @@ def columns(bank: OnlineBank, refine: bool = False) -> list[str]:
     return [*head, *weights, *values, *(f"innovation_{name}" for name in OUTPUTS), "spikes"]
 
 
-def lines(bank: OnlineBank, steps: Sequence[Step], refine: bool = False) -> str:
+def lines(bank: OnlineBank, steps: Sequence[WatchStep], refine: bool = False) -> str:
     """A line a step, ten digits a number."""
     B, n, count = len(bank.delays), len(bank.names), len(steps)
     states = [step.state for step in steps]
@@ -317,8 +319,8 @@ def lines(bank: OnlineBank, steps: Sequence[Step], refine: bool = False) -> str:
     table[:, 6 + B : last : 3] = np.where(np.isfinite(spread), spread, np.nan)
     for row, step in enumerate(steps):
         if refine and step.refined is not None:
-            found = joint_estimate(step.refined)
-            table[row, last::2], table[row, last + 1 :: 2] = found.values, found.std
+            result = joint_estimate(step.refined)
+            table[row, last::2], table[row, last + 1 :: 2] = result.values, result.std
     innovations = np.array([state.innovation for state in states])
     spikes = [int(np.count_nonzero(state.skipped)) for state in states]
     form = ",".join(["%.10g"] * table.shape[1] + ["%.4g"] * innovations.shape[1]) + ",%d\n"
@@ -347,7 +349,7 @@ def watch_page(
     stream, reference = content["stream"], content.get("reference")
     methods = content.get("methods", {})
     outside = list(reference["outside"]) if reference else []
-    told = (
+    counts = (
         f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['mended']} "
         f"mended, {stream['spikes']} spikes"
     )
@@ -371,18 +373,23 @@ def watch_page(
         if outside
         else content["outcome_sentence"].partition(":")[0].partition(",")[0],
         tone="fair" if outside else "good" if content["outcome"] == "converged" else "open",
-        sentence=as_sentence(words) if reference else as_sentence(told),
-        summary=(as_sentence(told),) if reference else (),
+        sentence=as_sentence(words) if reference else as_sentence(counts),
+        summary=(as_sentence(counts),) if reference else (),
         warnings=tuple(content.get("warnings", ())),
         sections=(
             *first,
-            *section("Estimates", *_found(content)),
+            *section("Estimates", *_estimate_tables(content)),
             *section(
-                "As the stream left it", *(_found(methods["online"]) if "online" in methods else ())
+                "As the stream left it",
+                *(_estimate_tables(methods["online"]) if "online" in methods else ()),
             ),
             *section(
                 "In the frequency domain",
-                *(_found(methods["frequency-domain"]) if "frequency-domain" in methods else ()),
+                *(
+                    _estimate_tables(methods["frequency-domain"])
+                    if "frequency-domain" in methods
+                    else ()
+                ),
             ),
             *section("Against the reference", differences_table(reference) if reference else None),
             *section("The bank of delays", _bank(content["bank"])),
@@ -403,7 +410,7 @@ def watch_page(
     )
 
 
-def _found(content: Mapping[str, Any]) -> list[Block]:
+def _estimate_tables(content: Mapping[str, Any]) -> list[Block]:
     rows = [
         Row(name, each["unit"], each["estimate"], each["std"])
         for name, each in content["parameters"].items()
@@ -425,11 +432,11 @@ def differences_table(reference: Mapping[str, Any]) -> Table:
     )
     rows: list[tuple[Cell, ...]] = []
     for each in reference["differences"]:
-        known = estimate(each["reference"], each["reference_std"])
+        reference_value = estimate(each["reference"], each["reference_std"])
         rows.append(
             (
                 WORDS.get(each["name"], each["name"]),
-                known,
+                reference_value,
                 Number(each["sigmas"], digits=1, signed=True),
                 "outside" if each["outside"] else "",
             )
@@ -462,13 +469,13 @@ FILES = ("comparison.json", NAME, FREQUENCY, "record.csv", "record.json", CONTEN
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
-    """The end of a watch: ``record`` the rows taken, ``found`` the whole-record refinement, None
-    where it was not made; ``online`` the last estimate on line, ``delays`` those of its bank (s);
-    ``standings`` of what counts."""
+class WatchOutcome:
+    """The end of a watch: ``record`` the rows taken, ``refinement`` the identification from the
+    whole record, None where it was not made; ``online`` the last estimate on line, ``delays``
+    those of its bank (s); ``standings`` of what counts."""
 
     record: Record
-    found: IdentificationResult | None
+    refinement: IdentificationResult | None
     online: SoFar
     delays: np.ndarray
     standings: tuple[CrossValidation, ...]
@@ -479,17 +486,19 @@ class Outcome:
 
     @property
     def weights(self) -> np.ndarray:
-        """Of the declared delays, as in ``SoFar``, by what counts."""
-        if self.found is None or "delay" not in self.found.estimate.names:
+        """Weights of the declared delays, as in ``SoFar``, of the final estimate."""
+        if self.refinement is None or "delay" not in self.refinement.estimate.names:
             return self.online.weights
         return nearest(
-            self.delays, self.found.estimate.value("delay"), self.found.estimate.sigma("delay")
+            self.delays,
+            self.refinement.estimate.value("delay"),
+            self.refinement.estimate.sigma("delay"),
         )
 
     @property
     def refined(self) -> bool:
-        """Whether what counts was linearised anew."""
-        return self.found is not None or self.online.refined
+        """Whether the final estimate is relinearised."""
+        return self.refinement is not None or self.online.refined
 
 
 def refuse_overwriting(stream: Path, out: Path) -> None:
@@ -506,21 +515,21 @@ def write_watch(
     out: Path,
     session: Session,
     reference: Reference | None,
-    end: Outcome,
+    end: WatchOutcome,
     history: History,
     name: str,
 ) -> None:
     """Write the study; the history that grew until now becomes one of its files."""
     with study_folder(out, "comparison.json") as scratch:
         record_file, _ = write_record(scratch, end.record)
-        told = history.finish()
-        write_text(scratch / NAME, told)
+        history_note = history.finish()
+        write_text(scratch / NAME, history_note)
         if session.spectral is not None and session.spectral.points:
             write_text(scratch / FREQUENCY, history_csv(session.spectral))
         digest = hashlib.sha256(record_file.read_bytes()).hexdigest()
         content = watch_content(session, reference, end)
         title = f"{content['vehicle']}: {name}"
-        first = history_section(scratch, told, content, title)
+        first = history_section(scratch, history_note, content, title)
         write_page(scratch, watch_page(content, name, digest, first, session.vehicle.identity))
         write_json(
             scratch / "comparison.json",
@@ -528,18 +537,22 @@ def write_watch(
         )
 
 
-def watch_content(session: Session, reference: Reference | None, end: Outcome) -> dict[str, Any]:
+def watch_content(
+    session: Session, reference: Reference | None, end: WatchOutcome
+) -> dict[str, Any]:
     """Content of ``comparison.json``: the refined estimate as the main one where it was made, the
     on-line bank's under ``methods``.
     """
     bank, state = session.bank, session.state
     assert bank is not None and state is not None
-    alone = plain_so_far(session)
+    alone = first_pass_so_far(session)
     plain: dict[str, Any] = {**_content(session, alone), "method": "online"}
-    if end.found is not None:
-        found = end.found
+    if end.refinement is not None:
+        result = end.refinement
         main: dict[str, Any] = {
-            **estimate_content(found.estimate, found.rows, found.derived, found.fixed, found.tests),
+            **estimate_content(
+                result.estimate, result.rows, result.derived, result.fixed, result.tests
+            ),
             "method": "ekf",
         }
     else:
@@ -608,7 +621,7 @@ def rows_of(
 
 
 def reference_content(reference: Reference, items: Sequence[CrossValidation]) -> dict[str, Any]:
-    """The reference and what differs from it, for ``comparison.json``."""
+    """The reference and the quantities that differ from it, for ``comparison.json``."""
     compared = [item for item in items if item.reference is not None and item.z is not None]
     return {
         "study": resolved(Path(reference.name)).name,

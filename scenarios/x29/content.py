@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.banks.delays import DelayBank
 from ident.estimate import Estimate
-from ident.flying_qualities.levels import UNITS, Level
+from ident.flying_qualities.levels import UNITS, QualityLevel
 from scenarios.files.sources import versions
 from scenarios.studies.comparison import SCHEMA, bank_content, choices_content
 from scenarios.x29.declaration import (
@@ -50,8 +50,8 @@ def units_of(study: LoopStudy) -> dict[str, str]:
 
 
 def paper_content(study: LoopStudy) -> dict[str, Any]:
-    """Entries of ``comparison.json``: the paper's tables beside its procedure, its checks, the
-    methods and the restarts.
+    """Entries of ``comparison.json``: the paper's tables beside its procedure, checks, methods and
+    restarts.
     """
     column = study.scenario.published[0] if study.scenario.published else ""
     out: dict[str, Any] = {}
@@ -64,29 +64,34 @@ def paper_content(study: LoopStudy) -> dict[str, Any]:
                 for name, cell in printed.items()
             },
             "turned": list(TURNED),
-            "checks": {name: vars(told) for name, told in printed_checks(column).items()},
+            "checks": {
+                name: vars(printed_value) for name, printed_value in printed_checks(column).items()
+            },
         }
     if study.scenario.methods and has_table(column):
         names, C = printed_correlation(column)
         out["published"]["states"] = {
-            name: _known(row) for name, row in procedure_and_printed(study, column).items()
+            name: _without_missing(row)
+            for name, row in procedure_and_printed(study, column).items()
         }
         out["published"]["correlation"] = {"names": list(names), "matrix": C.tolist()}
         out["published"]["correlation_pairs"] = [
             {"pair": [a, b], "published": p, "paper_procedure": q, "refined": r}
             for a, b, p, q, r in noted_pairs(study, column)
         ]
-        out["published"]["between_grid_points"] = between_grid_points(study.plain)
+        out["published"]["between_grid_points"] = between_grid_points(study.single_pass)
     if study.scenario.methods:
-        units = dict(zip(study.plain.estimate.names, study.plain.estimate.units, strict=True))
+        units = dict(
+            zip(study.single_pass.estimate.names, study.single_pass.estimate.units, strict=True)
+        )
         out["methods"] = [_method(m, units) for m in (*study.methods, own_method(study))]
     if study.restarts:
         out["plain_restarts"] = {
             label: {
-                "delays": list(found.delays),
-                "parameters": {name: value.tolist() for name, value in found.values.items()},
+                "delays": list(result.delays),
+                "parameters": {name: value.tolist() for name, value in result.values.items()},
             }
-            for label, found in study.restarts.items()
+            for label, result in study.restarts.items()
         }
     return out
 
@@ -97,7 +102,7 @@ def procedure_and_printed(
     """By state and parameter: initial and final value and variance, R and Q of the paper's
     procedure here and as printed, SI.
     """
-    system, bank = study.paper.system, study.plain.bank
+    system, bank = study.paper.system, study.single_pass.bank
     best = int(np.argmax(bank.log_likelihood))
     start, final = printed_start(column), printed_column(column)
     noise, density = printed_noise(column), printed_density(column)
@@ -133,9 +138,9 @@ def noted_pairs(study: LoopStudy, column: str) -> list[tuple[str, str, float, fl
     here, of the refined filter.
     """
     names, C = printed_correlation(column)
-    bank, history = study.plain.bank, study.result.estimate.history
+    bank, history = study.single_pass.bank, study.result.estimate.history
     assert history is not None
-    plain = bank.covariance[int(np.argmax(bank.log_likelihood))]
+    covariance = bank.covariance[int(np.argmax(bank.log_likelihood))]
     out = []
     for i, a in enumerate(names):
         for j, b in enumerate(names[:i]):
@@ -145,7 +150,7 @@ def noted_pairs(study: LoopStudy, column: str) -> list[tuple[str, str, float, fl
                         b,
                         a,
                         float(C[i, j]),
-                        _correlation(plain, bank.names, a, b),
+                        _correlation(covariance, bank.names, a, b),
                         _correlation(history.covariance[-1], history.names, a, b),
                     )
                 )
@@ -157,33 +162,33 @@ def _correlation(P: np.ndarray, names: tuple[str, ...], a: str, b: str) -> float
     return float(P[i, j] / np.sqrt(P[i, i] * P[j, j]))
 
 
-def _known(row: dict[str, dict[str, float | None]]) -> dict[str, dict[str, float]]:
-    """A row without what there is not."""
-    kept = {
+def _without_missing(row: dict[str, dict[str, float | None]]) -> dict[str, dict[str, float]]:
+    """The row without missing values."""
+    finite_pairs = {
         key: {side: value for side, value in pair.items() if value is not None}
         for key, pair in row.items()
     }
-    return {key: pair for key, pair in kept.items() if pair}
+    return {key: pair for key, pair in finite_pairs.items() if pair}
 
 
 def _squared(std: float | None) -> float | None:
     return None if std is None else std**2
 
 
-def _method(found: LoopMethodResult, units: Mapping[str, str]) -> dict[str, Any]:
+def _method(method: LoopMethodResult, units: Mapping[str, str]) -> dict[str, Any]:
     return {
-        "name": found.name,
-        "label": found.label,
-        "delay": found.delay,
-        "log_likelihood": found.log_likelihood,
+        "name": method.name,
+        "label": method.label,
+        "delay": method.delay,
+        "log_likelihood": method.log_likelihood,
         "parameters": {
-            name: {"estimate": value, "std": found.std[name], "unit": units.get(name, "s")}
-            for name, value in found.values.items()
+            name: {"estimate": value, "std": method.std[name], "unit": units.get(name, "s")}
+            for name, value in method.values.items()
         },
         **(
             {}
-            if np.isnan(found.frequency)
-            else {"natural_frequency": found.frequency, "damping_ratio": found.damping}
+            if np.isnan(method.frequency)
+            else {"natural_frequency": method.frequency, "damping_ratio": method.damping}
         ),
     }
 
@@ -219,7 +224,7 @@ def loop_comparison(study: LoopStudy) -> dict[str, Any]:
         "states": _states(study),
         "correlation": correlation_content(estimate),
         "bank": _bank(bank),
-        "plain": {**_values(study.plain.estimate), "delay": study.plain.delay},
+        "plain": {**_values(study.single_pass.estimate), "delay": study.single_pass.delay},
         "levels": [_level(level) for level in study.levels],
         "frequency_response": _check(study),
         "margins": {name: _margins(margins) for name, margins in study.margins.items()},
@@ -336,12 +341,12 @@ def _against(study: LoopStudy) -> dict[str, Any]:
 
 
 def _further(study: LoopStudy) -> dict[str, Any]:
-    """Estimates besides the main one, where the scenario asks for them."""
+    """Further estimates that the scenario declares."""
     out: dict[str, Any] = {}
     if study.together:
         out["together"] = {
-            name: {**_values(found.estimate), "delay": found.delay}
-            for name, found in study.together.items()
+            name: {**_values(result.estimate), "delay": result.delay}
+            for name, result in study.together.items()
         }
     if len(study.passes) > 1:
         out["passes"] = [_values(each) for each in study.passes]
@@ -361,8 +366,8 @@ def _further(study: LoopStudy) -> dict[str, Any]:
     return out
 
 
-def _over_seeds(found: OverSeeds) -> dict[str, Any]:
-    """How often each delay is chosen, and means and standard deviations of the parameters over the
+def _over_seeds(statistics: OverSeeds) -> dict[str, Any]:
+    """Counts of the chosen delays, and means and standard deviations of the parameters over the
     seeds.
     """
 
@@ -370,33 +375,33 @@ def _over_seeds(found: OverSeeds) -> dict[str, Any]:
         spread = rows.std(axis=0, ddof=1) if len(rows) > 1 else np.zeros(rows.shape[1])
         return {
             name: {"mean": float(m), "std": float(s)}
-            for name, m, s in zip(found.names, rows.mean(axis=0), spread, strict=True)
+            for name, m, s in zip(statistics.names, rows.mean(axis=0), spread, strict=True)
         }
 
     return {
-        "seeds": list(found.seeds),
-        "delays": found.delays.tolist(),
-        "count": len(found.seeds),
-        "parameters": means(found.values),
+        "seeds": list(statistics.seeds),
+        "delays": statistics.delays.tolist(),
+        "count": len(statistics.seeds),
+        "parameters": means(statistics.values),
         "by_delay": [
             {"milliseconds": f"{1000.0 * delay:g}", "count": len(rows), "parameters": means(rows)}
-            for delay, rows in found.by_delay()
+            for delay, rows in statistics.by_delay()
         ],
     }
 
 
 def _engine(study: LoopStudy) -> dict[str, Any]:
     """Who ran the bank, and how far it is from the other engine."""
-    content, found = bank_content(study.scenario.estimation.engine, study.second), study.engines
-    if found is None:
+    content, result = bank_content(study.scenario.estimation.engine, study.second), study.engines
+    if result is None:
         return {"engine": content}
-    apart = {
-        "mean_sigmas": found.mean,
-        "std_share": found.std,
-        "log_likelihood_share": found.log_likelihood,
-        "same_sound": found.sound,
+    differences = {
+        "mean_sigmas": result.mean,
+        "std_share": result.std,
+        "log_likelihood_share": result.log_likelihood,
+        "same_sound": result.sound,
     }
-    return {"engine": {**content, "against_batched": apart}}
+    return {"engine": {**content, "against_batched": differences}}
 
 
 def _parameters(study: LoopStudy) -> dict[str, Any]:
@@ -477,7 +482,7 @@ def _values(estimate: Estimate) -> dict[str, Any]:
     }
 
 
-def _level(level: Level) -> dict[str, Any]:
+def _level(level: QualityLevel) -> dict[str, Any]:
     c = level.criterion
     return {
         "quantity": c.quantity,
@@ -492,18 +497,18 @@ def _level(level: Level) -> dict[str, Any]:
     }
 
 
-def _misfit(found: Misfit) -> Mapping[str, Any]:
+def _misfit(misfit: Misfit) -> Mapping[str, Any]:
     return {
-        "rms_over_noise": found.rms,
-        "stretch": found.stretch,
-        "elsewhere": found.elsewhere,
-        "peak_measured": found.peak_measured,
-        "peak_simulated": found.peak_simulated,
-        "peak_percent": found.peak_percent,
+        "rms_over_noise": misfit.rms,
+        "stretch": misfit.stretch,
+        "elsewhere": misfit.elsewhere,
+        "peak_measured": misfit.peak_measured,
+        "peak_simulated": misfit.peak_simulated,
+        "peak_percent": misfit.peak_percent,
         "q_innovations": {
-            "lag_one": found.lag_one,
-            "ljung_box": found.q_box,
-            "share_below_fifth_of_nyquist": found.low_share,
+            "lag_one": misfit.lag_one,
+            "ljung_box": misfit.q_box,
+            "share_below_fifth_of_nyquist": misfit.low_share,
         },
-        "innovation_ratio": found.ratio,
+        "innovation_ratio": misfit.ratio,
     }

@@ -28,7 +28,7 @@ from sim.closed_loop.nonlinear import (
     SmoothStick,
     doublet,
     fly_closed_loop,
-    hand_flown,
+    manual_stick,
     three_two_one_one,
 )
 from sim.declaration.model import Model, Noise
@@ -78,9 +78,7 @@ class StickPlan:
 
 @dataclass(frozen=True)
 class Spike:
-    """One sample of the recorded stick that is wrong: its time (s) and what the record says there
-    (in).
-    """
+    """A wrong sample of the recorded stick: its time (s) and recorded value (in)."""
 
     time: float
     size: float
@@ -88,18 +86,21 @@ class Spike:
 
 @dataclass(frozen=True)
 class LoopFlight:
-    """How the closed loop is flown.
+    """Simulation of the closed loop.
 
     Attributes
     ----------
-    airframe : ``"P"``, ``"S"``, ``"F"``, ``"D"`` or ``"R"``. duration : s.
+    airframe : ``"P"``, ``"S"``, ``"F"``, ``"D"`` or ``"R"``.
+    duration : s.
     noise : whether the telemetry is noisy.
     dead_band, curvature : of the stick, in and 1/in; None keeps the aircraft's.
     rate_limits : whether the rams have their rate limits.
     low_order : fly the loop's own low-order equivalent instead of the loop, to see what the model's
-    order does. gust : spectral density of white vertical-gust forcing of the low-order truth's
-    pitch rate, (rad/s2)^2 s; 0 without. spike : in the recorded stick; the control computer did not
-    see it. noise_std : of the telemetry by output, rad, rad/s and g; empty keeps the aircraft's.
+        order does.
+    gust : spectral density of white vertical-gust forcing of the low-order truth's pitch rate,
+        (rad/s2)^2 s; 0 without.
+    spike : in the recorded stick; the control computer did not see it.
+    noise_std : of the telemetry by output, rad, rad/s and g; empty keeps the aircraft's.
     """
 
     airframe: str
@@ -117,19 +118,23 @@ class LoopFlight:
 
 @dataclass(frozen=True)
 class LoopEstimation:
-    """How the record is estimated.
+    """Estimation from a closed-loop record.
 
     Attributes
     ----------
     start : starting values by name; of ``start_from`` where that names another scenario, whose
-    plain bank then runs first. noise_from : ``"sensors"`` takes the sensors' sigma, ``"envelope"``
-    reads it off the record; times ``noise_share``. process_noise : spectral densities by state,
-    (unit/s)^2 s. initial_std : of alpha, q and delta at the window's begin; of alpha and q the
-    noise's where not given, as in the paper. window_start, window_stop : part of the record that is
-    used, s. prior : P0 of the parameters: ``"quarter"`` of the start, or ``"printed"`` as in the
-    paper's Tables 1 and 2. restarts : start the refined filter again from its own result until it
-    settles, at most so often. engine : who runs the filters, a key of
-    ``ident.banks.delays.ENGINES``; the result is the same.
+        plain bank then runs first.
+    noise_from : ``"sensors"`` takes the sensors' sigma, ``"envelope"`` reads it off the record;
+        times ``noise_share``.
+    process_noise : spectral densities by state, (unit/s)^2 s.
+    initial_std : of alpha, q and delta at the window's begin; of alpha and q the noise's where not
+        given, as in the paper.
+    window_start, window_stop : part of the record that is used, s.
+    prior : P0 of the parameters: ``"quarter"`` of the start, or ``"printed"`` as in the paper's
+        Tables 1 and 2.
+    restarts : start the refined filter again from its own result until it settles, at most so
+        often.
+    engine : who runs the filters, a key of ``ident.banks.delays.ENGINES``; the result is the same.
     """
 
     start: Mapping[str, float]
@@ -158,9 +163,9 @@ class Against:
 
 @dataclass(frozen=True)
 class MarginPlan:
-    """How much is varied of what the paper leaves open of the margins: ``samples`` points of a
-    Latin hypercube (none: the study is left out), their ``seed``, and an airframe to show
-    ``beside`` the two."""
+    """Variation of unpublished values for the margins: ``samples`` points of a Latin hypercube (0:
+    none), their ``seed``, and an airframe to show ``beside`` the two.
+    """
 
     samples: int
     seed: int = 1
@@ -169,7 +174,7 @@ class MarginPlan:
 
 @dataclass(frozen=True)
 class Variant:
-    """The same scenario flown or estimated differently, to see what an observation hangs on."""
+    """The scenario with another flight or estimation, to show the sensitivity of a result."""
 
     name: str
     label: str
@@ -184,13 +189,17 @@ class LoopScenario:
     Attributes
     ----------
     published : columns of the paper's tables to print, the scenario's own first.
-    against : what the result is compared with. together : scenarios printed side by side as the
-    paper's Table 3. methods : names of ``METHODS`` whose results stand beside the scenario's own.
-    margins : what is varied of the loop's margins. variants : see ``Variant``. stretch : an
-    interval (s) whose misfit is told apart from the rest. peak : an interval with a final peak.
-    choices : values that no source gives. seeds : flights with the seeds 1 to this one that the
-    paper's bank estimates, too; 0 for none. findings : what holds or stays open whatever the
-    numbers are, in words, to be read with what is computed from them.
+    against : what the result is compared with.
+    together : scenarios printed side by side as the paper's Table 3.
+    methods : names of ``METHODS`` whose results stand beside the scenario's own.
+    margins : what is varied of the loop's margins.
+    variants : see ``Variant``.
+    stretch : an interval (s) whose misfit is told apart from the rest.
+    peak : an interval with a final peak.
+    choices : values that no source gives.
+    seeds : flights with the seeds 1 to this one that the paper's bank estimates, too; 0 for none.
+    findings : what holds or stays open whatever the numbers are, in words, to be read with what is
+        computed from them.
     """
 
     name: str
@@ -231,8 +240,8 @@ class Printed:
 
 @dataclass(frozen=True)
 class Range:
-    """What the text tells of the flight: between which values the EKF had it, and what the
-    frequency response gave.
+    """Published values in the text: range of the EKF's estimates, and value from the frequency
+    response.
     """
 
     low: float
@@ -270,12 +279,15 @@ def printed_noise(name: str) -> dict[str, float]:
 
 
 def printed_density(name: str) -> dict[str, float]:
-    """Q of Table 1 or 2 as it stands there. Raises DeclarationError when there is none."""
+    """Q of Table 1 or 2 as printed.
+
+    Raises DeclarationError if there is none.
+    """
     return {key: float(row["value"]) for key, row in _table("process_noise", name).items()}
 
 
 def printed_checks(name: str) -> dict[str, Range]:
-    """Delay (s) and damping ratio that the text tells of a column, empty where it tells nothing."""
+    """Delay (s) and damping ratio that the text gives for a column; empty if none."""
     return {key: Range(**row) for key, row in _document()["checks"].get(name, {}).items()}
 
 
@@ -312,8 +324,8 @@ def _table(kind: str, name: str) -> Mapping[str, Any]:
             where=f"published {FILE}",
             remedy=f"use one of {', '.join(tables)}",
         )
-    found: Mapping[str, Any] = tables[name]
-    return found
+    result: Mapping[str, Any] = tables[name]
+    return result
 
 
 def _column(kind: str, name: str) -> dict[str, Printed]:
@@ -329,10 +341,8 @@ NO_LIMIT = 1e6  # deg/s, a rate that no ram reaches
 
 
 @dataclass(frozen=True, eq=False)
-class FlownLoop:
-    """A flight: the aircraft as it flew, its telemetry, and what really happened (None where a
-    low-order truth was flown).
-    """
+class SimulatedLoop:
+    """A simulated flight: aircraft, record, and truth (None for a low-order truth)."""
 
     x29: X29
     record: Record
@@ -368,12 +378,12 @@ def stick_of(plan: StickPlan, duration: float) -> Callable[[np.ndarray], np.ndar
         return SmoothStick(
             plan.times, tuple(plan.amplitude * level for level in plan.levels), plan.bandwidth
         )
-    return hand_flown(
+    return manual_stick(
         np.random.default_rng(plan.pilot_seed), duration, plan.amplitude, plan.bandwidth, plan.start
     )
 
 
-def fly_loop(flight: LoopFlight, seed: int) -> FlownLoop:
+def fly_loop(flight: LoopFlight, seed: int) -> SimulatedLoop:
     """Fly and record; the same seed gives the same bytes.
 
     Raises
@@ -398,7 +408,7 @@ def fly_loop(flight: LoopFlight, seed: int) -> FlownLoop:
         values = channel.values.copy()
         values[int(np.argmin(np.abs(record.time - flight.spike.time)))] = flight.spike.size
         record = replace(record, inputs=(Channel.of("stick", channel.unit, values),))
-    return FlownLoop(x29, record, None if flight.low_order else truth)
+    return SimulatedLoop(x29, record, None if flight.low_order else truth)
 
 
 def low_order_model(x29: X29, values: dict[str, float]) -> Model:
@@ -413,26 +423,28 @@ def low_order_model(x29: X29, values: dict[str, float]) -> Model:
     return model_from_constants("loes", constants, values)
 
 
-def equivalent_values(found: EquivalentSystem) -> dict[str, float]:
+def equivalent_values(equivalent: EquivalentSystem) -> dict[str, float]:
     """The eight numbers of an equivalent system by the names of a vehicle file."""
     names = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "delay")
-    return {name: float(getattr(found, name)) for name in names}
+    return {name: float(getattr(equivalent, name)) for name in names}
 
 
 def _low_order_record(
     x29: X29, record: Record, flight: LoopFlight, rng: np.random.Generator
 ) -> Record:
-    """The same stick flown by the loop's own low-order equivalent, its record's stick held."""
+    """The same stick flown by the loop's low-order equivalent, with the stick held between
+    samples.
+    """
     t = x29.telemetry
     std = {"alpha": t.alpha_noise, "q": t.q_noise, "nz": t.nz_noise} if flight.noise else {}
     model = low_order_model(x29, equivalent_values(equivalent_system(x29)))
     model = model.with_noise(Noise(std, {"q": flight.gust} if flight.gust else {})).with_values(
         {"nz_0": 1.0}
     )
-    flown, _ = fly(
+    simulated, _ = fly(
         model, {"stick": _as_recorded(record)}, record.time, rng, step=0.005, name=record.name
     )
-    return replace(flown, inputs=record.inputs)
+    return replace(simulated, inputs=record.inputs)
 
 
 def _as_recorded(record: Record) -> MultiStep:

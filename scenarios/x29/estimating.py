@@ -26,9 +26,9 @@ from ident.statistics.residuals import ljung_box
 from scenarios.identification.low_order import ENGINEERING_STD, loes_filter_system
 from scenarios.x29.declaration import (
     METHODS,
-    FlownLoop,
     LoopEstimation,
     LoopScenario,
+    SimulatedLoop,
     Variant,
     fly_loop,
     low_order_model,
@@ -58,8 +58,9 @@ class SetUp:
 
 
 @dataclass(frozen=True, eq=False)
-class Plain:
-    """The paper's own way: one pass of the bank, and the filter of the most likely delay.
+class SinglePass:
+    """Result of the paper's procedure: one pass of the bank, and the filter of the most likely
+    delay.
 
     ``estimate`` has the parameters without the delay.
     """
@@ -74,7 +75,7 @@ class Plain:
 
 def set_up(
     estimation: LoopEstimation,
-    flown: FlownLoop,
+    simulated: SimulatedLoop,
     start: Mapping[str, float],
     initial: Mapping[str, float] | None = None,
     prior: str = "",
@@ -82,15 +83,15 @@ def set_up(
     """The fourteen-state filter for a flight's record. ``start`` : by the names of a vehicle file;
     ``initial`` : further starts of constants; ``prior`` : another rule for P0 than the
     estimation's."""
-    record = flown.record
+    record = simulated.record
     if estimation.window_start is not None or estimation.window_stop is not None:
         record = record.window(estimation.window_start, estimation.window_stop)
-    t = flown.x29.telemetry
+    t = simulated.x29.telemetry
     sensors = {"alpha": t.alpha_noise, "q": t.q_noise, "nz": t.nz_noise}
-    found = noise_envelope(record) if estimation.noise_from == "envelope" else sensors
-    noise = {name: estimation.noise_share * found[name] for name in sensors}
+    noise_std = noise_envelope(record) if estimation.noise_from == "envelope" else sensors
+    noise = {name: estimation.noise_share * noise_std[name] for name in sensors}
     # The delay here is only a place holder: the bank holds it at each of its values.
-    model = low_order_model(flown.x29, {**start, "delay": 0.0})
+    model = low_order_model(simulated.x29, {**start, "delay": 0.0})
     system = loes_filter_system(model, record, noise, estimation.process_noise, ENGINEERING_STD)
     if (prior or estimation.prior) == "printed":
         system = _printed_prior(system)
@@ -123,10 +124,10 @@ def refined(setting: SetUp) -> DelayBank:
     return run_delay_bank(setting.record, setting.system, widenings=0, engine=setting.engine)
 
 
-def plain(setting: SetUp) -> Plain:
-    """One pass of nine filters, and the estimate of the most likely one."""
+def single_pass(setting: SetUp) -> SinglePass:
+    """Run nine filters over the record once and take the estimate of the most likely one."""
     system, delays = setting.system, np.array(DELAYS)
-    bank = setting.engine.run(setting.record, system, held={"delay": delays})
+    bank = setting.engine.run(setting.record, system, fixed_values={"delay": delays})
     best, n_x = int(np.argmax(bank.log_likelihood)), len(system.states)
     names = bank.names[n_x:]
     weights = likelihood_weights(bank.log_likelihood)
@@ -142,17 +143,19 @@ def plain(setting: SetUp) -> Plain:
         np.array([setting.noise_std[name] for name in system.output_names]),
         (),
     )
-    return Plain(bank, delays, weights, DELAYS[best], float(weights @ delays), estimate)
+    return SinglePass(bank, delays, weights, DELAYS[best], float(weights @ delays), estimate)
 
 
-def started_again(estimation: LoopEstimation, flown: FlownLoop, found: Estimate) -> SetUp:
+def started_again(
+    estimation: LoopEstimation, simulated: SimulatedLoop, estimate: Estimate
+) -> SetUp:
     """The filter for the same flight started at a result, with the same rule for P0."""
-    values = found.as_dict()
+    values = estimate.as_dict()
     constants = {name: values[name] for name in ("L_0", "M_0", "delta_0")}
     start = {
         name: value for name, value in values.items() if name not in (*constants, "nz_0", "delay")
     }
-    return set_up(estimation, flown, start, constants)
+    return set_up(estimation, simulated, start, constants)
 
 
 def rough(setting: SetUp) -> tuple[Estimate, float]:
@@ -161,7 +164,7 @@ def rough(setting: SetUp) -> tuple[Estimate, float]:
     """
     delays = np.array(ROUGH_DELAYS)
     bank, trajectories = setting.engine.iterated(
-        setting.record, setting.system, held={"delay": delays}, tolerance=np.inf
+        setting.record, setting.system, fixed_values={"delay": delays}, tolerance=np.inf
     )
     best = int(np.argmax(bank.log_likelihood))
     return setting.engine.alone(
@@ -199,17 +202,20 @@ LARGE = 0.9  # size of a correlation that is worth a mark
 
 @dataclass(frozen=True)
 class Misfit:
-    """Of a free simulation and of the filter that it came from.
+    """Misfit of a simulation with the estimate, and of its filter.
 
     Attributes
     ----------
     rms : measured minus simulated over the noise's sigma, by output.
     stretch, elsewhere : rms of q (over sigma) inside the scenario's stretch and outside; zero where
-    it has none. peak_measured, peak_simulated : q at the largest |q| of the scenario's peak
-    interval, rad/s; zero where it has none. lag_one : lag-one correlation of the normalised q
-    innovations. q_box : Ljung-Box statistic over 25 lags. low_share : share of the q innovations'
-    power below a fifth of the Nyquist frequency; white noise has a fifth. ratio : root mean square
-    of all normalised innovations.
+        it has none.
+    peak_measured, peak_simulated : q at the largest |q| of the scenario's peak interval, rad/s;
+        zero where it has none.
+    lag_one : lag-one correlation of the normalised q innovations.
+    q_box : Ljung-Box statistic over 25 lags.
+    low_share : share of the q innovations' power below a fifth of the Nyquist frequency; white
+        noise has a fifth.
+    ratio : root mean square of all normalised innovations.
     """
 
     rms: dict[str, float]
@@ -224,8 +230,8 @@ class Misfit:
 
     @property
     def peak_percent(self) -> float:
-        """How much of the final peak the free simulation lacks (negative) or exaggerates, percent
-        of the measured one.
+        """Error of the final peak of the simulation, percent of the measured one (negative: too
+        small).
         """
         return (
             100.0 * (abs(self.peak_simulated) / abs(self.peak_measured) - 1.0)
@@ -234,9 +240,9 @@ class Misfit:
         )
 
 
-def sensor_noise(flown: FlownLoop) -> np.ndarray:
+def sensor_noise(simulated: SimulatedLoop) -> np.ndarray:
     """The telemetry's sigma of alpha, q and nz."""
-    t = flown.x29.telemetry
+    t = simulated.x29.telemetry
     return np.array([t.alpha_noise, t.q_noise, t.nz_noise])
 
 
@@ -248,8 +254,8 @@ def misfit(
     stretch: tuple[float, float] | None,
     peak: tuple[float, float] | None,
 ) -> Misfit:
-    """Measure a free simulation ``(3, N)`` and the innovations of its estimate; ``noise_std``
-    ``(3,)`` is what the misfit is held against.
+    """Misfit of a simulation ``(3, N)`` and of the innovations of its estimate, relative to
+    ``noise_std (3,)``.
     """
     names = estimate.output_names
     z, valid = record.output_array(names)
@@ -295,7 +301,7 @@ PASSES = 5  # of plain filters that start again from their own result
 
 @dataclass(frozen=True, eq=False)
 class LoopMethodResult:
-    """What one method found: delay (s), values and sigmas by name of the parameters, its
+    """Result of one method: delay (s), values and sigmas by name of the parameters,
     log-likelihood.
     """
 
@@ -334,33 +340,33 @@ class Restarts:
 
 
 @dataclass(frozen=True, eq=False)
-class Ways:
-    """What the methods work on: the paper's set-up and its plain bank, ours and its refined bank,
-    and the same record set up anew.
+class MethodInputs:
+    """Inputs of the methods: the paper's set-up and its bank, ours and its refined bank, and the
+    record set up again.
     """
 
     paper: SetUp
-    plain: Plain
+    single_pass: SinglePass
     estimation: LoopEstimation
     refined: DelayBank
     again: Callable[[LoopEstimation], SetUp]
 
 
-def run_methods(names: Sequence[str], ways: Ways) -> tuple[LoopMethodResult, ...]:
+def run_methods(names: Sequence[str], ways: MethodInputs) -> tuple[LoopMethodResult, ...]:
     """Each named method on the record; ``names`` are keys of ``METHODS``."""
     return tuple(_RUN[name](name, ways) for name in names)
 
 
-def other_side(found: Plain, refined_delay: float) -> int:
-    """Which filter of the plain bank has the grid's delay on the other side of the refined one than
-    its most likely filter.
+def other_side(first_estimate: SinglePass, refined_delay: float) -> int:
+    """Index of the filter whose delay is on the other side of the refined delay than the most
+    likely one.
     """
-    best = int(np.argmax(found.bank.log_likelihood))
-    step = 1 if found.delays[best] < refined_delay else -1
-    return min(max(best + step, 0), len(found.delays) - 1)
+    best = int(np.argmax(first_estimate.bank.log_likelihood))
+    step = 1 if first_estimate.delays[best] < refined_delay else -1
+    return min(max(best + step, 0), len(first_estimate.delays) - 1)
 
 
-def all_restarts(ways: Ways, delays: Sequence[float]) -> dict[str, Restarts]:
+def all_restarts(ways: MethodInputs, delays: Sequence[float]) -> dict[str, Restarts]:
     """Plain restarts at some delays (s), with P0 and R as printed and with each of them another."""
     louder = _set_up(ways, prior="printed", noise_share=2.0 * ways.estimation.noise_share)
     settings = {
@@ -368,17 +374,19 @@ def all_restarts(ways: Ways, delays: Sequence[float]) -> dict[str, Restarts]:
         "P0 a quarter of the start": _set_up(ways, prior="quarter"),
         "R four times as large": louder,
     }
-    return {label: plain_restarts(setting, delays) for label, setting in settings.items()}
+    return {label: single_pass_restarts(setting, delays) for label, setting in settings.items()}
 
 
-def plain_restarts(setting: SetUp, delays: Sequence[float], passes: int = PASSES) -> Restarts:
+def single_pass_restarts(setting: SetUp, delays: Sequence[float], passes: int = PASSES) -> Restarts:
     """Plain filters at held delays, ``passes`` times each from its last parameters with the same
     P0.
     """
     system, start = setting.system, None
     n_x, rows, names = len(system.states), [], system.parameters.free_names
     for _ in range(passes):
-        bank = run_bank(setting.record, system, held={"delay": np.array(delays)}, start=start)
+        bank = run_bank(
+            setting.record, system, fixed_values={"delay": np.array(delays)}, start=start
+        )
         rows.append(bank.mean[n_x:])
         first = np.array([system.initial[name].value for name in system.state_names])
         start = np.concatenate([np.repeat(first[:, None], len(delays), axis=1), bank.mean[n_x:]])
@@ -386,43 +394,52 @@ def plain_restarts(setting: SetUp, delays: Sequence[float], passes: int = PASSES
     return Restarts(tuple(delays), {name: stacked[:, i] for i, name in enumerate(names)})
 
 
-def between_grid_points(found: Plain) -> float:
-    """Vertex of the parabola through the plain bank's largest log-likelihood and its neighbours,
+def between_grid_points(first_estimate: SinglePass) -> float:
+    """Vertex of the parabola through the largest log-likelihood of the bank and its neighbours,
     s.
     """
-    L, best = found.bank.log_likelihood, int(np.argmax(found.bank.log_likelihood))
+    L, best = first_estimate.bank.log_likelihood, int(np.argmax(first_estimate.bank.log_likelihood))
     near = slice(min(max(best - 1, 0), len(L) - 3), min(max(best + 2, 3), len(L)))
-    return vertex(found.delays[near], L[near])[0]
+    return vertex(first_estimate.delays[near], L[near])[0]
 
 
-def _of_bank(name: str, found: Plain, at: int) -> LoopMethodResult:
-    bank = found.bank
-    rows = range(len(bank.names) - len(found.estimate.names), len(bank.names))
+def _of_bank(name: str, first_estimate: SinglePass, at: int) -> LoopMethodResult:
+    bank = first_estimate.bank
+    rows = range(len(bank.names) - len(first_estimate.estimate.names), len(bank.names))
     values = {bank.names[i]: float(bank.mean[i, at]) for i in rows}
     std = {bank.names[i]: float(np.sqrt(bank.covariance[at, i, i])) for i in rows}
     return LoopMethodResult(
-        name, METHODS[name], float(found.delays[at]), values, std, float(bank.log_likelihood[at])
+        name,
+        METHODS[name],
+        float(first_estimate.delays[at]),
+        values,
+        std,
+        float(bank.log_likelihood[at]),
     )
 
 
-def _best(name: str, found: Plain) -> LoopMethodResult:
-    return _of_bank(name, found, int(np.argmax(found.bank.log_likelihood)))
+def _best(name: str, first_estimate: SinglePass) -> LoopMethodResult:
+    return _of_bank(name, first_estimate, int(np.argmax(first_estimate.bank.log_likelihood)))
 
 
-def _held(name: str, ways: Ways) -> LoopMethodResult:
+def _at_fixed_delay(name: str, ways: MethodInputs) -> LoopMethodResult:
     delay = ways.refined.refined
-    bank = run_bank(ways.paper.record, ways.paper.system, held={"delay": np.array([delay])})
-    return _of_bank(name, replace(ways.plain, bank=bank, delays=np.array([delay])), 0)
+    bank = run_bank(ways.paper.record, ways.paper.system, fixed_values={"delay": np.array([delay])})
+    return _of_bank(name, replace(ways.single_pass, bank=bank, delays=np.array([delay])), 0)
 
 
-def _relinearised(name: str, ways: Ways) -> LoopMethodResult:
+def _relinearised(name: str, ways: MethodInputs) -> LoopMethodResult:
     bank, _ = run_iterated_bank(
-        ways.paper.record, ways.paper.system, held={"delay": np.array([ways.plain.delay])}
+        ways.paper.record,
+        ways.paper.system,
+        fixed_values={"delay": np.array([ways.single_pass.delay])},
     )
-    return _of_bank(name, replace(ways.plain, bank=bank, delays=np.array([ways.plain.delay])), 0)
+    return _of_bank(
+        name, replace(ways.single_pass, bank=bank, delays=np.array([ways.single_pass.delay])), 0
+    )
 
 
-def _set_up(ways: Ways, **changes: Any) -> SetUp:
+def _set_up(ways: MethodInputs, **changes: Any) -> SetUp:
     return ways.again(replace(ways.estimation, **changes))
 
 
@@ -439,16 +456,16 @@ def of_refined(name: str, label: str, bank: DelayBank) -> LoopMethodResult:
     )
 
 
-_RUN: Mapping[str, Callable[[str, Ways], LoopMethodResult]] = {
-    "paper": lambda name, ways: _best(name, ways.plain),
+_RUN: Mapping[str, Callable[[str, MethodInputs], LoopMethodResult]] = {
+    "paper": lambda name, ways: _best(name, ways.single_pass),
     "paper-other": lambda name, ways: _of_bank(
-        name, ways.plain, other_side(ways.plain, ways.refined.refined)
+        name, ways.single_pass, other_side(ways.single_pass, ways.refined.refined)
     ),
     "paper-density": lambda name, ways: _best(
-        name, plain(_set_up(ways, prior="printed", process_noise=printed_density("flight")))
+        name, single_pass(_set_up(ways, prior="printed", process_noise=printed_density("flight")))
     ),
-    "plain-quarter": lambda name, ways: _best(name, plain(_set_up(ways, prior="quarter"))),
-    "held": _held,
+    "plain-quarter": lambda name, ways: _best(name, single_pass(_set_up(ways, prior="quarter"))),
+    "held": _at_fixed_delay,
     "relinearised": _relinearised,
     "refined-printed": lambda name, ways: _refined(name, _set_up(ways, prior="printed")),
     "refined-quarter": lambda name, ways: _refined(name, _set_up(ways, prior="quarter")),
@@ -475,12 +492,17 @@ def run_variant(
     """Fly a variant with a seed and estimate it; ``start`` is the scenario's, where the variant
     declares none.
     """
-    flown = fly_loop(variant.flight, seed)
-    setting = set_up(variant.estimation, flown, variant.estimation.start or start)
+    simulated_flight = fly_loop(variant.flight, seed)
+    setting = set_up(variant.estimation, simulated_flight, variant.estimation.start or start)
     estimate, delay = rough(setting)
     simulated = free_simulation(setting, estimate, delay)
     measured = misfit(
-        setting.record, simulated, estimate, sensor_noise(flown), scenario.stretch, scenario.peak
+        setting.record,
+        simulated,
+        estimate,
+        sensor_noise(simulated_flight),
+        scenario.stretch,
+        scenario.peak,
     )
     return VariantResult(variant.name, variant.label, estimate, delay, measured)
 
@@ -491,7 +513,9 @@ class OverSeeds:
 
     Attributes
     ----------
-    seeds : ``(k,)``. delays : the most likely delay of each, s. names : of the parameters.
+    seeds : ``(k,)``.
+    delays : the most likely delay of each, s.
+    names : of the parameters.
     values : ``(k, n)`` parameters of the filter at that delay.
     """
 
@@ -519,11 +543,16 @@ def run_over_seeds(
     if not scenario.seeds:
         return None
     seeds = tuple(range(1, scenario.seeds + 1))
-    found = [
-        plain(set_up(scenario.estimation, fly_loop(scenario.flight, seed), start, prior=prior))
+    estimate = [
+        single_pass(
+            set_up(scenario.estimation, fly_loop(scenario.flight, seed), start, prior=prior)
+        )
         for seed in seeds
     ]
-    delays = np.array([round(each.delay, 6) for each in found])
+    delays = np.array([round(each.delay, 6) for each in estimate])
     return OverSeeds(
-        seeds, delays, found[0].estimate.names, np.array([each.estimate.values for each in found])
+        seeds,
+        delays,
+        estimate[0].estimate.names,
+        np.array([each.estimate.values for each in estimate]),
     )

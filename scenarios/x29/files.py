@@ -11,7 +11,7 @@ import numpy as np
 
 from ident.estimate import FilterHistory, Outcome
 from scenarios.files.writing import csv_text, study_folder, write_json, write_record, write_text
-from scenarios.plots import drawn_in
+from scenarios.plots import draw_into
 from scenarios.plots.display import SIMULATED_DATA
 from scenarios.report.document import (
     Bullets,
@@ -46,14 +46,14 @@ if TYPE_CHECKING:
 
     from scenarios.plots.drawing import Named
     from scenarios.plots.low_order import Bar
-    from scenarios.plots.signals import Response
+    from scenarios.plots.signals import MethodOutputs
 
 
 # ---- The page of a closed-loop scenario
 
 
-def loop_page(study: LoopStudy, drawn: Sequence[Drawn] = ()) -> Page:
-    """The page of a study with the figures ``drawn``."""
+def loop_page(study: LoopStudy, figure_files: Sequence[Drawn] = ()) -> Page:
+    """The page of a study with the figures ``figure_files``."""
     scenario, estimate, record = study.scenario, study.result.estimate, study.result.setting.record
     tables = {title: section(title, *blocks(study)) for title, blocks in BLOCKS.items()}
     qualities = "; ".join(
@@ -65,7 +65,7 @@ def loop_page(study: LoopStudy, drawn: Sequence[Drawn] = ()) -> Page:
     white = all(test.passed for test in study.tests)
     window = f"{record.time[0]:g} to {record.time[-1]:g} s"
     choices = choice_lines(scenario.choices)
-    first, others = first_figure(drawn)
+    first, others = first_figure(figure_files)
     return Page(
         title=capital(scenario.title),
         kind=f"Closed-loop study {scenario.name}, delay refined over a bank of filters",
@@ -100,7 +100,7 @@ def loop_page(study: LoopStudy, drawn: Sequence[Drawn] = ()) -> Page:
 
 def _made(study: LoopStudy, window: str, choices: Sequence[str]) -> tuple[Section, ...]:
     scenario = study.scenario
-    told = Prose(
+    origin = Prose(
         f"Flight and model: {scenario.distance}. {len(study.result.setting.record)} samples, "
         f"{window}."
     )
@@ -109,7 +109,7 @@ def _made(study: LoopStudy, window: str, choices: Sequence[str]) -> tuple[Sectio
     return section(
         "How it was made",
         Prose(as_sentence(scenario.about)) if scenario.about else None,
-        told,
+        origin,
         engine,
         heading,
         Bullets(tuple(choices)),
@@ -122,7 +122,7 @@ SHOWN = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "d
 
 
 def loop_figures(study: LoopStudy) -> Iterator[Named]:
-    """A study's figures: the stem of each file, and what draws it."""
+    """Return the figures of a study: stem of each file and function that draws it."""
     from scenarios.plots.estimates import figure_correlation, figure_innovations
     from scenarios.plots.low_order import figure_side_by_side, figure_states
     from scenarios.plots.signals import figure_fit, figure_record, units_of
@@ -131,7 +131,10 @@ def loop_figures(study: LoopStudy) -> Iterator[Named]:
     estimate, record = result.estimate, result.setting.record
     history = estimate.history
     assert history is not None
-    yield "record", partial(figure_record, result.flown.record, f"{title}\nrecord", SIMULATED_DATA)
+    yield (
+        "record",
+        partial(figure_record, result.simulated.record, f"{title}\nrecord", SIMULATED_DATA),
+    )
     noise = (
         dict(zip(("alpha", "q", "nz"), (float(v) for v in estimate.noise_std), strict=True))
         if study.scenario.flight.noise
@@ -228,7 +231,7 @@ def _further_figures(study: LoopStudy) -> Iterator[Named]:
             partial(
                 figure_linear,
                 check.time,
-                check.flown,
+                check.simulated,
                 check.linear,
                 OUTPUTS,
                 units,
@@ -257,8 +260,8 @@ def _further_figures(study: LoopStudy) -> Iterator[Named]:
             if stretch
             else "lag-1 correlation of pitch-rate innovations (–)"
         )
-        found = [("as declared", study.misfit), *((v.label, v.misfit) for v in study.variants)]
-        rows = [(label, m.stretch if stretch else m.lag_one) for label, m in found]
+        result = [("as declared", study.misfit), *((v.label, v.misfit) for v in study.variants)]
+        rows = [(label, m.stretch if stretch else m.lag_one) for label, m in result]
         yield "variants", partial(figure_peaks, rows, words, title)
 
 
@@ -292,8 +295,8 @@ def _printed(study: LoopStudy) -> list[dict[str, float]]:
 
 
 def _margins(study: LoopStudy, found: OpenMargins) -> Figure:
-    """Every point that has the paper's equivalents, the declared airframes, and what each open
-    value does.
+    """Margins at every point that has the paper's equivalents, of the declared airframes, and the
+    effect of each unpublished value.
     """
     from scenarios.plots.low_order import figure_open_margins
 
@@ -313,10 +316,10 @@ def _margins(study: LoopStudy, found: OpenMargins) -> Figure:
     return figure_open_margins(clouds, declared, effects, title)
 
 
-def _response(label: str, outputs: np.ndarray) -> Response:
-    from scenarios.plots.signals import Response
+def _response(label: str, outputs: np.ndarray) -> MethodOutputs:
+    from scenarios.plots.signals import MethodOutputs
 
-    return Response(label, dict(zip(("alpha", "q", "nz"), outputs, strict=True)))
+    return MethodOutputs(label, dict(zip(("alpha", "q", "nz"), outputs, strict=True)))
 
 
 def _bars(result: LoopResult) -> dict[str, Bar]:
@@ -341,31 +344,31 @@ MAIN = "comparison.json"
 
 
 def write_loop(study: LoopStudy, folder: str | Path, *, figures: Formats = USUAL) -> Path:
-    """Write a study into ``folder``, whole or not at all; returns the folder.
+    """Write a study into ``folder``, completely or not at all; return the folder.
 
-    Files: ``record.csv`` and ``record.json`` (the flight), ``truth.json``, ``study.txt`` (what the
-    terminal shows), ``history.csv`` of the filter at the refined delay, ``simulation.csv``
-    (measured and freely simulated outputs in the window), figures, the page, ``comparison.json``
-    last. Other scenarios that the study used are named in it, not nested.
+    Files: ``record.csv`` and ``record.json`` (the flight), ``truth.json``, ``study.txt`` (the text
+    of the terminal), ``history.csv`` of the filter at the refined delay, ``simulation.csv``
+    (measured and simulated outputs in the window), figures, the page, ``comparison.json`` last.
+    Other scenarios that the study used are named in it, not nested.
     """
     with study_folder(folder, MAIN) as scratch:
-        write_record(scratch, study.result.flown.record, simulated=True)
+        write_record(scratch, study.result.simulated.record, simulated=True)
         write_json(scratch / "truth.json", truth_content(study))
         write_text(scratch / "study.txt", as_text(lambda out: print_loop(study, out, HERE)))
         _write_history(scratch / "history.csv", study)
         _write_simulation(scratch / "simulation.csv", study.result.setting.record, study.simulated)
-        drawn = drawn_in(scratch, loop_figures(study), figures)
-        write_page(scratch, loop_page(study, drawn))
+        figure_files = draw_into(scratch, loop_figures(study), figures)
+        write_page(scratch, loop_page(study, figure_files))
         write_json(scratch / MAIN, loop_comparison(study))
     return Path(folder)
 
 
 def truth_content(study: LoopStudy) -> dict[str, Any]:
-    """What was flown: airframe, stick, noise. No parameter of the low-order model is true for a
+    """The true flight: airframe, stick, noise. No parameter of the low-order model is true for a
     loop of higher order.
     """
-    flown, flight = study.result.flown, study.scenario.flight
-    x29: X29 = flown.x29
+    simulated, flight = study.result.simulated, study.scenario.flight
+    x29: X29 = simulated.x29
     a, stick, t = x29.airframe, x29.stick, x29.telemetry
     content: dict[str, Any] = {
         "schema": "flightid/truth/1",
@@ -393,11 +396,11 @@ def truth_content(study: LoopStudy) -> dict[str, Any]:
     if flight.spike is not None:
         content["effects"] = ["sensor-spikes:stick"]
         content["spike"] = {"time": flight.spike.time, "size": flight.spike.size}
-    if flown.truth is not None:
+    if simulated.truth is not None:
         content["limits_met"] = {
-            "command": float(np.mean(flown.truth.command_limited)),
-            "rate": float(np.mean(flown.truth.rate_limited)),
-            "stops": float(np.mean(flown.truth.stopped)),
+            "command": float(np.mean(simulated.truth.command_limited)),
+            "rate": float(np.mean(simulated.truth.rate_limited)),
+            "stops": float(np.mean(simulated.truth.stopped)),
         }
     return content
 

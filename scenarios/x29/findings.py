@@ -40,7 +40,7 @@ RULE_HOLDS = 0.05  # of a sigma: three printed digits round by less
 
 
 def paper_sentences(study: LoopStudy) -> tuple[str, ...]:
-    """All that apply to a study, in the order of its tables."""
+    """All findings on a study, in the order of its tables."""
     column = study.scenario.published[0] if study.scenario.published else ""
     out: list[str] = []
     if study.scenario.methods and has_table(column):
@@ -56,18 +56,18 @@ def paper_sentences(study: LoopStudy) -> tuple[str, ...]:
 
 def prior_sentence() -> str:
     """Whether the printed P0 follows the printed rule."""
-    start, told, others = printed_start("simulation"), [], []
+    start, texts, others = printed_start("simulation"), [], []
     for name in QUARTERED:
         cell = start[name]
         assert cell.std is not None
         quarter = abs(cell.value) / 4.0
         if abs(cell.std / quarter - 1.0) > RULE_HOLDS:
-            told.append(f"{name} {cell.std:.3g} for {quarter:.3g}")
+            texts.append(f"{name} {cell.std:.3g} for {quarter:.3g}")
             others.append(f"{name} {4.0 * cell.std:.3g}")
     return (
         "the printed P0, the same in Tables 1 and 2, does not follow its own rule, a quarter of "
         "the start, as sigmas: "
-        f"{', '.join(told)}; it is a quarter of another start: {', '.join(others)} in size"
+        f"{', '.join(texts)}; it is a quarter of another start: {', '.join(others)} in size"
     )
 
 
@@ -96,7 +96,7 @@ def noise_sentence(column: str) -> str:
 
 
 def density_sentence(study: LoopStudy) -> str:
-    """What the printed process noise may mean."""
+    """Possible meaning of the printed process noise."""
     q = printed_density("flight")["q"]
     out = (
         f"the printed Q of q, {q:.1e}, times the sampling interval, {q / 40.0:.3g} (rad/s2)^2 s, "
@@ -114,45 +114,52 @@ def density_sentence(study: LoopStudy) -> str:
 
 
 def _shift(study: LoopStudy, column: str) -> Iterator[str]:
-    """The bias of the pseudo-control, which no output tells from M_0 and delta_0."""
+    """Sentence on the bias of the pseudo-control, which is not observable beside M_0 and
+    delta_0.
+    """
     printed, estimate = printed_column(column), study.result.estimate
-    plain = study.plain.estimate
-    told = [
-        f"{name} {printed[name].std:.2g} printed, {plain.sigma(name):.2g} plain, "
+    first = study.single_pass.estimate
+    texts = [
+        f"{name} {printed[name].std:.2g} printed, {first.sigma(name):.2g} plain, "
         f"{estimate.sigma(name):.2g} refined"
         for name in FREE_SHIFT
     ]
     yield (
         "a shift of the pseudo-control is undone by L_0, M_0 and delta_0, so no output tells these "
         "apart: what a plain filter believes to know "
-        f"of them comes from its changing points of linearisation; sigmas of {'; of '.join(told)}"
+        f"of them comes from its changing points of linearisation; sigmas of {'; of '.join(texts)}"
     )
 
 
 def _delay(study: LoopStudy, column: str) -> Iterator[str]:
-    """Where the paper's range of delays may come from."""
-    told = printed_checks(column).get("delay")
-    if told is None:
+    """Possible origin of the paper's range of delays."""
+    printed_delay = printed_checks(column).get("delay")
+    if printed_delay is None:
         return
-    plain, bank, cell = study.plain, study.result.bank, printed_column(column)["inv_tau"]
+    first, bank, cell = study.single_pass, study.result.bank, printed_column(column)["inv_tau"]
     assert cell.std is not None
     lag, half = 1.0 / cell.value, 2.0 * cell.std / cell.value**2
-    pure = min(DELAYS, key=lambda d: abs(d + lag - 0.5 * (told.low + told.high)))
-    gaps, step = np.sort(plain.bank.log_likelihood)[::-1], DELAYS[1] - DELAYS[0]
-    below = [max(d for d in DELAYS if d <= each) for each in (told.low, told.high)]
-    share = [(each - d) / step for each, d in zip((told.low, told.high), below, strict=True)]
+    pure = min(DELAYS, key=lambda d: abs(d + lag - 0.5 * (printed_delay.low + printed_delay.high)))
+    gaps, step = np.sort(first.bank.log_likelihood)[::-1], DELAYS[1] - DELAYS[0]
+    below = [
+        max(d for d in DELAYS if d <= each) for each in (printed_delay.low, printed_delay.high)
+    ]
+    share = [
+        (each - d) / step
+        for each, d in zip((printed_delay.low, printed_delay.high), below, strict=True)
+    ]
     needed = max(abs(math.log(each / (1.0 - each))) for each in share)
     low, high = pure + lag - half, pure + lag + half
-    miss = max(abs(low - told.low), abs(high - told.high))
-    total = plain.delay + 1.0 / plain.estimate.value("inv_tau")
+    miss = max(abs(low - printed_delay.low), abs(high - printed_delay.high))
+    total = first.delay + 1.0 / first.estimate.value("inv_tau")
     yield (
-        f"the paper's delay of {told.low:.3f} to {told.high:.3f} s lies between grid points "
-        f"{1e3 * step:.0f} ms apart, so it is no most likely "
+        f"the paper's delay of {printed_delay.low:.3f} to {printed_delay.high:.3f} s lies between "
+        f"grid points {1e3 * step:.0f} ms apart, so it is no most likely "
         f"delay of the bank. A likelihood-weighted sum would need two filters within {needed:.1f} "
         "of log-likelihood, the paper saw one much above "
-        f"the others (here {gaps[0] - gaps[1]:.1f}, sum {plain.weighted_mean:.4f} s). A parabola "
+        f"the others (here {gaps[0] - gaps[1]:.1f}, sum {first.weighted_mean:.4f} s). A parabola "
         "between the grid points gives "
-        f"{between_grid_points(plain):.4f} s here, refinement {bank.refined:.4f} s. Pure delay and "
+        f"{between_grid_points(first):.4f} s here, refinement {bank.refined:.4f} s. Pure delay and "
         f"lag of its Table 2 together, {pure:.3f} + "
         f"1/{cell.value:g} s with two sigmas of the printed 1/tau, are {low:.4f} to {high:.4f} s, "
         f"within {1e3 * miss:.1f} ms of both ends and from "
@@ -163,9 +170,9 @@ def _delay(study: LoopStudy, column: str) -> Iterator[str]:
 
 
 def _damping(column: str) -> Iterator[str]:
-    """Where the paper's range of damping ratios may come from."""
-    told, cells = printed_checks(column).get("damping_ratio"), printed_column(column)
-    if told is None:
+    """Possible origin of the paper's range of damping ratios."""
+    printed, cells = printed_checks(column).get("damping_ratio"), printed_column(column)
+    if printed is None:
         return
     values = {name: cells[name].value for name in SHORT_PERIOD}
     middle, squares = damping_of(values), 0.0
@@ -178,8 +185,8 @@ def _damping(column: str) -> Iterator[str]:
         for name in ("time_shift", "convergence")
     }
     yield (
-        f"the paper's damping ratio of {told.low:.2f} to {told.high:.2f} is wider than two sigmas "
-        f"of its Table 2, {middle - half:.3f} to "
+        f"the paper's damping ratio of {printed.low:.2f} to {printed.high:.2f} is wider than two "
+        f"sigmas of its Table 2, {middle - half:.3f} to "
         f"{middle + half:.3f}; Table 3 has {others['time_shift']:.3f} with its time shift, "
         f"{others['convergence']:.3f} on convergence"
     )
@@ -212,9 +219,11 @@ def own_method(study: LoopStudy) -> LoopMethodResult:
 
 
 def _methods(study: LoopStudy, column: str) -> Iterator[str]:
-    """How near the paper's procedure comes to its own table here, and what each refinement adds."""
-    found = {m.name: m for m in (*study.methods, own_method(study))}
-    paper, printed = found.get("paper"), printed_column(column)
+    """Difference of the paper's procedure from its own table here, and the effect of each
+    refinement.
+    """
+    result = {m.name: m for m in (*study.methods, own_method(study))}
+    paper, printed = result.get("paper"), printed_column(column)
     if paper is None:
         return
     table = {"simulation": "Table 1", "flight": "Table 2"}[column]
@@ -229,43 +238,43 @@ def _methods(study: LoopStudy, column: str) -> Iterator[str]:
         if missed
         else f"comes within {FAR:g} sigmas of its own {table}"
     )
-    told = ", ".join(
+    text = ", ".join(
         f"{name} {paper.values[name]:.4g} for {printed[name].value:g} ({sigmas[name]:+.1f} sigmas)"
         for name in COMPARED
     )
     yield (
         f"the paper's own procedure, the plain bank with the printed P0, {verdict} on this record, "
-        f"at {1e3 * paper.delay:.0f} ms: {told}"
+        f"at {1e3 * paper.delay:.0f} ms: {text}"
     )
     ranked = sorted(
-        (m for m in found.values() if m.name != "paper-density"), key=lambda m: off(m, column)
+        (m for m in result.values() if m.name != "paper-density"), key=lambda m: off(m, column)
     )
     yield f"root mean square of these four against {table}: " + "; ".join(
         f"{m.label} {100.0 * off(m, column):.0f} %" for m in ranked
     )
-    if {"held", "relinearised", "paper-other"} <= found.keys():
-        yield _reason(found, study)
+    if {"held", "relinearised", "paper-other"} <= result.keys():
+        yield _reason(result, study)
 
 
-def _reason(found: dict[str, LoopMethodResult], study: LoopStudy) -> str:
-    """What the grid, the linearisation and P0 each change of 1/tau and M_alpha."""
-    plain, refined, loop = study.plain, study.result.bank.refined, study.check.flown
+def _reason(methods: dict[str, LoopMethodResult], study: LoopStudy) -> str:
+    """Effects of the grid, the linearisation and P0 on 1/tau and M_alpha."""
+    first, refined, loop = study.single_pass, study.result.bank.refined, study.check.flown
 
     def at(name: str) -> str:
         return ", ".join(
-            f"{each} {found[name].values[each]:.3g}" for each in ("inv_tau", "M_alpha")
+            f"{each} {methods[name].values[each]:.3g}" for each in ("inv_tau", "M_alpha")
         )
 
-    off_by = 1e3 * (plain.delay - refined)
+    off_by = 1e3 * (first.delay - refined)
     steps = [
-        f"the bank's delay, {1e3 * plain.delay:.0f} ms, is {abs(off_by):.0f} ms "
+        f"the bank's delay, {1e3 * first.delay:.0f} ms, is {abs(off_by):.0f} ms "
         f"{'longer' if off_by > 0 else 'shorter'} than the record's, "
         f"and lag, delay and short period trade: {at('paper')}, from the next grid point "
         f"{at('paper-other')}",
         f"the delay alone put right: {at('held')}",
         f"linearised anew alone: {at('relinearised')}",
     ]
-    if "refined-printed" in found and study.scenario.estimation.prior == "quarter":
+    if "refined-printed" in methods and study.scenario.estimation.prior == "quarter":
         quarter = study.result.setting.system.parameters["M_q"].prior_std
         printed = printed_start("flight")["M_q"].std or 0.0
         word = "narrower" if quarter < printed else "wider"
@@ -278,47 +287,47 @@ def _reason(found: dict[str, LoopMethodResult], study: LoopStudy) -> str:
 
 
 def _restarts(study: LoopStudy) -> Iterator[str]:
-    """Which way plain filters go when they start again from their own result, by the delay that
-    they hold.
-    """
+    """Direction in which repeated passes move, for each fixed delay."""
     if not study.restarts:
         return
     before, after = printed_column("flight"), printed_column("convergence")
     names, refined = ("M_q", "inv_tau", "M_alpha"), study.first.refined
     paper = ", ".join(f"{name} {before[name].value:g} to {after[name].value:g}" for name in names)
     ways: dict[float, list[bool]] = {}
-    for found in study.restarts.values():
-        for k, delay in enumerate(found.delays):
+    for result in study.restarts.values():
+        for k, delay in enumerate(result.delays):
             ways.setdefault(delay, []).append(
                 all(
-                    _same_way(found.values[name][[0, -1], k], before[name].value, after[name].value)
+                    _same_direction(
+                        result.values[name][[0, -1], k], before[name].value, after[name].value
+                    )
                     for name in names
                 )
             )
     first = next(iter(study.restarts.values()))
-    told = []
+    texts = []
     for k, delay in enumerate(first.delays):
         moves = ", ".join(
             f"{name} {first.values[name][0, k]:.3g} to {first.values[name][-1, k]:.3g}"
             for name in names
         )
-        told.append(
+        texts.append(
             f"held at {delay:.4f} s {moves} "
             f"({'as the paper' if ways[delay][0] else 'the other way'})"
         )
     times = len(first.values["M_q"]) - 1
     yield (
         f"the paper's restarts go {paper}. Plain filters with the printed R and P0, started again "
-        f"{times} times: {'; '.join(told)}"
+        f"{times} times: {'; '.join(texts)}"
     )
-    grid = {delay: found for delay, found in ways.items() if delay != refined}
-    alike = all(len(set(found)) == 1 for found in grid.values())
+    grid = {delay: result for delay, result in ways.items() if delay != refined}
+    alike = all(len(set(result)) == 1 for result in grid.values())
     cause = (
         "another P0 or another R turns neither grid point's direction"
         if alike
         else "P0 or R turns the direction at a grid point"
     )
-    if all(found[0] == (delay > refined) for delay, found in grid.items()):
+    if all(result[0] == (delay > refined) for delay, result in grid.items()):
         cause += (
             f". The record's delay is {refined:.4f} s: held longer, the lag grows shorter from "
             "pass to pass, held shorter it grows longer, and M_q "
@@ -326,11 +335,13 @@ def _restarts(study: LoopStudy) -> Iterator[str]:
             "the paper's is that of a delay longer than its "
             "aircraft's"
         )
-    taken = "as the paper's" if ways[study.plain.delay][0] else "the other way than the paper's"
-    yield f"{cause}; the bank here takes {study.plain.delay:.3f} s and goes {taken}"
+    taken = (
+        "as the paper's" if ways[study.single_pass.delay][0] else "the other way than the paper's"
+    )
+    yield f"{cause}; the bank here takes {study.single_pass.delay:.3f} s and goes {taken}"
 
 
-def _same_way(pair: np.ndarray, before: float, after: float) -> bool:
+def _same_direction(pair: np.ndarray, before: float, after: float) -> bool:
     return bool((pair[1] - pair[0]) * (after - before) > 0)
 
 
@@ -342,8 +353,8 @@ DISAGREE = 0.1  # of a frequency
 
 @dataclass(frozen=True)
 class BiasRow:
-    """An estimate that differs from the loop's low-order equivalent with the flown L_q by more than
-    its sigma tells.
+    """An estimate that differs from the loop's low-order equivalent (with the true L_q) by more
+    than its sigma.
     """
 
     name: str
@@ -388,7 +399,7 @@ def not_identifiable(estimate: Estimate) -> tuple[tuple[str, str, float], ...]:
 
 
 def sentences(study: LoopStudy) -> tuple[str, ...]:
-    """What the tables do not say by themselves, each sentence from the study's own numbers."""
+    """Findings beyond the tables, each sentence with the study's own numbers."""
     bank, out = study.result.bank, []
     sure = (
         f" +- {bank.refined_std:.4f}" if bank.refined_std > 0 else " (no maximum inside the grid)"
@@ -399,8 +410,8 @@ def sentences(study: LoopStudy) -> tuple[str, ...]:
         f"refined between the grid points {bank.refined:.4f}{sure} s; one delay holds "
         f"{100 * float(bank.weights.max()):.1f} % of the weight"
     )
-    rows = bias_rows(study) if study.result.flown.truth is not None else ()
-    if study.result.flown.truth is not None:
+    rows = bias_rows(study) if study.result.simulated.truth is not None else ()
+    if study.result.simulated.truth is not None:
         listed = "; ".join(
             f"{r.name} {r.estimate:.4g} against {r.equivalent:.4g} ({r.sigmas:+.1f} sigmas)"
             for r in rows
@@ -410,11 +421,11 @@ def sentences(study: LoopStudy) -> tuple[str, ...]:
             f"bias of a model of low order against {held}, beyond two sigmas of white innovations: "
             f"{listed or 'none'}"
         )
-    held_back = [f"{name} ({sigmas:+.1f})" for name, sigmas in bank.contradicted]
-    if held_back:
+    contradicted_parameters = [f"{name} ({sigmas:+.1f})" for name, sigmas in bank.contradicted]
+    if contradicted_parameters:
         out.append(
             "P0 contradicts the record, ends in its sigmas from the start: "
-            f"{', '.join(held_back)}; the start holds these back, a restart moves on"
+            f"{', '.join(contradicted_parameters)}; the start holds these back, a restart moves on"
         )
     for name, other, r in not_identifiable(study.result.estimate):
         holds = (
@@ -440,12 +451,12 @@ def sentences(study: LoopStudy) -> tuple[str, ...]:
     if study.linear is not None:
         out.append(linear_sentence(study.linear))
     if study.engines is not None:
-        apart = study.engines
+        engines = study.engines
         out.append(
             f"{study.scenario.estimation.engine}, filter by filter, against the batched bank at "
             f"the same {len(bank.delays)} delays: means differ by "
-            f"{apart.mean:.0e} sigmas at most, sigmas by {apart.std:.0e} and log-likelihoods by "
-            f"{apart.log_likelihood:.0e} of themselves"
+            f"{engines.mean:.0e} sigmas at most, sigmas by {engines.std:.0e} and "
+            f"log-likelihoods by {engines.log_likelihood:.0e} of themselves"
         )
     out += _margins(study)
     if study.scenario.published:
@@ -457,17 +468,17 @@ def sentences(study: LoopStudy) -> tuple[str, ...]:
 
 
 def _margins(study: LoopStudy) -> list[str]:
-    """Margins of the two loops and of one more, and what the open values do to them."""
+    """Margins of the two loops and of a third, and the effects of unpublished values on them."""
     if len(study.margins) < 2:
         return []
     (own, mine), (against, theirs), *beside = study.margins.items()
-    told = [
+    texts = [
         f"{name} {each.gain_decrease:.1f}/{each.gain_increase:+.1f} dB and {each.phase:.1f} deg"
         for name, each in study.margins.items()
     ]
     word = "larger" if mine.phase > theirs.phase else "smaller"
     out = (
-        f"margins of the loop broken at the command: {', '.join(told)}; the phase margin of "
+        f"margins of the loop broken at the command: {', '.join(texts)}; the phase margin of "
         f"{own} is {word} than that of {against}"
     )
     for name, each in beside:

@@ -17,7 +17,7 @@ import numpy as np
 
 from scenarios.x29.declaration import printed_column
 from sim.closed_loop.airframe import X29
-from sim.closed_loop.equations import late_loop
+from sim.closed_loop.equations import sampled_loop
 from sim.closed_loop.linear import EquivalentSystem, Margins, fit_equivalent, loop_margins, respond
 from sim.closed_loop.nonlinear import ClosedLoopTruth, FlightOutcome, fly_closed_loop
 
@@ -33,21 +33,23 @@ Change = Callable[[X29], X29]
 
 @dataclass(frozen=True, eq=False)
 class LinearCheck:
-    """Misfits are root mean squares of flown minus linear over that of the linear response.
+    """Relative misfits of the nonlinear from the linear response, as ratios of root mean squares.
 
     Attributes
     ----------
     time : ``(F,)`` s, frames of the control computer.
-    flown, linear : ``(3, F)``: alpha (rad), q (rad/s) and incremental nz (g), without noise.
-    misfit : by output. apart : of q, with one departure from linearity left in at a time, and with
-    none. stick : largest of the flown stick, in. sticks : largest of the same stick at other sizes,
-    in. curves : misfit of q at ``sticks``, whole and with departures taken out; NaN where the
-    aircraft departs. limited : share of the flown frames in which a command, a rate or a travel
-    limit was met.
+    simulated, linear : ``(3, F)``: alpha (rad), q (rad/s) and incremental nz (g), without noise.
+    misfit : by output.
+    apart : of q, with one departure from linearity left in at a time, and with none.
+    stick : largest of the flown stick, in.
+    sticks : largest of the same stick at other sizes, in.
+    curves : misfit of q at ``sticks``, whole and with departures taken out; NaN where the aircraft
+        departs.
+    limited : share of the flown frames in which a command, a rate or a travel limit was met.
     """
 
     time: np.ndarray
-    flown: np.ndarray
+    simulated: np.ndarray
     linear: np.ndarray
     misfit: Mapping[str, float]
     apart: Mapping[str, float]
@@ -58,7 +60,7 @@ class LinearCheck:
 
     @property
     def same(self) -> bool:
-        """Whether nothing but rounding is left without the departures from linearity."""
+        """Whether only rounding remains without the nonlinearities."""
         return self.apart["none of these"] < ROUNDING
 
 
@@ -73,19 +75,22 @@ def linear_check(x29: X29, truth: ClosedLoopTruth) -> LinearCheck:
 
     def of_q(change: Change, size: float = 1.0) -> float:
         duration = float(truth.time[-1])
-        _, flown = fly_closed_loop(change(x29), size * stick, duration)
+        _, simulated = fly_closed_loop(change(x29), size * stick, duration)
         return (
-            _share(_motion(flown)[1], size * linear[1])
-            if flown.outcome is FlightOutcome.COMPLETED
+            _share(_motion(simulated)[1], size * linear[1])
+            if simulated.outcome is FlightOutcome.COMPLETED
             else float("nan")
         )
 
-    flown = _motion(truth)
+    simulated = _motion(truth)
     return LinearCheck(
         truth.time,
-        flown,
+        simulated,
         linear,
-        {name: _share(one, other) for name, one, other in zip(OUTPUTS, flown, linear, strict=True)},
+        {
+            name: _share(one, other)
+            for name, one, other in zip(OUTPUTS, simulated, linear, strict=True)
+        },
         {
             "the break-out": of_q(lambda x: _straight(_unlimited(x))),
             "the gearing": of_q(lambda x: _without_break_out(_unlimited(x))),
@@ -125,14 +130,16 @@ def linear_content(check: LinearCheck) -> dict[str, object]:
 
 
 def linear_sentence(check: LinearCheck) -> str:
-    """What the flown loop differs by, what from, and what is left at a small stick."""
-    told = ", ".join(f"{name} {_percent(value)}" for name, value in check.misfit.items())
+    """Sentence on the differences of the nonlinear loop, their causes, and what remains at a small
+    stick.
+    """
+    text = ", ".join(f"{name} {_percent(value)}" for name, value in check.misfit.items())
     apart = ", ".join(f"{label} {_percent(value)}" for label, value in check.apart.items())
     small, free = check.curves["as flown"][0], check.curves["no break-out"][0]
     verdict = "two writings of one loop" if check.same else "NOT the same loop"
     return (
         "flown against the linear loop's forced response (python-control) to the same stick, root "
-        f"mean square over the response's: {told}; "
+        f"mean square over the response's: {text}; "
         f"with one departure from linearity at a time q differs by: {apart} ({verdict}); a limit "
         f"is met in {100.0 * check.limited:.2g} % of "
         f"the frames; at a stick of {check.sticks[0]:g} in at most q differs by {_percent(small)}, "
@@ -144,8 +151,8 @@ def _motion(truth: ClosedLoopTruth) -> np.ndarray:
     return np.stack([truth.alpha, truth.q, truth.nz - 1.0])
 
 
-def _share(flown: np.ndarray, linear: np.ndarray) -> float:
-    return float(np.linalg.norm(flown - linear) / np.linalg.norm(linear))
+def _share(simulated: np.ndarray, linear: np.ndarray) -> float:
+    return float(np.linalg.norm(simulated - linear) / np.linalg.norm(linear))
 
 
 def _percent(share: float) -> str:
@@ -185,12 +192,12 @@ SWEEP = np.geomspace(0.5, 120.0, 240)  # rad/s, around every crossing
 # 1/s, 1/s2, 1, s
 _LOW, _HIGH = np.array([-10.0, -60.0, 0.2, 1e-3]), np.array([-0.1, 120.0, 4.0, 0.2])
 _SIZE = np.array([0.1, 3.0, 0.1, 0.01])
-# of the sum of squares: a step that gains less changes nothing; steps at most
-_CLOSE, _STEPS = 0.01, 12
+_CLOSE = 0.01  # smallest gain of the sum of squares that continues the search
+_STEPS = 12  # most steps
 
 
 @dataclass(frozen=True)
-class Target:
+class PrintedTarget:
     """A printed value and how far a loop may be from it, one sigma."""
 
     value: float
@@ -203,8 +210,8 @@ class Matched:
     of squared deviations from the targets, its margins, and whether its loop is stable."""
 
     x29: X29
-    late: float
-    found: np.ndarray
+    delay: float
+    parameters: np.ndarray
     equivalent: EquivalentSystem
     misfit: float
     margins: Margins
@@ -212,8 +219,8 @@ class Matched:
 
     @property
     def plausible(self) -> bool:
-        """Whether it is stable and has the paper's equivalent within what the paper's own estimates
-        scatter by.
+        """Whether it is stable and has the paper's equivalent within the scatter of the paper's
+        estimates.
         """
         return self.stable and self.misfit <= PLAUSIBLE
 
@@ -224,12 +231,12 @@ class Beginning:
     the equivalent there.
     """
 
-    found: np.ndarray
+    parameters: np.ndarray
     slopes: np.ndarray
     equivalent: EquivalentSystem
 
 
-def targets(column: str) -> dict[str, Target]:
+def targets(column: str) -> dict[str, PrintedTarget]:
     """A printed column with sigmas: the printed ones, or the relative scatter of the paper's three
     estimates of its flight where that is larger.
     """
@@ -239,40 +246,40 @@ def targets(column: str) -> dict[str, Target]:
         values = np.array([flight[name].value for flight in flights])
         scatter = float(values.std(ddof=1) / abs(values.mean()))
         cell = printed[name]
-        out[name] = Target(cell.value, max(scatter * abs(cell.value), cell.std or 0.0))
+        out[name] = PrintedTarget(cell.value, max(scatter * abs(cell.value), cell.std or 0.0))
     return out
 
 
-def beginning(x29: X29, wanted: Mapping[str, Target]) -> Beginning:
+def beginning(x29: X29, wanted: Mapping[str, PrintedTarget]) -> Beginning:
     """The search's start for an aircraft as declared: slopes by small steps."""
-    found = np.array([x29.airframe.L_alpha, x29.airframe.M_alpha, 1.0, 1.0 / x29.stick.lag])
+    result = np.array([x29.airframe.L_alpha, x29.airframe.M_alpha, 1.0, 1.0 / x29.stick.lag])
     near = equivalent_of(x29, x29.frame)
-    return Beginning(found, _slopes(x29, x29.frame, wanted, found, near), near)
+    return Beginning(result, _slopes(x29, x29.frame, wanted, result, near), near)
 
 
-def beginning_at(matched: Matched, wanted: Mapping[str, Target], x29: X29) -> Beginning:
-    """Where a search for a loop nearby begins: at what was found; ``x29`` as it was before."""
+def beginning_at(matched: Matched, wanted: Mapping[str, PrintedTarget], x29: X29) -> Beginning:
+    """Start of a search for a near loop, at a matched one."""
     return Beginning(
-        matched.found,
-        _slopes(x29, matched.late, wanted, matched.found, matched.equivalent),
+        matched.parameters,
+        _slopes(x29, matched.delay, wanted, matched.parameters, matched.equivalent),
         matched.equivalent,
     )
 
 
-def match(x29: X29, late: float, wanted: Mapping[str, Target], begin: Beginning) -> Matched:
+def match(x29: X29, delay: float, wanted: Mapping[str, PrintedTarget], begin: Beginning) -> Matched:
     """Fit an aircraft's loop to an equivalent by Gauss-Newton steps; Broyden's updates keep the
     slopes, which are formed anew where they fail.
     """
     from scipy.optimize import lsq_linear
 
-    p, J = begin.found, begin.slopes
-    near = equivalent_of(changed(x29, p), late, begin.equivalent)
+    p, J = begin.parameters, begin.slopes
+    near = equivalent_of(changed(x29, p), delay, begin.equivalent)
     r, anew = _deviations(near, wanted), False
     for _ in range(_STEPS):
         step = _SIZE * lsq_linear(J * _SIZE, -r, ((_LOW - p) / _SIZE, (_HIGH - p) / _SIZE)).x
         for share in (1.0, 0.3):
             s = share * step
-            there = equivalent_of(changed(x29, p + s), late, near)
+            there = equivalent_of(changed(x29, p + s), delay, near)
             moved = _deviations(there, wanted)
             J = J + np.outer(moved - r - J @ s, s / _SIZE**2) / max(
                 float(np.sum((s / _SIZE) ** 2)), 1e-12
@@ -285,35 +292,39 @@ def match(x29: X29, late: float, wanted: Mapping[str, Target], begin: Beginning)
         if gained < _CLOSE:
             if anew:
                 break
-            J, anew = _slopes(x29, late, wanted, p, near), True
-    found = changed(x29, p)
-    loop = late_loop(found, late).open_loop
+            J, anew = _slopes(x29, delay, wanted, p, near), True
+    result = changed(x29, p)
+    loop = sampled_loop(result, delay).open_loop
     stable = bool(np.abs(np.linalg.eigvals(loop.A - loop.B @ loop.C)).max() < 1.0)
-    return Matched(found, late, p, near, float(r @ r), loop_margins(loop, SWEEP), stable)
+    return Matched(result, delay, p, near, float(r @ r), loop_margins(loop, SWEEP), stable)
 
 
 def _slopes(
-    x29: X29, late: float, wanted: Mapping[str, Target], p: np.ndarray, near: EquivalentSystem
+    x29: X29,
+    delay: float,
+    wanted: Mapping[str, PrintedTarget],
+    p: np.ndarray,
+    near: EquivalentSystem,
 ) -> np.ndarray:
-    """How the deviations change with what is looked for, ``(5, 4)``, by small steps."""
+    """Slopes of the deviations by the parameters, ``(5, 4)``, by small steps."""
     first, steps = _deviations(near, wanted), 0.05 * np.diag(_SIZE)
     each = [
-        (_deviations(equivalent_of(changed(x29, p + step), late, near), wanted) - first)
+        (_deviations(equivalent_of(changed(x29, p + step), delay, near), wanted) - first)
         / step.sum()
         for step in steps
     ]
     return np.array(each).T
 
 
-def has_equivalent(x29: X29, wanted: Mapping[str, Target]) -> bool:
-    """Whether an aircraft as declared has an equivalent, within what counts as plausible."""
-    found = _deviations(equivalent_of(x29, x29.law.delay_frames * x29.frame), wanted)
-    return float(found @ found) <= PLAUSIBLE
+def has_equivalent(x29: X29, wanted: Mapping[str, PrintedTarget]) -> bool:
+    """Whether the declared aircraft has the wanted equivalent, within the plausible scatter."""
+    result = _deviations(equivalent_of(x29, x29.law.delay_frames * x29.frame), wanted)
+    return float(result @ result) <= PLAUSIBLE
 
 
 def changed(x29: X29, p: np.ndarray) -> X29:
-    """The aircraft with what is looked for in place: L_alpha, M_alpha, a factor on the surfaces'
-    moments, the time constant of the stick's lag.
+    """The aircraft with parameters p = (L_alpha, M_alpha, factor on the surfaces' moments, time
+    constant of the stick's lag).
     """
     a, (L_alpha, M_alpha, factor, time) = x29.airframe, p.tolist()
     canard, flaperon, strake = (factor * each for each in a.M_surface)
@@ -321,15 +332,15 @@ def changed(x29: X29, p: np.ndarray) -> X29:
     return replace(x29, airframe=airframe, stick=replace(x29.stick, lag=1.0 / time))
 
 
-def equivalent_of(x29: X29, late: float, near: EquivalentSystem | None = None) -> EquivalentSystem:
-    """The low-order equivalent of a loop with a computing delay of ``late`` s, begun at that of a
+def equivalent_of(x29: X29, delay: float, near: EquivalentSystem | None = None) -> EquivalentSystem:
+    """The low-order equivalent of a loop with a computing delay of ``delay`` s, begun at that of a
     loop nearby.
     """
-    response = late_loop(x29, late).response(OMEGA)
+    response = sampled_loop(x29, delay).response(OMEGA)
     return fit_equivalent(OMEGA, response, x29.airframe.airspeed, x29.airframe.gravity, near=near)
 
 
-def _deviations(found: EquivalentSystem, wanted: Mapping[str, Target]) -> np.ndarray:
+def _deviations(equivalent: EquivalentSystem, wanted: Mapping[str, PrintedTarget]) -> np.ndarray:
     return np.array(
-        [(getattr(found, name) - target.value) / target.std for name, target in wanted.items()]
+        [(getattr(equivalent, name) - target.value) / target.std for name, target in wanted.items()]
     )

@@ -19,7 +19,15 @@ from typing import Any
 import numpy as np
 
 from scenarios.x29.declaration import MarginPlan
-from scenarios.x29.loop import Beginning, Matched, Target, beginning, beginning_at, match, targets
+from scenarios.x29.loop import (
+    Beginning,
+    Matched,
+    PrintedTarget,
+    beginning,
+    beginning_at,
+    match,
+    targets,
+)
 from sim.closed_loop.airframe import X29, Sensor, load_x29
 from sim.closed_loop.linear import Margins, margins
 
@@ -28,10 +36,10 @@ from sim.closed_loop.linear import Margins, margins
 
 @dataclass(frozen=True)
 class OpenValue:
-    """One open value: a factor (``ratio``, varied evenly in its logarithm) or a difference, from
-    ``low`` to ``high``.
+    """An unpublished value: a factor (``ratio``, varied evenly in its logarithm) or a difference,
+    from ``low`` to ``high``.
 
-    ``between`` : it tells flight from simulation in what is not the airframe.
+    ``between``: it differs between flight and simulation outside the airframe.
     """
 
     name: str
@@ -98,7 +106,7 @@ def simulated_loop(x29: X29, values: Mapping[str, float]) -> tuple[X29, float]:
     ] * x29.frame
 
 
-def flown_loop(x29: X29, values: Mapping[str, float]) -> tuple[X29, float]:
+def loop_at_values(x29: X29, values: Mapping[str, float]) -> tuple[X29, float]:
     """The flight's aircraft at some open values, and its computing delay (s)."""
     a = x29.airframe
     canard, flaperon, strake = (values["lift_flight"] * each for each in a.L_surface)
@@ -133,19 +141,21 @@ def _systems(x29: X29, surfaces: float, sensors: float) -> X29:
 
 # ---- The phase margin of flight against that of simulation
 
-AIRFRAMES, EVERYTHING = "airframes alone", "everything open"  # which of a point's values act
+AIRFRAMES = "airframes alone"  # the values of the airframes vary
+EVERYTHING = "everything open"  # all unpublished values vary
 ROWS_A_VALUE = 3  # points for each open value below which no straight line is drawn through them
 LoopOf = Callable[[np.ndarray], tuple[X29, float]]
 
 
 @dataclass(frozen=True, eq=False)
 class MarginDesign:
-    """One of two readings of the points: ``AIRFRAMES`` leaves surfaces and computing of the flight
-    as the simulation's.
+    """One of two sets of variations; ``AIRFRAMES`` keeps surfaces and computing of the flight equal
+    to the simulation's.
 
     Attributes
     ----------
-    places : ``(N, open values)``, -1 to 1. simulation, flight : ``(N,)`` phase margins, deg.
+    places : ``(N, open values)``, -1 to 1.
+    simulation, flight : ``(N,)`` phase margins, deg.
     plausible : ``(N,)`` whether both aircraft are stable and have the paper's equivalents.
     """
 
@@ -168,14 +178,14 @@ class MarginDesign:
 
 @dataclass(frozen=True, eq=False)
 class OpenMargins:
-    """What the paper's numbers leave of the sign.
+    """Range of the margins for all unpublished values.
 
     Attributes
     ----------
     effects : by open value, deg that the difference gains from the middle of its range to the high
-    end; of a straight line through all
-        plausible points, empty where there are too few. middle : deg at the middle of all ranges.
-        explained : share of the variance.
+        end; of a straight line through all plausible points, empty where there are too few.
+    middle : deg at the middle of all ranges.
+    explained : share of the variance.
     declared : flight less simulation of the airframes as they are declared, deg.
     """
 
@@ -187,8 +197,8 @@ class OpenMargins:
     explained: float
 
     def turning(self, name: str) -> float | None:
-        """By the straight line, the value that would turn the declared sign by itself; None where
-        it lies outside its range.
+        """Value at which the declared sign would reverse, by linear regression; None outside its
+        range.
         """
         effect = self.effects.get(name, 0.0)
         place = -self.declared / effect if effect else np.inf
@@ -200,7 +210,7 @@ class OpenMargins:
 
 
 def margins_of(airframes: Sequence[str], plan: MarginPlan | None) -> dict[str, Margins]:
-    """Margins of airframes by name, and of the one that a plan shows beside them."""
+    """Margins of airframes by name, and of the further one of a plan."""
     names = [*airframes, *([] if plan is None else [plan.beside])]
     return {name: margins(load_x29(name)) for name in dict.fromkeys(names) if name}
 
@@ -232,14 +242,14 @@ def open_margins(
     ]
     designs = []
     for name, rows in ((AIRFRAMES, alone * places), (EVERYTHING, places)):
-        flown = [
-            _matched(lambda place: flown_loop(flight, values_at(place)), place, goal, start)
+        matched = [
+            _matched(lambda place: loop_at_values(flight, values_at(place)), place, goal, start)
             for place in rows
         ]
         both = np.array(
-            [a.plausible and b.plausible for a, b in zip(simulated, flown, strict=True)]
+            [a.plausible and b.plausible for a, b in zip(simulated, matched, strict=True)]
         )
-        designs.append(MarginDesign(name, rows, _phases(simulated), _phases(flown), both))
+        designs.append(MarginDesign(name, rows, _phases(simulated), _phases(matched), both))
     middle, effects, explained = _line(designs)
     return OpenMargins(seed, tuple(designs), declared, middle, effects, explained)
 
@@ -276,14 +286,12 @@ def margins_content(found: OpenMargins) -> dict[str, Any]:
 
 
 def margins_sentence(found: OpenMargins) -> str:
-    """In how many of the loops the flight has the larger margin, what decides it, and what
-    follows.
-    """
+    """Share of the loops in which the flight has the larger margin, and its main cause."""
     words = {
         AIRFRAMES: "the airframes alone differ",
         EVERYTHING: "surfaces and computing differ, too",
     }
-    told = [
+    texts = [
         f"in {each.larger} of {int(each.plausible.sum())} where {words[each.name]} "
         f"({each.difference.min():+.1f} to {each.difference.max():+.1f} deg)"
         for each in found.designs
@@ -295,8 +303,8 @@ def margins_sentence(found: OpenMargins) -> str:
         "leaves open, both airframes fitted to its two columns at each: "
     )
     out += (
-        f"the flight's phase margin is the larger {', '.join(told)}"
-        if told
+        f"the flight's phase margin is the larger {', '.join(texts)}"
+        if texts
         else "no point has the published equivalents"
     )
     if found.effects:
@@ -327,24 +335,24 @@ def margins_sentence(found: OpenMargins) -> str:
 
 
 def _matched(
-    loop_of: LoopOf, place: np.ndarray, wanted: Mapping[str, Target], begin: Beginning
+    loop_of: LoopOf, place: np.ndarray, wanted: Mapping[str, PrintedTarget], begin: Beginning
 ) -> Matched:
     """The aircraft fitted at a place; by way of the place half-way to it where the direct search
     ends badly.
     """
-    x29, late = loop_of(place)
-    found = match(x29, late, wanted, begin)
-    if found.plausible:
-        return found
+    x29, delay = loop_of(place)
+    result = match(x29, delay, wanted, begin)
+    if result.plausible:
+        return result
     nearer, earlier = loop_of(0.5 * place)
     again = match(
-        x29, late, wanted, beginning_at(match(nearer, earlier, wanted, begin), wanted, nearer)
+        x29, delay, wanted, beginning_at(match(nearer, earlier, wanted, begin), wanted, nearer)
     )
-    return again if (again.stable, -again.misfit) > (found.stable, -found.misfit) else found
+    return again if (again.stable, -again.misfit) > (result.stable, -result.misfit) else result
 
 
-def _phases(found: list[Matched]) -> np.ndarray:
-    return np.array([each.margins.phase for each in found])
+def _phases(matched: list[Matched]) -> np.ndarray:
+    return np.array([each.margins.phase for each in matched])
 
 
 def _line(designs: list[MarginDesign]) -> tuple[float, dict[str, float], float]:

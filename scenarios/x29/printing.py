@@ -12,7 +12,7 @@ from rich.text import Text
 
 from ident.estimate import Estimate
 from ident.flying_qualities.levels import UNITS as QUALITY_UNITS
-from ident.flying_qualities.levels import Level, Quality
+from ident.flying_qualities.levels import Quality, QualityLevel
 from scenarios.report.document import (
     BY_ROW,
     MISSING,
@@ -40,18 +40,8 @@ from scenarios.report.summary import (
 from scenarios.report.terminal import show_blocks
 from scenarios.studies.comparison import SEE_PAPERS, bank_line, choice_lines
 from scenarios.studies.text import print_choices, rest_of
-from scenarios.x29.content import (
-    correlation_content,
-    noted_pairs,
-    procedure_and_printed,
-    units_of,
-)
-from scenarios.x29.declaration import (
-    has_table,
-    printed_checks,
-    printed_column,
-    printed_correlation,
-)
+from scenarios.x29.content import correlation_content, noted_pairs, procedure_and_printed, units_of
+from scenarios.x29.declaration import has_table, printed_checks, printed_column, printed_correlation
 from scenarios.x29.estimating import LARGE, LoopMethodResult, Misfit
 from scenarios.x29.findings import COMPARED, off, own_method, sentences
 from scenarios.x29.study import LoopStudy
@@ -61,7 +51,7 @@ SQUARED = "unit²"  # of a variance whose row names the quantity
 
 
 def paper_blocks(study: LoopStudy) -> list[Block]:
-    """Published tables beside the published method here, all methods, restarts."""
+    """Blocks of the published tables, all methods and restarts."""
     column = study.scenario.published[0] if study.scenario.published else ""
     out: list[Block] = []
     if study.scenario.methods and has_table(column):
@@ -74,7 +64,7 @@ def paper_blocks(study: LoopStudy) -> list[Block]:
 
 
 def _bare(heading: str, unit: str) -> Column:
-    """A column whose unit stands on the page alone."""
+    """A column whose unit is shown on pages only."""
     return Column(heading, unit, printed=heading)
 
 
@@ -115,7 +105,7 @@ def _states(study: LoopStudy, column: str) -> list[Block]:
     units = units_of(study)
     shown = table(
         f"{TITLES[column]} and the published method on this record (plain bank, "
-        f"{study.plain.delay:.3f} s)",
+        f"{study.single_pass.delay:.3f} s)",
         (Column("state"), list(rows)),
         *block("initial", "initial", BY_ROW),
         *block("initial_variance", "P0", SQUARED),
@@ -138,16 +128,13 @@ def _pairs(study: LoopStudy, column: str) -> Table:
         f"largest correlations of {TITLES[column]}",
         (Column("correlation of"), [f"{a}, {b}" for a, b, *_ in rows]),
         (Column("published", PURE), [formatted(value, "+.3f") for _, _, value, _, _ in rows]),
-        (
-            Column("its method, here", PURE),
-            [formatted(c, "+.3f") for _, _, _, c, _ in rows],
-        ),
+        (Column("its method, here", PURE), [formatted(c, "+.3f") for _, _, _, c, _ in rows]),
         (Column("ours, refined", PURE), [formatted(c, "+.3f") for *_, c in rows]),
     )
 
 
 def _methods(study: LoopStudy, column: str) -> list[Block]:
-    found: list[LoopMethodResult] = [*study.methods, own_method(study)]
+    result: list[LoopMethodResult] = [*study.methods, own_method(study)]
     printed, units = printed_column(column), units_of(study)
 
     def told(name: str, form: str) -> Cell:
@@ -156,13 +143,16 @@ def _methods(study: LoopStudy, column: str) -> list[Block]:
 
     shown = table(
         "methods by name",
-        (Column("method"), [*(m.label for m in found), "published"]),
-        (_bare("delay", "s"), [*(formatted(m.delay, ".4f") for m in found), ""]),
+        (Column("method"), [*(m.label for m in result), "published"]),
+        (_bare("delay", "s"), [*(formatted(m.delay, ".4f") for m in result), ""]),
         *(
             (
                 _bare(n, units[n]),
                 [
-                    *(Number(m.values[n], shown=number_text(m.values[n], m.std[n])) for m in found),
+                    *(
+                        Number(m.values[n], shown=number_text(m.values[n], m.std[n]))
+                        for m in result
+                    ),
                     told(n, "g"),
                 ],
             )
@@ -170,13 +160,13 @@ def _methods(study: LoopStudy, column: str) -> list[Block]:
         ),
         (
             Column("frequency", "rad/s", printed="rad/s"),
-            [*(formatted(m.frequency, ".2f") for m in found), told("natural_frequency", ".2f")],
+            [*(formatted(m.frequency, ".2f") for m in result), told("natural_frequency", ".2f")],
         ),
         (
             Column("damping", PURE),
-            [*(formatted(m.damping, ".3f") for m in found), told("damping_ratio", ".3f")],
+            [*(formatted(m.damping, ".3f") for m in result), told("damping_ratio", ".3f")],
         ),
-        (Column("off", "%"), [*(formatted(100.0 * off(m, column), ".0f") for m in found), ""]),
+        (Column("off", "%"), [*(formatted(100.0 * off(m, column), ".0f") for m in result), ""]),
     )
     note = (
         f"off: root mean square of the relative differences of {', '.join(COMPARED)} from the "
@@ -187,12 +177,16 @@ def _methods(study: LoopStudy, column: str) -> list[Block]:
 
 def _restarts(study: LoopStudy) -> list[Block]:
     units, out = units_of(study), list[Block]()
-    for label, found in study.restarts.items():
-        rows = [(k, i) for k in range(len(found.delays)) for i in range(len(found.values["M_q"]))]
+    for label, restarted in study.restarts.items():
+        rows = [
+            (k, i)
+            for k in range(len(restarted.delays))
+            for i in range(len(restarted.values["M_q"]))
+        ]
         columns = [
             (
                 Column(n, units[n], printed=n),
-                [formatted(found.values[n][i, k], ".4g") for k, i in rows],
+                [formatted(restarted.values[n][i, k], ".4g") for k, i in rows],
             )
             for n in ("L_alpha", *COMPARED)
         ]
@@ -201,7 +195,7 @@ def _restarts(study: LoopStudy) -> list[Block]:
                 f"plain filters started again from their own result: {label}",
                 (
                     Column("delay", "s", printed="delay"),
-                    [formatted(found.delays[k], ".4f") for k, _ in rows],
+                    [formatted(restarted.delays[k], ".4f") for k, _ in rows],
                 ),
                 (Column("pass", PURE), [Number(i + 1, digits=0) for _, i in rows]),
                 *columns,
@@ -237,7 +231,7 @@ WORDS = {
 
 
 def print_loop(study: LoopStudy, out: Console | None = None, details: str = BELOW) -> None:
-    """Everything of a study: a summary, the estimate, the other tables, the findings."""
+    """Print a study in full: summary, estimate, further tables, findings."""
     out = out or console()
     print_summary(out, loop_summary(study, details))
     scenario, record = study.scenario, study.result.setting.record
@@ -263,7 +257,7 @@ def print_loop(study: LoopStudy, out: Console | None = None, details: str = BELO
 
 
 def print_loop_brief(study: LoopStudy, out: Console | None = None, details: str = BELOW) -> None:
-    """What a terminal shows of a study: summary, estimate, findings of its scenario."""
+    """Print a study in brief: summary, estimate, findings."""
     out = out or console()
     print_summary(out, loop_summary(study, rest_of(details)))
     show_blocks(out, _estimate(study))
@@ -273,9 +267,9 @@ def print_loop_brief(study: LoopStudy, out: Console | None = None, details: str 
 
 
 def loop_summary(study: LoopStudy, details: str = BELOW) -> Summary:
-    """Scenario; outcome and delay; frequency and damping; what the fit leaves."""
+    """Summary: scenario; outcome and delay; frequency and damping; residuals."""
     estimate, shown = study.result.estimate, ("natural_frequency", "damping_ratio", "delay")
-    found = [
+    result = [
         value_phrase(WORDS[q.name], q.value, q.std, q.unit)
         for q in study.result.qualities
         if q.name in shown
@@ -284,7 +278,7 @@ def loop_summary(study: LoopStudy, details: str = BELOW) -> Summary:
         f"{study.scenario.name}: {study.scenario.title}; seed {study.seed}; low-order equivalent "
         "by nine filters, delay refined",
         estimate.outcome.value,
-        "; ".join(found),
+        "; ".join(result),
         residual_phrase(study.tests),
         details,
     )
@@ -297,8 +291,8 @@ def _estimate(study: LoopStudy) -> list[Block]:
 
     def plain(name: str) -> Cell:
         if name == "delay":
-            return formatted(study.plain.delay, ".3f")
-        value = study.plain.estimate.value(name)
+            return formatted(study.single_pass.delay, ".3f")
+        value = study.single_pass.estimate.value(name)
         return Number(value, shown=number_text(value, estimate.sigma(name)))
 
     def published(name: str) -> Cell:
@@ -363,11 +357,11 @@ def _correlation(study: LoopStudy) -> list[Block]:
 
 
 def _qualities(study: LoopStudy) -> list[Block]:
-    found = []
+    result = []
     for q in study.result.qualities:
-        found.append(q)
+        result.append(q)
         if is_frequency(q.name, q.unit):
-            found.append(replace(q, value=q.value / math.tau, std=q.std / math.tau, unit="Hz"))
+            result.append(replace(q, value=q.value / math.tau, std=q.std / math.tau, unit="Hz"))
 
     def at(q: Quality, sigmas: float) -> Cell:
         value = q.value + sigmas * q.std
@@ -375,11 +369,11 @@ def _qualities(study: LoopStudy) -> list[Block]:
 
     shown = table(
         "flying qualities",
-        (Column("quantity"), [WORDS[q.name] for q in found]),
-        (Column("value", BY_ROW), [at(q, 0.0) for q in found]),
-        (Column("from", BY_ROW), [at(q, -2.0) for q in found]),
-        (Column("to (2 sigma)", BY_ROW), [at(q, 2.0) for q in found]),
-        units=[q.unit for q in found],
+        (Column("quantity"), [WORDS[q.name] for q in result]),
+        (Column("value", BY_ROW), [at(q, 0.0) for q in result]),
+        (Column("from", BY_ROW), [at(q, -2.0) for q in result]),
+        (Column("to (2 sigma)", BY_ROW), [at(q, 2.0) for q in result]),
+        units=[q.unit for q in result],
     )
     out: list[Block] = [shown]
     for row in study.levels:
@@ -390,7 +384,7 @@ def _qualities(study: LoopStudy) -> list[Block]:
     return out
 
 
-def _level(row: Level) -> str:
+def _level(row: QualityLevel) -> str:
     words = {1: "1", 2: "2", 3: "3", 4: "outside 3"}
     between = f" ({words[row.best]} to {words[row.worst]} within 2 sigma)"
     return words[row.level] + (between if row.uncertain else "")
@@ -400,12 +394,14 @@ def _check(study: LoopStudy) -> list[Block]:
     loop, record, result = study.check.loop, study.check.record, study.result
     names = ("natural_frequency", "damping_ratio", "delay")
     own = {q.name: q for q in result.qualities}
-    told = printed_checks(study.scenario.published[0]) if study.scenario.published else {}
+    printed = printed_checks(study.scenario.published[0]) if study.scenario.published else {}
     further: list[tuple[Column, list[Cell]]] = []
-    if told:
-        bands = [f"{told[n].low:.4g} to {told[n].high:.4g}" if n in told else "" for n in names]
+    if printed:
+        bands = [
+            f"{printed[n].low:.4g} to {printed[n].high:.4g}" if n in printed else "" for n in names
+        ]
         responses = [
-            formatted(told[n].frequency_response, ".4g") if n in told else "" for n in names
+            formatted(printed[n].frequency_response, ".4g") if n in printed else "" for n in names
         ]
         further = [
             (Column("plain bank", BY_ROW), _plain_cells(study, names)),
@@ -436,12 +432,12 @@ def _check(study: LoopStudy) -> list[Block]:
 
 
 def _plain_cells(study: LoopStudy, names: Sequence[str]) -> list[Cell]:
-    v = study.plain.estimate.as_dict()
+    v = study.single_pass.estimate.as_dict()
     frequency = float(np.sqrt(max(v["L_alpha"] * v["M_q"] - v["L_q"] * v["M_alpha"], 0.0)))
-    found = {"natural_frequency": frequency, "delay": study.plain.delay}
+    result = {"natural_frequency": frequency, "delay": study.single_pass.delay}
     if frequency:
-        found["damping_ratio"] = -(v["L_alpha"] + v["M_q"]) / (2.0 * frequency)
-    return [formatted(found.get(name), ".4g") for name in names]
+        result["damping_ratio"] = -(v["L_alpha"] + v["M_q"]) / (2.0 * frequency)
+    return [formatted(result.get(name), ".4g") for name in names]
 
 
 def _differences(study: LoopStudy) -> list[Block]:
@@ -478,10 +474,7 @@ def _together(study: LoopStudy) -> list[Block]:
             (Column(key.removeprefix("x29-"), BY_ROW), cells(found.estimate, found.delay))
             for key, found in study.together.items()
         ),
-        (
-            Column("here, refined", BY_ROW),
-            cells(study.result.estimate, study.result.bank.refined),
-        ),
+        (Column("here, refined", BY_ROW), cells(study.result.estimate, study.result.bank.refined)),
         *(
             (
                 Column(f"published {key.replace('_', ' ')}", BY_ROW),
@@ -550,24 +543,24 @@ def _variants(study: LoopStudy) -> list[Block]:
 
 
 def _over_seeds(study: LoopStudy) -> list[Block]:
-    found = study.over_seeds
-    if found is None:
+    result = study.over_seeds
+    if result is None:
         return []
-    rows = [block for _, block in found.by_delay()]
-    delays = list[Cell](formatted(delay, ".3f") for delay, _ in found.by_delay())
+    rows = [block for _, block in result.by_delay()]
+    delays = list[Cell](formatted(delay, ".3f") for delay, _ in result.by_delay())
     if len(rows) > 1:
-        rows, delays = [*rows, found.values], [*delays, "all"]
+        rows, delays = [*rows, result.values], [*delays, "all"]
     units = units_of(study)
     columns = [
         (
             Column(name, units[name], printed=name, together=True),
-            [_mean_cell(block[:, found.names.index(name)]) for block in rows],
+            [_mean_cell(block[:, result.names.index(name)]) for block in rows],
         )
         for name in ("L_alpha", "M_alpha", "M_delta", "L_q", "M_q", "inv_tau")
     ]
     return [
         table(
-            f"the plain bank on flights with seeds 1 to {len(found.seeds)}: delay chosen, mean +- "
+            f"the plain bank on flights with seeds 1 to {len(result.seeds)}: delay chosen, mean +- "
             "standard deviation",
             (Column("delay", "s", left=True), delays),
             (Column("flights", PURE), [Number(len(block), digits=0) for block in rows]),

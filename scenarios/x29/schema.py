@@ -127,7 +127,7 @@ def loop_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Loop
     Raises
     ------
     DeclarationError : an unknown or missing key, a value or unit that is wrong: one line with file
-    and key.
+        and key.
     """
     content = checked(_Scenario, document, where)
     against = content.against
@@ -138,7 +138,7 @@ def loop_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Loop
         content.distance,
         _flight(content.flight, f"{where}, key flight"),
         _estimation(content.estimate, f"{where}, key estimate"),
-        _known(content.published, printed_columns(), "column", f"{where}, key published"),
+        _refuse_unknown(content.published, printed_columns(), "column", f"{where}, key published"),
         None if against is None else Against(against.scenario, against.label, tuple(against.set)),
         tuple(content.together),
         tuple(
@@ -148,7 +148,7 @@ def loop_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Loop
         _span(content.stretch, f"{where}, key stretch"),
         _span(content.peak, f"{where}, key peak"),
         " ".join(content.findings.split()),
-        _known(content.methods, METHODS, "method", f"{where}, key methods"),
+        _refuse_unknown(content.methods, METHODS, "method", f"{where}, key methods"),
         _margins(content, where),
         content.seed,
         choices_of(content.own, document, f"{where}, key own"),
@@ -234,9 +234,9 @@ def _estimation(estimate: _LoopEstimate, where: str) -> LoopEstimation:
         )
     for name in estimate.start:
         if name not in LOES_DERIVATIVES or name == "delay":
-            known = ", ".join(each for each in LOES_DERIVATIVES if each != "delay")
+            available = ", ".join(each for each in LOES_DERIVATIVES if each != "delay")
             raise DeclarationError(
-                f"there is no parameter {name!r}", where=f"{where}.start", remedy=f"use {known}"
+                f"there is no parameter {name!r}", where=f"{where}.start", remedy=f"use {available}"
             )
     for table, content in (
         ("process_noise", estimate.process_noise),
@@ -292,11 +292,13 @@ def _margins(content: _Scenario, where: str) -> MarginPlan | None:
     return None if plan is None else MarginPlan(plan.samples, plan.seed, plan.beside or "")
 
 
-def _known(names: list[str], known: Collection[str], what: str, where: str) -> tuple[str, ...]:
+def _refuse_unknown(
+    names: list[str], allowed: Collection[str], what: str, where: str
+) -> tuple[str, ...]:
     for name in names:
-        if name not in known:
+        if name not in allowed:
             raise DeclarationError(
-                f"there is no {what} {name!r}", where=where, remedy=f"use {', '.join(known)}"
+                f"there is no {what} {name!r}", where=where, remedy=f"use {', '.join(allowed)}"
             )
     return tuple(names)
 

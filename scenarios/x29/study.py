@@ -11,39 +11,39 @@ import numpy as np
 
 from ident.banks.delays import (
     BATCHED,
-    Agreement,
+    BankDifferences,
     DelayBank,
     SecondPass,
     against_filterpy,
     agreement,
 )
 from ident.estimate import Estimate
-from ident.flying_qualities.levels import Level, Quality, levels, qualities
+from ident.flying_qualities.levels import Quality, QualityLevel, levels, qualities
 from ident.frequency_response.segments import estimate_response, fit_response
 from ident.statistics.residuals import Comparison, ResidualTest, compare_estimates, residual_tests
 from scenarios.studies.catalogue import load_document
-from scenarios.x29.declaration import FlownLoop, LoopScenario, fly_loop, low_order_model
+from scenarios.x29.declaration import LoopScenario, SimulatedLoop, fly_loop, low_order_model
 from scenarios.x29.estimating import (
     SETTLED,
     LoopMethodResult,
+    MethodInputs,
     Misfit,
     OverSeeds,
-    Plain,
     Restarts,
     SetUp,
+    SinglePass,
     VariantResult,
-    Ways,
     all_restarts,
     free_simulation,
     misfit,
     other_side,
-    plain,
     refined,
     run_methods,
     run_over_seeds,
     run_variant,
     sensor_noise,
     set_up,
+    single_pass,
     started_again,
 )
 from scenarios.x29.loop import LinearCheck, linear_check
@@ -59,10 +59,10 @@ DEPTH = 4  # scenarios that start from one another
 
 @dataclass(frozen=True, eq=False)
 class LoopResult:
-    """A refined estimate with what follows from it."""
+    """A refined estimate with derived quantities."""
 
     scenario: LoopScenario
-    flown: FlownLoop
+    simulated: SimulatedLoop
     setting: SetUp
     bank: DelayBank
     qualities: tuple[Quality, ...]
@@ -72,7 +72,7 @@ class LoopResult:
         return self.bank.estimate
 
     def quality(self, name: str) -> Quality | None:
-        """One of the flying qualities, None where it does not exist."""
+        """A flying-qualities parameter by name, None if it does not exist."""
         return next((item for item in self.qualities if item.name == name), None)
 
 
@@ -92,8 +92,8 @@ class ResponseCheck:
 class LoopStudy:
     """A closed-loop scenario that has been run.
 
-    ``paper`` is the filter set up by the paper's rules, ``plain`` the paper's procedure; ``first``
-    the refined bank before any restart, ``passes`` the estimates from restart to restart,
+    ``paper`` is the filter set up by the paper's rules, ``single_pass`` the paper's procedure;
+    ``first`` the refined bank before any restart, ``passes`` the estimates from restart to restart,
     ``restarts`` those of plain filters by label; ``methods`` as the scenario names them; ``other``
     the result compared with; ``together`` plain results of several scenarios by name; ``margins``
     by airframe; ``engines`` how far another engine's filters are from the batched ones; ``second``
@@ -107,7 +107,7 @@ class LoopStudy:
     seed: int
     result: LoopResult
     paper: SetUp
-    plain: Plain
+    single_pass: SinglePass
     methods: tuple[LoopMethodResult, ...]
     restarts: Mapping[str, Restarts]
     first: DelayBank
@@ -115,16 +115,16 @@ class LoopStudy:
     simulated: np.ndarray
     misfit: Misfit
     check: ResponseCheck
-    levels: tuple[Level, ...]
+    levels: tuple[QualityLevel, ...]
     tests: tuple[ResidualTest, ...]
     other: LoopResult | None
     other_simulated: np.ndarray | None
     differences: Comparison | None
     derived_differences: tuple[tuple[str, float], ...]
-    together: Mapping[str, Plain]
+    together: Mapping[str, SinglePass]
     variants: tuple[VariantResult, ...]
     margins: Mapping[str, Margins]
-    engines: Agreement | None = None
+    engines: BankDifferences | None = None
     linear: LinearCheck | None = None
     open_margins: OpenMargins | None = None
     second: SecondPass | None = None
@@ -159,30 +159,30 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
     FlightidError : the scenario declares something that cannot be flown or estimated.
     """
     chosen = scenario.seed if seed is None else seed
-    flown = fly_loop(scenario.flight, chosen)
+    simulated_flight = fly_loop(scenario.flight, chosen)
     start = starting_values(scenario)
-    setting = set_up(scenario.estimation, flown, start)
-    paper = set_up(scenario.estimation, flown, start, prior=_papers_rule(scenario))
-    found = plain(paper)
-    first = _result(scenario, flown, setting)
-    result, passes = _restarted(scenario, flown, first)
+    setting = set_up(scenario.estimation, simulated_flight, start)
+    paper = set_up(scenario.estimation, simulated_flight, start, prior=_papers_rule(scenario))
+    first_estimate = single_pass(paper)
+    first = _result(scenario, simulated_flight, setting)
+    result, passes = _restarted(scenario, simulated_flight, first)
     held = [
-        found.delay,
+        first_estimate.delay,
         first.bank.refined,
-        float(found.delays[other_side(found, first.bank.refined)]),
+        float(first_estimate.delays[other_side(first_estimate, first.bank.refined)]),
     ]
-    ways = Ways(
+    ways = MethodInputs(
         paper,
-        found,
+        first_estimate,
         scenario.estimation,
         first.bank,
-        lambda estimation: set_up(estimation, flown, start),
+        lambda estimation: set_up(estimation, simulated_flight, start),
     )
     setting = result.setting
     simulated = free_simulation(setting, result.estimate, result.bank.refined)
     other, other_simulated, differences, derived = _against(scenario, chosen, result, first)
     found_margins = margins_of(
-        [scenario.flight.airframe, *([] if other is None else [other.flown.x29.name])],
+        [scenario.flight.airframe, *([] if other is None else [other.simulated.x29.name])],
         scenario.margins,
     )
     estimate = result.estimate
@@ -192,7 +192,7 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
         chosen,
         result,
         paper,
-        found,
+        first_estimate,
         run_methods(scenario.methods, ways),
         all_restarts(ways, sorted(held)) if scenario.estimation.restarts else {},
         first.bank,
@@ -202,7 +202,7 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
             setting.record,
             simulated,
             estimate,
-            sensor_noise(flown),
+            sensor_noise(simulated_flight),
             scenario.stretch,
             scenario.peak,
         ),
@@ -213,17 +213,17 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
         other_simulated,
         differences,
         derived,
-        {name: _plain_of(loop_scenario(name)) for name in scenario.together},
+        {name: _single_pass_of(loop_scenario(name)) for name in scenario.together},
         tuple(run_variant(scenario, variant, chosen, start) for variant in scenario.variants),
         found_margins,
         None
         if setting.engine is BATCHED
-        else agreement(plain(replace(paper, engine=BATCHED)).bank, found.bank),
+        else agreement(single_pass(replace(paper, engine=BATCHED)).bank, first_estimate.bank),
         None
-        if flown.truth is None or not flown.truth.stick.any()
-        else linear_check(flown.x29, flown.truth),
+        if simulated_flight.truth is None or not simulated_flight.truth.stick.any()
+        else linear_check(simulated_flight.x29, simulated_flight.truth),
         planned_margins(scenario.margins, found_margins),
-        against_filterpy(paper.record, paper.system, found.bank, found.delays)
+        against_filterpy(paper.record, paper.system, first_estimate.bank, first_estimate.delays)
         if paper.engine is BATCHED
         else None,
         run_over_seeds(scenario, start, _papers_rule(scenario)),
@@ -231,12 +231,14 @@ def run_loop(scenario: LoopScenario, seed: int | None = None) -> LoopStudy:
 
 
 def _restarted(
-    scenario: LoopScenario, flown: FlownLoop, result: LoopResult
+    scenario: LoopScenario, simulated: SimulatedLoop, result: LoopResult
 ) -> tuple[LoopResult, tuple[Estimate, ...]]:
     """The filter started again from its own result until that settles; estimates of all passes."""
     passes = [result.estimate]
     for _ in range(scenario.estimation.restarts):
-        again = _result(scenario, flown, started_again(scenario.estimation, flown, result.estimate))
+        again = _result(
+            scenario, simulated, started_again(scenario.estimation, simulated, result.estimate)
+        )
         moved = (
             again.estimate.values[: len(result.estimate.names)]
             - result.estimate.values[: len(again.estimate.names)]
@@ -251,15 +253,17 @@ def _restarted(
 
 def response_check(result: LoopResult) -> ResponseCheck:
     """The low-order equivalent by frequency response, of the loop and of the record."""
-    x29 = result.flown.x29
+    x29 = result.simulated.x29
     loop = equivalent_system(x29)
     # a low-order truth is `loop`
-    flown = loop if result.flown.truth is None else equivalent_system(x29, x29.airframe.L_q)
-    std = dict(zip(("alpha", "q", "nz"), sensor_noise(result.flown).tolist(), strict=True))
+    equivalent = (
+        loop if result.simulated.truth is None else equivalent_system(x29, x29.airframe.L_q)
+    )
+    std = dict(zip(("alpha", "q", "nz"), sensor_noise(result.simulated).tolist(), strict=True))
     try:
         response = estimate_response(result.setting.record)
     except RecordError:
-        return ResponseCheck(loop, flown, None, 0.0)
+        return ResponseCheck(loop, equivalent, None, 0.0)
     start = {
         name: result.estimate.value(name)
         for name in ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau")
@@ -271,19 +275,17 @@ def response_check(result: LoopResult) -> ResponseCheck:
     v = {**fit.values, "L_q": start["L_q"]}
     stiffness = v["L_alpha"] * v["M_q"] - v["L_q"] * v["M_alpha"]
     if not (fit.converged and stiffness > 0):
-        return ResponseCheck(loop, flown, None, float(response.coherence.mean()))
+        return ResponseCheck(loop, equivalent, None, float(response.coherence.mean()))
     frequency = float(np.sqrt(stiffness))
     v |= {
         "natural_frequency": frequency,
         "damping_ratio": -(v["L_alpha"] + v["M_q"]) / (2.0 * frequency),
     }
-    return ResponseCheck(loop, flown, v, float(response.coherence.mean()))
+    return ResponseCheck(loop, equivalent, v, float(response.coherence.mean()))
 
 
 def starting_values(scenario: LoopScenario, depth: int = 0) -> Mapping[str, float]:
-    """Declared values, or those that the plain bank of another scenario found, as the paper handed
-    them on.
-    """
+    """Declared starting values, or the estimates of another scenario's bank, as in the paper."""
     estimation = scenario.estimation
     if estimation.start:
         return estimation.start
@@ -293,38 +295,36 @@ def starting_values(scenario: LoopScenario, depth: int = 0) -> Mapping[str, floa
             where=f"scenario {scenario.name}",
             remedy="declare start in one of them",
         )
-    found = _plain_of(loop_scenario(estimation.start_from), depth + 1).estimate.as_dict()
+    result = _single_pass_of(loop_scenario(estimation.start_from), depth + 1).estimate.as_dict()
     return {
         name: value
-        for name, value in found.items()
+        for name, value in result.items()
         if name not in ("L_0", "M_0", "delta_0", "nz_0")
     }
 
 
 def _papers_rule(scenario: LoopScenario) -> str:
-    """The printed P0 belongs to the starts that the paper had: where a scenario is held against
-    it.
-    """
+    """Rule of the prior: the printed P0 in scenarios that are compared with the paper."""
     return "printed" if scenario.published else scenario.estimation.prior
 
 
-def _plain_of(scenario: LoopScenario, depth: int = 0) -> Plain:
-    flown = fly_loop(scenario.flight, scenario.seed)
-    return plain(
+def _single_pass_of(scenario: LoopScenario, depth: int = 0) -> SinglePass:
+    simulated = fly_loop(scenario.flight, scenario.seed)
+    return single_pass(
         set_up(
             scenario.estimation,
-            flown,
+            simulated,
             starting_values(scenario, depth),
             prior=_papers_rule(scenario),
         )
     )
 
 
-def _result(scenario: LoopScenario, flown: FlownLoop, setting: SetUp) -> LoopResult:
+def _result(scenario: LoopScenario, simulated: SimulatedLoop, setting: SetUp) -> LoopResult:
     bank = refined(setting)
-    airframe = flown.x29.airframe
-    found = qualities(bank.estimate, airframe.airspeed, airframe.gravity, {"delay": bank.refined})
-    return LoopResult(scenario, flown, setting, bank, found)
+    airframe = simulated.x29.airframe
+    result = qualities(bank.estimate, airframe.airspeed, airframe.gravity, {"delay": bank.refined})
+    return LoopResult(scenario, simulated, setting, bank, result)
 
 
 def _against(
@@ -342,11 +342,11 @@ def _against(
     ):
         other = first  # the first pass of a restarted study is that scenario's result
     else:
-        flown = fly_loop(other_scenario.flight, seed)
+        simulated = fly_loop(other_scenario.flight, seed)
         other = _result(
             replace(other_scenario, seed=seed),
-            flown,
-            set_up(other_scenario.estimation, flown, starting_values(other_scenario)),
+            simulated,
+            set_up(other_scenario.estimation, simulated, starting_values(other_scenario)),
         )
     derived = []
     for item in result.qualities:

@@ -1,6 +1,4 @@
-"""What a study's numbers say, each as a sentence with what was measured, the bound it is held
-against, and the verdict that follows.
-"""
+"""Verdicts on a study: a sentence each with the measured value, its bound and the conclusion."""
 
 from __future__ import annotations
 
@@ -15,17 +13,19 @@ from scenarios.x29.study import LoopStudy
 # s: the loop's own response is taken from frame to frame, the recorded stick is held between 40 Hz
 # samples
 HALF_FRAME = 0.00625
-FREQUENCY, DAMPING, DELAY = 0.05, 0.05, 0.015  # of the frequency, of the ratio, s
+FREQUENCY = 0.05  # tolerance, share of the frequency
+DAMPING = 0.05  # tolerance of the damping ratio
+DELAY = 0.015  # tolerance, s
 DERIVATIVES = ("L_alpha", "M_alpha", "M_delta", "M_q")
 SHARE = {False: 0.10, True: 0.20}  # of a derivative, without and with measurement noise
 MOVED = 3.0  # sigmas that an accident of the record may move frequency and damping
 STANDS_OUT = 1.5  # misfit inside a stretch over that elsewhere
-# samples a peak is the mean of; percent that count as nothing even without noise
-PEAK_SAMPLES, LEAST_PEAK = 5, 1.0
+PEAK_SAMPLES = 5  # samples that a peak is averaged over
+LEAST_PEAK = 1.0  # percent: smaller peaks count as zero, also without noise
 
 
 def verdicts(study: LoopStudy) -> tuple[str, ...]:
-    """All that apply to a study, in the order of its tables."""
+    """All verdicts on a study, in the order of its tables."""
     return tuple(
         sentence
         for part in (_equivalent, _against, _restarts, _peak, _stretch, _whiteness)
@@ -74,11 +74,11 @@ def _against(study: LoopStudy) -> Iterator[str]:
     if any(name not in moved for name in names):
         yield f"against {against.label}: one of the two does not oscillate"
         return
-    told, beyond = [], []
+    texts, beyond = [], []
     for name, word in names.items():
         now, before = study.result.quality(name), study.other.quality(name)
         assert now is not None and before is not None
-        told.append(f"{word} {before.value:.4g} to {now.value:.4g} ({moved[name]:+.2f} sigmas)")
+        texts.append(f"{word} {before.value:.4g} to {now.value:.4g} ({moved[name]:+.2f} sigmas)")
         if abs(moved[name]) >= MOVED:
             beyond.append(word)
     most = max(abs(moved[name]) for name in names)
@@ -94,7 +94,7 @@ def _against(study: LoopStudy) -> Iterator[str]:
                 "without a filter"
             )
         )
-    yield f"against {against.label}: {', '.join(told)}: {verdict}{spectra}"
+    yield f"against {against.label}: {', '.join(texts)}: {verdict}{spectra}"
 
 
 def _restarts(study: LoopStudy) -> Iterator[str]:
@@ -120,7 +120,7 @@ def _restarts(study: LoopStudy) -> Iterator[str]:
 def _peak(study: LoopStudy) -> Iterator[str]:
     if study.scenario.peak is None or not study.misfit.peak_measured:
         return
-    noise = sensor_noise(study.result.flown)[1] if study.scenario.flight.noise else 0.0
+    noise = sensor_noise(study.result.simulated)[1] if study.scenario.flight.noise else 0.0
     bound = max(
         200.0 * noise / math.sqrt(PEAK_SAMPLES) / abs(study.misfit.peak_measured), LEAST_PEAK
     )
@@ -175,21 +175,21 @@ def _whiteness(study: LoopStudy) -> Iterator[str]:
     yield f"with one thing changed: {_split('structured', 'white', off, shown)}"
 
 
-def _stands_out(found: Misfit) -> bool:
-    return found.stretch > STANDS_OUT * found.elsewhere
+def _stands_out(misfit: Misfit) -> bool:
+    return misfit.stretch > STANDS_OUT * misfit.elsewhere
 
 
 def _split(yes: str, no: str, off: dict[str, bool], shown: dict[str, str]) -> str:
-    """Which variants are of the one sort and which of the other."""
+    """Words on the variants with and without a property, joined by semicolons."""
     groups = (
         (yes, [shown[label] for label, is_so in off.items() if is_so]),
         (no, [shown[label] for label, is_so in off.items() if not is_so]),
     )
-    return "; ".join(f"{word} with {_list(found)}" for word, found in groups if found)
+    return "; ".join(f"{word} with {_list(result)}" for word, result in groups if result)
 
 
 def _signed(value: float) -> str:
-    """Two decimals with a sign; what rounds to nothing is positive."""
+    """Two decimals with a sign; a value that rounds to zero is positive."""
     return f"{round(value, 2) + 0.0:+.2f}"
 
 

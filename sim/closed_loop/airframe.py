@@ -25,7 +25,7 @@ SURFACE_NAMES = ("canard", "flaperon", "strake")
 
 
 @dataclass(frozen=True)
-class Airframe:
+class ShortPeriodAirframe:
     """Short-period derivatives at one flight condition.
 
     alpha_dot = L_alpha alpha + L_q q + L_surface . surfaces, q_dot = M_alpha alpha + M_q q +
@@ -54,17 +54,18 @@ class Airframe:
 
 @dataclass(frozen=True)
 class Actuator:
-    """One surface: its share of the command, its servo and its ram.
+    """Actuator of one surface.
 
     The command ``mixing * u_p`` (deg, about trim) is limited to the travel, passes a second-order
-    servo, then a ram of first order whose rate is limited and which stops at the ends of the
-    travel.
+    servo, then a first-order ram with a rate limit and end stops.
 
     Attributes
     ----------
     mixing : deg of surface per deg of u_p.
     trim, lower, upper : deg, absolute; the travel about trim is ``lower - trim`` to ``upper -
-    trim``. rate : largest rate of the ram, deg/s. ram : bandwidth of the ram, rad/s.
+        trim``.
+    rate : largest rate of the ram, deg/s.
+    ram : bandwidth of the ram, rad/s.
     servo_frequency, servo_damping : rad/s and 1; both None for a surface that has a ram only.
     """
 
@@ -116,8 +117,8 @@ class ControlLaw:
 
 @dataclass(frozen=True)
 class StickShaping:
-    """From stick to reference: r = z^-N wp/(s + wp) { K e (1 + curvature |e|) }, e the stick beyond
-    its break-out.
+    """Reference from the stick: r = z^-N wp/(s + wp) { K e (1 + curvature |e|) }, with e the stick
+    beyond its break-out.
 
     Attributes
     ----------
@@ -126,7 +127,7 @@ class StickShaping:
     delay_frames : N, frames.
     lag : wp, rad/s, by Tustin's rule.
     recorded_skew : s by which the recorded stick leads the recorded outputs, see
-    ``fly_closed_loop``.
+        ``fly_closed_loop``.
     """
 
     dead_band: float
@@ -139,8 +140,8 @@ class StickShaping:
 
 @dataclass(frozen=True)
 class Telemetry:
-    """What is recorded: ``rate`` in 1/s, ``vane_arm`` in m ahead of the centre of gravity, noise as
-    1 sigma in rad, rad/s, g.
+    """Recording: ``rate`` in 1/s, ``vane_arm`` in m ahead of the centre of gravity, noise as 1
+    sigma in rad, rad/s, g.
     """
 
     rate: float
@@ -152,12 +153,10 @@ class Telemetry:
 
 @dataclass(frozen=True)
 class X29:
-    """One complete aircraft: an airframe with its surfaces, sensors, control law, stick and
-    telemetry.
-    """
+    """A complete aircraft: airframe with surfaces, sensors, control law, stick and telemetry."""
 
     name: str
-    airframe: Airframe
+    airframe: ShortPeriodAirframe
     surfaces: tuple[Actuator, Actuator, Actuator]
     gyro: Sensor
     accelerometer: Sensor
@@ -181,7 +180,8 @@ _ORIGINS = {
     "pap": "printed in NASA TM-101722",
     "own": "chosen by this project, not flight data",
 }
-_FOOT, _SLUG = 0.3048, 14.593902937206364
+_FOOT = 0.3048  # m
+_SLUG = 14.593902937206364  # kg
 
 # Unit in the file and the factor to the unit inside; degrees, inches and g stay (see
 # sim.closed_loop.airframe).
@@ -283,7 +283,7 @@ def load_x29(name: str, path: Path = DATA_FILE) -> X29:
     )
     return X29(
         name=name,
-        airframe=Airframe(title=title, **numbers),
+        airframe=ShortPeriodAirframe(title=title, **numbers),
         surfaces=(canard, flaperon, strake),
         gyro=gyro,
         accelerometer=accelerometer,

@@ -29,7 +29,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sim.closed_loop.airframe import X29, Actuator, Airframe, ControlLaw, Sensor, StickShaping
+from sim.closed_loop.airframe import (
+    X29,
+    Actuator,
+    ControlLaw,
+    Sensor,
+    ShortPeriodAirframe,
+    StickShaping,
+)
 from sim.errors import ModelError
 
 if TYPE_CHECKING:
@@ -54,7 +61,7 @@ class Matrices:
     D: np.ndarray
 
 
-def airframe_matrices(airframe: Airframe) -> Matrices:
+def airframe_matrices(airframe: ShortPeriodAirframe) -> Matrices:
     """Short period. States alpha, q (rad, rad/s); inputs the surfaces (deg); outputs alpha, q,
     incremental nz (g).
     """
@@ -95,7 +102,8 @@ class Plant:
     ----------
     A, B : ``(n, n)`` and ``(n, 3)``; inputs are the surface commands (deg, about trim).
     C : ``(8, n)``, outputs in the order of ``OUTPUT_NAMES``; there is no feedthrough, gyro in
-    deg/s, nz incremental. rams : states that are the three surfaces' positions.
+        deg/s, nz incremental.
+    rams : states that are the three surfaces' positions.
     """
 
     A: np.ndarray
@@ -146,8 +154,8 @@ def shape_stick(stick: np.ndarray, shaping: StickShaping) -> np.ndarray:
 
 
 def shaping_matrices(shaping: StickShaping, frame: float) -> Matrices:
-    """From the geared stick (g) to the reference r (g): N frames of delay, then the lag by Tustin's
-    rule; sampled.
+    """Sampled system from the geared stick (g) to the reference r (g): N frames of delay, then a
+    lag by Tustin's rule.
     """
     a, b0, b1 = _tustin(1.0, 0.0, 1.0, 1.0 / shaping.lag, frame)
     n = shaping.delay_frames
@@ -202,7 +210,7 @@ _SLACK = 1e-10
 
 
 class RamMode(IntEnum):
-    """What moves a ram."""
+    """State of a ram: moving freely, at its rate limit or at a stop."""
 
     FREE = 0
     RATE_UP = 1
@@ -222,11 +230,13 @@ class Stepper:
     Attributes
     ----------
     free : ``(m, m)``, moves the extended state (plant state, three commands, 1) over the span with
-    every ram free. watch : ``(k, m)``, rates and positions of the rams at the ends of the pieces,
-    scaled so that the limits are -1 and 1. ram_rate : ``(3, m)``, rates the rams would have when
-    free, deg/s. rams, rates, lower, upper : positions in the state, and limits about trim, deg/s
-    and deg. powers : for a set of modes the exponentials of a piece halved 0, 1, ... times, ``(21,
-    m, m)``; made once each.
+        every ram free.
+    watch : ``(k, m)``, rates and positions of the rams at the ends of the pieces, scaled so that
+        the limits are -1 and 1.
+    ram_rate : ``(3, m)``, rates the rams would have when free, deg/s.
+    rams, rates, lower, upper : positions in the state, and limits about trim, deg/s and deg.
+    powers : for a set of modes the exponentials of a piece halved 0, 1, ... times, ``(21, m, m)``;
+        made once each.
     """
 
     free: np.ndarray
@@ -375,7 +385,7 @@ def _put_on_stops(stepper: Stepper, state: np.ndarray, modes: Modes) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class LateLoop:
+class SampledLoop:
     """A loop in its three sampled parts: plant from ``u_p`` to ``OUTPUT_NAMES``, law from r, gyro
     and accelerometer to ``u_p`` without any delay, stick shaping from stick to r; and the sample
     time, s."""
@@ -404,22 +414,22 @@ class LateLoop:
         return np.asarray(moved[:, :3, 0].T * law[:, 0, 0] * shaped[:, 0, 0] / (1.0 + returned))
 
 
-def late_loop(x29: X29, late: float) -> LateLoop:
-    """The loop of ``x29`` with commands ``late`` s after the frame whose sensors they were computed
+def sampled_loop(x29: X29, lag: float) -> SampledLoop:
+    """The loop of ``x29`` with commands ``lag`` s after the frame whose sensors they were computed
     from. Raises ModelError for a negative one.
     """
     import control
 
-    if not late >= 0.0:
+    if not lag >= 0.0:
         raise ModelError(
-            f"a computing delay of {late:g} s", where="late_loop", remedy="give 0 or more"
+            f"a computing delay of {lag:g} s", where="late_loop", remedy="give 0 or more"
         )
     law = law_matrices(replace(x29.law, delay_frames=1))
     shaping, gain = shaping_matrices(x29.stick, x29.frame), x29.stick.gain
     # Of a law with one frame of delay the third state is the command on its way: its row is the law
     # without delay.
-    return LateLoop(
-        _late_plant(x29, late),
+    return SampledLoop(
+        _delayed_plant(x29, lag),
         control.ss(law.A[:2, :2], law.B[:2], law.A[2:3, :2], law.B[2:3], x29.frame),
         control.ss(shaping.A, gain * shaping.B, shaping.C, gain * shaping.D, x29.frame),
         x29.frame,
@@ -437,15 +447,15 @@ def _at(block: StateSpace, z: np.ndarray) -> np.ndarray:
     )
 
 
-def _late_plant(x29: X29, late: float) -> StateSpace:
-    """From u_p to ``OUTPUT_NAMES``; states: the plant's, then the commands of the frames before,
-    the latest first.
+def _delayed_plant(x29: X29, delay: float) -> StateSpace:
+    """Sampled system from u_p to ``OUTPUT_NAMES``; states: the plant's, then the commands of
+    earlier frames, the latest first.
     """
     import control
 
     system, T = plant(x29), x29.frame
-    whole = int(np.floor(late / T + 1e-9))
-    rest = max(late - whole * T, 0.0)
+    whole = int(np.floor(delay / T + 1e-9))
+    rest = max(delay - whole * T, 0.0)
     continuous = control.ss(
         system.A, system.B @ mixing(x29)[:, None], system.C, np.zeros((len(OUTPUT_NAMES), 1))
     )

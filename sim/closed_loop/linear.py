@@ -112,7 +112,7 @@ def control_law(x29: X29) -> StateSpace:
 
 
 def stick_shaping(x29: X29) -> StateSpace:
-    """From ``stick`` to ``r`` for a stick beyond no break-out: gain K, N frames of delay, lag."""
+    """System from ``stick`` to ``r`` without break-out: gain K, N frames of delay, lag."""
     shaping = shaping_matrices(x29.stick, x29.frame)
     gained = Matrices(shaping.A, x29.stick.gain * shaping.B, shaping.C, x29.stick.gain * shaping.D)
     return _named(gained, ["stick"], ["r"], "shaping", x29.frame)
@@ -208,13 +208,13 @@ LOOP_TEST_NAMES = ("sweep", "command", "returned", "q", "nz")
 
 @dataclass(frozen=True)
 class LoopNoise:
-    """What disturbs a test of the loop, standard deviations.
+    """Standard deviations of the noise in a test of the loop.
 
     Attributes
     ----------
     gyro, accelerometer : deg/s and g, white from frame to frame, of the sensors that the law reads.
     rough_air : deg of u_p, a disturbance of the surfaces with a time constant of ``rough_air_time``
-    s.
+        s.
     """
 
     gyro: float = 0.05
@@ -232,7 +232,8 @@ def loop_test(
 
     Parameters
     ----------
-    sweep : ``(N,)``, deg of u_p at every frame. rng : of noise and rough air.
+    sweep : ``(N,)``, deg of u_p at every frame.
+    rng : of noise and rough air.
 
     Returns
     -------
@@ -270,8 +271,8 @@ def loop_test(
     for k in range(1, len(sweep)):
         air[k] = share * air[k - 1] + noise.rough_air * np.sqrt(1.0 - share**2) * white[0, k]
     given = np.array([sweep, air, noise.gyro * white[1], noise.accelerometer * white[2]])
-    flown = control.forced_response(loop, timepts=frame * np.arange(len(sweep)), inputs=given)
-    return np.concatenate([given[:1], np.asarray(flown.outputs)])
+    simulated = control.forced_response(loop, timepts=frame * np.arange(len(sweep)), inputs=given)
+    return np.concatenate([given[:1], np.asarray(simulated.outputs)])
 
 
 def _empty(outputs: int, inputs: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -293,14 +294,15 @@ def _named(
 # ---- The low-order equivalent system of the linear loop
 
 FITTED_NAMES = ("L_alpha", "M_alpha", "M_q", "M_delta", "L_delta", "inv_tau", "delay")
-# The usual weights of equivalent-system matching: errors in dB, and sqrt(0.01745) per degree of
-# phase.
-_DECIBEL, _PHASE = 20.0 / math.log(10.0), math.sqrt(0.01745) * 180.0 / math.pi
+# dB per unit of the natural logarithm of a gain; weight 1 (equivalent-system matching)
+_DECIBEL = 20.0 / math.log(10.0)
+# square root of the usual weight 0.01745 of an error of 1 deg, per rad
+_PHASE = math.sqrt(0.01745) * 180.0 / math.pi
 # Start of the search, and sizes of the parameters.
 _START = np.array([-2.0, -10.0, -4.0, 0.3, 0.0, 12.0, 0.1])
 _SCALE = np.array([1.0, 10.0, 3.0, 0.3, 0.01, 10.0, 0.1])
-# Gauss-Newton steps from nearby, and the last of them, in sizes of the parameters
-_STEPS, _SETTLED = 12, 1e-6
+_STEPS = 12  # most Gauss-Newton steps from a near start
+_SETTLED = 1e-6  # largest last step, as a share of each parameter's size
 
 
 class FitOutcome(Enum):
@@ -369,8 +371,11 @@ def fit_equivalent(
     ----------
     omega : ``(n,)``, rad/s, positive.
     response : complex ``(3, n)``: alpha (rad/in), q (rad/s/in), incremental nz (g/in), nowhere
-    zero. airspeed, gravity : m/s, m/s2. L_q : held at this value. near : the equivalent of a loop
-    nearby: a few Gauss-Newton steps from it, and the whole search only where they do not settle.
+        zero.
+    airspeed, gravity : m/s, m/s2.
+    L_q : held at this value.
+    near : the equivalent of a loop nearby: a few Gauss-Newton steps from it, and the whole search
+        only where they do not settle.
 
     Returns the least-squares fit of gain in dB and weighted phase over all three channels with
     equal weight. Raises ModelError when shapes do not agree, a frequency is not positive, or a
@@ -406,11 +411,11 @@ def fit_equivalent(
         and (settled := _from_near(near, omega, response, airspeed, gravity, L_q)) is not None
     ):
         return settled
-    found = least_squares(
+    solution = least_squares(
         errors, _START, x_scale=_SCALE, xtol=1e-12, ftol=1e-14, gtol=1e-12, max_nfev=2000
     )
-    outcome = FitOutcome.CONVERGED if found.status > 0 else FitOutcome.NOT_CONVERGED
-    return _system(found.x, L_q, float(2.0 * found.cost / response.size), outcome)
+    outcome = FitOutcome.CONVERGED if solution.status > 0 else FitOutcome.NOT_CONVERGED
+    return _system(solution.x, L_q, float(2.0 * solution.cost / response.size), outcome)
 
 
 def _from_near(
@@ -421,9 +426,7 @@ def _from_near(
     gravity: float,
     L_q: float,
 ) -> EquivalentSystem | None:
-    """The same fit by Gauss-Newton steps from an equivalent nearby, all slopes in one call; None
-    where it does not settle.
-    """
+    """The same fit by Gauss-Newton steps from a near equivalent; None if it does not converge."""
     p, nudge = np.array([getattr(near, name) for name in FITTED_NAMES]), 1e-7 * _SCALE
 
     def errors(columns: np.ndarray) -> np.ndarray:
@@ -439,16 +442,16 @@ def _from_near(
 
     with np.errstate(all="ignore"):
         for _ in range(_STEPS):
-            found = errors(p[:, None] + np.column_stack([np.zeros(len(p)), np.diag(nudge)]))
-            if not np.all(np.isfinite(found)):
+            result = errors(p[:, None] + np.column_stack([np.zeros(len(p)), np.diag(nudge)]))
+            if not np.all(np.isfinite(result)):
                 return None
-            step = np.linalg.lstsq((found[:, 1:] - found[:, :1]) / 1e-7, -found[:, 0], rcond=None)[
-                0
-            ]
+            step = np.linalg.lstsq(
+                (result[:, 1:] - result[:, :1]) / 1e-7, -result[:, 0], rcond=None
+            )[0]
             p = p + _SCALE * step
             if np.abs(step).max() < _SETTLED:
                 return _system(
-                    p, L_q, float(found[:, 0] @ found[:, 0] / response.size), FitOutcome.CONVERGED
+                    p, L_q, float(result[:, 0] @ result[:, 0] / response.size), FitOutcome.CONVERGED
                 )
     return None
 

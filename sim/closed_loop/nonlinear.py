@@ -1,5 +1,4 @@
-"""The sampled closed loop flown with its limits and break-out, under the pilot's stick, and
-recorded as telemetry.
+"""Simulation of the sampled closed loop with limits and break-out, from stick to telemetry.
 
 What comes near a limit is left to be stepped by ``sim.closed_loop.equations``, frame by frame,
 which is exact there.
@@ -92,7 +91,7 @@ def three_two_one_one(
 
 
 def doublet(amplitude: float = 1.0, unit: float = 1.0, start: float = 1.0) -> SteppedStick:
-    """One unit (s) of + ``amplitude`` (in), one of -, then 0."""
+    """``unit`` s of + ``amplitude`` (in), ``unit`` s of - ``amplitude``, then 0."""
     return alternating((1.0, 1.0), amplitude, unit, start)
 
 
@@ -107,7 +106,7 @@ def alternating(
     return SteppedStick(tuple(float(start + unit * edge) for edge in edges), (*levels, 0.0))
 
 
-def hand_flown(
+def manual_stick(
     rng: np.random.Generator,
     duration: float,
     amplitude: float = 1.0,
@@ -160,13 +159,13 @@ INSIDE = 1.0 - 1e-9  # of a limit, within which rounding does not decide
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class FrameBlock:
     """``FRAMES`` steps of ``w' = A w + b r`` at once.
 
     Attributes
     ----------
-    from_start : ``((FRAMES + 1) d, d)``, w at every frame from w at the first. from_input :
-    ``((FRAMES + 1) d, FRAMES)``, from r.
+    from_start : ``((FRAMES + 1) d, d)``, w at every frame from w at the first.
+    from_input : ``((FRAMES + 1) d, FRAMES)``, from r.
     """
 
     from_start: np.ndarray
@@ -183,7 +182,7 @@ class Stretch:
         ).reshape(k + 1, d)
 
 
-def stretch(A: np.ndarray, b: np.ndarray) -> Stretch:
+def stretch(A: np.ndarray, b: np.ndarray) -> FrameBlock:
     """Prepare ``A (d, d)``, ``b (d,)``."""
     d = b.size
     powers, pulses = np.empty((FRAMES + 1, d, d)), np.zeros((FRAMES + 1, d, FRAMES))
@@ -193,7 +192,7 @@ def stretch(A: np.ndarray, b: np.ndarray) -> Stretch:
     answer = powers[:-1] @ b
     for j in range(1, FRAMES + 1):
         pulses[j, :, :j] = answer[:j][::-1].T
-    return Stretch(powers.reshape(-1, d), pulses.reshape(-1, FRAMES))
+    return FrameBlock(powers.reshape(-1, d), pulses.reshape(-1, FRAMES))
 
 
 def filtered(block: Matrices, driven: np.ndarray) -> np.ndarray:
@@ -214,12 +213,14 @@ class FreeFrames:
 
     Attributes
     ----------
-    prepared : the loop over a stretch. watch, offset : ``(v, d)`` and ``(v,)``: a frame is free
-    where ``|watch w + offset|`` stays below one. command : ``(d,)``, u_p. inner : ``(n, d)``, plant
-    states at the last look of a record within the frame.
+    prepared : the loop over a stretch.
+    watch, offset : ``(v, d)`` and ``(v,)``: a frame is free where ``|watch w + offset|`` stays
+        below one.
+    command : ``(d,)``, u_p.
+    inner : ``(n, d)``, plant states at the last look of a record within the frame.
     """
 
-    prepared: Stretch
+    prepared: FrameBlock
     watch: np.ndarray
     offset: np.ndarray
     command: np.ndarray
@@ -272,7 +273,7 @@ _WAIT = 8  # frames that are stepped one by one after one that was limited
 
 
 class FlightOutcome(Enum):
-    """How a simulated flight ended."""
+    """End of a simulated flight."""
 
     COMPLETED = "completed"
     DEPARTED = "departed"
@@ -280,18 +281,18 @@ class FlightOutcome(Enum):
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoopTruth:
-    """What really happened, at the F frames of the control computer (80 Hz); nothing of it is in
-    the record.
+    """True histories at the F frames of the control computer (80 Hz); not in the record.
 
     Attributes
     ----------
     time : ``(F,)``, s.
     stick, reference, command : ``(F,)``; stick as the computer read it (in), r (g), u_p (deg) held
-    from this frame on. alpha, q, nz : ``(F,)``; rad and rad/s about trim, total g at the centre of
-    gravity. surfaces : ``(3, F)``, deg about trim; canard, flaperon, strake. command_limited,
-    rate_limited, stopped : ``(3, F)`` bool: the command was cut to the travel; the ram was at its
-    rate limit, or at
-        an end of its travel, at some instant of the frame that begins there.
+        from this frame on.
+    alpha, q, nz : ``(F,)``; rad and rad/s about trim, total g at the centre of gravity.
+    surfaces : ``(3, F)``, deg about trim; canard, flaperon, strake.
+    command_limited, rate_limited, stopped : ``(3, F)`` bool: the command was cut to the travel; the
+        ram was at its rate limit, or at an end of its travel, at some instant of the frame that
+        begins there.
     recorded : ``(3, N)``, the record's outputs without noise.
     outcome : COMPLETED, or DEPARTED when alpha passed 1 rad; the flight and the record end there.
     """
@@ -329,9 +330,10 @@ def fly_closed_loop(
     Parameters
     ----------
     stick : a function of time (array of s to array of in, aft +), read at the frames, or an array
-    with one value a frame. rng : source of the measurement noise, whose levels stand in
-    ``x29.telemetry``; None records without noise. pieces : how often in a frame the limits are
-    looked at.
+        with one value a frame.
+    rng : source of the measurement noise, whose levels stand in ``x29.telemetry``; None records
+        without noise.
+    pieces : how often in a frame the limits are looked at.
 
     Returns
     -------
@@ -345,37 +347,36 @@ def fly_closed_loop(
     Raises
     ------
     ModelError : a duration of less than two rows, a stick that is too short or not finite,
-    telemetry that does not fall on
-        frames, a negative skew, fewer than one piece.
+        telemetry that does not fall on frames, a negative skew, fewer than one piece.
     """
     every = _frames_per_row(x29)
     time = _frame_times(x29, duration, every)
     if pieces < 1:
         raise ModelError(f"{pieces} pieces", where="fly_closed_loop", remedy="give 1 or more")
     read = _stick_at_frames(stick, time)
-    flown = _fly(x29, _reference(x29, read), pieces)
+    simulated = _fly(x29, _reference(x29, read), pieces)
 
-    count = flown.states.shape[0]
+    count = simulated.states.shape[0]
     system = plant(x29)
-    at_frames = system.C @ flown.states.T
+    at_frames = system.C @ simulated.states.T
     rows = np.arange(0, count, every)
-    recorded = (system.C[:3] @ _states_at_rows(x29, flown, rows).T).copy()
+    recorded = (system.C[:3] @ _states_at_rows(x29, simulated, rows).T).copy()
     recorded[0] -= x29.telemetry.vane_arm / x29.airframe.airspeed * recorded[1]
     recorded[2] += 1.0
     truth = ClosedLoopTruth(
         time=time[:count],
         stick=read[:count],
-        reference=flown.reference[:count],
-        command=flown.command,
+        reference=simulated.reference[:count],
+        command=simulated.command,
         alpha=at_frames[0],
         q=at_frames[1],
         nz=at_frames[2] + 1.0,
         surfaces=at_frames[3:6],
-        command_limited=flown.command_limited.T,
-        rate_limited=flown.rate_limited.T,
-        stopped=flown.stopped.T,
+        command_limited=simulated.command_limited.T,
+        rate_limited=simulated.rate_limited.T,
+        stopped=simulated.stopped.T,
         recorded=recorded,
-        outcome=flown.outcome,
+        outcome=simulated.outcome,
     )
     noise = np.array(
         [[x29.telemetry.alpha_noise], [x29.telemetry.q_noise], [x29.telemetry.nz_noise]]
@@ -466,7 +467,7 @@ def _fly(x29: X29, reference: np.ndarray, pieces: int) -> _FrameStates:
 
 
 def _steppers(x29: X29, pieces: int) -> tuple[Stepper, ...]:
-    """One stepper a frame, or two that meet where a skewed record takes its outputs."""
+    """One stepper a frame, or two if a skewed record samples its outputs in between."""
     system, rest = plant(x29), math.fmod(x29.stick.recorded_skew, x29.frame)
     if rest == 0.0:
         return (prepare(x29, system, x29.frame, pieces),)

@@ -52,7 +52,7 @@ _FOLLOWED: WeakKeyDictionary[type, dict[Any, bool]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
+class EffectStages:
     """The effects of a model by stage, each stage in the order in which the signal meets them.
 
     ``inputs`` and ``sensors`` act on whole paths; ``moved_in`` and ``moved_out`` are those that an
@@ -88,7 +88,7 @@ class Parts:
         return tuple(signal.name for signal in self.model.equations.inputs)
 
 
-def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> Parts:
+def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> EffectStages:
     """The parts of a model; an unknown output, or an effect that cannot run on line, is a
     ModelError.
     """
@@ -96,8 +96,8 @@ def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> Parts
     chosen = _chosen_outputs(model, outputs)
     wanted = {signal.name for signal in chosen}
     inputs: list[InputEffect] = in_order(_following(model, InputEffect))
-    found: list[SensorEffect] = in_order(_following(model, SensorEffect))
-    sensors = [effect for effect in found if effect.channel in wanted]
+    sensor_effects: list[SensorEffect] = in_order(_following(model, SensorEffect))
+    sensors = [effect for effect in sensor_effects if effect.channel in wanted]
     dynamics = _following(model, DynamicsEffect)
     moved_in, moved_out = (
         (_state_forms(model, inputs), _state_forms(model, sensors)) if online else ([], [])
@@ -110,7 +110,7 @@ def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> Parts
         first = len(states)
         states += online_effect.online_states
         slices[online_effect.name] = slice(first, len(states))
-    return Parts(
+    return EffectStages(
         model,
         chosen,
         tuple(effect for effect in inputs if effect not in moved_in),
@@ -131,18 +131,18 @@ def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> Parts
 
 
 def _following(model: Model, protocol: Any) -> list[Any]:
-    """The effects of a model that follow a protocol: asked once for each class and names of its
-    attributes, since the answer looks at all of them.
+    """Effects of a model that follow a protocol; cached by class and attribute names, since the
+    check inspects all attributes.
     """
-    found = []
+    result = []
     for effect in model.effects:
         known = _FOLLOWED.setdefault(type(effect), {})
-        asked = (protocol, *getattr(effect, "__dict__", ()))
-        if asked not in known:
-            known[asked] = isinstance(effect, protocol)
-        if known[asked]:
-            found.append(effect)
-    return found
+        question = (protocol, *getattr(effect, "__dict__", ()))
+        if question not in known:
+            known[question] = isinstance(effect, protocol)
+        if known[question]:
+            result.append(effect)
+    return result
 
 
 def _chosen_outputs(model: Model, outputs: Sequence[str] | None) -> tuple[Signal, ...]:
@@ -224,9 +224,9 @@ Bus = Callable[[Any, Rows, Rows, Rows], tuple[Signals, Any]]
 Measured = Callable[[Signals, Any, Rows], dict[str, Any]]
 
 
-def signals_of(parts: Parts) -> Bus:
-    """All signals by name at one time, with what the effects add, and the vehicle's own parameters
-    as they are then.
+def signals_of(parts: EffectStages) -> Bus:
+    """All signals by name at one time, with the contributions of effects, and the vehicle's
+    parameters at that time.
     """
     equations, own, slices = parts.model.equations, parts.own, parts.slices
     moved_in = parts.moved_in
@@ -293,8 +293,8 @@ def signals_of(parts: Parts) -> Bus:
     return signals
 
 
-def measured_of(parts: Parts) -> Measured:
-    """All outputs by name as sensors without memory read them."""
+def measured_of(parts: EffectStages) -> Measured:
+    """All outputs by name, as sensors without memory measure them."""
     equations, own, readings = parts.model.equations, parts.own, parts.readings
     base_outputs = tuple(signal.name for signal in equations.outputs)
     rates = (
@@ -316,7 +316,7 @@ def measured_of(parts: Parts) -> Measured:
 
 
 def dynamics_of(
-    parts: Parts, signals: Bus, measured: Measured
+    parts: EffectStages, signals: Bus, measured: Measured
 ) -> Callable[[Any, Rows, Rows, Rows], list[Any]]:
     """``f``: the rates of all states, those of effects behind those of the equations."""
     equations, own, slices = parts.model.equations, parts.own, parts.slices
@@ -358,7 +358,7 @@ def dynamics_of(
 
 
 def outputs_of(
-    parts: Parts, signals: Bus, measured: Measured
+    parts: EffectStages, signals: Bus, measured: Measured
 ) -> Callable[[Any, Rows, Rows, Rows], list[Any]]:
     """``h``: the chosen outputs before sensors with memory, biases added."""
     own, slices, moved_out = parts.own, parts.slices, parts.moved_out
@@ -378,7 +378,7 @@ def outputs_of(
     return h
 
 
-def input_path_of(parts: Parts) -> Callable[[Rows, list[Any], np.ndarray], list[Any]]:
+def input_path_of(parts: EffectStages) -> Callable[[Rows, list[Any], np.ndarray], list[Any]]:
     """``input_path``: cell means of the recorded inputs at the vehicle."""
     own, inputs, input_names = parts.own, parts.inputs, parts.input_names
 
@@ -393,7 +393,7 @@ def input_path_of(parts: Parts) -> Callable[[Rows, list[Any], np.ndarray], list[
 
 
 def sensor_path_of(
-    parts: Parts,
+    parts: EffectStages,
 ) -> Callable[[Rows, list[Any], list[Any], np.ndarray], tuple[list[Any], list[Any]]]:
     """``sensor_path``: outputs after sensors with memory."""
     own, sensors, bias_index = parts.own, parts.sensors, parts.bias_index
@@ -416,15 +416,15 @@ def sensor_path_of(
     return sensor_path
 
 
-def sensor_memory_of(parts: Parts) -> Callable[[Rows], list[SensorMemory]]:
+def sensor_memory_of(parts: EffectStages) -> Callable[[Rows], list[SensorMemory]]:
     """``sensor_memory``: how sensors with memory show small fast motion."""
     names = [signal.name for signal in parts.outputs]
-    found = [each for each in parts.sensors if isinstance(each, RememberingEffect)]
-    rows = [(names.index(each.channel), each, parts.own[each.name]) for each in found]
+    sensor_effects = [each for each in parts.sensors if isinstance(each, RememberingEffect)]
+    rows = [(names.index(each.channel), each, parts.own[each.name]) for each in sensor_effects]
     return lambda p: [SensorMemory(row, *each.memory(own(p))) for row, each, own in rows]
 
 
-def noise_of(parts: Parts) -> Callable[[Rows], tuple[list[Any], list[Any]]]:
+def noise_of(parts: EffectStages) -> Callable[[Rows], tuple[list[Any], list[Any]]]:
     """``noise``: spectral density of each state's forcing, measurement variance of each output."""
     model, own, dynamics = parts.model, parts.own, parts.dynamics
     vehicle_of, outputs = parts.vehicle_of, parts.outputs
@@ -468,10 +468,9 @@ def compile_model(
     model : the declaration.
     outputs : the outputs wanted, in order; all when None.
     online : put input and sensor effects that have a state form into ``f`` and ``h``, for filters
-    that see
-        one sample at a time. An input effect without one may stay when all its parameters are held:
-        it then acts on the recorded input beforehand, which it can only ahead of all others or if
-        it commutes with them.
+        that see one sample at a time. An input effect without one may stay when all its parameters
+        are held: it then acts on the recorded input beforehand, which it can only ahead of all
+        others or if it commutes with them.
 
     Raises
     ------
@@ -512,10 +511,8 @@ def compile_model(
     return tied_system(system, model.ties)
 
 
-def _initial(parts: Parts) -> ParameterSet:
-    """Initial values in the order of the states; states of effects start at zero where the model
-    does not say.
-    """
+def _initial(parts: EffectStages) -> ParameterSet:
+    """Initial values in the order of the states; undeclared states of effects start at zero."""
     model = parts.model
     given = {item.name for item in model.initial}
     added = [
@@ -533,8 +530,8 @@ def _names_of(effects: Sequence[Effect]) -> frozenset[str]:
 
 
 def tied_system(system: System, ties: Sequence[Tie]) -> System:
-    """The System with every function seeing each tied parameter at what its tie gives; the same
-    object where there are no ties.
+    """The System with every tied parameter replaced by its tie's value; the same object without
+    ties.
 
     A parameter that others follow counts as acting wherever one of these does.
     """
@@ -569,9 +566,7 @@ def tied_system(system: System, ties: Sequence[Tie]) -> System:
 def _followed(
     places: Sequence[tuple[int, list[tuple[int, float]], float]], p: Sequence[Any]
 ) -> list[Any]:
-    """The parameters with those that are tied worked out from the others; entries are numbers or
-    arrays.
-    """
+    """The parameters with tied ones computed from the others; entries are numbers or arrays."""
     out = list(p)
     for place, terms, constant in places:
         value: Any = constant

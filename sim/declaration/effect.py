@@ -129,31 +129,31 @@ class ParameterSet:
         return np.array([item.value for item in chosen], dtype=float)
 
     def with_values(self, values: Mapping[str, float]) -> ParameterSet:
-        """The same set with some values replaced."""
+        """Return a copy with some values replaced."""
         return self._changed({name: {"value": float(value)} for name, value in values.items()})
 
     def with_prior(self, prior_std: Mapping[str, float]) -> ParameterSet:
-        """The same set with some prior standard deviations replaced."""
+        """Return a copy with some prior standard deviations replaced."""
         return self._changed(
             {name: {"prior_std": float(value)} for name, value in prior_std.items()}
         )
 
     def with_bounds(self, bounds: Mapping[str, tuple[float, float]]) -> ParameterSet:
-        """The same set with some bounds replaced."""
+        """Return a copy with some bounds replaced."""
         return self._changed(
             {name: {"bounds": (float(low), float(high))} for name, (low, high) in bounds.items()}
         )
 
     def hold(self, names: Iterable[str]) -> ParameterSet:
-        """The same set with the named parameters fixed at their values."""
+        """Return a copy with the named parameters fixed at their values."""
         return self._changed({name: {"free": False} for name in names})
 
     def release(self, names: Iterable[str]) -> ParameterSet:
-        """The same set with the named parameters estimated."""
+        """Return a copy with the named parameters free (estimated)."""
         return self._changed({name: {"free": True} for name in names})
 
     def only_free(self, names: Iterable[str]) -> ParameterSet:
-        """The same set with exactly the named parameters estimated."""
+        """Return a copy with exactly the named parameters free (estimated)."""
         wanted = set(names)
         for name in wanted:
             self.index(name)
@@ -175,7 +175,7 @@ class ParameterSet:
 
 
 class Station(Enum):
-    """Where an effect acts, in the order in which data flow."""
+    """Position of an effect in the signal chain, in the order of the data."""
 
     INPUT_PATH = "input path"
     DISTURBANCE = "disturbance"
@@ -185,7 +185,7 @@ class Station(Enum):
 
 
 class Regularity(Enum):
-    """How the likelihood behaves at the point where the effect is absent."""
+    """Behaviour of the likelihood at the point where the effect is absent."""
 
     REGULAR = "regular: the score test holds"
     BOUNDARY = "on the boundary of the parameter space: one-sided test"
@@ -207,7 +207,7 @@ class Signal:
 
 @runtime_checkable
 class Effect(Protocol):
-    """What every effect declares.
+    """Declaration common to all effects.
 
     Attributes
     ----------
@@ -307,14 +307,16 @@ class SensorEffect(Effect, Protocol):
 
 @dataclass(frozen=True)
 class SensorMemory:
-    """How a sensor shows small fast motion: ``direct`` y + (1 - ``direct``) x, x following y with a
-    first-order lag.
+    """Response of a sensor to small fast motion: ``direct`` y + (1 - ``direct``) x, x following y
+    with a first-order lag.
 
     A lag has ``direct`` 0. A delay has -1 and half its length: Pade's approximation of first order.
 
     Attributes
     ----------
-    row : of the output in its System. time_constant : of x, s. direct : share of y itself.
+    row : of the output in its System.
+    time_constant : of x, s.
+    direct : share of y itself.
     """
 
     row: int
@@ -427,8 +429,8 @@ class ReadsOutputs(Protocol):
 
 @runtime_checkable
 class ReadsStates(Protocol):
-    """Reads states of the equations, named in ``states_read``, beside what it acts on: on a vehicle
-    without them it is not offered.
+    """An effect that reads states of the equations, named in ``states_read``; it is not offered for
+    a vehicle without them.
     """
 
     @property
@@ -462,29 +464,27 @@ class Anticipating(Protocol):
 
 
 def ports_needed(effect: object) -> Sequence[str]:
-    """Names of the ports that an effect adds to; none where it does not say."""
+    """Return the names of the ports that an effect adds to; empty if it declares none."""
     return effect.needs if isinstance(effect, NeedsPorts) else ()
 
 
 def constants_needed(effect: object) -> Sequence[str]:
-    """Names of the constants that an effect wants of the equations; none where it does not say."""
+    """Return the names of the constants that an effect needs; empty if it declares none."""
     return effect.needs_constants if isinstance(effect, NeedsConstants) else ()
 
 
 def rates_read_by(effect: object) -> Sequence[str]:
-    """Names of the states whose rates an effect reads; none where it does not say."""
+    """Return the names of the states whose rates an effect reads; empty if it declares none."""
     return effect.rates_read if isinstance(effect, ReadsRates) else ()
 
 
 def outputs_read_by(effect: object) -> Sequence[str]:
-    """Names of the outputs besides its own channel that a sensor effect reads; none where it does
-    not say.
-    """
+    """Return the names of other outputs that a sensor effect reads; empty if it declares none."""
     return effect.outputs_read if isinstance(effect, ReadsOutputs) else ()
 
 
 def states_read_by(effect: object) -> Sequence[str]:
-    """Names of the states that an effect reads; none where it does not say."""
+    """Return the names of the states that an effect reads; empty if it declares none."""
     return effect.states_read if isinstance(effect, ReadsStates) else ()
 
 

@@ -1,10 +1,9 @@
-"""The declared model: equations, parameters and their ties, effects; and the System that it is
-compiled to.
+"""The declared model: equations, parameters with ties, effects; and the System compiled from it.
 
-Rows: ``x``, ``u`` and ``p`` are sequences with one entry a state, input or parameter; an entry is a
-float, a complex number or an array whose axes are batch axes. The same source serves the
-step-by-step filter (floats), banks and campaigns (arrays of runs), whole-record fits (arrays of
-samples) and derivatives (complex).
+``x``, ``u`` and ``p`` are sequences with one entry for each state, input or parameter. An entry is
+a float, a complex number or an array whose axes are batch axes. The same functions serve filters
+(floats), banks and campaigns (arrays of runs), whole-record fits (arrays of samples) and
+derivatives (complex steps).
 """
 
 from __future__ import annotations
@@ -29,19 +28,21 @@ from sim.declaration.effect import (
 )
 from sim.errors import ModelError
 
-# ---- Ties: parameters that are no unknowns of their own, but a linear function of others
+# ---- Ties: parameters that are linear functions of others
 
 
 @dataclass(frozen=True)
 class Tie:
-    """``name`` = ``constant`` + the sum of factor times parameter over ``terms``, all in SI."""
+    """A parameter that is a linear function of others: ``name`` = ``constant`` + sum of factor
+    times parameter over ``terms``, SI.
+    """
 
     name: str
     terms: tuple[tuple[str, float], ...]
     constant: float = 0.0
 
     def of(self, values: Callable[[str], Any]) -> Any:
-        """What the tie gives where ``values`` says what each parameter is."""
+        """Return the value of the tied parameter; ``values`` maps a name to its value."""
         out: Any = self.constant
         for source, factor in self.terms:
             out = out + factor * values(source)
@@ -49,12 +50,12 @@ class Tie:
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """The parameters that it follows."""
+        """Names of the parameters on the right-hand side."""
         return tuple(source for source, _ in self.terms)
 
     @property
     def words(self) -> str:
-        """``"Cn_da = -0.1 Cl_da + 0.002"``."""
+        """Text of the tie, ``"Cn_da = -0.1 Cl_da + 0.002"``."""
         parts = [f"{factor:g} {source}" for source, factor in self.terms] + (
             [f"{self.constant:g}"] if self.constant else []
         )
@@ -62,13 +63,12 @@ class Tie:
 
 
 def with_tied_values(parameters: ParameterSet, ties: Sequence[Tie]) -> ParameterSet:
-    """The set with each tied parameter held at what its tie gives.
+    """Return the set with each tied parameter fixed at the value of its tie.
 
     Raises
     ------
-    ModelError : a tie of or to a parameter that there is not, of one that is tied already, to one
-    that is tied itself, or a value that is
-        not finite or beyond the tied parameter's bounds.
+    ModelError : an unknown parameter, one that is tied twice, a tie to one
+        that is tied itself, or a value that is not finite or beyond the tied parameter's bounds.
     """
     tied = [tie.name for tie in ties]
     for tie in ties:
@@ -128,8 +128,8 @@ class Equations(Protocol):
 
 @runtime_checkable
 class Containing(Protocol):
-    """Equations that hold some effects of the library in themselves: ``contains`` names them, and a
-    search must not offer them.
+    """Equations that already contain some effects of the library, named in ``contains``; a search
+    does not offer them.
     """
 
     @property
@@ -138,7 +138,7 @@ class Containing(Protocol):
 
 @runtime_checkable
 class Biased(Protocol):
-    """Equations that say which outputs have sensors with a free constant bias."""
+    """Equations that declare which outputs have sensors with a free constant bias."""
 
     @property
     def biased_outputs(self) -> tuple[str, ...]: ...
@@ -146,8 +146,8 @@ class Biased(Protocol):
 
 @runtime_checkable
 class Multiplying(Protocol):
-    """Equations that say which of their parameters multiply a signal, as derivatives do:
-    ``factors``, units by name. Each of them may vary.
+    """Equations that declare which of their parameters multiply a signal: ``factors``, units by
+    name. Each of these may vary.
     """
 
     @property
@@ -166,9 +166,7 @@ class DrivenByOthers(Protocol):
 
 @runtime_checkable
 class KnowingBiases(Protocol):
-    """Equations of which some outputs' biases are known beforehand: ``bias_priors``, standard
-    deviation by output, where a record hardly tells.
-    """
+    """Equations with prior knowledge of biases: ``bias_priors``, standard deviation by output."""
 
     @property
     def bias_priors(self) -> Mapping[str, float]: ...
@@ -176,9 +174,7 @@ class KnowingBiases(Protocol):
 
 @runtime_checkable
 class OfTotals(Protocol):
-    """Equations that say whether their signals are totals, from which no trim is taken off, or
-    perturbations about a trim.
-    """
+    """Equations that declare whether their signals are totals or perturbations about a trim."""
 
     @property
     def totals(self) -> bool: ...
@@ -186,7 +182,7 @@ class OfTotals(Protocol):
 
 @dataclass(frozen=True)
 class Noise:
-    """What is random in a model.
+    """Random inputs and measurement errors of a model.
 
     Attributes
     ----------
@@ -268,36 +264,35 @@ class Model:
         return self.equations.name
 
     def with_parameters(self, parameters: ParameterSet) -> Model:
-        """The same model with other parameters; those that are tied stay at what their tie
-        gives.
-        """
+        """Return the model with other parameters; tied ones keep the value of their tie."""
         return replace(
             self, parameters=with_tied_values(parameters, self.ties) if self.ties else parameters
         )
 
     def with_values(self, values: Mapping[str, float]) -> Model:
-        """The same model with some parameter values replaced, as ``with_parameters``."""
+        """Return the model with some parameter values replaced, as ``with_parameters``."""
         return self.with_parameters(self.parameters.with_values(values))
 
     def with_noise(self, noise: Noise) -> Model:
-        """The same model with other noise."""
+        """Return the model with other noise."""
         return replace(self, noise=noise)
 
     def with_ties(self, ties: Sequence[Tie]) -> Model:
-        """The same model with some parameters following others; each of them is held. Raises
-        ModelError as ``with_tied_values``.
+        """Return the model with some parameters tied to others, and so fixed.
+
+        Raises ModelError as ``with_tied_values``.
         """
         return replace(self, parameters=with_tied_values(self.parameters, ties), ties=tuple(ties))
 
     def with_initial(self, initial: ParameterSet) -> Model:
-        """The same model with another initial state."""
+        """Return the model with another initial state."""
         return replace(self, initial=initial)
 
     def with_effects(self, *effects: Effect) -> Model:
-        """The same model with further effects, their parameters at the effects' starting values.
+        """Return the model with further effects, at their starting values.
 
-        An effect that is ``shared`` takes a parameter of its own full name that is there already,
-        as one delay of several inputs.
+        A ``shared`` effect uses an existing parameter of its own full name, as one delay of several
+        inputs.
         """
         model = self
         for effect in effects:
@@ -316,12 +311,14 @@ class Model:
         return model
 
     def without(self, name: str) -> Model:
-        """The same model without one effect and its parameters."""
+        """Return the model without one effect and its parameters."""
         gone = [effect for effect in self.effects if effect.name == name]
         if not gone:
-            known = ", ".join(effect.name for effect in self.effects) or "none"
+            available = ", ".join(effect.name for effect in self.effects) or "none"
             raise ModelError(
-                f"there is no effect {name!r}", where=f"model {self.name}", remedy=f"it has {known}"
+                f"there is no effect {name!r}",
+                where=f"model {self.name}",
+                remedy=f"it has {available}",
             )
         others = tuple(effect for effect in self.effects if effect.name != name)
         shared = {full_name(effect, item.name) for effect in others for item in effect.parameters}
@@ -330,8 +327,8 @@ class Model:
         return replace(self, effects=others, parameters=kept)
 
     def with_biases(self, outputs: Sequence[str], prior_std: float = math.inf) -> Model:
-        """The same model with one free constant bias on each of the named outputs; what the
-        equations know of one is its prior.
+        """Return the model with one free constant bias on each of the named outputs, with the prior
+        of the equations if they have one.
         """
         units = {signal.name: signal.unit for signal in self.equations.outputs}
         new = [name for name in outputs if name not in self.biases]
@@ -342,13 +339,13 @@ class Model:
                     where=f"model {self.name}",
                     remedy=f"its outputs are {', '.join(units)}",
                 )
-        known = self.equations.bias_priors if isinstance(self.equations, KnowingBiases) else {}
+        priors = self.equations.bias_priors if isinstance(self.equations, KnowingBiases) else {}
         added = [
             Parameter(
                 f"bias_{name}",
                 0.0,
                 units[name],
-                prior_std=min(prior_std, known.get(name, math.inf)),
+                prior_std=min(prior_std, priors.get(name, math.inf)),
             )
             for name in new
         ]

@@ -21,56 +21,63 @@ _NO_MANEUVERS: Mapping[str, str] = MappingProxyType({})
 
 @dataclass(frozen=True)
 class Traits:
-    """What a search and its reports ask of an effect; each file states what is special about its
-    own.
+    """Properties of an effect for searches and reports; each effect file states its own.
 
-    Names of other effects in ``separating`` stand without their part after a colon:
-    ``"sensor-lag"`` is that of every channel.
+    Names of other effects in ``separating`` are without the part after a colon: ``"sensor-lag"`` is
+    that of every channel.
 
     Attributes
     ----------
     sentences : templates in words, of which the first is taken whose parameters are all there. In
-    braces a parameter by local name, or
-        {control}, {sticks}, {channel}, {count_spikes}, {rest} (all parameters but times), and of a
-        parameter NAME_percent (its distance from one), NAME_change (a share), NAME_direction,
-        NAME_hertz, NAME_side (a length with "ahead of" or "behind"). Without any the report prints
-        the parameters.
+        braces a parameter by local name, or {control}, {sticks}, {channel}, {count_spikes}, {rest}
+        (all parameters but times), and of a parameter NAME_percent (its distance from one),
+        NAME_change (a share), NAME_direction, NAME_hertz, NAME_side (a length with "ahead of" or
+        "behind"). Without any the report prints the parameters.
     grouped : the template where effects that a record cannot tell apart are told together; the
-    sentence when empty. short_name : what it is called in such a group; its name when empty.
+        sentence when empty.
+    short_name : what it is called in such a group; its name when empty.
     separating : other effect -> what to fly to tell the two apart. Either of the two may say it.
     twins : names of effects that are another description of the same fault of the same sensor:
-    never claimed side by side. equivalents : those of the twins that no record tells apart from it,
-    since other values of the derivatives make up for the difference: a
-        record is explained alike under each, and only the priors say which is likelier.
+        never claimed side by side.
+    equivalents : those of the twins that no record tells apart from it, since other values of the
+        derivatives make up for the difference: a record is explained alike under each, and only the
+        priors say which is likelier.
     same_as : local name -> (effect, least size): where this parameter is larger than that, the
-    effect is the same thing under another name, which
-        no record without further channels tells apart.
+        effect is the same thing under another name, which no record without further channels tells
+        apart.
     never_beside : names of effects that are never in one set with it: of one slow fault, or one law
-    of the airspeed, a record shows no more. plausible : local name -> range within which a value is
-    believed without asking; bounds are the physical limits. usual : local name -> one standard
-    deviation of what is expected of it before any record is seen, about its absence; its declared
-        size where it is not here.
+        of the airspeed, a record shows no more.
+    plausible : local name -> range within which a value is believed without asking; bounds are the
+        physical limits.
+    usual : local name -> one standard deviation of what is expected of it before any record is
+        seen, about its absence; its declared size where it is not here.
     oscillates : local names of frequencies, rad/s, that a record resolves only well below half its
-    sampling rate. tried : local names of parameters that only trying finds, since no slope tells
-    them: each is known to its prior about the value tried. in_input_unit : local names of
-    parameters that are counted in the unit of the input, or that per second. onset : local name of
-    the time from which it acts, searched for over the record; empty where there is none. lasts :
-    local name of the time that an event lasts: where it is no longer than two samples, the recorder
-    did it, and no force. per_record : True where the effect belongs to one record (an event, a
-    drift): its parameters are fitted anew for each record, and it
-        needs not act on all of them. Those in ``of_aircraft`` are excepted.
+        sampling rate.
+    tried : local names of parameters that only trying finds, since no slope tells them: each is
+        known to its prior about the value tried.
+    in_input_unit : local names of parameters that are counted in the unit of the input, or that per
+        second.
+    onset : local name of the time from which it acts, searched for over the record; empty where
+        there is none.
+    lasts : local name of the time that an event lasts: where it is no longer than two samples, the
+        recorder did it, and no force.
+    per_record : True where the effect belongs to one record (an event, a drift): its parameters are
+        fitted anew for each record, and it needs not act on all of them. Those in ``of_aircraft``
+        are excepted.
     of_aircraft : local names of parameters that any aircraft has and that are known beforehand to
-    their prior: all records share them. guard : True for a generic term that competes like an
-    effect and is never claimed: where it wins, the library lacks the cause. wrong_samples_of : the
-    output or recorded input whose isolated wrong samples it stands for: found by rule, never
-    fitted. recorded_as : the input channel that records what this effect would have to guess: with
-    it there is nothing to search for. within_interval : local name of a time that, where it is
-    shorter than the sampling interval, tells how inputs are to be read between
-        samples, and no more.
+        their prior: all records share them.
+    guard : True for a generic term that competes like an effect and is never claimed: where it
+        wins, the library lacks the cause.
+    wrong_samples_of : the output or recorded input whose isolated wrong samples it stands for:
+        found by rule, never fitted.
+    recorded_as : the input channel that records what this effect would have to guess: with it there
+        is nothing to search for.
+    within_interval : local name of a time that, where it is shorter than the sampling interval,
+        tells how inputs are to be read between samples, and no more.
     background : True for motion that any real record may have whatever else is wrong: its prior
-    odds are one half. general : True for one of many instances of a general form, less specific
-    than a named cause: offered where nothing with a cause of its
-        own explains the records.
+        odds are one half.
+    general : True for one of many instances of a general form, less specific than a named cause:
+        offered where nothing with a cause of its own explains the records.
     """
 
     sentences: tuple[str, ...] = ()
@@ -110,18 +117,22 @@ _proposal_NO_RANGES: Mapping[str, tuple[float, float]] = MappingProxyType({})
 
 @dataclass(frozen=True)
 class SearchContext:
-    """What a record offers before any effect is tried.
+    """Properties of a record that a search uses before any effect is fitted.
 
     Attributes
     ----------
-    begin, end : s, of the record. interval : median sampling interval, s.
-    input_peak : largest magnitude of each input. input_rate : largest step between samples over the
-    interval, unit/s. state_peak : largest magnitude of each measured state or output, in its unit.
+    begin, end : s, of the record.
+    interval : median sampling interval, s.
+    input_peak : largest magnitude of each input.
+    input_rate : largest step between samples over the interval, unit/s.
+    state_peak : largest magnitude of each measured state or output, in its unit.
     flown : lowest and highest value of an input, state or output, spikes left out; ``flown_range``
-    falls back on the peaks. residual_peaks : frequencies of peaks in the residual's spectrum,
-    rad/s, strongest first. update_periods : of each output the period, s, at which it would be held
-    between updates if it were. airspeed : m/s, where the model has one. values : parameters of the
-    model as fitted, by name.
+        falls back on the peaks.
+    residual_peaks : frequencies of peaks in the residual's spectrum, rad/s, strongest first.
+    update_periods : of each output the period, s, at which it would be held between updates if it
+        were.
+    airspeed : m/s, where the model has one.
+    values : parameters of the model as fitted, by name.
     """
 
     begin: float
@@ -141,8 +152,8 @@ class SearchContext:
         return self.end - self.begin
 
     def flown_range(self, name: str) -> tuple[float, float] | None:
-        """Lowest and highest value of a signal, by its peak to both sides where no more is known;
-        None where nothing is.
+        """Lowest and highest value of a signal in the record; plus and minus its peak if only that
+        is known, None if nothing is.
         """
         if name in self.flown:
             return self.flown[name]
@@ -150,25 +161,26 @@ class SearchContext:
         return (-peak, peak) if peak > 0 else None
 
     def onsets(self, count: int = 36) -> tuple[float, ...]:
-        """Times spread evenly over the record, its ends left out: an event at the very edge cannot
-        be told from a bias.
+        """Times spread evenly over the record without its ends, where an event looks like a
+        bias.
         """
         return tuple(self.begin + self.duration * (i + 0.5) / count for i in range(count))
 
 
 @dataclass(frozen=True)
 class Probe:
-    """One place where a search evaluates an effect.
+    """A point at which a search evaluates an effect.
 
     Attributes
     ----------
-    values : all local parameters. slopes : those by which the outputs are differentiated at
-    ``values``; the columns that
-        this gives are the effect's signature. When empty, the signature is the whole change from
-        the effect's absence.
+    values : all local parameters.
+    slopes : those by which the outputs are differentiated at ``values``; the columns that this
+        gives are the effect's signature. When empty, the signature is the whole change from the
+        effect's absence.
     shifts : True where a later onset only moves the signature along the record, and the same probe
-    therefore stands for all of them. sharp : of one that shifts: a fit moves the onset by a sample
-    at most, and the best place is looked for to the sample.
+        therefore stands for all of them.
+    sharp : of one that shifts: a fit moves the onset by a sample at most, and the best place is
+        looked for to the sample.
     """
 
     values: Mapping[str, float]
@@ -179,9 +191,7 @@ class Probe:
 
 @runtime_checkable
 class Traceable(Effect, Protocol):
-    """An effect that a search can propose: its ``traits`` say how, ``probes`` where to look for it
-    in a record.
-    """
+    """An effect that a search can propose, with its ``traits`` and its ``probes`` of a record."""
 
     @property
     def traits(self) -> Traits: ...
@@ -189,7 +199,7 @@ class Traceable(Effect, Protocol):
 
 
 @runtime_checkable
-class Fitted(Protocol):
+class FittedToRecord(Protocol):
     """An effect whose form depends on the record (a range, a width); ``fitted_to`` gives it the
     form for that record, under the same name.
     """
@@ -198,16 +208,14 @@ class Fitted(Protocol):
 
 
 @runtime_checkable
-class Curve(Protocol):
-    """A curve over a range: ``low`` and ``high``, in the unit of its argument, are what the records
-    of ``fitted_to`` flew.
-    """
+class RangedCurve(Protocol):
+    """A curve over the range of the records: ``low`` and ``high``, in the unit of its argument."""
 
     @property
     def low(self) -> float: ...
     @property
     def high(self) -> float: ...
-    def fitted_to(self, context: SearchContext) -> Curve: ...
+    def fitted_to(self, context: SearchContext) -> RangedCurve: ...
 
 
 @runtime_checkable
@@ -230,16 +238,16 @@ class Underdetermined(Protocol):
 
 
 def fitted_to(effect: Traceable, context: SearchContext) -> Traceable:
-    """The effect in the form that a record asks for: itself unless it is ``Fitted``."""
-    return effect.fitted_to(context) if isinstance(effect, Fitted) else effect
+    """The effect in the form that a record asks for: itself unless it is ``FittedToRecord``."""
+    return effect.fitted_to(context) if isinstance(effect, FittedToRecord) else effect
 
 
-def late_times(context: SearchContext) -> tuple[float, ...]:
+def delays_to_try(context: SearchContext) -> tuple[float, ...]:
     """Delays and time constants to try, s, a factor of two apart, from a share of the sampling
     interval upward.
 
-    None is a multiple of a usual sampling interval: there a held input's jump meets a sample, and
-    slopes are one-sided.
+    None is a multiple of a usual sampling interval: a step of a held input would then meet a
+    sample, and slopes would be one-sided.
     """
     return tuple(
         time for time in (0.0173, 0.0373, 0.0831, 0.1773) if time > 0.3 * context.interval
@@ -250,5 +258,9 @@ def shares_of_peak(
     context: SearchContext, signal: str, shares: Sequence[float]
 ) -> tuple[float, ...]:
     """Shares of a signal's largest magnitude, spikes left out; none where it stays at zero."""
-    flown = context.flown_range(signal)
-    return tuple(share * max(abs(value) for value in flown) for share in shares) if flown else ()
+    recorded_range = context.flown_range(signal)
+    return (
+        tuple(share * max(abs(value) for value in recorded_range) for share in shares)
+        if recorded_range
+        else ()
+    )

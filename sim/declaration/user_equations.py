@@ -1,5 +1,5 @@
-"""Equations of motion made of a user's functions, their named arguments, and a trial call of each
-function.
+"""Equations of motion from a user's functions, the arguments of these functions, and trial
+calls.
 """
 
 from __future__ import annotations
@@ -55,9 +55,8 @@ class Signals(SimpleNamespace):
 def is_sampled(call: int) -> bool:
     """Whether the arrays of this call (counted from 0) are locked: calls 0, 1, 2, 4, 8 and so on.
 
-    A view for each array of each call took 12 to 32 % of the time of an evaluation. A function that
-    changes its arguments is found when it is declared (``sim.declaration.user_equations``), or at a
-    later call where the change depends on values.
+    Locking every call would cost 12 to 32 % of the time of an evaluation. A function that changes
+    its arguments is found when it is declared, or at a later call if the change depends on values.
     """
     return not call & (call - 1)
 
@@ -70,9 +69,7 @@ def lock_arrays(signals: dict[str, Any]) -> None:
 
 
 def with_locked_arrays(parameters: Any) -> Any:
-    """A named tuple with read-only views in place of its arrays; the same object where it holds
-    none.
-    """
+    """The named tuple with read-only views of its arrays; the same object without arrays."""
     for value in parameters:
         if type(value) is np.ndarray:
             return parameters._make(
@@ -89,10 +86,10 @@ def locked(array: np.ndarray) -> np.ndarray:
 
 
 class WatchedTime(NDArrayOperatorsMixin):
-    """Time zero that serves as a number or as an array without axes, and records in ``used``
-    whether anything was done with it.
+    """Time zero, as a number or an array without axes, that records in ``used`` whether a function
+    used it.
 
-    A function of the time is found by it even where its value changes at one instant only.
+    That also finds functions of time whose value changes at one instant only.
     """
 
     __array_priority__ = 1000.0
@@ -108,8 +105,8 @@ class WatchedTime(NDArrayOperatorsMixin):
         return self._value().astype(dtype or float)
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
-        plain = [each._value() if isinstance(each, WatchedTime) else each for each in inputs]
-        return getattr(ufunc, method)(*plain, **options)
+        values = [each._value() if isinstance(each, WatchedTime) else each for each in inputs]
+        return getattr(ufunc, method)(*values, **options)
 
     def __float__(self) -> float:
         return float(self._value())
@@ -128,9 +125,9 @@ class WatchedTime(NDArrayOperatorsMixin):
 
 def signals_from(values: Mapping[str, Any]) -> Signals:
     """Signals with read-only views in place of arrays."""
-    found = Signals(**values)
-    lock_arrays(found.__dict__)
-    return found
+    result = Signals(**values)
+    lock_arrays(result.__dict__)
+    return result
 
 
 # ---- Equations of motion made of a user's functions, which answer by name
@@ -184,18 +181,18 @@ class OwnEquations:
 
     @property
     def resting_inputs(self) -> dict[str, float]:
-        """Inputs about which the functions are tried, by name; zero where it says nothing."""
+        """Inputs at which the functions are tried, by name; zero where not declared."""
         return dict(self.resting)
 
     def flow(self, s: Any, p: Any) -> Mapping[str, Any]:
         if self.formed is None:
             return {}
         try:
-            found = self.formed(s, p)
+            result = self.formed(s, p)
             answers = (
-                {name: found[name] for name in self.formed_names}
+                {name: result[name] for name in self.formed_names}
                 if self.formed_names
-                else dict(found)
+                else dict(result)
             )
         except ArithmeticError:
             return dict.fromkeys(self.formed_names, math.nan)
@@ -205,11 +202,11 @@ class OwnEquations:
         return answers
 
     def derivatives(self, s: Any, p: Any) -> Sequence[Any]:
-        found = self._answer("rates", self.rates, self.states, s, p)
+        result = self._answer("rates", self.rates, self.states, s, p)
         if not self.rate_ports:
-            return found
+            return result
         return [
-            plus(rate, getattr(s, port)) for rate, port in zip(found, self.rate_ports, strict=True)
+            plus(rate, getattr(s, port)) for rate, port in zip(result, self.rate_ports, strict=True)
         ]
 
     def measurements(self, s: Any, p: Any) -> Sequence[Any]:
@@ -219,8 +216,8 @@ class OwnEquations:
         self, what: str, function: Answer, signals: tuple[Signal, ...], s: Any, p: Any
     ) -> list[Any]:
         try:
-            found = function(s, p)
-            answers = [found[signal.name] for signal in signals]
+            result = function(s, p)
+            answers = [result[signal.name] for signal in signals]
         except ArithmeticError:
             return [math.nan for _ in signals]
         except BaseException as error:
@@ -233,8 +230,8 @@ class OwnEquations:
     def _check_all(
         self, what: str, function: Answer, answers: Iterable[tuple[str, Any]], s: Any, p: Any
     ) -> None:
-        """Check each answer; plain numbers, and arrays of floats in the shape of the first state,
-        need no second look.
+        """Check each answer; numbers, and float arrays in the shape of the first state, pass at
+        once.
         """
         shape = getattr(getattr(s, self.states[0].name), "shape", ())
         known: set[tuple[int, ...]] = set()
@@ -254,28 +251,30 @@ class OwnEquations:
         may be another than when it was tried.
         """
         shape, kind = np.shape(value), getattr(getattr(value, "dtype", None), "kind", None)
-        plain = (
+        numeric = (
             kind in ("f", "c", "i", "u")
             if kind is not None
             else isinstance(value, int | complex) and not isinstance(value, bool)
         )
-        if plain and (shape == () or shape == np.shape(getattr(s, self.states[0].name))):
+        if numeric and (shape == () or shape == np.shape(getattr(s, self.states[0].name))):
             return
-        if plain:
-            known = {
+        if numeric:
+            known_shapes = {
                 np.shape(each)
                 for each in (*vars(s).values(), *(p if isinstance(p, tuple) else vars(p).values()))
             }
-            if any(shape == each for each in known) or shape == np.broadcast_shapes(*known):
+            if any(shape == each for each in known_shapes) or shape == np.broadcast_shapes(
+                *known_shapes
+            ):
                 return
-        told = (
+        problem = (
             f"of shape {shape} where no signal has it"
-            if plain
+            if numeric
             else f"of type {type(value).__name__}"
         )
         where = written_in(self.name, what, function)
         raise ModelError(
-            f"the answer for {name} is {told}",
+            f"the answer for {name} is {problem}",
             where=where,
             remedy="return numbers that go with the signals, in every call",
         )
@@ -290,10 +289,9 @@ NO_COMPLEX = (
 def fault(
     model: str, what: str, function: Answer, error: BaseException, s: Any, p: Any
 ) -> FlightidError:
-    """One line on an error that a user's function raised: what, in which function, file and line.
+    """One line on an error of a user's function: problem, function, file and line.
 
-    What asks the program to stop is raised again: an interrupt from the keyboard, and what is no
-    error of the function.
+    Requests to stop the program, such as Ctrl-C, are raised again.
     """
     if not raised_by(error, getattr(getattr(function, "__code__", None), "co_filename", "")):
         raise error
@@ -380,7 +378,7 @@ SLOPE = 1e-3
 
 @dataclass(frozen=True)
 class Starts:
-    """Where a model is tried: every signal on the bus but those of ``flow``, and every
+    """Point at which a model is tried: every signal except those of ``flow``, and every
     parameter.
     """
 
@@ -389,28 +387,30 @@ class Starts:
 
 
 def try_model(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
-    """Evaluate a model's functions at the starts, beside them with complex steps, and with arrays;
-    the names that ``flow`` forms.
+    """Evaluate a model's functions at the starts, with complex steps beside them, and with arrays;
+    return the names that ``flow`` forms.
 
     Raises
     ------
     ModelError : an answer that is no mapping, lacks a name or has one too many, or is no finite
-    number at the starts; a function that loses a
-        complex step (``math``, ``abs`` or ``if`` of a signal) or does not take arrays.
+        number at the starts; a function that loses a complex step (``math``, ``abs`` or ``if`` of a
+        signal) or does not take arrays.
     """
     values = evaluated(equations, starts)
     for (what, name), value in values.items():
         where = written_in(equations.name, what, _function(equations, what))
         if np.shape(value) != ():
-            told = (
-                f"{_told(what, name)} of shape {np.shape(value)} where all signals are single "
-                "numbers"
+            problem = (
+                f"{_answer_label(what, name)} of shape {np.shape(value)} where all signals are "
+                "single numbers"
             )
-            raise ModelError(told, where=where, remedy="return one number for each name")
+            raise ModelError(problem, where=where, remedy="return one number for each name")
         if not np.isfinite(value):
-            told = f"{_told(what, name)} is {value:g} at the starts"
+            problem = f"{_answer_label(what, name)} is {value:g} at the starts"
             raise ModelError(
-                told, where=where, remedy="give starts and `initial` values at which it is a number"
+                problem,
+                where=where,
+                remedy="give starts and `initial` values at which it is a number",
             )
     for side in (1.0, -1.0):
         _compare_slopes(equations, neighbouring_point(starts, side))
@@ -424,13 +424,16 @@ def try_model(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
     for (what, name), value in first.items():
         _refuse_reused(equations, what, name, value, again[what, name], arrays)
         if np.shape(value) not in ((), (2,)):
-            told = f"{_told(what, name)} of shape {np.shape(value)} where signals have shape (2,)"
+            shape = np.shape(value)
+            problem = f"{_answer_label(what, name)} of shape {shape} where signals have shape (2,)"
             where = written_in(equations.name, what, _function(equations, what))
-            raise ModelError(told, where=where, remedy="write it so that it broadcasts over arrays")
+            raise ModelError(
+                problem, where=where, remedy="write it so that it broadcasts over arrays"
+            )
     if equations.formed is None:
         return ()
     return tuple(
-        _asked(
+        _checked_answer(
             equations,
             "flow",
             equations.formed,
@@ -454,7 +457,7 @@ def _refuse_reused(
     if value.flags.writeable and isinstance(again, np.ndarray) and np.shares_memory(value, again):
         where = written_in(equations.name, what, _function(equations, what))
         raise ModelError(
-            f"{_told(what, name)} is the same array at every call",
+            f"{_answer_label(what, name)} is the same array at every call",
             where=where,
             remedy="return a new array at each call",
         )
@@ -462,30 +465,30 @@ def _refuse_reused(
 
 def _function(equations: OwnEquations, what: str) -> Answer:
     """The user's function of that name."""
-    found = {"rates": equations.rates, "readings": equations.readings, "flow": equations.formed}[
+    result = {"rates": equations.rates, "readings": equations.readings, "flow": equations.formed}[
         what
     ]
-    assert found is not None
-    return found
+    assert result is not None
+    return result
 
 
 class _Noting(SimpleNamespace):
-    """Parameters that note which of them are asked for."""
+    """Parameters that record which of them are read, in ``_names_read``."""
 
     def __getattribute__(self, name: str) -> Any:
         values = object.__getattribute__(self, "__dict__")
-        values["_asked"].add(name)
+        values["_names_read"].add(name)
         return object.__getattribute__(self, name)
 
 
 def parameters_read(equations: OwnEquations, starts: Starts) -> frozenset[str]:
-    """Names of the parameters that the functions ask for when they are evaluated at the starts."""
-    s, p = signals_from(starts.signals), _Noting(**starts.parameters, _asked=set())
+    """Return the names of the parameters that the functions read at the starting values."""
+    s, p = signals_from(starts.signals), _Noting(**starts.parameters, _names_read=set())
     if equations.formed is not None:
-        s.__dict__.update(_asked(equations, "flow", equations.formed, s, p))
-    _asked(equations, "rates", equations.rates, s, p)
-    _asked(equations, "readings", equations.readings, s, p)
-    return frozenset(object.__getattribute__(p, "__dict__")["_asked"])
+        s.__dict__.update(_checked_answer(equations, "flow", equations.formed, s, p))
+    _checked_answer(equations, "rates", equations.rates, s, p)
+    _checked_answer(equations, "readings", equations.readings, s, p)
+    return frozenset(object.__getattribute__(p, "__dict__")["_names_read"])
 
 
 @cache
@@ -495,7 +498,7 @@ def _parameter_class(names: tuple[str, ...]) -> Any:
 
 
 def evaluated(equations: OwnEquations, starts: Starts) -> dict[tuple[str, str], Any]:
-    """All answers at some signals and parameters by function and name, checked for names and kinds.
+    """All answers at a point by function and name, checked for names and types.
 
     Raises
     ------
@@ -504,52 +507,55 @@ def evaluated(equations: OwnEquations, starts: Starts) -> dict[tuple[str, str], 
     s = signals_from(starts.signals)
     p = with_locked_arrays(_parameter_class(tuple(starts.parameters))(**starts.parameters))
     if equations.formed is not None:
-        found = _asked(equations, "flow", equations.formed, s, p)
-        for name, value in found.items():
+        result = _checked_answer(equations, "flow", equations.formed, s, p)
+        for name, value in result.items():
             _refuse_name(equations, name, starts)
             _number(equations, "flow", str(name), value)
-        s = signals_from({**starts.signals, **found})
+        s = signals_from({**starts.signals, **result})
     out: dict[tuple[str, str], Any] = {}
     for what, function, signals in (
         ("rates", equations.rates, equations.states),
         ("readings", equations.readings, equations.outputs),
     ):
-        found, known = _asked(equations, what, function, s, p), [signal.name for signal in signals]
+        result, names = (
+            _checked_answer(equations, what, function, s, p),
+            [signal.name for signal in signals],
+        )
         where = written_in(equations.name, what, function)
         kind = "state" if what == "rates" else "output"
-        for name in found:
-            if name not in known:
+        for name in result:
+            if name not in names:
                 raise ModelError(
                     f"there is no {kind} {name!r}",
                     where=where,
-                    remedy=f"the {kind}s are {', '.join(known)}",
+                    remedy=f"the {kind}s are {', '.join(names)}",
                 )
-        missing = [name for name in known if name not in found]
+        missing = [name for name in names if name not in result]
         if missing:
             raise ModelError(
                 f"{', '.join(missing)} missing",
                 where=where,
                 remedy=f"return one value for each {kind}",
             )
-        out |= {(what, name): _number(equations, what, name, found[name]) for name in known}
+        out |= {(what, name): _number(equations, what, name, result[name]) for name in names}
     return out
 
 
-def _asked(
+def _checked_answer(
     equations: OwnEquations, what: str, function: Answer, s: Any, p: Any
 ) -> Mapping[str, Any]:
     try:
-        found: object = function(s, p)
+        result: object = function(s, p)
     except BaseException as error:
         raise fault(equations.name, what, function, error, s, p) from error
-    if not isinstance(found, Mapping):
-        shown = f"it returns a {type(found).__name__}, not a mapping by name"
+    if not isinstance(result, Mapping):
+        shown = f"it returns a {type(result).__name__}, not a mapping by name"
         raise ModelError(
             shown,
             where=written_in(equations.name, what, function),
             remedy='return {"NAME": value, ...}',
         )
-    return found
+    return result
 
 
 def _refuse_name(equations: OwnEquations, name: object, starts: Starts) -> None:
@@ -571,16 +577,16 @@ def _number(equations: OwnEquations, what: str, name: str, value: Any) -> Any:
         value, bool
     )
     if not plain or np.asarray(value).dtype.kind not in "fciu":
-        told = f"{_told(what, name)} is of type {type(value).__name__}"
+        problem = f"{_answer_label(what, name)} is of type {type(value).__name__}"
         raise ModelError(
-            told,
+            problem,
             where=written_in(equations.name, what, _function(equations, what)),
             remedy="give a number or an array of numbers",
         )
     return value
 
 
-def _told(what: str, name: str) -> str:
+def _answer_label(what: str, name: str) -> str:
     return (
         f"the {'rate' if what == 'rates' else 'reading' if what == 'readings' else 'signal'} of "
         f"{name}"
@@ -588,7 +594,7 @@ def _told(what: str, name: str) -> str:
 
 
 def neighbouring_point(starts: Starts, side: float) -> Starts:
-    """A point beside the starts, each value moved by another amount."""
+    """A point near the starts, each value moved by a different amount."""
 
     def moved(some: Mapping[str, Any], first: int) -> dict[str, Any]:
         amounts = (1.0 + 0.1 * math.sin(first + i) for i in range(len(some)))
@@ -601,8 +607,8 @@ def neighbouring_point(starts: Starts, side: float) -> Starts:
 
 
 def _compare_slopes(equations: OwnEquations, at: Starts) -> None:
-    """Complex steps against differences, one signal and parameter after the other; nothing where
-    the functions have no finite values there.
+    """Compare complex steps with differences, by one signal or parameter at a time; skipped where
+    the functions are not finite.
     """
     names = [(True, name) for name in at.signals if name != "time"] + [
         (False, name) for name in at.parameters
@@ -610,7 +616,7 @@ def _compare_slopes(equations: OwnEquations, at: Starts) -> None:
     base = _finite(equations, at)
     if base is None:
         return
-    exact, found, steps = [], [], []
+    exact, result, steps = [], [], []
     for of_signal, name in names:
         value = (at.signals if of_signal else at.parameters)[name]
         step = DIFFERENCE * (abs(value) or ASIDE)
@@ -620,35 +626,35 @@ def _compare_slopes(equations: OwnEquations, at: Starts) -> None:
             _finite(equations, changed(at, of_signal, name, value + sign * step))
             for sign in (1.0, -1.0)
         ]
-        found.append(
+        result.append(
             None if sides[0] is None or sides[1] is None else (sides[0] - sides[1]) / (2.0 * step)
         )
         steps.append(step)
     slopes = np.array(exact)
     terms = np.max(np.abs(slopes) * np.array(steps)[:, None] / DIFFERENCE, axis=0) + np.abs(base)
     for k, (_, name) in enumerate(names):
-        difference = found[k]
+        difference = result[k]
         if difference is None:
             continue
-        apart = (
+        differs = (
             np.abs(slopes[k] - difference)
             > SLOPE * np.maximum(np.abs(slopes[k]), np.abs(difference)) + TERMS * terms / steps[k]
         )
-        if np.any(apart):
-            what, answer = list(evaluated(equations, at))[int(np.argmax(apart))]
-            told = (
-                f"{_told(what, answer)} loses a complex step of {name}: the slope is "
-                f"{difference[apart][0]:.4g}, not {slopes[k][apart][0]:.4g}"
+        if np.any(differs):
+            what, answer = list(evaluated(equations, at))[int(np.argmax(differs))]
+            text = (
+                f"{_answer_label(what, answer)} loses a complex step of {name}: the slope is "
+                f"{difference[differs][0]:.4g}, not {slopes[k][differs][0]:.4g}"
             )
             raise ModelError(
-                told,
+                text,
                 where=written_in(equations.name, what, _function(equations, what)),
                 remedy=NO_COMPLEX,
             )
 
 
 def changed(at: Starts, of_signal: bool, name: str, value: Any) -> Starts:
-    """The same with another value of one signal, or of one parameter."""
+    """The point with another value of one signal or parameter."""
     return (
         Starts({**at.signals, name: value}, at.parameters)
         if of_signal
@@ -657,9 +663,7 @@ def changed(at: Starts, of_signal: bool, name: str, value: Any) -> Starts:
 
 
 def _finite(equations: OwnEquations, at: Starts) -> np.ndarray | None:
-    """All answers at a point beside the starts, None where one is not finite or cannot be
-    formed.
-    """
+    """All answers at a point near the starts, None if one is not finite or fails."""
     try:
         values: Sequence[Any] = list(evaluated(equations, at).values())
     except FlightidError as error:

@@ -1,7 +1,5 @@
-"""A user's model: named states, inputs, outputs and parameters with units, and functions that give
-its equations.
-
-An angle that nothing but its own gyro feels is known to a constant.
+"""Build a user model: named states, inputs, outputs and parameters with units, and functions that
+give its equations.
 """
 
 from __future__ import annotations
@@ -37,41 +35,37 @@ from sim.maths import COMPLEX_STEP, complex_step_jacobian
 # ---- What the parameters of a user's own model multiply
 
 TrialAnswer = tuple[str, str]  # "rates" or "readings", and the name
-APART = 1e-9  # of the largest slope: below it two slopes are one, but for rounding
+APART = 1e-9  # share of the largest slope, below which two slopes differ by rounding only
 
 
 def multiplying(equations: OwnEquations, starts: Starts, names: Sequence[str]) -> tuple[str, ...]:
-    """Those parameters of ``names`` that multiply signals: what they do to the rates and readings
-    changes with these.
+    """Return the parameters of ``names`` that multiply signals.
 
-    A parameter that is only added, as a constant load, does the same wherever the motion is; so
-    does one that is in no equation.
+    The slope of the rates and readings by such a parameter depends on the signals. A parameter that
+    is only added, as a constant load, has the same slope everywhere.
     """
     places = [
         Starts(neighbouring_point(starts, side).signals, starts.parameters)
         for side in (0.0, 1.0, -0.6)
     ]
-    found = []
+    result = []
     for name in names:
         slopes = [_slopes(equations, at, False, name) for at in places]
-        if all(slopes) and any(_apart([each[answer] for each in slopes]) for answer in slopes[0]):
-            found.append(name)
-    return tuple(found)
+        if all(slopes) and any(_differ([each[answer] for each in slopes]) for answer in slopes[0]):
+            result.append(name)
+    return tuple(result)
 
 
 def products(
     equations: OwnEquations, starts: Starts, names: Sequence[str]
 ) -> tuple[tuple[str, str, str], ...]:
-    """Port, signal and parameter, where one of the parameters ``names`` multiplies the signal in a
-    rate to which the port adds.
-
-    The second derivative of a rate by parameter and signal tells: a complex step of the parameter,
-    at two values of the signal.
+    """(Port, signal, parameter) for each parameter of ``names`` that multiplies the signal in
+    a rate to which the port adds: the slope by the parameter differs at two values of the signal.
     """
     here = neighbouring_point(starts, 1.0)
     fed = _rates_fed(equations, here)
     base = {name: _slopes(equations, here, False, name) for name in names}
-    found = []
+    result = []
     for signal in (*equations.states, *equations.inputs):
         value = here.signals[signal.name]
         moved = changed(here, True, signal.name, value + ASIDE * (abs(value) or 1.0))
@@ -80,14 +74,16 @@ def products(
             rates = {
                 a
                 for a, slope in base[name].items()
-                if a in there and a[0] == "rates" and _apart([slope, there[a]])
+                if a in there and a[0] == "rates" and _differ([slope, there[a]])
             }
-            found += [(port, signal.name, name) for port, reached in fed.items() if rates & reached]
-    return tuple(found)
+            result += [
+                (port, signal.name, name) for port, reached in fed.items() if rates & reached
+            ]
+    return tuple(result)
 
 
 def _rates_fed(equations: OwnEquations, at: Starts) -> dict[str, set[TrialAnswer]]:
-    """The rates that each port adds to."""
+    """Return the rates that each port adds to."""
     if equations.rate_ports:
         return {
             port: {("rates", state.name)}
@@ -95,56 +91,55 @@ def _rates_fed(equations: OwnEquations, at: Starts) -> dict[str, set[TrialAnswer
         }
     slopes = {port.name: _slopes(equations, at, True, port.name) for port in equations.ports}
     return {
-        port: {answer for answer, slope in found.items() if answer[0] == "rates" and slope != 0.0}
-        for port, found in slopes.items()
+        port: {answer for answer, slope in result.items() if answer[0] == "rates" and slope != 0.0}
+        for port, result in slopes.items()
     }
 
 
 def _slopes(
     equations: OwnEquations, at: Starts, of_signal: bool, name: str
 ) -> dict[TrialAnswer, float]:
-    """Slopes of all rates and readings by one signal or parameter; none where they cannot be
-    formed.
+    """Slopes of all rates and readings by one signal or parameter; empty if the functions
+    fail.
     """
     value = (at.signals if of_signal else at.parameters)[name]
     try:
-        found = evaluated(equations, changed(at, of_signal, name, complex(value, COMPLEX_STEP)))
+        result = evaluated(equations, changed(at, of_signal, name, complex(value, COMPLEX_STEP)))
     except FlightidError:
         return {}
-    return {answer: float(np.imag(each)) / COMPLEX_STEP for answer, each in found.items()}
+    return {answer: float(np.imag(each)) / COMPLEX_STEP for answer, each in result.items()}
 
 
-def _apart(slopes: Sequence[float]) -> bool:
+def _differ(slopes: Sequence[float]) -> bool:
     return bool(np.ptp(slopes) > APART * np.max(np.abs(slopes)))
 
 
-# ---- What the sensors of an own model tell
+# ---- Observable sensor biases of a user model
 
-ALIKE = 2.0  # times: a sensor that reads a state moves with it, by a scale factor at most
-# of the largest singular value, below which a direction is not seen: slopes are exact to rounding
-RANK = 1e-9
+ALIKE = 2.0  # largest scale factor of a sensor that reads a state
+RANK = 1e-9  # share of the largest singular value, below which a direction is unobservable
 
 
 def observable_biases(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
-    """Outputs that can have a free bias beside free initial states, taken in order.
+    """Return the outputs whose bias is observable together with free initial states, in order.
 
-    A bias is no unknown of its own where some constant change of the states makes it: with the
-    rates' slopes A and the readings' C a state x0 for which A x0 = 0 and C x0 is that bias. Slopes
-    are those beside the starts; a bias that is told on one side counts as told.
+    With A and C the slopes of rates and readings by the states, a bias is unobservable if C x0
+    equals it for a constant change x0 of the states with A x0 = 0. Slopes are taken at points on
+    two sides of the starting values; a bias that is observable at one of them counts.
     """
-    told = [
-        _told(*_own_sensors_slopes(equations, neighbouring_point(starts, side)))
+    observable = [
+        _observable(*_own_sensors_slopes(equations, neighbouring_point(starts, side)))
         for side in (1.0, -1.0)
     ]
     return tuple(
-        signal.name for i, signal in enumerate(equations.outputs) if any(i in some for some in told)
+        signal.name
+        for i, signal in enumerate(equations.outputs)
+        if any(i in some for some in observable)
     )
 
 
 def refuse_misnamed(equations: OwnEquations, starts: Starts) -> None:
-    """Raise ModelError for an output that has the name of a state, with which a fit begins, and
-    reads something else.
-    """
+    """Raise ModelError for an output that has the name of a state but does not read it."""
     states = [signal.name for signal in equations.states]
     both = [
         (i, states.index(signal.name))
@@ -170,17 +165,17 @@ def refuse_misnamed(equations: OwnEquations, starts: Starts) -> None:
                 remedy=remedy,
             )
         if not any(1.0 / ALIKE < C[i, j] < ALIKE or not np.isfinite(C[i, j]) for C in slopes):
-            told = (
+            problem = (
                 "it has the name of a state and reads something else (it moves "
                 f"{slopes[0][i, j]:.3g} times as far)"
             )
             raise ModelError(
-                told, where=where, remedy="give it another name, or read the state as it is"
+                problem, where=where, remedy="give it another name, or read the state as it is"
             )
 
 
 def _own_sensors_slopes(equations: OwnEquations, at: Starts) -> tuple[np.ndarray, np.ndarray]:
-    """A ``(n, n)`` and C ``(m, n)`` at a point."""
+    """Slopes by the states at a point: A ``(n, n)`` of rates, C ``(m, n)`` of readings."""
     names, p = [signal.name for signal in equations.states], Signals(**at.parameters)
 
     def answers(x: Sequence[Any]) -> list[Any]:
@@ -192,19 +187,17 @@ def _own_sensors_slopes(equations: OwnEquations, at: Starts) -> tuple[np.ndarray
     return both[: len(names)], both[len(names) :]
 
 
-def _told(A: np.ndarray, C: np.ndarray) -> list[int]:
-    """Positions of the outputs whose bias adds to what is seen; all where the slopes are not
-    finite.
-    """
+def _observable(A: np.ndarray, C: np.ndarray) -> list[int]:
+    """Return the positions of the outputs with an observable bias; all if slopes are not finite."""
     if not (np.all(np.isfinite(A)) and np.all(np.isfinite(C))):
         return list(range(len(C)))
     sizes = np.max(np.abs(C), axis=1, keepdims=True)
     C = C / np.where(sizes > 0.0, sizes, 1.0)
-    kept: list[int] = []
+    chosen: list[int] = []
     for i in range(len(C)):
-        if _seen(A, C, [*kept, i]) > _seen(A, C, kept):
-            kept.append(i)
-    return kept
+        if _seen(A, C, [*chosen, i]) > _seen(A, C, chosen):
+            chosen.append(i)
+    return chosen
 
 
 def _seen(A: np.ndarray, C: np.ndarray, biases: Sequence[int]) -> int:
@@ -246,33 +239,31 @@ def own_model(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     biases: Collection[str] | None = None,
 ) -> Model:
-    """A model from mappings by name and functions of ``s`` (signals) and ``p`` (parameters and
-    constants), whose attributes are these names.
+    """Build a model from mappings by name and functions of ``s`` and ``p``.
+
+    ``s`` has the signals as attributes: states, inputs, ports, ``time`` (s) and those of ``flow``.
+    ``p`` has the parameters and constants. Values are numbers, complex numbers or arrays; use the
+    functions of ``sim.maths``.
 
     Parameters
     ----------
     name : of the model, for tables and messages.
-    states, inputs, outputs : name -> unit. An output with the name of a state reads that state, in
-    its unit: a fit begins there. parameters : name -> (start, unit), estimated. constants :
-    likewise, held. rates : ``rates(s, p)`` gives each state's rate by name, in the state's unit per
-    second. ``s`` has states, inputs, ports, ``time`` (s) and what
-        ``flow`` forms; each a number, a complex number or an array, for which the functions of
-        ``sim.maths`` are made.
+    states, inputs, outputs : name -> unit. An output with the name of a state reads that state.
+    parameters : name -> (start, unit), estimated.
+    constants : name -> (value, unit), fixed.
+    rates : ``rates(s, p)`` gives the rate of each state by name, in its unit per second.
     readings : ``readings(s, p)`` gives each output by name.
-    ports : name -> unit, places where disturbances enter, zero unless an effect adds to them. Left
-    out, each state has the port ``STATE_rate``,
-        which is added to its rate; declared, the functions take them as ``s.PORT``.
-    flow : ``flow(s, p)`` gives further signals by name, formed once and used by both others.
-    initial : name -> value of a state at the start, zero where it is left out; of an input: where
-    the functions are tried. bounds : name of a parameter -> (lowest, highest). biases : outputs
-    whose sensors have a free constant bias; when None all, but for those that no record tells from
-    where its states begin
-        (``sim.declaration.user_model``).
+    ports : name -> unit of disturbances, zero unless an effect adds to them, read as ``s.PORT``;
+        None: one port ``STATE_rate`` for each state, added to its rate.
+    flow : ``flow(s, p)`` gives further signals by name, formed once for both other functions.
+    initial : name -> initial value of a state, else zero; of an input: where functions are tried.
+    bounds : name of a parameter -> (lowest, highest).
+    biases : outputs whose sensors have a free constant bias; None: all whose bias is observable
+        beside the initial states.
 
     Raises
     ------
-    ModelError : one line on whatever is declared wrongly, functions included: they are evaluated
-    once, at the starts.
+    ModelError : a declaration is wrong, or a function fails at the starting values.
 
     Examples
     --------
@@ -293,55 +284,59 @@ def own_model(
     >>> model.name
     'antenna'
     """
+    functions = {"rates": rates, "readings": readings, **({} if flow is None else {"flow": flow})}
     _refuse_title(name)
-    _refuse_uncallable(
-        name, {"rates": rates, "readings": readings, **({} if flow is None else {"flow": flow})}
-    )
-    moving, driving, read = (
-        _signals(name, *pair)
-        for pair in (("states", states), ("inputs", inputs), ("outputs", outputs))
-    )
-    entering = _rate_ports(moving) if ports is None else _signals(name, "ports", ports)
-    limits = _bounds(
-        name,
-        bounds or {},
-        {
-            **_mapping(name, "parameters", parameters),
-            **_mapping(name, "constants", constants or {}),
-        },
-    )
-    held = _numbers(name, "constants", constants or {}, limits, free=False)
-    free = _numbers(name, "parameters", parameters, limits, free=True)
-    _refuse_collisions(
-        name,
-        {
-            "states": moving,
-            "inputs": driving,
-            "ports": entering,
-            "constants": held,
-            "parameters": free,
-            "outputs": read,
-        },
-    )
+    _refuse_uncallable(name, functions)
+    signals = _declared_signals(name, states, inputs, outputs, ports)
+    numbers = _declared_numbers(name, constants or {}, parameters, bounds or {})
+    _refuse_collisions(name, signals, numbers)
+    moving, driving, read, entering = signals
     start = _initial(name, initial or {}, (*moving, *driving))
-    numbers = ParameterSet((*held, *free))
+    all_numbers = ParameterSet((*numbers["constants"], *numbers["parameters"]))
     equations = OwnEquations(
         name,
-        moving,
-        driving,
-        read,
-        entering,
-        numbers.names,
+        *signals,
+        all_numbers.names,
         rates,
         readings,
         flow,
         rate_ports=tuple(port.name for port in entering) if ports is None else (),
-        resting=tuple(
-            (signal.name, start[signal.name]) for signal in driving if signal.name in start
-        ),
+        resting=tuple((each.name, start[each.name]) for each in driving if each.name in start),
         biased_outputs=_biased(name, biases, [signal.name for signal in read]),
     )
-    return _model(equations, numbers, start, all_biases=biases is None)
+    return _model(equations, all_numbers, start, all_biases=biases is None)
+
+
+_DeclaredSignals = tuple[
+    tuple[Signal, ...], tuple[Signal, ...], tuple[Signal, ...], tuple[Signal, ...]
+]
+
+
+def _declared_signals(
+    name: str, states: Units, inputs: Units, outputs: Units, ports: Units | None
+) -> _DeclaredSignals:
+    """Return the states, inputs, outputs and ports; without ``ports`` one port for each state."""
+    moving, driving, read = (
+        _signals(name, kind, units)
+        for kind, units in (("states", states), ("inputs", inputs), ("outputs", outputs))
+    )
+    entering = _rate_ports(moving) if ports is None else _signals(name, "ports", ports)
+    return moving, driving, read, entering
+
+
+def _declared_numbers(
+    name: str, constants: Numbers, parameters: Numbers, bounds: Mapping[str, tuple[float, float]]
+) -> dict[str, tuple[Parameter, ...]]:
+    """Return the constants and the free parameters of a declaration."""
+    declared = {
+        **_mapping(name, "parameters", parameters),
+        **_mapping(name, "constants", constants),
+    }
+    limits = _bounds(name, bounds, declared)
+    return {
+        "constants": _numbers(name, "constants", constants, limits, free=False),
+        "parameters": _numbers(name, "parameters", parameters, limits, free=True),
+    }
 
 
 def _model(
@@ -353,11 +348,11 @@ def _model(
     with np.errstate(all="ignore"):  # beside the starts a root or a logarithm may have no value
         equations = replace(equations, formed_names=try_model(equations, starts))
         refuse_misnamed(equations, starts)
-        known = multiplying(equations, starts, numbers.free_names)
+        multiplying_names = multiplying(equations, starts, numbers.free_names)
         equations = replace(
             equations,
-            multiplying=tuple((name, numbers[name].unit) for name in known),
-            products=products(equations, starts, known),
+            multiplying=tuple((name, numbers[name].unit) for name in multiplying_names),
+            products=products(equations, starts, multiplying_names),
         )
         if all_biases:
             equations = replace(equations, biased_outputs=observable_biases(equations, starts))
@@ -382,8 +377,8 @@ def _rate_ports(states: Iterable[Signal]) -> tuple[Signal, ...]:
 
 def rate_unit(unit: str) -> str:
     """The unit of a rate: ``rad/s`` of ``rad``, ``m/s2`` of ``m/s``."""
-    found = re.fullmatch(r"(.+)/s(\d*)", unit)
-    return f"{found[1]}/s{int(found[2] or 1) + 1}" if found else f"{unit}/s"
+    match = re.fullmatch(r"(.+)/s(\d*)", unit)
+    return f"{match[1]}/s{int(match[2] or 1) + 1}" if match else f"{unit}/s"
 
 
 def _refuse_title(name: object) -> None:
@@ -419,9 +414,7 @@ def _refuse_uncallable(model: str, functions: Mapping[str, object]) -> None:
 
 
 def _refuse_other_arguments(model: str, what: str, function: Callable[..., object]) -> None:
-    """Raise ModelError where a function cannot be called with ``s`` and ``p``; one that does not
-    say what it takes is left to the trial.
-    """
+    """Raise ModelError if a function cannot be called with ``s`` and ``p``."""
     try:
         taken = signature(function)
     except (TypeError, ValueError):
@@ -436,17 +429,17 @@ def _refuse_other_arguments(model: str, what: str, function: Callable[..., objec
 
 def _signals(model: str, what: str, some: object) -> tuple[Signal, ...]:
     """The signals of a mapping name -> unit; there must be a state and an output."""
-    found = _mapping(model, what, some)
-    for name, unit in found.items():
+    result = _mapping(model, what, some)
+    for name, unit in result.items():
         _refuse_name(model, what, name)
         _refuse_unit(f"model {model}, {what}, {name}", unit)
-    if not found and what in ("states", "outputs"):
+    if not result and what in ("states", "outputs"):
         raise ModelError(
             f"there is no {what[:-1]}",
             where=f"model {model}",
             remedy=f'give {what}={{"NAME": "UNIT"}}',
         )
-    return tuple(Signal(name, unit) for name, unit in found.items())
+    return tuple(Signal(name, unit) for name, unit in result.items())
 
 
 def _refuse_name(model: str, what: str, name: object) -> None:
@@ -519,15 +512,15 @@ def _number(where: str, value: object, *, infinite: bool = False) -> float:
     return number
 
 
-def _bounds(model: str, bounds: object, known: Collection[str]) -> dict[str, tuple[float, float]]:
+def _bounds(model: str, bounds: object, allowed: Collection[str]) -> dict[str, tuple[float, float]]:
     out = {}
     for name, pair in _mapping(model, "bounds", bounds).items():
         where = f"model {model}, bounds, {name}"
-        if name not in known:
+        if name not in allowed:
             raise ModelError(
                 f"there is no parameter {name!r}",
                 where=f"model {model}, bounds",
-                remedy=f"use one of {', '.join(map(str, known))}",
+                remedy=f"use one of {', '.join(map(str, allowed))}",
             )
         if not isinstance(pair, tuple | list) or len(pair) != 2:
             raise ModelError(
@@ -545,16 +538,20 @@ def _bounds(model: str, bounds: object, known: Collection[str]) -> dict[str, tup
 
 
 def _initial(model: str, initial: object, signals: Iterable[Signal]) -> dict[str, float]:
-    known, found = [signal.name for signal in signals], _mapping(model, "initial", initial)
-    for name in found:
-        if name not in known:
+    signal_names, initial_values = (
+        [signal.name for signal in signals],
+        _mapping(model, "initial", initial),
+    )
+    for name in initial_values:
+        if name not in signal_names:
             raise ModelError(
                 f"there is no state {name!r}",
                 where=f"model {model}, initial",
-                remedy=f"use one of {', '.join(known)}",
+                remedy=f"use one of {', '.join(signal_names)}",
             )
     return {
-        name: _number(f"model {model}, initial, {name}", value) for name, value in found.items()
+        name: _number(f"model {model}, initial, {name}", value)
+        for name, value in initial_values.items()
     }
 
 
@@ -577,10 +574,15 @@ def _biased(model: str, biases: object, outputs: list[str]) -> tuple[str, ...]:
     return tuple(name for name in outputs if name in biases)
 
 
-def _refuse_collisions(model: str, taken: Mapping[str, Sequence[Signal | Parameter]]) -> None:
-    """Refuse a name that stands for two things; only an output and a state may share one."""
+def _refuse_collisions(
+    model: str, signals: _DeclaredSignals, numbers: Mapping[str, tuple[Parameter, ...]]
+) -> None:
+    """Refuse a name that is declared twice; only an output and a state may share one."""
+    states, inputs, outputs, ports = signals
+    declared: dict[str, Sequence[Signal | Parameter]] = {"states": states, "inputs": inputs}
+    declared |= {"ports": ports, **numbers, "outputs": outputs}
     seen = {TIME: "time"}
-    for what, items in taken.items():
+    for what, items in declared.items():
         for item in items:
             there = seen.get(item.name)
             if there is not None and not (what == "outputs" and there == "states"):

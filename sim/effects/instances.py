@@ -112,26 +112,24 @@ def for_outputs(
 
 
 def large_input(unit: str) -> float:
-    """What is a large deflection in a unit; one where nothing is known of it: such an effect takes
-    the record's own (``input_peak``).
+    """Typical large deflection in a unit; 1 if unknown: such an effect uses the record's
+    (``input_peak``).
     """
     return _LARGE_INPUT.get(unit, 1.0)
 
 
 def has_size(unit: str) -> bool:
-    """Whether it is known beforehand what is large in the unit of an input."""
+    """Whether ``large_input`` knows the unit."""
     return unit in _LARGE_INPUT
 
 
 def has_output_size(unit: str) -> bool:
-    """Whether it is known beforehand what is large in the unit of an output."""
+    """Whether ``large_output`` knows the unit."""
     return unit in _LARGE_OUTPUT
 
 
 def in_its_unit(effect: object, equations: Equations) -> bool:
-    """Whether the input, output and ports that an effect acts on are counted in the units that it
-    is written for.
-    """
+    """Whether the input, output and ports of an effect have the units that it is written for."""
     units = {signal.name: signal.unit for signal in (*equations.inputs, *equations.outputs)}
     name = (
         effect.signal
@@ -149,7 +147,7 @@ def in_its_unit(effect: object, equations: Equations) -> bool:
 
 
 def large_output(unit: str) -> float:
-    """What is a large reading in a unit; one where nothing is known of it."""
+    """Typical large reading in a unit; 1 if unknown."""
     return _LARGE_OUTPUT.get(unit, 1.0)
 
 
@@ -164,26 +162,25 @@ def per_square(unit: str) -> str:
 
 
 def load_ports(equations: Equations) -> tuple[Signal, ...]:
-    """Ports that take loads."""
+    """Return the ports that take loads."""
     return tuple(port for port in equations.ports if port.name not in AIR)
 
 
 def ports_without(listed: Iterable[Traceable], equations: OwnEquations) -> tuple[Signal, ...]:
-    """Ports of a user's own model that take loads and on which none of some listed effects acts."""
-    known, ports = {*equations.parameter_names}, {port.name for port in equations.ports}
+    """Load ports of a user model on which none of the effects ``listed`` acts."""
+    parameter_names, ports = {*equations.parameter_names}, {port.name for port in equations.ports}
     acting = (
         effect
         for effect in listed
-        if known.issuperset(constants_needed(effect)) and ports.issuperset(ports_needed(effect))
+        if parameter_names.issuperset(constants_needed(effect))
+        and ports.issuperset(ports_needed(effect))
     )
     covered = {port for effect in acting for port in ports_needed(effect)}
     return tuple(port for port in load_ports(equations) if port.name not in covered)
 
 
 def per_unit(port: str, *signals: str) -> str:
-    """The unit of a slope by the product of some signals: what a port is counted in over their
-    units, ``m/s2/(m/s)/N``.
-    """
+    """Unit of a slope of a port by the product of some signals, as ``m/s2/(m/s)/N``."""
     below = (f"({unit})" if "/" in unit or " " in unit else unit for unit in signals if unit != "1")
     return "/".join((port, *below))
 
@@ -214,8 +211,8 @@ BEYOND_PRODUCTS = (
 
 @dataclass(frozen=True)
 class LateralControl:
-    """A control surface: its signal, the derivative of what it is for and of the side force, the
-    ports of both, and the third pair.
+    """A lateral control surface: its signal, its main derivative and its side force, the ports of
+    both, and the third pair.
     """
 
     control: str
@@ -237,7 +234,7 @@ SHARES: Mapping[str, tuple[float, float]] = {"lift_share": (-3.0, 5.0)}
 
 
 @dataclass(frozen=True)
-class PlainControl:
+class NonlinearControl:
     """moment += moment_by f(d), lift += ``lift_share`` lift_by f(d) for a deflection d, with the
     vehicle's derivatives by the control.
 
@@ -246,14 +243,14 @@ class PlainControl:
 
     Attributes
     ----------
-    control : the signal. moment_by, lift_by : names of the derivatives. share_free : whether
-    ``lift_share`` is estimated: not where the
-        control hardly lifts. ports : that moment and lift add to. further : ports beside them, each
-        with its derivative by the control.
-    label : of the name, where there are several controls. speed : the constant that is the declared
-    airspeed; where it is only a
-        ``reference_airspeed`` deflections are totals, and d counts from the ``middle`` of the
-        range.
+    control : the signal.
+    moment_by, lift_by : names of the derivatives.
+    share_free : whether ``lift_share`` is estimated: not where the control hardly lifts.
+    ports : that moment and lift add to.
+    further : ports beside them, each with its derivative by the control.
+    label : of the name, where there are several controls.
+    speed : the constant that is the declared airspeed; where it is only a ``reference_airspeed``
+        deflections are totals, and d counts from the ``middle`` of the range.
     """
 
     control: str = "elevator"
@@ -325,11 +322,11 @@ class PlainControl:
         return max(abs(low - middle), abs(high - middle)), middle
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """The slope where there is none, lift and moment from one force."""
+        """Probe the slope at absence, with lift and moment from one force."""
         return (Probe({**self.absent, "lift_share": 1.0}, (self.bend.name,)),)
 
 
-Form = TypeVar("Form", bound=PlainControl)
+Form = TypeVar("Form", bound=NonlinearControl)
 
 
 def of_all_controls(form: type[Form], **pseudo_control: float) -> tuple[Form, ...]:
@@ -364,17 +361,17 @@ ABSENT: Mapping[str, float] = MappingProxyType({"half_width": 0.0})
 
 
 def half_width(typical: float, unit: str) -> tuple[Parameter, ...]:
-    """The one parameter, not negative."""
+    """Return the one parameter, which is not negative."""
     return (Parameter("half_width", typical, unit, bounds=(0.0, 1e9)),)
 
 
 def believed(typical: float) -> Mapping[str, tuple[float, float]]:
-    """Up to ten times the typical value: for an elevator some degrees."""
+    """Plausible range: up to ten times the typical value."""
     return {"half_width": (0.0, 10.0 * typical)}
 
 
 def tried(context: SearchContext, signal: str) -> Sequence[Probe]:
-    """From a small share of the input's peak to more than half of it."""
+    """Values to probe, from a small share of the input's peak to more than half of it."""
     return [
         Probe({"half_width": size})
         for size in shares_of_peak(context, signal, (0.04, 0.12, 0.3, 0.6))
@@ -396,14 +393,14 @@ def played(u: np.ndarray, half_width: Any) -> np.ndarray:
     turns = moves[1:][change[moves[1:]] != change[moves[:-1]]]
     last = np.append(turns, len(u) - 1)
     rising = bool(len(moves) == 0 or change[moves[0]] > 0)
-    y, held = u[0].item(), []
+    y, positions = u[0].item(), []
     for k, value in enumerate(u[last].tolist()):
-        held.append(y)
+        positions.append(y)
         up = rising == (k % 2 == 0)
         pushed = value - half_width if up else value + half_width
         if pushed.real > y.real if up else pushed.real < y.real:
             y = pushed
     count = np.diff(last, prepend=-1)
-    from_last = np.repeat(np.array(held), count)
+    from_last = np.repeat(np.array(positions), count)
     upward = np.repeat((np.arange(len(last)) % 2 == 0) == rising, count)
     return np.where(upward, maximum(from_last, u - half_width), minimum(from_last, u + half_width))

@@ -34,7 +34,7 @@ def effect_modules() -> tuple[ModuleType, ...]:
     """The modules of all station folders and the folders in them, in the order of the signal chain,
     then by name.
     """
-    found: list[ModuleType] = []
+    result: list[ModuleType] = []
     for station in Station:
         folder = f"sim.effects.{station.name.lower()}"
         try:
@@ -48,11 +48,11 @@ def effect_modules() -> tuple[ModuleType, ...]:
             for module in pkgutil.walk_packages(package.__path__, f"{folder}.")
             if not module.ispkg
         ]
-        found += [
+        result += [
             importlib.import_module(name)
             for name in sorted(modules, key=lambda name: name.rpartition(".")[2])
         ]
-    return tuple(found)
+    return tuple(result)
 
 
 def library() -> tuple[Effect, ...]:
@@ -77,19 +77,19 @@ def effects_for(equations: Equations) -> tuple[Effect, ...]:
     A module's ``made_for(equations)``, where it has one, makes instances for inputs, outputs and
     ports that none of its ``VARIANTS`` is for.
     """
-    found: list[tuple[str, Effect]] = []
+    candidates: list[tuple[str, Effect]] = []
     for module in effect_modules():
         known = [effect for effect in getattr(module, "VARIANTS", ()) if applies(effect, equations)]
         names = {effect.name for effect in known}
         made = module.made_for(equations) if hasattr(module, "made_for") else ()
         further = [e for e in made if e.name not in names and applies(e, equations)]
-        found += _with_places(module, (*known, *further))
-    return _in_order(found)
+        candidates += _with_places(module, (*known, *further))
+    return _in_order(candidates)
 
 
 def _with_places(module: ModuleType, effects: Sequence[Effect]) -> list[tuple[str, Effect]]:
-    """Each effect of a file with the name under which its station lists it: that of the file, or
-    of the effect where the file has several.
+    """Each effect of a file with its name in the list of its station: the name of the file, or of
+    the effect if the file has several.
     """
     stems = {effect.name.partition(":")[0] for effect in getattr(module, "VARIANTS", ())}
     file = module.__name__.rpartition(".")[2]
@@ -107,13 +107,13 @@ def _in_order(effects: Sequence[tuple[str, Effect]]) -> tuple[Effect, ...]:
 
 
 def other_names(equations: Equations) -> dict[str, str]:
-    """Names under which some effects of a vehicle may be asked for as well, each with that effect's
-    own: a module's ``other_names(equations)``.
+    """Further names of some effects of a vehicle, each with the effect's own: from
+    ``other_names(equations)`` of a module.
     """
-    found: dict[str, str] = {}
+    names: dict[str, str] = {}
     for module in effect_modules():
-        found |= module.other_names(equations) if hasattr(module, "other_names") else {}
-    return found
+        names |= module.other_names(equations) if hasattr(module, "other_names") else {}
+    return names
 
 
 def catch_all_terms_for(equations: Equations) -> tuple[Traceable, ...]:
@@ -127,12 +127,12 @@ def catch_all_terms_for(equations: Equations) -> tuple[Traceable, ...]:
     not name it.
     """
     package = importlib.import_module("sim.effects.guards")
-    found: list[Traceable] = []
+    candidates: list[Traceable] = []
     for name in sorted(module.name for module in pkgutil.iter_modules(package.__path__)):
         module = importlib.import_module(f"{package.__name__}.{name}")
         made = module.made_for(equations) if hasattr(module, "made_for") else ()
-        found += [guard for guard in (*module.GUARDS, *made) if applies(guard, equations)]
-    return tuple(found)
+        candidates += [guard for guard in (*module.GUARDS, *made) if applies(guard, equations)]
+    return tuple(candidates)
 
 
 def applies(effect: Effect, equations: Equations) -> bool:
@@ -171,11 +171,10 @@ def effect_names() -> tuple[str, ...]:
 
 
 def traits_of(name: str) -> Traits:
-    """What is known of the library's effect of that name, or of its first instance
+    """Return the traits of the library's effect of that name, or of its first instance
     (``elastic-mode`` for ``elastic-mode#2``).
 
-    Of a name that the library lacks nothing is known; instances made from a declaration carry their
-    own traits.
+    An unknown name has empty traits; instances made from a declaration carry their own.
     """
     effects = [effect for effect in library() if isinstance(effect, Traceable)]
     first = [effect for effect in effects if effect.name == name.partition("#")[0]]

@@ -83,18 +83,18 @@ SLOW_WIDTH = 0.1  # s, for bodies that are tracked over minutes
 
 
 def risen(time: Any, at: Any, width: float) -> Any:
-    """0 before the event at time ``at``, 1 after it, a straight ramp of ``width`` s centred on it
-    between.
+    """Smooth step: 0 before the time ``at``, 1 after it, a straight ramp of ``width`` s centred on
+    it.
 
-    Integrated in sub-steps of which ``width`` is a whole multiple, its area does not depend on how
-    ``at`` lies between them.
+    Integrated in sub-steps of which ``width`` is a whole multiple, its area does not depend on the
+    position of ``at`` between them.
     """
     return once_for_alike(lambda at: clip((time - at) / width + 0.5, 0.0, 1.0), at)
 
 
 def edge_width(interval: float, usual: float = WIDTH) -> float:
-    """The whole fraction of a sampling interval that is nearest below ``usual``: the sub-step of a
-    fit that steps by at most that.
+    """Largest whole fraction of a sampling interval that is at most ``usual``: the sub-step of a
+    fit.
     """
     return interval / max(1, math.ceil(interval / usual - 1e-6)) if interval > 0 else usual
 
@@ -112,7 +112,9 @@ def moved_back(edges: np.ndarray, u: np.ndarray, delay: Any) -> np.ndarray:
 
     Parameters
     ----------
-    edges : ``(n + 1,)`` s, increasing. u : ``(n,)``. delay : s, not negative; may be complex.
+    edges : ``(n + 1,)`` s, increasing.
+    u : ``(n,)``.
+    delay : s, not negative; may be complex.
     """
     width, last = np.diff(edges), len(u) - 1
     area = np.concatenate([np.zeros(1), np.cumsum(u * width)])
@@ -156,7 +158,7 @@ def gust_parameters(fine: bool) -> tuple[Parameter, ...]:
 
 
 def calm_air(fine: bool) -> Mapping[str, float]:
-    """Values at which there is no gust."""
+    """Parameter values without a gust."""
     return MappingProxyType(dict.fromkeys(("peak", *(SHAPES if fine else ())), 0.0))
 
 
@@ -189,8 +191,8 @@ def gust_speed(time: Any, p: Any, lasting: bool, fine: bool) -> Any:
 
 
 def gust_probes(context: SearchContext, fine: bool) -> Sequence[Probe]:
-    """Slope by the peak of a gust at the record's begin, for some durations; a later start only
-    shifts it.
+    """Probe the peak of a gust at the begin of the record, for some durations; a later start only
+    shifts the response.
     """
     durations = [
         duration
@@ -222,8 +224,8 @@ LOADS = ("lift", "moment")
 
 
 class SizedOnPorts:
-    """What terms share that have one size for each port that they load: a parameter of the port's
-    name, absent where all are zero.
+    """Base of terms with one size for each port that they load; the parameter has the name of the
+    port, and the term is absent if all sizes are zero.
     """
 
     ports: tuple[str, ...]
@@ -282,9 +284,10 @@ def weight_lift(
 
     Parameters
     ----------
-    change : m/s, above what the ports hold already. vehicle : constants of the equations.
+    change : m/s, above what the ports hold already.
+    vehicle : constants of the equations.
     airspeed_change, density_change : m/s and kg/m3, what the ports of these names hold before;
-    their own lift is not counted here.
+        their own lift is not counted here.
     """
     V = vehicle.airspeed + airspeed_change
     if hasattr(vehicle, "mass"):
@@ -317,12 +320,14 @@ class LoadCurve:
 
     Attributes
     ----------
-    port : what it adds to. name, load, short_name, explanation : of the effect; ``load`` as a
-    sentence begins with it. unit, size : of what is added, and a usual one. needs_constants : those
-    of the equations it is written for. angle, flown : what it is a curve of, and the output that
-    shows its range. middle : of that range, from which f counts where the angle
-        is a ``total``.
-    low, high : the flown range, rad. fine : nine shapes instead of four, the first four the same.
+    port : what it adds to.
+    name, load, short_name, explanation : of the effect; ``load`` as a sentence begins with it.
+    unit, size : of what is added, and a usual one.
+    needs_constants : those of the equations it is written for.
+    angle, flown : what it is a curve of, and the output that shows its range.
+    middle : of that range, from which f counts where the angle is a ``total``.
+    low, high : the flown range, rad.
+    fine : nine shapes instead of four, the first four the same.
     """
 
     port: str
@@ -392,15 +397,15 @@ class LoadCurve:
         return ()
 
     def fitted_to(self, context: SearchContext) -> LoadCurve:
-        """The same over the range of angles that the record flew."""
+        """Return the effect over the range of angles of the record."""
         low, high = context.flown_range(self.flown) or (self.low, self.high)
         middle = 0.5 * (low + high) if self.total else 0.0
         return replace(self, low=low, high=high, middle=middle)
 
     def finer(self) -> LoadCurve:
-        """The same with five finer shapes."""
+        """Return the refined form, with five more shapes."""
         return replace(self, fine=True)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by all shapes where there is none."""
+        """Probe the slopes by all shapes at absence."""
         return (Probe(self.absent, shape_names(self.fine)),)

@@ -1,4 +1,4 @@
-"""What flies a truth; never seen by the identification side.
+"""Simulation of the truth; the identification packages never import it.
 
 May import: Everything below in `sim`; not `sim.effects` or `sim.vehicles`.
 

@@ -1,6 +1,4 @@
-"""Flies a model whose inputs are moved by what its sensors say: a pilot or a flight control system
-holds the aircraft.
-"""
+"""Simulation of a model in closed loop: a pilot or a flight control system moves the inputs."""
 
 from __future__ import annotations
 
@@ -44,13 +42,15 @@ def fly_with_feedback(
     Parameters
     ----------
     gains : by input, then by output, in the input's unit over the output's. Outputs that an input
-    moves at once, as a load factor, are refused. time : ``(N,)`` s. step : largest integration
-    step, s. method : None for Runge-Kutta's. Others as of ``fly``; process noise on states only.
+        moves at once, as a load factor, are refused.
+    time : ``(N,)`` s.
+    step : largest integration step, s.
+    method : None for Runge-Kutta's. Others as of ``fly``; process noise on states only.
 
     Raises
     ------
     ModelError : an unknown input or output, effects on the input or sensor path, an algebraic loop,
-    parameters that drift, a flight that diverges.
+        parameters that drift, a flight that diverges.
     """
     system, method = compile_model(model, outputs), method or rk4_step
     loop = _Loop(system, model, maneuvers, gains)
@@ -109,8 +109,8 @@ def fly_with_feedback(
 
 @dataclass(frozen=True, eq=False)
 class _Loop:
-    """A compiled model with what moves its inputs; refuses what a loop closed sample by sample
-    cannot have.
+    """A compiled model with its controller; refuses what a loop closed sample by sample cannot
+    have.
     """
 
     system: System
@@ -155,7 +155,7 @@ class _Loop:
         ]
 
     def command(self, t: float) -> list[float]:
-        """What the maneuvers give every input."""
+        """Values of the maneuvers for every input."""
         return [float(self.maneuvers.get(key, Sum())(t)) for key in self.system.input_names]
 
     def closed(

@@ -149,7 +149,7 @@ def drive_from_maneuvers(
 
 
 def _without_break(maneuver: Maneuver, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Which sub-steps hold no switch strictly inside."""
+    """Whether sub-steps have no switch strictly inside."""
     if not maneuver.breakpoints:
         return np.ones(a.shape, dtype=bool)
     breaks = np.asarray(maneuver.breakpoints)
@@ -158,12 +158,13 @@ def _without_break(maneuver: Maneuver, a: np.ndarray, b: np.ndarray) -> np.ndarr
 
 # ---- The motion of a true aircraft to a tolerance
 
-EXACT, SMOOTH = "exact, linear", "LSODA"
+EXACT = "exact, linear"  # exact solution of linear equations
+SMOOTH = "LSODA"  # SciPy's integrator for smooth inputs
 TOLERANCE = 1e-9  # of the motion's size, at the end of a flight
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class SimulatedMotion:
     """States ``(N,)`` each, and by which method they were found: ``EXACT`` or ``SMOOTH``."""
 
     states: list[np.ndarray]
@@ -172,7 +173,7 @@ class Motion:
 
 def by_tolerance(
     system: System, p: Sequence[float], by_input: tuple[Maneuver, ...], time: np.ndarray
-) -> Motion | None:
+) -> SimulatedMotion | None:
     """Motion at ``time`` (s, ``(N,)``) within ``TOLERANCE``, inputs as the maneuvers give them;
     None where no method keeps it.
 
@@ -187,11 +188,11 @@ def by_tolerance(
         system, p, x0, lambda t: [maneuver(t) for maneuver in by_input], breaks, time
     )
     if states is not None:
-        return Motion(list(states), EXACT)
+        return SimulatedMotion(list(states), EXACT)
     states = smooth_motion(
         system, p, x0, lambda begin, end: _between(by_input, begin, end), breaks, time
     )
-    return None if states is None else Motion(list(states), SMOOTH)
+    return None if states is None else SimulatedMotion(list(states), SMOOTH)
 
 
 def _between(by_input: tuple[Maneuver, ...], begin: float, end: float) -> InputsAt:
@@ -199,8 +200,8 @@ def _between(by_input: tuple[Maneuver, ...], begin: float, end: float) -> Inputs
     beyond it.
     """
     if all(maneuver.hold is Hold.PREVIOUS for maneuver in by_input):
-        held = [float(maneuver(0.5 * (begin + end))) for maneuver in by_input]
-        return lambda t: held
+        input_values = [float(maneuver(0.5 * (begin + end))) for maneuver in by_input]
+        return lambda t: input_values
     last = [float(maneuver.before(end)) for maneuver in by_input]
     return lambda t: [float(maneuver(t)) for maneuver in by_input] if t < end - 1e-9 else last
 
@@ -209,8 +210,8 @@ def _between(by_input: tuple[Maneuver, ...], begin: float, end: float) -> Inputs
 
 
 class Distance(Enum):
-    """How far a truth is from the model that will be fitted to it: the nearer, the easier the test
-    ("inverse crime").
+    """Difference between the truth and the model that will be fitted: the smaller, the easier the
+    test ("inverse crime").
     """
 
     SAME_EQUATIONS = "same equations and step"
@@ -224,7 +225,7 @@ class Distance(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What really happened; for scoring only, never for an estimator.
+    """The true simulation; for scoring only, never for an estimator.
 
     Attributes
     ----------
@@ -232,11 +233,13 @@ class Truth:
     effects : names of the effects that acted.
     time : ``(N,)`` s, the record's.
     states, outputs : by name, ``(N,)`` each, without measurement noise; outputs as the sensors
-    would pass them on. walks : by name, ``(N,)``, parameters that drifted. noise_std : standard
-    deviation of the measurement noise by output, zero where there was none. process_density :
-    spectral density of the forcing that acted, by state or parameter. distance : how far this is
-    from the model to be fitted. step, method : largest integration step, s, and the integrator's
-    name; no step where the motion was found to a tolerance.
+        would pass them on.
+    walks : by name, ``(N,)``, parameters that drifted.
+    noise_std : standard deviation of the measurement noise by output, zero where there was none.
+    process_density : spectral density of the forcing that acted, by state or parameter.
+    distance : how far this is from the model to be fitted.
+    step, method : largest integration step, s, and the integrator's name; no step where the motion
+        was found to a tolerance.
     """
 
     parameters: ParameterSet
@@ -286,17 +289,15 @@ def fly(
     Parameters
     ----------
     model : its parameter values, initial state and noise are the true ones.
-    ``noise.process_density`` forces
-        states by white noise, increments of variance density x step after each step, and lets
-        parameters drift in a random walk.
+        ``noise.process_density`` forces states by white noise, increments of variance density x
+        step after each step, and lets parameters drift in a random walk.
     maneuvers : by input, or one for the only input; inputs not named rest at zero.
     time : ``(N,)`` s, sample times, uneven if wanted; see ``sample_times``.
     rng : the one source of randomness; the same state gives the same bytes.
     measurement : None for white noise of the model's ``measurement_std``.
     method : an integrator that goes in steps, or None for the exact motion of what is linear and
-    else LSODA, to a tolerance of 1e-9; where
-        random forcing or effects on the input path act, or no solver keeps that tolerance,
-        Runge-Kutta's of order 4 in its place.
+        else LSODA, to a tolerance of 1e-9; where random forcing or effects on the input path act,
+        or no solver keeps that tolerance, Runge-Kutta's of order 4 in its place.
     step : largest step of an integrator and of sensors with memory, s.
     outputs : those recorded, all when None.
     distance : stated by the caller, kept in the Truth.
@@ -308,7 +309,7 @@ def fly(
     Raises
     ------
     ModelError : an unknown input or output, a random walk of an unknown parameter, a simulation
-    that diverges.
+        that diverges.
     """
     system = compile_model(model, outputs)
     by_input = _assigned(system, maneuvers)
@@ -356,8 +357,8 @@ def _recorded_inputs(
 
 @dataclass(frozen=True, eq=False)
 class _GridStates:
-    """States and random walks at the edges of a grid, where the samples are among them, outputs
-    without noise at these, and how it was flown.
+    """States and random walks at the edges of a grid that contains the samples, noise-free outputs
+    there, and the integration method.
     """
 
     states: Sequence[Any]
@@ -388,12 +389,12 @@ def _propagated(
     if method is None and not densities and not walking:
         # Sensors with memory act on what passes between samples.
         grid = make_grid(time, step if system.sensor_stages else np.inf)
-        found = by_tolerance(system, p, by_input, grid.edges)
-        if found is not None:
+        result = by_tolerance(system, p, by_input, grid.edges)
+        if result is not None:
             clean = outputs_at_samples(
-                system, p, found.states, drive_from_maneuvers(system, p, by_input, grid), grid
+                system, p, result.states, drive_from_maneuvers(system, p, by_input, grid), grid
             )
-            return _GridStates(found.states, {}, grid.sample, clean, {}, None, found.method)
+            return _GridStates(result.states, {}, grid.sample, clean, {}, None, result.method)
     grid, method = make_grid(time, step), method or rk4_step
     drive = drive_from_maneuvers(system, p, by_input, grid)
     if densities or walking:
@@ -418,8 +419,8 @@ def _propagated(
 def remeasure(
     record: Record, truth: Truth, rng: np.random.Generator, measurement: Measurement | None = None
 ) -> Record:
-    """The same flight measured again with fresh noise, at no cost of simulation; None repeats white
-    noise of the truth's ``noise_std``.
+    """The same flight with fresh measurement noise, without a new simulation; None: white noise of
+    the truth's ``noise_std``.
     """
     again = measurement or Measurement()
     std = truth.noise_std if again.std is None else again.std

@@ -123,8 +123,8 @@ _NONE: Mapping[str, float] = MappingProxyType({})
 
 @dataclass(frozen=True)
 class Measurement:
-    """How outputs are recorded; each mapping is by output, and one that it lacks is recorded
-    exactly in that respect.
+    """Properties of the recording; each mapping is by output, and an output that it lacks is
+    recorded exactly in that respect.
 
     Attributes
     ----------

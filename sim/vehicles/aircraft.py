@@ -40,7 +40,8 @@ from sim.vehicles.aircraft_numbers import refuse_numbers
 from sim.vehicles.attitude import ATTITUDES, EULER, angular_accelerations
 
 NAME = "aircraft"
-BODY_AXES, WIND_AXES = ("CX", "CY", "CZ"), ("CD", "CY", "CL")
+BODY_AXES = ("CX", "CY", "CZ")  # force coefficients in body axes
+WIND_AXES = ("CD", "CY", "CL")  # drag, side force and lift
 MOMENTS = ("Cl", "Cm", "Cn")
 FORCES = tuple(dict.fromkeys((*BODY_AXES, *WIND_AXES)))
 CONSTANTS: Mapping[str, str] = MappingProxyType(
@@ -96,10 +97,7 @@ FURTHER: Mapping[str, str] = MappingProxyType({"psi": "rad", "altitude": "m"})
 OUTPUTS: Mapping[str, str] = MappingProxyType({**STATES, "ax": "m/s2", "ay": "m/s2", "az": "m/s2"})
 # Columns of the wind, m/s, by the axes in which it is recorded: where the air moves to.
 WIND: Mapping[str, tuple[str, str, str]] = MappingProxyType(
-    {
-        "earth": ("wind_north", "wind_east", "wind_down"),
-        "body": ("wind_u", "wind_v", "wind_w"),
-    }
+    {"earth": ("wind_north", "wind_east", "wind_down"), "body": ("wind_u", "wind_v", "wind_w")}
 )
 SENSORS = ("airspeed", "alpha", "beta", "accelerometer")
 BIASED = ("p", "q", "r")
@@ -109,7 +107,7 @@ _HERE: Point = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Thrust:
-    """What pulls along the body.
+    """Propulsive force along an axis of the body.
 
     Attributes
     ----------
@@ -123,7 +121,7 @@ class Thrust:
 
 @dataclass(frozen=True)
 class Aircraft:
-    """What a vehicle file of an aircraft declares, in SI.
+    """Declaration of an aircraft in a vehicle file, in SI.
 
     Attributes
     ----------
@@ -159,12 +157,12 @@ class Aircraft:
 
     @property
     def signals(self) -> tuple[str, ...]:
-        """Names that may stand in terms."""
+        """Names that may occur in terms."""
         return (*FLOW, *dict.fromkeys((*self.surfaces, *self.mixes)))
 
     @property
     def angles(self) -> frozenset[str]:
-        """Signals by which derivatives are told per radian."""
+        """Signals whose derivatives are per radian."""
         mixed = {
             name
             for name, parts in self.mixes.items()
@@ -209,7 +207,7 @@ class Aircraft:
         }
 
     def with_values(self, values: Mapping[str, float]) -> Aircraft:
-        """The same with other values of some parameters."""
+        """Return the declaration with other values of some parameters."""
         sensors = {name: list(place) for name, place in self.sensors.items()}
         for each, (old, _) in self.positions.items():
             name, axis = each.rsplit("_", 1)
@@ -267,8 +265,8 @@ def refuse_wind(axes: str, further: Collection[str], where: str) -> None:
 def refuse_recorded(
     recorded: Collection[str], wind: str, where: str, attitude: str = EULER
 ) -> None:
-    """Raise DeclarationError for an unknown attitude, and for recorded states that leave no motion
-    or that a wind or a quaternion makes others.
+    """Raise DeclarationError for an unknown attitude, if recorded states leave no motion, or if a
+    wind or a quaternion excludes them.
 
     Parameters
     ----------
@@ -344,7 +342,7 @@ def aircraft_model(aircraft: Aircraft) -> Model:
     }
     further = {name: FURTHER[name] for name in FURTHER if name in aircraft.further}
     rest = {name: aircraft.constants[name] for name in aircraft.varying}
-    motion = _Motion(aircraft)
+    motion = _AircraftEquations(aircraft)
     turned = ATTITUDES[aircraft.attitude]
     at = [aircraft.start.get(name, 0.0) for name in ("phi", "theta", "psi")]
     begun = {name: v for name, v in aircraft.start.items() if name not in ("phi", "theta", "psi")}
@@ -375,9 +373,7 @@ def aircraft_model(aircraft: Aircraft) -> Model:
 
 
 def _start(item: Parameter, attitude: str) -> Parameter:
-    """A state at the start; of a quaternion what says nothing is held, the rest read of phi, theta
-    and psi.
-    """
+    """Initial value of a state; a quaternion's are computed from ``phi``, ``theta`` and ``psi``."""
     turned = ATTITUDES[attitude]
     if item.name in turned.held:
         return replace(item, free=False)
@@ -386,9 +382,9 @@ def _start(item: Parameter, attitude: str) -> Parameter:
 
 
 def declaration_of(model: Model) -> Aircraft | None:
-    """What a model was made of, with its present values; None of any other model."""
+    """Declaration of a model with its present values; None for any other model."""
     motion = getattr(getattr(model.equations, "rates", None), "__self__", None)
-    if not isinstance(motion, _Motion):
+    if not isinstance(motion, _AircraftEquations):
         return None
     values = {item.name: item.value for item in model.parameters}
     aircraft = motion.aircraft.with_values(values)
@@ -396,7 +392,7 @@ def declaration_of(model: Model) -> Aircraft | None:
     return replace(aircraft, constants=held)
 
 
-class _Motion:
+class _AircraftEquations:
     """The functions of an aircraft's equations."""
 
     def __init__(self, aircraft: Aircraft) -> None:
@@ -418,10 +414,10 @@ class _Motion:
         self.away = {n for n in SENSORS if self.places[n] != _HERE or any(self.free[n])}
         self.turned = ATTITUDES[aircraft.attitude]
         self.headed = "psi" in aircraft.further
-        flown = [name for name in STATES if name not in ("phi", "theta")]
-        flown += [*self.turned.states, *(self.turned.headed if self.headed else ())]
-        flown += [name for name in aircraft.further if name != "psi"]
-        self.moving = tuple(name for name in flown if name not in aircraft.recorded)
+        path_states = [name for name in STATES if name not in ("phi", "theta")]
+        path_states += [*self.turned.states, *(self.turned.headed if self.headed else ())]
+        path_states += [name for name in aircraft.further if name != "psi"]
+        self.moving = tuple(name for name in path_states if name not in aircraft.recorded)
         self.read = tuple(
             name for name in (*STATES, *aircraft.further) if name not in aircraft.recorded
         )
@@ -451,7 +447,7 @@ class _Motion:
             values["mach"] = V / c["speed_of_sound"]
         for name, parts in self.aircraft.mixes.items():
             values[name] = sum(factor * getattr(s, each) for each, factor in parts.items())
-        found = {
+        result = {
             "u_air": u,
             "v_air": v,
             "w_air": w,
@@ -464,7 +460,7 @@ class _Motion:
         totals: dict[str, Any] = {axis: 0.0 for axis in (*self.aircraft.forces, *MOMENTS)}
         for (axis, name), term in zip(self.named, self.table.values(values), strict=True):
             totals[axis] = add_product(totals[axis], getattr(p, name), term)
-        return found | {f"{axis}_terms": total for axis, total in totals.items()}
+        return result | {f"{axis}_terms": total for axis, total in totals.items()}
 
     def rates(self, s: Any, p: Any) -> Mapping[str, Any]:
         """Rates of all states."""
@@ -477,7 +473,7 @@ class _Motion:
         w_dot = s.q * u - s.p * v + G0 * z + Z / c["mass"]
         V, plane = s.airspeed, u * u + w * w
         V_dot = (u * u_dot + v * v_dot + w * w_dot) / V
-        found = {
+        result = {
             "airspeed": V_dot,
             "alpha": (u * w_dot - w * u_dot) / plane,
             "beta": (V * v_dot - v * V_dot) / (V * sqrt(plane)),
@@ -485,14 +481,14 @@ class _Motion:
             **turning,
             "altitude": -(u * x + v * y + w * z),
         }
-        return {name: found[name] for name in self.moving}
+        return {name: result[name] for name in self.moving}
 
     def readings(self, s: Any, p: Any) -> Mapping[str, Any]:
-        """What the sensors read where they are."""
+        """Readings of the sensors at their positions."""
         c = self._constants(s, p)
         (X, Y, Z), (L, M, N) = self._loads(s, c)
         angles = self.turned.angles(s, self.headed)
-        found = {n: angles[n] if n in angles else getattr(s, n) for n in self.read}
+        result = {n: angles[n] if n in angles else getattr(s, n) for n in self.read}
         for name in ("airspeed", "alpha", "beta"):
             if name not in self.moving:
                 continue
@@ -500,22 +496,24 @@ class _Motion:
             if name in self.away:
                 u, v, w = self._velocity_at(s, self._place(name, p))
             if name == "alpha":
-                found[name] = _angle(w, u)
+                result[name] = _angle(w, u)
             else:
                 V = sqrt(u * u + v * v + w * w)
-                found[name] = V if name == "airspeed" else _arcsine(v / V)
-        found |= {"ax": X / c["mass"], "ay": Y / c["mass"], "az": Z / c["mass"]}
+                result[name] = V if name == "airspeed" else _arcsine(v / V)
+        result |= {"ax": X / c["mass"], "ay": Y / c["mass"], "az": Z / c["mass"]}
         if "accelerometer" in self.away:
             x, y, z = self._place("accelerometer", p)
             turn = angular_accelerations(s, c, L, M, N)
             P, Q, R = s.p, s.q, s.r
-            found["ax"] += -x * (Q * Q + R * R) + y * (P * Q - turn["r"]) + z * (P * R + turn["q"])
-            found["ay"] += x * (P * Q + turn["r"]) - y * (P * P + R * R) + z * (Q * R - turn["p"])
-            found["az"] += x * (P * R - turn["q"]) + y * (Q * R + turn["p"]) - z * (P * P + Q * Q)
-        return found
+            result["ax"] += -x * (Q * Q + R * R) + y * (P * Q - turn["r"]) + z * (P * R + turn["q"])
+            result["ay"] += x * (P * Q + turn["r"]) - y * (P * P + R * R) + z * (Q * R - turn["p"])
+            result["az"] += x * (P * R - turn["q"]) + y * (Q * R + turn["p"]) - z * (P * P + Q * Q)
+        return result
 
     def _place(self, name: str, p: Any) -> tuple[Any, Any, Any]:
-        """Of a sensor, from the centre of gravity, m; estimated coordinates are parameters."""
+        """Position of a sensor from the centre of gravity, m; estimated coordinates are
+        parameters.
+        """
         x, y, z = (
             getattr(p, parameter) if parameter else value
             for value, parameter in zip(self.places[name], self.free[name], strict=True)
@@ -527,7 +525,7 @@ class _Motion:
         return {name: getattr(s if name in varying else p, name) for name in CONSTANTS}
 
     def _alpha(self, s: Any) -> Any:
-        """Of the centre of gravity; a recorded one is brought there from its vane."""
+        """Angle of attack at the centre of gravity; a recorded one is corrected from its vane."""
         if "alpha" in self.moving or "alpha" not in self.away:
             return s.alpha
         x, y, _ = self.places["alpha"]
@@ -535,7 +533,7 @@ class _Motion:
         return arctan(sin(s.alpha) / cos(s.alpha) - across)
 
     def _beta(self, s: Any) -> Any:
-        """Of the centre of gravity; a recorded one is brought there from its vane."""
+        """Sideslip at the centre of gravity; a recorded one is corrected from its vane."""
         if "beta" in self.moving:
             return s.beta
         x, _, z = self.places["beta"]
@@ -548,7 +546,7 @@ class _Motion:
         return across * cos(alpha), s.airspeed * sin(beta), across * sin(alpha)
 
     def _wind(self, s: Any) -> tuple[Any, Any, Any]:
-        """In body axes, m/s."""
+        """Wind in body axes, m/s."""
         parts = tuple(getattr(s, name) for name in WIND[self.aircraft.wind])
         return parts if self.aircraft.wind == "body" else self.turned.to_body(s, *parts)
 

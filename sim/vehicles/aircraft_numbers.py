@@ -38,7 +38,9 @@ def refuse_numbers(constants: Mapping[str, float], names: Iterable[str], where: 
 
     Parameters
     ----------
-    constants : SI, by name. names : of all that have to be there. where : for the message.
+    constants : SI, by name.
+    names : of all that have to be there.
+    where : for the message.
     """
     c = constants
     for name in names:

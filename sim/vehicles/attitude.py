@@ -118,10 +118,10 @@ class Quaternion:
     def angles(self, s: Any, headed: bool) -> Mapping[str, Any]:
         x, y, z = self._down(s)
         across = sqrt(y * y + z * z)
-        found = {"phi": _angle(y, z), "theta": -2.0 * arctan(x / (1.0 + across))}
+        result = {"phi": _angle(y, z), "theta": -2.0 * arctan(x / (1.0 + across))}
         if headed:
-            found["psi"] = _wrapped(_angle(*self._course(s)) + s.psi_start)
-        return found
+            result["psi"] = _wrapped(_angle(*self._course(s)) + s.psi_start)
+        return result
 
     def to_body(self, s: Any, north: Any, east: Any, down: Any) -> Vector:
         e0, e1, e2, e3 = _unit(s)
@@ -150,7 +150,7 @@ class Quaternion:
 
     @staticmethod
     def _course(s: Any) -> tuple[Any, Any]:
-        """East and north of the nose, the heading at the start apart."""
+        """East and north components of the nose direction, relative to the initial heading."""
         e0, e1, e2, e3 = _unit(s)
         return 2.0 * (e1 * e2 + e0 * e3), e0 * e0 + e1 * e1 - e2 * e2 - e3 * e3
 
@@ -190,7 +190,8 @@ def angular_accelerations(s: Any, c: Mapping[str, Any], L: Any, M: Any, N: Any) 
 
     Parameters
     ----------
-    s : p, q, r, rad/s. c : roll_inertia, pitch_inertia, yaw_inertia, cross_inertia, kg m2.
+    s : p, q, r, rad/s.
+    c : roll_inertia, pitch_inertia, yaw_inertia, cross_inertia, kg m2.
     L, M, N : moments about the centre of gravity, N m, body axes.
 
     Returns

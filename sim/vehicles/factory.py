@@ -1,4 +1,4 @@
-"""From a vehicle's numbers to its Model, and a Model about rest or trim as a linear system."""
+"""Models from the numbers of a vehicle, and their linear systems about rest or trim."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from sim.effects.dynamics.structural_mode import StructuralMode
 from sim.effects.input_path.input_delay import InputDelay
 from sim.errors import DeclarationError
 from sim.maths import complex_step_jacobian
-from sim.vehicles.library import Number, Origin, VehicleData
+from sim.vehicles.library import Origin, SourcedNumber, VehicleData
 from sim.vehicles.other_vehicles import (
     DELAY,
     LAG,
@@ -125,14 +125,14 @@ def flexible_model(
     model = rigid_model(data, noise).with_effects(
         *(StructuralMode(number, numbers) for number in numbers)
     )
-    found = {
+    result = {
         name: _checked(data, name, unit)
         for name, unit, needed in mode_units(wanted)
         if needed or name in data
     }
     couplings = {name: 0.0 for name, _, needed in mode_units(wanted) if not needed}
     model = model.with_values(
-        {**couplings, **{name: number.value for name, number in found.items()}}
+        {**couplings, **{name: number.value for name, number in result.items()}}
     )
     free = [*RIGID_DERIVATIVES]
     for i in numbers:
@@ -140,7 +140,7 @@ def flexible_model(
             mode_parameter(local, i)
             for local in (*MODE_DERIVATIVES, f"Ceta_eta{i}", f"Ceta_etadot{i}")
         ]
-    items = (_sourced(item, found) for item in model.parameters.only_free(free))
+    items = (_sourced(item, result) for item in model.parameters.only_free(free))
     return model.with_parameters(ParameterSet(tuple(items)))
 
 
@@ -164,7 +164,7 @@ def loes_model(data: VehicleData, noise: Noise | None = None) -> Model:
     ``delay``.
     """
     optional = [
-        Number(name, 0.0, unit, note="zero unless given")
+        SourcedNumber(name, 0.0, unit, note="zero unless given")
         for name, unit in {"vane_arm": "m", **LOES_OFFSETS}.items()
         if name not in data
     ]
@@ -193,7 +193,7 @@ def whole_axis_model(data: VehicleData, noise: Noise | None = None) -> Model:
     equations, constants, derivatives = WHOLE_AXES[data.equations]
     inside = {name: unit for name, unit in derivatives.items() if name in equations.parameter_names}
     absent = [
-        Number(name, 0.0, unit, note="left out")
+        SourcedNumber(name, 0.0, unit, note="left out")
         for name, unit in inside.items()
         if name not in data
     ]
@@ -217,7 +217,7 @@ def whole_axis_model(data: VehicleData, noise: Noise | None = None) -> Model:
 
 
 def _with_motors(data: VehicleData, model: Model) -> Model:
-    """The model with what a set gives of the path from commands to motors."""
+    """The model with the path from commands to motors of a set."""
     given = {name: _checked(data, name, "s") for name in (LAG, DELAY) if name in data}
     model = model.with_effects(*motor_path(lag=LAG in given, delay=DELAY in given))
     items = (
@@ -256,13 +256,13 @@ def vehicle_from_values(
         raise DeclarationError(
             f"unknown equations {equations!r}", where=name, remedy=f"use {', '.join(FAMILIES)}"
         )
-    found, constants, derivatives = FAMILIES[equations]
+    result, constants, derivatives = FAMILIES[equations]
     units = {
         **constants,
         **derivatives,
         **{full: unit for full, unit, _ in mode_units(modes if equations == "rigid" else 0)},
     }
-    state_units = {signal.name: signal.unit for signal in found.states}
+    state_units = {signal.name: signal.unit for signal in result.states}
     numbers = tuple(_users(name, key, value, units) for key, value in values.items())
     start = tuple(_users(name, key, value, state_units) for key, value in (initial or {}).items())
     return VehicleData(name, title or name, "given by the user", equations, numbers, start, modes)
@@ -344,11 +344,11 @@ def _model(
     start = {number.name: number for number in data.initial}
     for name in start:
         if name not in {signal.name for signal in equations.states}:
-            known = ", ".join(signal.name for signal in equations.states)
+            available = ", ".join(signal.name for signal in equations.states)
             raise DeclarationError(
                 f"there is no state {name}",
                 where=f"vehicle {data.name}, initial",
-                remedy=f"use {known}",
+                remedy=f"use {available}",
             )
     initial = ParameterSet(
         tuple(
@@ -364,7 +364,7 @@ def _model(
     return Model(equations, parameters, initial, noise or Noise())
 
 
-def _checked(data: VehicleData, name: str, unit: str) -> Number:
+def _checked(data: VehicleData, name: str, unit: str) -> SourcedNumber:
     number = data[name]
     where = f"vehicle {data.name}, {name}"
     if number.unit != unit:
@@ -386,14 +386,14 @@ def _checked(data: VehicleData, name: str, unit: str) -> Number:
     return number
 
 
-def _sourced(item: Parameter, found: Mapping[str, Number]) -> Parameter:
-    source = found[item.name].source if item.name in found else item.source
+def _sourced(item: Parameter, numbers: Mapping[str, SourcedNumber]) -> Parameter:
+    source = numbers[item.name].source if item.name in numbers else item.source
     return Parameter(
         item.name, item.value, item.unit, item.prior_std, item.bounds, item.free, source
     )
 
 
-def _users(vehicle: str, name: str, value: float, units: Mapping[str, str]) -> Number:
+def _users(vehicle: str, name: str, value: float, units: Mapping[str, str]) -> SourcedNumber:
     if name not in units:
         raise DeclarationError(
             f"unknown number {name}", where=f"vehicle {vehicle}", remedy=f"use {', '.join(units)}"
@@ -404,14 +404,14 @@ def _users(vehicle: str, name: str, value: float, units: Mapping[str, str]) -> N
             where=f"vehicle {vehicle}, {name}",
             remedy="give a finite number",
         )
-    return Number(name, float(value), units[name], origin=Origin.USER)
+    return SourcedNumber(name, float(value), units[name], origin=Origin.USER)
 
 
 # ---- A model about rest or a trimmed flight as a linear system
 
 
 @dataclass(frozen=True, eq=False)
-class StateSpace:
+class SystemMatrices:
     """x_dot = A x + B u, y = C x + D u, with the shapes ``(n, n)``, ``(n, r)``, ``(m, n)``, ``(m,
     r)``.
     """
@@ -424,7 +424,7 @@ class StateSpace:
 
 def linearise(
     model: Model, outputs: Sequence[str] | None = None, about: Mapping[str, float] | None = None
-) -> StateSpace:
+) -> SystemMatrices:
     """Matrices of a model, exact to rounding; effects on the input and sensor paths are left out.
 
     Parameters
@@ -432,9 +432,8 @@ def linearise(
     model : the declaration.
     outputs : the outputs wanted, in order; all when None.
     about : the point, states and inputs by name in SI, zero where one is not named; the origin when
-    None. The matrices are the
-        derivatives there, whether or not the point is a trim: rates that are not zero in it are not
-        kept.
+        None. The matrices are the derivatives there, whether or not the point is a trim: rates that
+        are not zero in it are not kept.
 
     Raises
     ------
@@ -446,13 +445,13 @@ def linearise(
     x0 = [float(point.pop(signal.name, 0.0)) for signal in system.states]
     u0 = [float(point.pop(signal.name, 0.0)) for signal in system.inputs]
     for name in point:
-        known = ", ".join(signal.name for signal in (*system.states, *system.inputs))
+        available = ", ".join(signal.name for signal in (*system.states, *system.inputs))
         raise DeclarationError(
             f"there is no state or input {name}",
             where=f"linearising {model.equations.name}",
-            remedy=f"use {known}",
+            remedy=f"use {available}",
         )
-    return StateSpace(
+    return SystemMatrices(
         complex_step_jacobian(lambda x: system.f(0.0, x, u0, p), x0),
         complex_step_jacobian(lambda u: system.f(0.0, x0, u, p), u0),
         complex_step_jacobian(lambda x: system.h(0.0, x, u0, p), x0),
@@ -460,7 +459,7 @@ def linearise(
     )
 
 
-def frequency_response(system: StateSpace, omega: float) -> np.ndarray:
+def frequency_response(system: SystemMatrices, omega: float) -> np.ndarray:
     """C (j omega - A)^-1 B + D at ``omega``, rad/s; shape ``(m, r)``, complex."""
     return (
         system.C @ np.linalg.solve(1j * omega * np.eye(len(system.A)) - system.A, system.B)
@@ -468,7 +467,7 @@ def frequency_response(system: StateSpace, omega: float) -> np.ndarray:
     )
 
 
-def held_response(system: StateSpace, u: np.ndarray, step: float) -> np.ndarray:
+def zero_order_hold_response(system: SystemMatrices, u: np.ndarray, step: float) -> np.ndarray:
     """Outputs ``(m, N)`` from rest for one input ``u (N,)`` held over ``step`` s: the exact
     discrete system.
     """

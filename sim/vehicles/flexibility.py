@@ -1,5 +1,5 @@
-"""Flexibility of an aircraft: static condensation, stiffness factors, and whether a rigid model
-still serves.
+"""Flexibility of an aircraft: static condensation, stiffness factors, and adequacy of a rigid
+model.
 
 The modes above those kept follow at once, etadot_b = eta_ddot_b = 0, forced by the motion and by
 the kept modes a,
@@ -34,7 +34,7 @@ aircraft, 0.09 for 0.016 deg^2).
 
 Serving is not the same as being unnoticed. A residual test sees the structure in n numbers from
 about misfit^2 n = 2 z sqrt(2 n), z = 1.645 (5 % false alarms, 95 % power of a chi-squared test on
-the energy): ``detectable``. RecordScatter the two the rigid fit is good, but its derivatives are
+the energy): ``detectable``. Between the two the rigid fit is good, but its derivatives are
 off the condensed ones by more than their sigmas: ``fitted`` says what a fit will find, and
 ``distance`` bounds the bias, for no combination of derivatives is off by more sigmas than the whole
 response difference (Cauchy and Schwarz; to first order).
@@ -69,9 +69,9 @@ from sim.vehicles.factory import (
     RIGID_DERIVATIVES,
     flexible_model,
     frequency_response,
-    held_response,
     linearise,
     rigid_model,
+    zero_order_hold_response,
 )
 from sim.vehicles.library import Origin, VehicleData
 
@@ -80,15 +80,16 @@ from sim.vehicles.library import Origin, VehicleData
 _MOTIONS = ("alpha", "q", "de")
 
 
-def condense_above(values: Mapping[str, float], modes: int, kept: int) -> dict[str, float]:
-    """Coefficients of an aircraft with ``kept`` modes that stands for one with ``modes``; with none
+def condense_above(values: Mapping[str, float], modes: int, kept_modes: int) -> dict[str, float]:
+    """Coefficients with ``kept_modes`` modes that are equivalent to those with ``modes``; with none
     kept those of ``condense``.
 
     Parameters
     ----------
     values : numbers by full name in SI, as ``VehicleData.values`` has them; a coupling that is
-    missing is zero. modes : modes that the aircraft has. kept : how many of them the reduced model
-    has, ``0 <= kept <= modes``.
+        missing is zero.
+    modes : modes that the aircraft has.
+    kept_modes : how many of them the reduced model has, ``0 <= kept <= modes``.
 
     Returns
     -------
@@ -99,11 +100,11 @@ def condense_above(values: Mapping[str, float], modes: int, kept: int) -> dict[s
     ------
     ModelError : more modes kept than there are.
     """
-    if not 0 <= kept <= modes:
+    if not 0 <= kept_modes <= modes:
         raise ModelError(
-            f"{kept} modes kept of {modes}", where="condensation", remedy=f"keep 0 to {modes}"
+            f"{kept_modes} modes kept of {modes}", where="condensation", remedy=f"keep 0 to {modes}"
         )
-    first, rest = range(1, kept + 1), range(kept + 1, modes + 1)
+    first, rest = range(1, kept_modes + 1), range(kept_modes + 1, modes + 1)
     pressure = (
         0.5
         * values["air_density"]
@@ -148,9 +149,9 @@ class Condensation:
     derivatives : equivalent ``CL_alpha CL_q CL_de Cm_alpha Cm_q Cm_de``, 1/rad.
     change : equivalent minus rigid value, by the same names.
     deflection : ``(n, 3)`` static eta of each mode per alpha (rad), q_hat (q c/2V, rad) and
-    elevator (rad). divergence_margin : smallest eigenvalue of I - K^-1 C_eta_eta: 1 without
-    aerodynamic stiffness, 0 at
-        static divergence of the restrained structure.
+        elevator (rad).
+    divergence_margin : smallest eigenvalue of I - K^-1 C_eta_eta: 1 without aerodynamic stiffness,
+        0 at static divergence of the restrained structure.
     """
 
     derivatives: Mapping[str, float]
@@ -165,12 +166,13 @@ def condense(values: Mapping[str, float], modes: int) -> Condensation:
     Parameters
     ----------
     values : numbers by full name in SI, as ``VehicleData.values`` has them; a coupling that is
-    missing is zero. modes : how many modes to keep; 0 returns the rigid derivatives.
+        missing is zero.
+    modes : how many modes to keep; 0 returns the rigid derivatives.
 
     Raises
     ------
     ModelError : the restrained structure is beyond static divergence, so that it has no static
-    deflection.
+        deflection.
     """
     names = [
         f"{coefficient}_{motion}"
@@ -232,7 +234,7 @@ def with_frequency_factor(data: VehicleData, factor: float) -> VehicleData:
     Raises
     ------
     DeclarationError : a factor that is not above zero, or a vehicle without elastic modes and a
-    factor other than one.
+        factor other than one.
     """
     if factor == 1.0:
         return data
@@ -275,13 +277,16 @@ class Flexibility:
     Attributes
     ----------
     stiffness_loss : share of the short period's stiffness omega_sp^2 that static deflection takes
-    away. separation : lowest elastic frequency over the condensed short-period frequency.
-    short_period : condensed short-period frequency omega_sp, rad/s. degree : degree of flexibility,
-    error of the quasi-static assumption at ``short_period``. distance : flexible minus condensed
-    response over the noise, root of the sum of squares over the record. misfit : what no rigid
-    model explains over the noise, rms over the record. detectable : misfit from which on a residual
-    test sees it. condensed, fitted : six derivatives by condensation, and of the best rigid model
-    for this maneuver, 1/rad.
+        away.
+    separation : lowest elastic frequency over the condensed short-period frequency.
+    short_period : condensed short-period frequency omega_sp, rad/s.
+    degree : degree of flexibility, error of the quasi-static assumption at ``short_period``.
+    distance : flexible minus condensed response over the noise, root of the sum of squares over the
+        record.
+    misfit : what no rigid model explains over the noise, rms over the record.
+    detectable : misfit from which on a residual test sees it.
+    condensed, fitted : six derivatives by condensation, and of the best rigid model for this
+        maneuver, 1/rad.
     """
 
     stiffness_loss: float
@@ -296,7 +301,7 @@ class Flexibility:
 
     @property
     def rigid_serves(self) -> bool:
-        """Whether a rigid model still serves for this maneuver and noise."""
+        """Whether a rigid model is adequate for this maneuver and noise."""
         return self.misfit <= LARGEST_MISFIT
 
 
@@ -319,7 +324,7 @@ def flexibility(
     Raises
     ------
     ModelError : no output named, a condensed aircraft without an oscillatory short period, static
-    divergence.
+        divergence.
     """
     if not noise_std:
         raise ModelError(
@@ -331,7 +336,7 @@ def flexibility(
     outputs, scale = list(noise_std), np.array([noise_std[name] for name in noise_std])[:, None]
 
     def response(model: Model) -> np.ndarray:
-        return (held_response(linearise(model, outputs), elevator, step) / scale).ravel()
+        return (zero_order_hold_response(linearise(model, outputs), elevator, step) / scale).ravel()
 
     names = [*RIGID_DERIVATIVES]
     values = dict(zip(names, condensed.parameters.values(names).tolist(), strict=True))
@@ -354,9 +359,9 @@ def flexibility(
 
 
 def _pair(data: VehicleData, modes: int | None) -> tuple[Model, Model]:
-    kept = data.modes if modes is None else modes
-    return flexible_model(data, kept), rigid_model(data).with_values(
-        condense(data.values, kept).derivatives
+    chosen = data.modes if modes is None else modes
+    return flexible_model(data, chosen), rigid_model(data).with_values(
+        condense(data.values, chosen).derivatives
     )
 
 
@@ -393,9 +398,9 @@ def _best_rigid(
     for _ in range(_ITERATIONS):
         values = model.parameters.values(names)
         sizes = 1e-6 * np.maximum(1.0, np.abs(values))
-        plain = target - error
+        residual = target - error
         columns = [
-            (response(model.with_values({name: value + size})) - plain) / size
+            (response(model.with_values({name: value + size})) - residual) / size
             for name, value, size in zip(names, values, sizes, strict=True)
         ]
         move = np.linalg.lstsq(np.array(columns).T, error, rcond=None)[0]

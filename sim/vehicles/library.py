@@ -14,11 +14,11 @@ from typing import Any
 from sim.declaration.effect import Parameter, ParameterSet
 from sim.errors import DeclarationError
 
-# ---- Numbers of a vehicle with their units and origins, and how two sets differ
+# ---- Numbers of a vehicle with units and sources; differences of two sets
 
 
 class Origin(Enum):
-    """Where a number comes from, by the mark it carries in a data file."""
+    """Source of a number, by its mark in a data file."""
 
     PUBLISHED = "pub"
     PAPER = "pap"
@@ -29,7 +29,7 @@ class Origin(Enum):
 
     @property
     def words(self) -> str:
-        """What the mark means, for everything that shows the number."""
+        """Meaning of the mark in words."""
         return _WORDS[self]
 
 
@@ -44,17 +44,17 @@ _WORDS = {
 
 
 @dataclass(frozen=True)
-class Number:
-    """One number of a vehicle.
+class SourcedNumber:
+    """A number of a vehicle with its unit and source.
 
     Attributes
     ----------
-    name, value, unit : as a Parameter has them, SI.
-    printed : as its source has it, with that source's unit; empty for a user's own.
-    origin : where it comes from.
-    note : what else is to be said of it.
+    name, value, unit : as of a Parameter, SI.
+    printed : text of the number in its source, with the source's unit; empty for a user's own.
+    origin : kind of source.
+    note : remark on the source.
     printed_by_paper : what the paper prints where that is known to be a misprint; never used in a
-    computation.
+        computation.
     """
 
     name: str
@@ -73,15 +73,17 @@ class Number:
 
 @dataclass(frozen=True)
 class VehicleData:
-    """A named set of numbers from one source.
+    """Numbers of a vehicle from one source.
 
     Attributes
     ----------
     name, title, source : the set's key, what it is, where it is from.
     equations : name of the base equations, such as ``"rigid"`` or ``"lateral"``.
     numbers : of the parameters, those of elastic modes by full name (``omega1``, ``CL_eta1``,
-    ``Ceta1_eta2``). initial : starting state, by state name; a state that is missing starts at
-    zero. modes : how many elastic modes it has. based_on : name of the set it was built on.
+        ``Ceta1_eta2``).
+    initial : starting state, by state name; a state that is missing starts at zero.
+    modes : how many elastic modes it has.
+    based_on : name of the set it was built on.
     aircraft_class : class of MIL-F-8785C, I to IV; empty for a vehicle that is no aircraft.
     """
 
@@ -89,8 +91,8 @@ class VehicleData:
     title: str
     source: str
     equations: str
-    numbers: tuple[Number, ...]
-    initial: tuple[Number, ...] = ()
+    numbers: tuple[SourcedNumber, ...]
+    initial: tuple[SourcedNumber, ...] = ()
     modes: int = 0
     based_on: str = ""
     aircraft_class: str = ""
@@ -98,7 +100,7 @@ class VehicleData:
     def __contains__(self, name: object) -> bool:
         return any(number.name == name for number in self.numbers)
 
-    def __getitem__(self, name: str) -> Number:
+    def __getitem__(self, name: str) -> SourcedNumber:
         for number in self.numbers:
             if number.name == name:
                 return number
@@ -113,7 +115,7 @@ class VehicleData:
 
     @property
     def parameters(self) -> ParameterSet:
-        """All numbers as parameters with their source text, none of them free."""
+        """All numbers as fixed parameters with their source."""
         return ParameterSet(
             tuple(
                 Parameter(n.name, n.value, n.unit, free=False, source=n.source)
@@ -123,20 +125,22 @@ class VehicleData:
 
 
 @dataclass(frozen=True)
-class Difference:
-    """A number that two sets do not share; None where a set lacks it."""
+class NumberDifference:
+    """A number that differs between two sets; None where a set lacks it."""
 
     name: str
-    first: Number | None
-    second: Number | None
+    first: SourcedNumber | None
+    second: SourcedNumber | None
 
 
-def difference(a: VehicleData, b: VehicleData) -> tuple[Difference, ...]:
+def difference(a: VehicleData, b: VehicleData) -> tuple[NumberDifference, ...]:
     """Numbers whose value or unit differs between two sets, or that only one has, in the order of
     ``a``, then ``b``.
     """
     first, second = {n.name: n for n in a.numbers}, {n.name: n for n in b.numbers}
-    pairs = (Difference(name, first.get(name), second.get(name)) for name in {**first, **second})
+    pairs = (
+        NumberDifference(name, first.get(name), second.get(name)) for name in {**first, **second}
+    )
     return tuple(
         d
         for d in pairs
@@ -146,7 +150,7 @@ def difference(a: VehicleData, b: VehicleData) -> tuple[Difference, ...]:
     )
 
 
-# ---- The built-in vehicles: one data file each, found by being there
+# ---- The built-in vehicles: one data file each
 
 _KEYS = {
     "title",
@@ -175,10 +179,9 @@ def vehicle_names() -> tuple[str, ...]:
 
 
 def read_parameter_set(name: str) -> VehicleData:
-    """A built-in vehicle's numbers, those of the set it is based on included.
+    """Read a built-in vehicle's numbers, with those of the set it is based on.
 
-    Raises DeclarationError for a name that is not there and for a file that breaks the rules,
-    naming the key.
+    Raises DeclarationError for an unknown name and for a wrong file, naming the key.
     """
     entry = next((entry for entry in _folder().iterdir() if entry.name == f"{name}.toml"), None)
     if entry is None or "equations" not in _document(entry):
@@ -250,16 +253,16 @@ def _read(entry: Traversable, above: tuple[str, ...]) -> VehicleData:
     )
 
 
-def _over(base: tuple[Number, ...], own: tuple[Number, ...]) -> tuple[Number, ...]:
-    """Numbers of the base set in their order, replaced by our own where we have them, then the rest
-    of ours.
-    """
+def _over(
+    base: tuple[SourcedNumber, ...], own: tuple[SourcedNumber, ...]
+) -> tuple[SourcedNumber, ...]:
+    """Numbers of the base set, replaced by our own where we have them, then the rest of ours."""
     mine = {number.name: number for number in own}
-    kept = tuple(mine.pop(number.name, number) for number in base)
-    return kept + tuple(mine.values())
+    merged = tuple(mine.pop(number.name, number) for number in base)
+    return merged + tuple(mine.values())
 
 
-def _numbers(document: Mapping[str, Any], table: str, where: str) -> tuple[Number, ...]:
+def _numbers(document: Mapping[str, Any], table: str, where: str) -> tuple[SourcedNumber, ...]:
     entries = document.get(table, {})
     if not isinstance(entries, dict):
         raise DeclarationError(f"{table} is no table", where=where, remedy=f"write [{table}]")
@@ -268,7 +271,7 @@ def _numbers(document: Mapping[str, Any], table: str, where: str) -> tuple[Numbe
     )
 
 
-def _number(name: str, entry: Any, where: str) -> Number:
+def _number(name: str, entry: Any, where: str) -> SourcedNumber:
     if not isinstance(entry, dict):
         raise DeclarationError(
             "is no table",
@@ -294,17 +297,17 @@ def _number(name: str, entry: Any, where: str) -> Number:
         raise DeclarationError(
             f"origin {entry['origin']!r}", where=where, remedy=f"use one of {marks}"
         ) from None
-    number = Number(name, float(value), entry["unit"], entry["printed"], origin)
+    number = SourcedNumber(name, float(value), entry["unit"], entry["printed"], origin)
     return replace(
         number, note=entry.get("note", ""), printed_by_paper=entry.get("printed_by_paper", "")
     )
 
 
-def _only(table: Mapping[str, Any], known: set[str], where: str) -> None:
+def _only(table: Mapping[str, Any], allowed: set[str], where: str) -> None:
     for key in table:
-        if key not in known:
+        if key not in allowed:
             raise DeclarationError(
-                f"unknown key {key}", where=where, remedy=f"use {', '.join(sorted(known))}"
+                f"unknown key {key}", where=where, remedy=f"use {', '.join(sorted(allowed))}"
             )
 
 

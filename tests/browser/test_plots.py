@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from scenarios.plots.drawing import drawn_for_page
+from scenarios.plots.drawing import draw_for_page
 from scenarios.report.document import Page as Document
 from scenarios.report.document import Reproduction, section
 from scenarios.report.folder import figures, write_page
@@ -28,7 +28,7 @@ def plots(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     folder = tmp_path_factory.mktemp("plots")
     named = [("fit", history), ("fit_2", lambda: noisy(2000, 1)[0])]
-    drawn = drawn_for_page(named, folder, ())
+    drawn = draw_for_page(named, folder, ())
     document = Document(
         *("Figures", "Study of figures", "converged", "good", "", (), ()),
         section("Figures", *figures(drawn)),
@@ -138,7 +138,7 @@ def over_frequency(tmp_path_factory: pytest.TempPathFactory) -> Path:
     sheet.panels[0].set_xlabel("frequency (Hz)")
     figure = finish(sheet, "a response")
     folder = tmp_path_factory.mktemp("frequency")
-    drawn = drawn_for_page([("response", lambda: figure)], folder, ())
+    drawn = draw_for_page([("response", lambda: figure)], folder, ())
     document = Document(
         *("Figures", "Study of figures", "converged", "good", "", (), ()),
         section("Figures", *figures(drawn)),

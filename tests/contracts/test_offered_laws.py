@@ -14,7 +14,7 @@ import pytest
 from sim.declaration import own_model
 from sim.declaration.effect import Effect, Signal, Station
 from sim.declaration.model import Containing, Equations
-from sim.declaration.proposal import Fitted, SearchContext, Traceable
+from sim.declaration.proposal import FittedToRecord, SearchContext, Traceable
 from sim.effects.dynamics.control_nonlinearity import (
     ControlNonlinearity,
     ControlUnevenness,
@@ -237,7 +237,7 @@ def test_what_is_counted_in_another_unit_has_an_instance_in_that_unit() -> None:
     assert "gust-discrete" not in found and "accelerometer-offset:nz" not in found
     context = SearchContext(0.0, 10.0, 0.02, input_peak={"elevator": 8.0})
     stop = found["actuator-saturation"]
-    assert isinstance(stop, Fitted) and stop.fitted_to(context).traits.plausible[
+    assert isinstance(stop, FittedToRecord) and stop.fitted_to(context).traits.plausible[
         "limit"
     ] == pytest.approx((0.4, 40.0))
     assert (

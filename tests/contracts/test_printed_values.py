@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from sim.vehicles.library import Number, Origin, read_parameter_set
+from sim.vehicles.library import Origin, SourcedNumber, read_parameter_set
 from tests.oracles.printed_values import STARTS, TABLES, TRUE, declared, printed, true_values
 
 ROOT = Path(__file__).parents[2]
@@ -90,7 +90,7 @@ def test_published_values_are_the_printed_ones() -> None:
     assert published(PUBLISHED.read_text(encoding="utf-8")) == printed()
 
 
-def as_printed(number: Number) -> tuple[Decimal, str]:
+def as_printed(number: SourcedNumber) -> tuple[Decimal, str]:
     """What the paper prints of a number, with its unit."""
     digits, _, unit = (number.printed_by_paper or number.printed).partition(" ")
     return Decimal(digits), unit

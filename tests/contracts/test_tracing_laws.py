@@ -11,7 +11,7 @@ import pytest
 
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import NoiseEffect, Regularity, full_name
-from sim.declaration.proposal import Fitted, Refinable, SearchContext, Traceable, fitted_to
+from sim.declaration.proposal import FittedToRecord, Refinable, SearchContext, Traceable, fitted_to
 from sim.effects.library import catch_all_terms_for, library
 from tests.bases import base_for, fly
 from tests.offered import (
@@ -111,7 +111,9 @@ def test_probes_are_complete_and_within_the_bounds(
 ) -> None:
     for form in forms(effect, context):
         assert isinstance(form, Traceable)
-        assert form.name == effect.name and isinstance(form, Fitted) == isinstance(effect, Fitted)
+        assert form.name == effect.name and isinstance(form, FittedToRecord) == isinstance(
+            effect, FittedToRecord
+        )
         items = {item.name: item for item in form.parameters}
         assert set(form.traits.plausible) <= set(items)
         for name, (low, high) in form.traits.plausible.items():

@@ -15,7 +15,7 @@ from ident.maneuver_design import CLEAR, ODDS_COST, Acting, price
 from ident.tracing.fitted_model import FitData, FittedModel, Start, fit_set
 from ident.whole_record.layout import FitSettings
 from scenarios.maneuver_design.design import DesignResult, design
-from scenarios.maneuver_design.setting import DesignRequest, as_held
+from scenarios.maneuver_design.setting import DesignRequest, held_inputs
 from sim.declaration.model import Noise
 from sim.record import Record
 from sim.truth.flight import fly, remeasure
@@ -92,8 +92,8 @@ def flights(found: DesignResult, true: Acting, count: int) -> list[Record]:
     model = setting.model.with_effects(true.effect).with_values(true.full_values).with_noise(noise)
     record, truth = fly(
         model,
-        as_held(found.best.flight.planned.record),
-        setting.room.time,
+        held_inputs(found.best.flight.planned.record),
+        setting.maneuver_limits.time,
         np.random.default_rng(0),
         step=0.002,
     )

@@ -73,7 +73,7 @@ def test_every_fault_is_within_its_standard_deviation_and_nothing_else_is_named(
                 for item in (*found.joint.estimates, *found.joint.biases)
                 if item.name == fault.name
             )
-            if item.told:
+            if item.determined:
                 away.append((item.smoother.value - fault.offset - size) / item.smoother.std)
             named += any(fault.name in group for group in stand)
             wrong += [(fault.name, group) for group in stand if fault.name not in group]

@@ -13,7 +13,7 @@ from scipy.stats import binom
 from ident.flying_qualities.levels import qualities
 from scenarios.files.vehicles import VehicleFile
 from scenarios.watching.session import STARTED, Session, take
-from scenarios.watching.study import SoFar, likely_estimate, plain_so_far, so_far
+from scenarios.watching.study import SoFar, first_pass_so_far, likely_estimate, so_far
 from tests import loes_problem as problem
 from tests.bases import LOES_CONSTANTS, LOES_VALUES
 
@@ -70,7 +70,7 @@ def test_two_sigmas_hold_the_truth_whatever_the_start() -> None:
         assert session.bank is not None and session.state is not None
         alone, plain, refined = (
             likely_estimate(session.bank, session.state)[0],
-            plain_so_far(session),
+            first_pass_so_far(session),
             so_far(session),
         )
         assert refined.refined and not refined.hanging

@@ -16,9 +16,9 @@ import numpy as np
 from flightid.labs.workings.trying import KEPT
 
 if TYPE_CHECKING:
-    from ident.flying_qualities.levels import Level, Quality
+    from ident.flying_qualities.levels import Quality, QualityLevel
     from scenarios.identification.assessment import IdentificationResult
-    from scenarios.x29.declaration import FlownLoop
+    from scenarios.x29.declaration import SimulatedLoop
     from sim.closed_loop.linear import EquivalentSystem
 
 SCENARIO = "x29-flight"
@@ -33,11 +33,11 @@ class Augmented:
     that fits the loop's own frequency response.
     """
 
-    flown: FlownLoop
+    flown: SimulatedLoop
     found: IdentificationResult
     of_loop: EquivalentSystem
     qualities: tuple[Quality, ...]
-    levels: tuple[Level, ...]
+    levels: tuple[QualityLevel, ...]
 
 
 def changes(
@@ -59,7 +59,7 @@ def changes(
     )
 
 
-def vehicle_text(flown: FlownLoop) -> str:
+def vehicle_text(flown: SimulatedLoop) -> str:
     """The vehicle file that the identification is given: the flight condition, and starts from the
     paper's Table 1, rounded.
     """
@@ -108,7 +108,7 @@ def study(asked: tuple[str, ...], seed: int = 1) -> Augmented:
     return Augmented(flown, found, equivalent_system(flown.x29), of_flying, judged)
 
 
-def _identified(flown: FlownLoop) -> IdentificationResult:
+def _identified(flown: SimulatedLoop) -> IdentificationResult:
     from scenarios.files.measured.columns import read_record_files
     from scenarios.files.vehicles import read_vehicle
     from scenarios.files.writing import write_record
@@ -133,13 +133,13 @@ def _identified(flown: FlownLoop) -> IdentificationResult:
         return identify(ready.fitted[0], vehicle, "output-error", (), ready.model)
 
 
-def bare_airframe(flown: FlownLoop) -> np.ndarray:
+def bare_airframe(flown: SimulatedLoop) -> np.ndarray:
     """Eigenvalues (1/s) of the airframe without its control law, the unstable one last."""
     a = flown.x29.airframe
     return np.sort(np.linalg.eigvals(np.array([[a.L_alpha, a.L_q], [a.M_alpha, a.M_q]])).real)
 
 
-def doubling_time(flown: FlownLoop) -> float:
+def doubling_time(flown: SimulatedLoop) -> float:
     """Time in which the airframe without its control law doubles a disturbance, s."""
     return math.log(2.0) / float(bare_airframe(flown)[-1])
 

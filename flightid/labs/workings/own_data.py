@@ -20,7 +20,7 @@ from flightid.labs.workings.trying import PREFIX, Scratch
 
 if TYPE_CHECKING:
     import flightid
-    from scenarios.trials.planted.flights import FlownTrace
+    from scenarios.trials.planted.flights import SimulatedTrace
     from sim.record import Record
 
 Found = TypeVar("Found")
@@ -225,7 +225,7 @@ def channel_rows(records: Sequence[flightid.Record]) -> list[list[str]]:
 
 
 @cache
-def _flown() -> FlownTrace:
+def _flown() -> SimulatedTrace:
     from scenarios.studies.catalogue import load_document
     from scenarios.trials.planted.flights import fly_trace
     from scenarios.trials.planted.schema import trace_scenario_of

@@ -63,20 +63,23 @@ from sim.record import Record
 # ---- Biases of each record by both methods
 
 
-def bias_estimates(found: KinematicFit, r: int) -> tuple[SensorEstimate, ...]:
+def bias_estimates(kinematic_fit: KinematicFit, r: int) -> tuple[SensorEstimate, ...]:
     """The biases of one record of a fit, the faults of which have their values."""
-    s, own = found.signals[r], found.own[r]
+    s, own = kinematic_fit.signals[r], kinematic_fit.own[r]
     unknowns, n = unknowns_of(s), len(own)
-    prior = np.array([item.prior**-2 for item in unknowns] + [0.0] * len(found.faults))
-    slopes = np.where(s.valid[:, :, None], found.jacobians[r], 0.0)
-    white = weigher(s, found.noise)(slopes)
-    left = whitener(s, found.noise)(found.residuals[r][:, :, None])[:, :, 0]
+    prior = np.array([item.prior**-2 for item in unknowns] + [0.0] * len(kinematic_fit.faults))
+    slopes = np.where(s.valid[:, :, None], kinematic_fit.jacobians[r], 0.0)
+    white = weigher(s, kinematic_fit.noise)(slopes)
+    left = whitener(s, kinematic_fit.noise)(kinematic_fit.residuals[r][:, :, None])[:, :, 0]
     flat = white.reshape(-1, white.shape[2])
     inverse = bounded_inverse(flat.T @ flat + np.diag(prior))
     scatter = sum(coloured(white[i], left[i]) for i in range(len(left))) + np.diag(prior)
     wide = np.maximum(np.diag(inverse @ scatter @ inverse), np.diag(inverse))
     gram, gradient, spread = output_error_gram(
-        s, found, r, np.concatenate([slopes, found.residuals[r][:, :, None]], axis=2)
+        s,
+        kinematic_fit,
+        r,
+        np.concatenate([slopes, kinematic_fit.residuals[r][:, :, None]], axis=2),
     )
     gradient[:n] -= prior[:n] * own
     other = bounded_inverse(gram + np.diag(prior))
@@ -88,8 +91,10 @@ def bias_estimates(found: KinematicFit, r: int) -> tuple[SensorEstimate, ...]:
             value, variance = float(own[i]), float(wide[i])
             by_other = float(own[i] + step[i])
             its_variance = max(float(other_variance[i]), variance)
-            told = 0.0 < variance < fault.plausible**2
-            apart = difference_in_sigmas(by_other, its_variance, value, variance) if told else 0.0
+            determined = 0.0 < variance < fault.plausible**2
+            difference = (
+                difference_in_sigmas(by_other, its_variance, value, variance) if determined else 0.0
+            )
             gain = 0.5 * value**2 / variance if variance > 0 else 0.0
             quantities = (
                 FaultQuantity(by_other, math.sqrt(its_variance)),
@@ -102,10 +107,10 @@ def bias_estimates(found: KinematicFit, r: int) -> tuple[SensorEstimate, ...]:
                     BIAS,
                     fault.unit,
                     *quantities,
-                    apart,
+                    difference,
                     gain,
                     p_value(gain, value, fault),
-                    told,
+                    determined,
                 )
             )
     return tuple(out)
@@ -123,7 +128,7 @@ def bias_findings(
         # height.
         excess = max(abs(size.value) - fault.worth, 0.0)
         p = p_value(0.5 * (excess / size.std) ** 2, excess, fault)
-        if item.told and item.agrees and p * len(estimates) < false_alarm:
+        if item.determined and item.agrees and p * len(estimates) < false_alarm:
             group = instead_of(lines, r, item.channel, false_alarm)
             out.append(
                 SensorFinding(
@@ -142,14 +147,14 @@ def bias_findings(
 
 
 def instead_of(lines: Linear, r: int, channel: str, false_alarm: float) -> tuple[str, ...]:
-    """Faults beside those that stand which leave no more than chance of what record r has for the
-    bias of a channel, that bias being zero.
+    """Faults that explain the bias of a channel of record r as well as the bias, within chance, if
+    added to the accepted ones.
     """
     information, gradient = lines.whole[r]
-    own, faults = lines.found.own[r], lines.faults
+    own, faults = lines.fit.own[r], lines.faults
     n = len(own)
-    b = [item.key for item in unknowns_of(lines.found.signals[r])].index((channel, BIAS))
-    members = [n + faults.index(fault) for fault in lines.found.faults]
+    b = [item.key for item in unknowns_of(lines.fit.signals[r])].index((channel, BIAS))
+    members = [n + faults.index(fault) for fault in lines.fit.faults]
     best, _, _ = _least([*range(n), *members], information, gradient)
     # The bias held at zero: a step of minus its value.
     rest, held = [*(i for i in range(n) if i != b), *members], gradient + information[:, b] * own[b]
@@ -178,19 +183,19 @@ def _least(
 
 
 def estimates_and_findings(
-    found: SixDegreeSearch,
+    search_result: SixDegreeSearch,
 ) -> tuple[tuple[SensorEstimate, ...], tuple[SensorFinding, ...]]:
-    """Every fault by both methods, and the findings, those that stand first."""
-    lines, faults = found.lines, found.lines.faults
-    stood = _stood(found)
-    by_other = added(found.output_error)
+    """Return every fault by both methods, and the findings, accepted ones first."""
+    lines, faults = search_result.lines, search_result.lines.faults
+    stood = _stood(search_result)
+    by_other = added(search_result.output_error)
     estimates: dict[int, SensorEstimate] = {}
     lost: dict[int, float | None] = {}
-    for j in found.common:
-        context, lost[j] = _context(found, j, stood)
+    for j in search_result.common:
+        context, lost[j] = _context(search_result, j, stood)
         estimates[j] = _estimate(lines.joint, by_other, faults, context, j)
     findings, said = [], set()
-    for group in found.groups:
+    for group in search_result.groups:
         names = [faults[j].name for j, _ in group]
         shares = probabilities([(faults[j], estimates[j].smoother, loss) for j, loss in group])
         for j, loss in group:
@@ -203,53 +208,57 @@ def estimates_and_findings(
                     )
                 )
                 said.add(j)
-    rest = sorted((j for j in found.common if j not in said), key=lambda j: estimates[j].p_value)
+    rest = sorted(
+        (j for j in search_result.common if j not in said), key=lambda j: estimates[j].p_value
+    )
     findings += [
         replace(
             _finding(estimates[j], faults[j], (), lost[j], stands=False),
-            replicates=j not in found.refused,
+            replicates=j not in search_result.refused,
         )
         for j in rest
     ]
     return tuple(estimates.values()), tuple(findings)
 
 
-def _stood(found: SixDegreeSearch) -> dict[int, tuple[int, float]]:
-    """For each fault that stands, or would in its place, the one that stands and what is lost; of
-    two such places the first.
+def _stood(search_result: SixDegreeSearch) -> dict[int, tuple[int, float]]:
+    """For each fault that is accepted, or could replace an accepted one, that accepted fault and
+    the loss; of two the first.
     """
     stood = {
         j: (i, lost)
-        for i, group in reversed(list(zip(found.standing, found.groups, strict=True)))
+        for i, group in reversed(
+            list(zip(search_result.standing, search_result.groups, strict=True))
+        )
         for j, lost in group
     }
-    return stood | {i: (i, 0.0) for i in found.standing}
+    return stood | {i: (i, 0.0) for i in search_result.standing}
 
 
 def _context(
-    found: SixDegreeSearch, j: int, stood: dict[int, tuple[int, float]]
+    search_result: SixDegreeSearch, j: int, stood: dict[int, tuple[int, float]]
 ) -> tuple[list[int], float | None]:
-    """The set in which a fault is judged, itself last: in the place of what it could stand for,
-    else beside all; and what is lost in place.
+    """The set in which a fault is tested, itself last, and the loss where it replaces an accepted
+    one.
     """
-    faults = found.lines.faults
+    faults = search_result.lines.faults
     in_place = [
-        (i, (found.lines.joint, [*(k for k in found.standing if k != i), j]))
-        for i in found.standing
-        if j in (member for member, _ in found.groups[found.standing.index(i)])
+        (i, (search_result.lines.joint, [*(k for k in search_result.standing if k != i), j]))
+        for i in search_result.standing
+        if j in (member for member, _ in search_result.groups[search_result.standing.index(i)])
         or same_lateness(faults[i], faults[j])
     ]
     if j in stood:
-        return [*(k for k in found.standing if k != stood[j][0] and k != j), j], stood[j][1]
+        return [*(k for k in search_result.standing if k != stood[j][0] and k != j), j], stood[j][1]
     if in_place:
         i, (_, members) = in_place[0]
-        if (i, j) in found.lateness:
-            return members, max(found.lateness[i, j], 0.0) / found.widening
+        if (i, j) in search_result.lateness:
+            return members, max(search_result.lateness[i, j], 0.0) / search_result.widening
         pair = fitted(
-            found.lines.joint, faults, np.array([[*members[:-1], i], members]), early=False
+            search_result.lines.joint, faults, np.array([[*members[:-1], i], members]), early=False
         )
-        return members, float(pair.gain[0] - pair.gain[1]) / found.widening
-    return [*found.standing, j], None
+        return members, float(pair.gain[0] - pair.gain[1]) / search_result.widening
+    return [*search_result.standing, j], None
 
 
 def _estimate(
@@ -264,13 +273,13 @@ def _estimate(
     less = fitted(smoother, faults, members[:, :-1], early=False)
     other = fitted(output_error, faults, members, early=False)
     size, variance = float(one.sizes[0, -1]), float(one.variances[0, -1])
-    told = 0.0 < variance < fault.plausible**2 and smoother.information[j, j] > 0
+    determined = 0.0 < variance < fault.plausible**2 and smoother.information[j, j] > 0
     wide = float(one.widening[0, -1])
     own = max(_sandwich(output_error, context), 0.0) * wide
     gain = max(float(one.gain[0] - less.gain[0]), 0.0) / wide
     by_other = float(np.clip(other.sizes[0, -1], -fault.largest, fault.largest))
     size = float(np.clip(size, -fault.largest, fault.largest))
-    apart = difference_in_sigmas(by_other, own, size, variance) if told else 0.0
+    difference = difference_in_sigmas(by_other, own, size, variance) if determined else 0.0
     quantities = (
         FaultQuantity(by_other + fault.offset, math.sqrt(own)),
         FaultQuantity(size + fault.offset, math.sqrt(max(variance, 0.0))),
@@ -281,10 +290,10 @@ def _estimate(
         fault.kind,
         fault.unit,
         *quantities,
-        apart,
+        difference,
         gain,
         p_value(gain, size, fault),
-        told,
+        determined,
     )
 
 
@@ -323,21 +332,25 @@ def _finding(
     )
 
 
-def by_itself(found: SixDegreeSearch, r: int) -> tuple[SensorEstimate, ...]:
-    """Every fault by one record of several, beside the same others as in all."""
-    lines = found.lines
-    stood = _stood(found)
-    one, other = lines.smoother[r], found.output_error[r]
+def by_itself(search_result: SixDegreeSearch, r: int) -> tuple[SensorEstimate, ...]:
+    """Every fault from one record of several, beside the same others as in all records."""
+    lines = search_result.lines
+    stood = _stood(search_result)
+    one, other = lines.smoother[r], search_result.output_error[r]
     return tuple(
-        _estimate(one, other, lines.faults, _context(found, j, stood)[0], j) for j in found.common
+        _estimate(one, other, lines.faults, _context(search_result, j, stood)[0], j)
+        for j in search_result.common
     )
 
 
-def drift_of(found: SixDegreeSearch, r: int, false_alarm: float) -> tuple[SensorFinding, ...]:
-    """The drift that one record of several has, if any, beside all that stands, which this record
-    is asked again for; ``false_alarm``: its own.
+def drift_of(
+    search_result: SixDegreeSearch, r: int, false_alarm: float
+) -> tuple[SensorFinding, ...]:
+    """The drift of one record of several, if any, beside all accepted faults.
+
+    ``false_alarm``: probability of a false drift.
     """
-    lines, faults, members = found.lines, found.lines.faults, found.standing
+    lines, faults, members = search_result.lines, search_result.lines.faults, search_result.standing
     drifts = [j for j, fault in enumerate(faults) if fault.kind == DRIFT]
     # Without the colour that the drift itself makes, to begin with.
     sets = fitted(
@@ -354,14 +367,14 @@ def drift_of(found: SixDegreeSearch, r: int, false_alarm: float) -> tuple[Sensor
         < charge
     ):
         return ()
-    begin = replace(lines.found, signals=(lines.found.signals[r],), own=(lines.found.own[r],))
+    begin = replace(lines.fit, signals=(lines.fit.signals[r],), own=(lines.fit.own[r],))
     beside = linear(
         fit(begin.signals, [faults[i] for i in (*members, j)], begin),
         faults,
         np.full(len(faults), SECANT),
     )
     item = _estimate(beside.joint, by_output_error(beside, 0), faults, [*members, j], j)
-    if not item.told or item.gain < charge or abs(item.smoother.value) < faults[j].worth:
+    if not item.determined or item.gain < charge or abs(item.smoother.value) < faults[j].worth:
         return ()
     rivals = alike(beside, (*members, j), j, chance_of(false_alarm, len(drifts)), drifts)
     return (_finding(item, faults[j], tuple(faults[k].name for k in rivals), 0.0, stands=True),)
@@ -375,8 +388,8 @@ def _gain_of(
     )
 
 
-def late(faults: Sequence[SensorFault]) -> set[str]:
-    """Channels that some of these faults make late."""
+def channels_with_delay(faults: Sequence[SensorFault]) -> set[str]:
+    """Channels that some of these faults delay."""
     return {fault.channel for fault in faults if fault.kind in (DELAY, LAG)}
 
 
@@ -409,9 +422,7 @@ def has_six_degrees(records: Sequence[Record], settings: CompatibilitySettings) 
 def check(
     records: Sequence[Record], settings: CompatibilitySettings, *, each: bool
 ) -> Compatibility:
-    """As ``ident.compatibility.check.compatibility``, for records of which ``has_six_degrees`` says
-    so.
-    """
+    """Run ``ident.compatibility.check.compatibility`` for records with six degrees of freedom."""
     channels = channels_of(records)
     known_speed = settings.airspeed is not None or "airspeed" in channels
     joined = relations(channels, speed=known_speed)
@@ -441,9 +452,9 @@ def check(
     together = len(signals) > 1
     base = fit(signals)
     faults = faults_of(signals[0], settings.chord)
-    found = search(signals, base, faults, settings)
-    estimates, findings = estimates_and_findings(found)
-    final = found.lines.found
+    search_result = search(signals, base, faults, settings)
+    estimates, findings = estimates_and_findings(search_result)
+    final = search_result.lines.fit
     names = tuple(s.name for s in signals)
     biases = [bias_estimates(final, r) for r in range(len(signals))]
     noise = final.noise
@@ -460,9 +471,9 @@ def check(
         single = tuple(
             CheckResult(
                 (names[r],),
-                by_itself(found, r),
+                by_itself(search_result, r),
                 biases[r],
-                _of_one(found, r, biases[r], settings.false_alarm, len(signals)),
+                _of_one(search_result, r, biases[r], settings.false_alarm, len(signals)),
                 levels,
             )
             for r in (range(len(signals)) if each else ())
@@ -472,44 +483,48 @@ def check(
             names,
             estimates,
             biases[0],
-            (*bias_findings(found.lines, 0, biases[0], settings.false_alarm), *findings),
+            (*bias_findings(search_result.lines, 0, biases[0], settings.false_alarm), *findings),
             levels,
         )
         single = (joint,)
-    notes += _notes(found, signals)
-    told = (*_unreached(channels, joined), *_unobservable(found, signals[0]), STEADY_WIND)
+    notes += _notes(search_result, signals)
+    told = (*_unreached(channels, joined), *_unobservable(search_result, signals[0]), STEADY_WIND)
     return Compatibility(
         channels, joined, joint, single, _reconstructions(base, final), told, tuple(notes)
     )
 
 
 def _of_one(
-    found: SixDegreeSearch, r: int, biases: Sequence[SensorEstimate], false_alarm: float, count: int
+    search_result: SixDegreeSearch,
+    r: int,
+    biases: Sequence[SensorEstimate],
+    false_alarm: float,
+    count: int,
 ) -> tuple[SensorFinding, ...]:
     """Biases and the drift of one record of several."""
-    drift = drift_of(found, r, false_alarm / count)
+    drift = drift_of(search_result, r, false_alarm / count)
     drifts = {finding.name for finding in drift}
     return (
         *(
             bias
-            for bias in bias_findings(found.lines, r, biases, false_alarm)
+            for bias in bias_findings(search_result.lines, r, biases, false_alarm)
             if not drifts.intersection(bias.group)
         ),
         *drift,
     )
 
 
-def _notes(found: SixDegreeSearch, signals: Sequence[KinematicSignals]) -> list[str]:
+def _notes(search_result: SixDegreeSearch, signals: Sequence[KinematicSignals]) -> list[str]:
     out = []
-    if found.early is not None:
-        channel, ahead = found.early
+    if search_result.early is not None:
+        channel, ahead = search_result.early
         out.append(
             f"{channel} recorded {-1000.0 * ahead:.0f} ms before it happens would explain more "
             "than any sensor fault: something acts that the "
             "kinematics do not know, a gust on vane and load most likely, so that no further "
             "fault is named"
         )
-    behind = late([found.lines.faults[i] for i in found.standing])
+    behind = channels_with_delay([search_result.lines.faults[i] for i in search_result.standing])
     on_time = [name for name in clocks(tuple(signals[0].channels)) if name not in behind]
     if behind & set(clocks(tuple(signals[0].channels))) and on_time:
         out.append(
@@ -519,13 +534,13 @@ def _notes(found: SixDegreeSearch, signals: Sequence[KinematicSignals]) -> list[
     return out
 
 
-def _unobservable(found: SixDegreeSearch, s: KinematicSignals) -> tuple[str, ...]:
-    faults = (*found.lines.faults, *found.lines.biases)
+def _unobservable(search_result: SixDegreeSearch, s: KinematicSignals) -> tuple[str, ...]:
+    faults = (*search_result.lines.faults, *search_result.lines.biases)
     size = np.array([fault.plausible for fault in faults])
     several = [name for name in (PACKAGE, BOOM) if _has_fault(name, faults)]
     channels = (*s.channels, *several, "wind")
     return unobservable_faults(
-        found.lines.free * np.outer(size, size),
+        search_result.lines.free * np.outer(size, size),
         faults,
         [name for name in channels if _has_fault(name, faults)],
     )

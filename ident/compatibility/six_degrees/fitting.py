@@ -45,9 +45,9 @@ _RATIOS = np.logspace(-6.0, 4.0, 21)
 _ALIKE = 1e-10
 # of what a channel's roughness says: no walk is smaller than its inputs' own noise by more
 _LEAST = 0.1
-# standard deviations of the walk's logarithm about that: noise of the inputs adds, and more may
-# come on top
-_BELOW, _ABOVE = 0.5, 3.0
+# standard deviation of the logarithm of the random walk's level, below the level expected
+_BELOW = 0.5
+_ABOVE = 3.0  # the same above it, since other errors add to noise of the inputs
 
 
 def inputs_among(s: KinematicSignals) -> tuple[str, ...]:
@@ -126,8 +126,8 @@ def _of_output(
     rough: float,
     expected: float,
 ) -> tuple[float, float]:
-    """White variance and walk variance over one second, of one output of all records; what its
-    inputs' roughness makes is ``expected``.
+    """White variance and walk variance over one second, of one output of all records; ``expected``:
+    walk from the noise of its inputs.
     """
     parts = []
     for s, residual, slopes in zip(signals, residuals, columns, strict=True):
@@ -190,12 +190,12 @@ def _cost(
 
 
 def _spanned(columns: np.ndarray) -> np.ndarray:
-    """Orthonormal columns that span what columns ``(N, c)`` span."""
+    """Orthonormal basis of the columns ``(N, c)``."""
     scale = np.linalg.norm(columns, axis=0)
     columns = columns[:, scale > 0] / scale[scale > 0]
     values, vectors = np.linalg.eigh(columns.T @ columns)
-    told = values > _ALIKE * max(float(values[-1]), 1e-300) if len(values) else values > 0
-    return np.asarray(columns @ (vectors[:, told] / np.sqrt(values[told])))
+    determined = values > _ALIKE * max(float(values[-1]), 1e-300) if len(values) else values > 0
+    return np.asarray(columns @ (vectors[:, determined] / np.sqrt(values[determined])))
 
 
 # ---- Fits of the kinematics of six degrees of freedom
@@ -219,8 +219,10 @@ def fit(
         np.array(begin.own[r]) if begin is not None else start_of(s, unknowns[r])
         for r, s in enumerate(signals)
     ]
-    known = dict(zip(begin.faults, begin.sizes.tolist(), strict=True)) if begin is not None else {}
-    sizes = np.array([known.get(fault, 0.0) for fault in faults])
+    sizes_by_fault = (
+        dict(zip(begin.faults, begin.sizes.tolist(), strict=True)) if begin is not None else {}
+    )
+    sizes = np.array([sizes_by_fault.get(fault, 0.0) for fault in faults])
     begun = first_noise(signals)
     noise = begin.noise if begin is not None else begun
     priors = [np.array([item.prior**-2 for item in u]) for u in unknowns]
@@ -299,7 +301,7 @@ class NormalEquations:
     scatter: np.ndarray
 
     def plus(self, other: NormalEquations) -> NormalEquations:
-        """Of two records together."""
+        """Normal equations of two records together."""
         return NormalEquations(
             self.information + other.information,
             self.gradient + other.gradient,
@@ -318,7 +320,7 @@ class Linear:
     found.
     """
 
-    found: KinematicFit
+    fit: KinematicFit
     faults: tuple[SensorFault, ...]
     smoother: tuple[NormalEquations, ...]
     biases: tuple[SensorFault, ...]
@@ -328,35 +330,39 @@ class Linear:
 
     @property
     def joint(self) -> NormalEquations:
-        """Of all records together."""
+        """Normal equations of all records together."""
         return added(self.smoother)
 
 
-def linear(found: KinematicFit, faults: Sequence[SensorFault], secants: np.ndarray) -> Linear:
-    """All ``faults`` beside a fit; ``secants (k,)``: the size to which the secant of a time is
-    drawn, s.
+def linear(
+    kinematic_fit: KinematicFit, faults: Sequence[SensorFault], secants: np.ndarray
+) -> Linear:
+    """Linearise all ``faults`` about a fit; ``secants (k,)``: s, over which the slope of a time
+    shift is taken.
     """
-    smoother, free, whole, kept = [], [], [], []
+    smoother, free, whole, projected = [], [], [], []
     biases: tuple[SensorFault, ...] = ()
-    for r, s in enumerate(found.signals):
+    for r, s in enumerate(kinematic_fit.signals):
         unknowns = unknowns_of(s)
-        slopes, at_rest = _slopes(found, r, faults, secants)
-        own, extra = found.own[r], slopes[:, :, len(found.own[r]) :]
-        at = [faults.index(fault) for fault in found.faults]
-        residual = np.where(s.valid, found.residuals[r] + extra[:, :, at] @ found.sizes, 0.0)
+        slopes, at_rest = _slopes(kinematic_fit, r, faults, secants)
+        own, extra = kinematic_fit.own[r], slopes[:, :, len(kinematic_fit.own[r]) :]
+        at = [faults.index(fault) for fault in kinematic_fit.faults]
+        residual = np.where(
+            s.valid, kinematic_fit.residuals[r] + extra[:, :, at] @ kinematic_fit.sizes, 0.0
+        )
         prior = np.array([item.prior**-2 for item in unknowns])
         columns = np.concatenate(
             [np.where(s.valid[:, :, None], slopes, 0.0), residual[:, :, None]], axis=2
         )
         more = np.where(s.valid[:, :, None], at_rest, 0.0)
         white, other = np.split(
-            weigher(s, found.noise)(np.concatenate([columns, more], axis=2)),
+            weigher(s, kinematic_fit.noise)(np.concatenate([columns, more], axis=2)),
             [columns.shape[2]],
             axis=2,
         )
-        left = whitener(s, found.noise)(found.residuals[r][:, :, None])[:, :, 0]
+        left = whitener(s, kinematic_fit.noise)(kinematic_fit.residuals[r][:, :, None])[:, :, 0]
         smoother.append(_linear_normal(white, prior, own, left))
-        kept.append(columns)
+        projected.append(columns)
         named = [i for i, item in enumerate(unknowns) if item.key[1] == BIAS]
         biases = tuple(SensorFault(unknowns[i].key[0], BIAS) for i in named)
         flat = white.reshape(-1, white.shape[2])
@@ -373,26 +379,26 @@ def linear(found: KinematicFit, faults: Sequence[SensorFault], secants: np.ndarr
             )
         )
     return Linear(
-        found,
+        kinematic_fit,
         tuple(faults),
         tuple(smoother),
         biases,
         np.sum(free, axis=0),
         tuple(whole),
-        tuple(kept),
+        tuple(projected),
     )
 
 
 def _slopes(
-    found: KinematicFit, r: int, faults: Sequence[SensorFault], secants: np.ndarray
+    kinematic_fit: KinematicFit, r: int, faults: Sequence[SensorFault], secants: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Slopes ``(m, N, n + k)`` with secants of times, and of the delays by themselves those at what
     stands: secants of a common delay differ.
     """
-    s, own = found.signals[r], found.own[r]
+    s, own = kinematic_fit.signals[r], kinematic_fit.own[r]
     unknowns = unknowns_of(s)
     sizes = np.zeros(len(faults))
-    for fault, size in zip(found.faults, found.sizes.tolist(), strict=True):
+    for fault, size in zip(kinematic_fit.faults, kinematic_fit.sizes.tolist(), strict=True):
         sizes[list(faults).index(fault)] = size
     _, slopes = linearised(s, unknowns, faults, own, sizes)
     n = len(own)
@@ -431,7 +437,7 @@ def _linear_normal(
 
 
 def _onto(gram: np.ndarray, prior: np.ndarray) -> np.ndarray:
-    """``(k, n + k)``: the faults' columns less what the own unknowns make of them."""
+    """``(k, n + k)``: the faults' columns after projection onto the record's own unknowns."""
     n = len(prior)
     inverse = bounded_inverse(gram[:n, :n] + np.diag(prior))
     return np.hstack([-gram[n:, :n] @ inverse, np.eye(len(gram) - n)])
@@ -465,16 +471,16 @@ def coloured(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
 
 def by_output_error(lines: Linear, r: int) -> NormalEquations:
     """Normal equations of record r for residuals that are taken as white."""
-    s, own = lines.found.signals[r], lines.found.own[r]
+    s, own = lines.fit.signals[r], lines.fit.own[r]
     prior, n = np.array([item.prior**-2 for item in unknowns_of(s)]), len(own)
-    gram, gradient, scatter = output_error_gram(s, lines.found, r, lines.columns[r])
+    gram, gradient, scatter = output_error_gram(s, lines.fit, r, lines.columns[r])
     gradient[:n] -= prior * own
     scatter[np.arange(n), np.arange(n)] += prior
     return _projected(gram, gradient, scatter, _onto(gram, prior))
 
 
 def output_error_gram(
-    s: KinematicSignals, found: KinematicFit, r: int, columns: np.ndarray
+    s: KinematicSignals, kinematic_fit: KinematicFit, r: int, columns: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Information, gradient and its covariance with each output's residual weighed by its mean
     square, without priors.
@@ -484,15 +490,15 @@ def output_error_gram(
     """
     part = part_of_controls(s)
     count = np.maximum(s.valid.sum(axis=1), 1)
-    weight = 1.0 / np.maximum((found.residuals[r] ** 2).sum(axis=1) / count, 1e-30)
+    weight = 1.0 / np.maximum((kinematic_fit.residuals[r] ** 2).sum(axis=1) / count, 1e-30)
     slopes, residual = columns[:, :, :-1], columns[:, :, -1]
     weighed = part(slopes) * weight[:, None, None]
     flat, c = weighed.reshape(-1, weighed.shape[2]), weighed.shape[2]
     gram, gradient = flat.T @ slopes.reshape(-1, c), flat.T @ residual.ravel()
-    scatter = flat.T @ (weighed * found.noise.white[:, None, None]).reshape(-1, c)
+    scatter = flat.T @ (weighed * kinematic_fit.noise.white[:, None, None]).reshape(-1, c)
     ahead = np.cumsum(weighed[:, ::-1], axis=1)[:, ::-1][:, 1:] * s.steps[None, :, None]
     for gains, density in zip(
-        walk_gains(s, found.noise).T, found.noise.density.tolist(), strict=True
+        walk_gains(s, kinematic_fit.noise).T, kinematic_fit.noise.density.tolist(), strict=True
     ):
         walk = np.tensordot(gains, ahead, axes=1)
         scatter += density * walk.T @ walk

@@ -157,8 +157,8 @@ def ready(
         if float(np.median(raw[z])) / weight < _INCREMENTAL:
             raw[z] = raw[z] + weight
             notes.append(f"{z} of {record.name} is without the weight, which is added")
-    found = relations(channels, speed=airspeed is not None or "airspeed" in channels)
-    used = {name for joined in found.values() for name in joined}
+    relation_list = relations(channels, speed=airspeed is not None or "airspeed" in channels)
+    used = {name for joined in relation_list.values() for name in joined}
     edge = EDGE if record.time[-1] - record.time[0] > 50.0 * EDGE else 0.0
     inside = (record.time >= record.time[0] + edge) & (record.time <= record.time[-1] - edge)
     speed = (
@@ -166,13 +166,15 @@ def ready(
         if "airspeed" in raw
         else np.full(len(record), airspeed if airspeed is not None else np.inf)
     )
-    measured = np.array([valid[name] & inside for name in found]).reshape(len(found), len(record))
-    kept = {name: raw[name] for name in channels if name in used}
+    measured = np.array([valid[name] & inside for name in relation_list]).reshape(
+        len(relation_list), len(record)
+    )
+    used_channels = {name: raw[name] for name in channels if name in used}
     return KinematicSignals(
         record.name,
         record.time,
-        kept,
-        tuple(found),
+        used_channels,
+        tuple(relation_list),
         measured,
         speed,
         gravity,
@@ -240,9 +242,7 @@ def _bank(
 def _wrong_rates(
     record: Record, rates: Sequence[str], phi: np.ndarray, airspeed: float | None, gravity: float
 ) -> tuple[np.ndarray, ...]:
-    """By what level wings are wrong in the rates of theta and, where an airspeed is known, of
-    alpha.
-    """
+    """Errors of the rates of theta and, with an airspeed, of alpha if wings are taken as level."""
     speed = _speed(record, airspeed)
     q = _filled(record, "q") if "q" in record.output_names else np.zeros(len(record))
     r = (
@@ -283,8 +283,8 @@ _TO_BODY = {"nx": G0, "ny": G0, "nz": -G0}
 
 
 @dataclass(frozen=True, eq=False)
-class _Motion:
-    """What is measured, less the faults: samples ``(P, N)`` of angles and speed, and increments
+class _CorrectedMotion:
+    """Measured motion corrected for faults: samples ``(P, N)`` of angles and speed, and increments
     ``(P, N - 1)`` of rates and loads.
     """
 
@@ -314,7 +314,7 @@ def reconstructed(s: KinematicSignals, value: Values) -> np.ndarray:
     return np.array([np.broadcast_to(row, (width, len(s.time))) for row in out])
 
 
-def _motion(s: KinematicSignals, value: Values, rates: dict[str, np.ndarray]) -> _Motion:
+def _motion(s: KinematicSignals, value: Values, rates: dict[str, np.ndarray]) -> _CorrectedMotion:
     h, none = s.steps, np.zeros((1, len(s.time)))
     speed = (
         samples(s, "airspeed", value)
@@ -338,7 +338,7 @@ def _motion(s: KinematicSignals, value: Values, rates: dict[str, np.ndarray]) ->
             pushed[axis] = _TO_BODY.get(channel, 1.0) * increments(s, channel, value, h) - _lever(
                 s, axis, channel, value, rates
             )
-    return _Motion(
+    return _CorrectedMotion(
         angles["phi"], angles["theta"], angles["alpha"], angles["beta"], speed, turned, pushed
     )
 
@@ -370,8 +370,8 @@ def _at_vane(
 def _lever(
     s: KinematicSignals, axis: str, channel: str, value: Values, rates: dict[str, np.ndarray]
 ) -> np.ndarray:
-    """Integral over each interval of what an accelerometer away from the centre of gravity feels
-    more: ``(P, N - 1)``, m/s.
+    """Integral over each interval of the specific force that an accelerometer measures in addition
+    away from the centre of gravity: ``(P, N - 1)``, m/s.
     """
     x, y, z = (value(channel, kind) + value(PACKAGE, kind) for kind in (ARM, RIGHT, BELOW))
     if not (np.any(x) or np.any(y) or np.any(z)):
@@ -403,7 +403,7 @@ def _lever(
     return np.asarray(felt)
 
 
-def _theta(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
+def _theta(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
     q = m.turned["q"]
     return np.asarray(
         q * middle(np.cos(m.phi)) - m.turned["r"] * middle(np.sin(m.phi))
@@ -412,7 +412,7 @@ def _theta(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
     )
 
 
-def _phi(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
+def _phi(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
     tan = np.tan(m.theta)
     if "r" not in m.turned:
         return np.asarray(
@@ -427,7 +427,7 @@ def _phi(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
     )
 
 
-def _psi(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
+def _psi(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
     if "q" not in m.turned:
         return np.asarray(m.turned["r"] * middle(1.0 / (np.cos(m.phi) * np.cos(m.theta))))
     return np.asarray(
@@ -437,7 +437,7 @@ def _psi(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
 
 
 def _forces(
-    s: KinematicSignals, m: _Motion, axes: tuple[tuple[str, np.ndarray], ...]
+    s: KinematicSignals, m: _CorrectedMotion, axes: tuple[tuple[str, np.ndarray], ...]
 ) -> np.ndarray:
     """Sum over axes of load and weight times a coefficient at the samples, integrated over each
     interval.
@@ -458,7 +458,7 @@ def _forces(
     return total
 
 
-def _alpha(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
+def _alpha(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
     cos, sin = np.cos(m.alpha), np.sin(m.alpha)
     over = 1.0 / (m.speed * np.cos(m.beta))
     axes = (("z", cos * over), ("x", -sin * over)) if "x" in m.pushed else (("z", over / cos),)
@@ -471,7 +471,7 @@ def _alpha(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
     return np.asarray(change)
 
 
-def _beta(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
+def _beta(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
     cos, sin = np.cos(m.alpha), np.sin(m.alpha)
     slip, over = np.sin(m.beta), 1.0 / m.speed
     change = _forces(
@@ -481,14 +481,14 @@ def _beta(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
     return np.asarray(change + m.turned["p"] * middle(sin) if "p" in m.turned else change)
 
 
-def _airspeed(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
+def _airspeed(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
     cos = np.cos(m.beta)
     return _forces(
         s, m, (("x", np.cos(m.alpha) * cos), ("y", np.sin(m.beta)), ("z", np.sin(m.alpha) * cos))
     )
 
 
-def _height(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
+def _height(s: KinematicSignals, m: _CorrectedMotion, value: Values) -> np.ndarray:
     cos, level = np.cos(m.beta), np.cos(m.theta)
     rise = (
         np.cos(m.alpha) * cos * np.sin(m.theta)
@@ -498,7 +498,7 @@ def _height(s: KinematicSignals, m: _Motion, value: Values) -> np.ndarray:
     return np.asarray(s.steps * (middle(m.speed * rise) + value("wind", BIAS)))
 
 
-_CHANGES: dict[str, Callable[[KinematicSignals, _Motion, Values], np.ndarray]] = {
+_CHANGES: dict[str, Callable[[KinematicSignals, _CorrectedMotion, Values], np.ndarray]] = {
     **{
         "theta": _theta,
         "phi": _phi,
@@ -506,7 +506,7 @@ _CHANGES: dict[str, Callable[[KinematicSignals, _Motion, Values], np.ndarray]] =
         "alpha": _alpha,
         "beta": _beta,
         "airspeed": _airspeed,
-    },
+    }
 }
 
 
@@ -520,8 +520,9 @@ _WITHOUT_BIAS = ("psi", *HEIGHTS)  # where it is another start
 
 
 def unknowns_of(s: KinematicSignals) -> tuple[Unknown, ...]:
-    """Starts; a bias of every channel whose bias has a trace at all, and of the wind's climb, each
-    under a loose prior; constants for what is not recorded."""
+    """Initial states; a bias of every observable channel and of the wind's climb, with wide priors;
+    constants for what is not recorded.
+    """
     out = [Unknown(("start", name), 1e-3) for name in s.outputs]
     for name in s.channels:
         if name not in _WITHOUT_BIAS:
@@ -554,8 +555,8 @@ def start_of(s: KinematicSignals, unknowns: Sequence[Unknown]) -> np.ndarray:
 
 
 def faults_of(s: KinematicSignals, chord: float = 0.0) -> tuple[SensorFault, ...]:
-    """All faults that the sensors of a record may have, of an aircraft of that chord (m); biases
-    are unknowns of each record.
+    """All possible faults of a record's sensors, of an aircraft with that chord (m); biases are
+    unknowns of each record.
     """
     channels = tuple(s.channels)
     out = [SensorFault(name, kind) for name in channels for kind in (SCALE, DELAY, LAG, DRIFT)]
@@ -613,8 +614,8 @@ def evaluate(
     sizes: np.ndarray,
 ) -> np.ndarray:
     """Outputs for rows of values: ``own (P, n)``, ``sizes (P, k)`` to ``(m, P, N)``."""
-    found = reconstructed(s, values_of(unknowns, faults, own, sizes))
-    return np.broadcast_to(found, (len(s.outputs), len(own), len(s.time)))
+    result = reconstructed(s, values_of(unknowns, faults, own, sizes))
+    return np.broadcast_to(result, (len(s.outputs), len(own), len(s.time)))
 
 
 def linearised(

@@ -51,15 +51,15 @@ class Sets:
 
     @property
     def variances(self) -> np.ndarray:
-        """Variances over the colour of what is left ``(M, s)``."""
+        """Variances corrected for coloured residuals ``(M, s)``."""
         return self.white * self.widening
 
 
 def fitted(
     normal: NormalEquations, faults: Sequence[SensorFault], members: np.ndarray, *, early: bool
 ) -> Sets:
-    """Sets of faults by their places ``members (M, s)``; ``early``: whether a load ahead of its
-    time is looked for.
+    """Fit sets of faults at positions ``members (M, s)``; ``early``: whether a negative delay of a
+    load is estimated.
     """
     members = np.atleast_2d(members)
     rows, s = members[:, :, None], members.shape[1]
@@ -140,8 +140,8 @@ def best_set(
 def needed(
     normal: NormalEquations, faults: Sequence[SensorFault], members: tuple[int, ...], charge: float
 ) -> tuple[int, ...]:
-    """A set less every fault that gains no more than ``charge`` beside the others, over its own
-    colour.
+    """A set without every fault that gains at most ``charge`` beside the others, under its coloured
+    residuals.
     """
     while members:
         whole = fitted(normal, faults, np.array([members]), early=False)
@@ -169,17 +169,17 @@ def _larger(sets: Sets, among: Sequence[int], size: int) -> np.ndarray:
 
 
 def _assessed(
-    found: Sequence[Sets], faults: Sequence[SensorFault], charge: float
+    fault_sets: Sequence[Sets], faults: Sequence[SensorFault], charge: float
 ) -> tuple[Sets, int]:
-    best = max(found, key=lambda sets: float(np.max(np.where(sets.sound, sets.gain, 0.0))))
+    best = max(fault_sets, key=lambda sets: float(np.max(np.where(sets.sound, sets.gain, 0.0))))
     widening = (
         float(np.mean(best.widening[int(np.argmax(np.where(best.sound, best.gain, 0.0)))]))
         if best.members.shape[1]
         else 1.0
     )
     rare = np.array([fault.rare for fault in faults])
-    chosen, least = (found[0], 0), 0.0
-    for sets in found[1:]:
+    chosen, least = (fault_sets[0], 0), 0.0
+    for sets in fault_sets[1:]:
         score = (
             charge * sets.members.shape[1]
             - sets.gain / widening
@@ -194,7 +194,7 @@ def _assessed(
 
 
 def surprises(sets: Sets, faults: Sequence[SensorFault]) -> np.ndarray:
-    """Log likelihood ``(M,)`` that each set loses by what is known of the sizes of its faults."""
+    """Log likelihood ``(M,)`` that each set loses by the priors of its faults' sizes."""
     spread = np.array([fault.spread for fault in faults])[sets.members]
     return np.asarray(np.sum(0.5 * sets.sizes**2 / (spread**2 + sets.variances), axis=1))
 
@@ -259,8 +259,8 @@ def search(
     faults: Sequence[SensorFault],
     settings: CompatibilitySettings,
 ) -> SixDegreeSearch:
-    """The set of faults that the records ask for, each with its group; beside the faults of
-    ``base``, which are none.
+    """Find the set of faults that the records require, each with its group, beside the faults of
+    ``base``.
     """
     # A drift belongs to one record.
     common = [i for i, fault in enumerate(faults) if len(signals) == 1 or fault.kind != DRIFT]
@@ -304,19 +304,19 @@ def _settled(
     most: int,
     early: bool,
 ) -> tuple[Linear, tuple[int, ...], tuple[str, float] | None, Mapping[tuple[int, int], float]]:
-    """Sets chosen and fitted in turn until the same one comes again, and once more from another way
-    to be late where that is likelier; with what is lost with each such way (``_late_instead``)."""
+    """Sets chosen and fitted in turn until the same one comes again, and once more with another
+    cause of a delay where that is likelier; with the loss of each (``_best_delay_exchange``)."""
     lines, members, ahead = _in_turn(signals, base, (), faults, among, charge, most, early)
-    likeliest, lateness = _late_instead(signals, lines, members, among)
+    likeliest, lateness = _best_delay_exchange(signals, lines, members, among)
     if likeliest[1] != members:
         lines, members, ahead = _in_turn(signals, *likeliest, faults, among, charge, most, early)
-        _, lateness = _late_instead(signals, lines, members, among)
+        _, lateness = _best_delay_exchange(signals, lines, members, among)
     return lines, members, ahead, lateness
 
 
 def _in_turn(
     signals: Sequence[KinematicSignals],
-    found: KinematicFit,
+    kinematic_fit: KinematicFit,
     members: tuple[int, ...],
     faults: Sequence[SensorFault],
     among: Sequence[int],
@@ -326,9 +326,11 @@ def _in_turn(
 ) -> tuple[Linear, tuple[int, ...], tuple[str, float] | None]:
     """Sets chosen and fitted in turn, from a fit of the faults ``members`` on."""
     secants, ahead = np.full(len(faults), SECANT), None
-    secants[list(members)] = [_secant(size) for size in found.sizes.tolist()[: len(members)]]
+    secants[list(members)] = [
+        _secant(size) for size in kinematic_fit.sizes.tolist()[: len(members)]
+    ]
     for turn in range(_ROUNDS):
-        lines = linear(found, faults, secants)
+        lines = linear(kinematic_fit, faults, secants)
         normal = lines.joint
         if not turn and not members:
             # What a fault leaves of the record is not the colour of what is left with it.
@@ -345,12 +347,12 @@ def _in_turn(
         if set(chosen) == set(members) and (turn > 1 or not members):
             break
         if set(chosen) != set(members):
-            found = fit(signals, [faults[i] for i in chosen], found)
+            kinematic_fit = fit(signals, [faults[i] for i in chosen], kinematic_fit)
         members = chosen
         secants = _secants(lines, chosen)
-        secants[list(chosen)] = [_secant(size) for size in found.sizes.tolist()]
+        secants[list(chosen)] = [_secant(size) for size in kinematic_fit.sizes.tolist()]
     else:
-        lines = linear(found, faults, secants)
+        lines = linear(kinematic_fit, faults, secants)
     return lines, members, ahead
 
 
@@ -358,7 +360,7 @@ def _secant(size: float) -> float:
     return size if abs(size) > 1e-3 else SECANT
 
 
-def _late_instead(
+def _best_delay_exchange(
     signals: Sequence[KinematicSignals], lines: Linear, members: Sequence[int], among: Sequence[int]
 ) -> tuple[tuple[KinematicFit, tuple[int, ...]], dict[tuple[int, int], float]]:
     """The likeliest of a set and of those with another way to be late, or the arm of the same
@@ -369,7 +371,7 @@ def _late_instead(
     for noise what it does not explain, and as if both acted: a late reading of what an arm adds is
     no small thing.
     """
-    found, faults = lines.found, lines.faults
+    kinematic_fit, faults = lines.fit, lines.faults
     places = [(place, i, j) for place, i in enumerate(members) for j in among if j not in members]
     pairs = [
         (place, j)
@@ -377,7 +379,10 @@ def _late_instead(
         if same_lateness(faults[i], faults[j]) or same_trace(faults[i], faults[j])
     ]
     sets = [tuple(members), *((*members[:place], j, *members[place + 1 :]) for place, j in pairs)]
-    fits = [found, *(fit(signals, [faults[k] for k in chosen], found) for chosen in sets[1:])]
+    fits = [
+        kinematic_fit,
+        *(fit(signals, [faults[k] for k in chosen], kinematic_fit) for chosen in sets[1:]),
+    ]
     left = likelihoods(fits) if pairs else np.zeros(1)
     widening = (
         float(np.mean(fitted(lines.joint, faults, np.array([list(members)]), early=False).widening))
@@ -399,7 +404,7 @@ def _late_instead(
 
 
 def _secants(lines: Linear, members: Sequence[int]) -> np.ndarray:
-    """The size of each time as it stands, or as it would in the best place of a set."""
+    """Size of each time shift in the set, or in the best position of a set."""
     out, best = np.full(len(lines.faults), SECANT), np.full(len(lines.faults), -math.inf)
     for place in members or (None,):
         rest = [i for i in members if i != place]
@@ -412,7 +417,7 @@ def _secants(lines: Linear, members: Sequence[int]) -> np.ndarray:
 
 
 def _replicates(lines: Linear, members: Sequence[int], i: int) -> bool:
-    """Whether the records by themselves agree on a fault, the others as they stand, and demand it
+    """Whether the records agree on a fault one by one, with the others fixed, and require it
     together.
     """
     from scipy.special import chdtrc
@@ -420,10 +425,10 @@ def _replicates(lines: Linear, members: Sequence[int], i: int) -> bool:
     if len(lines.smoother) < 2:
         return True
     values, weights = _alone(lines, members, i)
-    told = weights > lines.faults[i].plausible ** -2
-    if np.count_nonzero(told) < 2:
+    determined = weights > lines.faults[i].plausible ** -2
+    if np.count_nonzero(determined) < 2:
         return False
-    v, w = values[told], weights[told]
+    v, w = values[determined], weights[determined]
     mean = float(np.sum(w * v) / np.sum(w))
     joint = fitted(lines.joint, lines.faults, np.array([members]), early=False).sizes[
         0, list(members).index(i)
@@ -458,9 +463,7 @@ def _group(
     among: Sequence[int],
     lateness: Mapping[tuple[int, int], float],
 ) -> tuple[tuple[int, float], ...]:
-    """A fault that stands and what does as well in its place: places and losses of log
-    likelihood.
-    """
+    """An accepted fault and those that could replace it: positions and losses of log likelihood."""
     near = alike(lines, members, i, chance * widening, among, lateness)
     return (
         (i, 0.0),

@@ -121,7 +121,7 @@ def _decides(found: DesignResult) -> dict[str, Any]:
         "chance": best.chance,
         "maneuver": maneuver_content(found, best),
         "file": DECIDES,
-        "command": found.asked.command(),
+        "command": found.request.command(),
     }
 
 

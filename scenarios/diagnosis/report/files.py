@@ -151,9 +151,9 @@ def draw_diagnosis(
     """Draw all figures, into ``folder`` in every format and for the page, in the order of the
     report; ``declared``: they show the declared model alone.
     """
-    from scenarios.plots.drawing import drawn_for_page
+    from scenarios.plots.drawing import draw_for_page
 
-    drawn = drawn_for_page(figures_of(shown), folder, formats)
+    drawn = draw_for_page(figures_of(shown), folder, formats)
     plots = {each.stem: each.plot for each in drawn}
     named = captioned({each.stem: each.svg for each in drawn}, declared=declared)
     return tuple(replace(each, plot=plots[each.stem]) for each in named)

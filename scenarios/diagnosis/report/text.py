@@ -223,7 +223,7 @@ def deciding_lines(tracing: Tracing) -> list[str]:
     word, _, told = verdict_of(tracing.decides).partition(": ")
     return [
         f"{'the next flight' if word == 'FLY' else 'no flight helps'}: {told}",
-        f"designed by: {tracing.decides.asked.command()}",
+        f"designed by: {tracing.decides.request.command()}",
     ]
 
 

@@ -49,10 +49,10 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
     except ImportError as error:
         raise missing_library(error, path, FORMAT, EXTRA) from None
     text = not raw.startswith(BINARY) and any(begins_with(raw, mark) for mark in TEXT)
-    found = _of_text(path, raw) if text else _of_bytes(path, raw)
-    if not found:
+    result = _of_text(path, raw) if text else _of_bytes(path, raw)
+    if not result:
         raise no_table(path, (), "give a log that holds messages")
-    return tuple(sorted(found, key=lambda topic: topic.name))
+    return tuple(sorted(result, key=lambda topic: topic.name))
 
 
 def _of_bytes(path: Path, raw: bytes) -> list[Topic]:
@@ -66,17 +66,17 @@ def _of_bytes(path: Path, raw: bytes) -> list[Topic]:
             with _silent_process():
                 reader = DFReader_binary(str(copy))
             content = np.frombuffer(raw, dtype=np.uint8)
-            found = []
+            result = []
             for kind, layout in reader.formats.items():
                 offsets = reader.offsets[kind] if kind < len(reader.offsets) else ()
                 if _has_numbers(layout) and len(offsets):
                     fields = _fields(layout, content, np.asarray(offsets, dtype=np.int64))
-                    found += _topics(path, layout, fields)
+                    result += _topics(path, layout, fields)
             reader.data_map.close()
             reader.filehandle.close()
         except Exception as error:  # a damaged file fails in many ways inside the library
             raise damaged(error, path, FORMAT) from None
-    return found
+    return result
 
 
 def _of_text(path: Path, raw: bytes) -> list[Topic]:
@@ -90,7 +90,7 @@ def _of_text(path: Path, raw: bytes) -> list[Topic]:
         layouts = _layouts(
             {name: [_cells(name, rest) for rest in lines.get(name, ())] for name in DECLARED}
         )
-        found: list[Topic] = []
+        topics: list[Topic] = []
         for name, layout in layouts.items():
             if (
                 not _has_numbers(layout)
@@ -108,14 +108,14 @@ def _of_text(path: Path, raw: bytes) -> list[Topic]:
                 f"{left} line{'s' * (left > 1)} of {name} with another number of cells than its "
                 "format left out"
             )
-            found += _topics(
+            topics += _topics(
                 path, layout, _numbers(layout, rows) if rows else None, (note,) if left else ()
             )
     except RecordError:
         raise
     except Exception as error:  # formats that pymavlink does not know, numbers that are none
         raise damaged(error, path, FORMAT) from None
-    return found
+    return topics
 
 
 def _cells(name: str, rest: str) -> list[str]:
@@ -174,7 +174,7 @@ def _has_numbers(layout: Any) -> bool:
 def _silent_process() -> Iterator[None]:
     """The compiled part of the library writes to the process's own stderr, past Python."""
     try:
-        kept = os.dup(2)
+        saved = os.dup(2)
     except OSError:  # there is no such stream
         yield
         return
@@ -183,8 +183,8 @@ def _silent_process() -> Iterator[None]:
             os.dup2(nothing.fileno(), 2)
         yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+        os.dup2(saved, 2)
+        os.close(saved)
 
 
 def _topics(
@@ -203,18 +203,18 @@ def _topics(
                 notes,
             )
         ]
-    found: list[Topic] = []
+    topics: list[Topic] = []
     for number in np.unique(fields[instance][np.isfinite(fields[instance])]):
         mine, name = fields[instance] == number, f"{layout.name}[{int(number)}]"
         columns = {column: values[mine] for column, values in fields.items()}
-        found.append(
+        topics.append(
             Topic(
                 name,
                 table_of_columns(path, columns, units, place=f"message {name}"),
-                () if found else notes,
+                () if topics else notes,
             )
         )
-    return found
+    return topics
 
 
 def _fields(layout: Any, content: np.ndarray, offsets: np.ndarray) -> dict[str, np.ndarray] | None:

@@ -1,5 +1,4 @@
-"""A table as it stands in a file: headers, cells, the row numbers that a user sees; and cells as
-numbers.
+"""Tables of files: headers, cells, row numbers; and conversion of cells to numbers.
 
 Where the header of a table is, and whether a row of units follows it: the same for text files
 and spreadsheets.
@@ -39,7 +38,7 @@ _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+", re.ASCII)
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CellTable:
-    """Columns of one file, nothing interpreted yet.
+    """Columns of one file as texts.
 
     Attributes
     ----------
@@ -49,12 +48,13 @@ class CellTable:
     rows : number of each row as the user sees it; the first line of a text file is row 1.
     ragged : cells found in the rows (by position) that have more or fewer than the header.
     units : the row of units under the header, empty where a cell says nothing; none at all where
-    there is no such row. separator : what stands between the cells of a text file, else empty.
+        there is no such row.
+    separator : what stands between the cells of a text file, else empty.
     stated_apart : whether ``units`` are metadata of the file, which recorders fill in carelessly,
-    and no row that somebody wrote. decimal_comma : whether the numbers are written with a comma
-    where others write a point. unreadable : why a column (by position) is no sequence of numbers,
-    ``"an array of 801x2"``. Its cells are empty; whoever asks for its
-        numbers is refused.
+        and no row that somebody wrote.
+    decimal_comma : whether the numbers are written with a comma where others write a point.
+    unreadable : why a column (by position) is no sequence of numbers, ``"an array of 801x2"``. Its
+        cells are empty; whoever asks for its numbers is refused.
     """
 
     file: str
@@ -74,19 +74,17 @@ class CellTable:
 
 @dataclass(frozen=True, eq=False)
 class Numbers:
-    """One column as numbers, NaN where the cell is empty or holds text, and those texts by
-    position.
-    """
+    """A column as numbers, NaN for empty cells and texts, and the texts by position."""
 
     values: np.ndarray
     texts: Mapping[int, str]
 
 
 def numbers(table: CellTable, index: int) -> Numbers:
-    """A column as floats; what is not a number, by the file's decimal mark, is kept apart with its
+    """Convert a column to floats by the file's decimal mark, and return other texts with their
     position.
 
-    Raises RecordError for a column that holds no sequence of numbers.
+    Raises RecordError for a column without a sequence of numbers.
     """
     if index in table.unreadable:
         where = f"{table.file}, column {table.header[index]!r}"
@@ -106,15 +104,15 @@ def numbers(table: CellTable, index: int) -> Numbers:
         if text.lower() in MISSING:
             continue
         try:
-            values[position] = plain_number(text, comma=table.decimal_comma)
+            values[position] = number_of_text(text, comma=table.decimal_comma)
         except ValueError:
             texts[position] = text
     return Numbers(values, texts)
 
 
-def plain_number(text: str, *, comma: bool = False) -> float:
-    """A number of a file; ValueError for what Python alone would take for one (``1_000``, digits of
-    other scripts) and for the other mark.
+def number_of_text(text: str, *, comma: bool = False) -> float:
+    """Convert a text; ValueError for forms that only Python accepts (``1_000``, digits of other
+    scripts) and for the other decimal mark.
     """
     text = text.replace(MINUS, "-")
     if "_" in text or not text.isascii() or (comma and "." in text):
@@ -125,8 +123,8 @@ def plain_number(text: str, *, comma: bool = False) -> float:
 
 
 def has_decimal_comma(columns: Sequence[Sequence[str]]) -> bool:
-    """Whether a file's commas are decimal marks for certain: one stands where none between
-    thousands can, as in ``0,5``.
+    """Whether the commas of a file are certainly decimal marks: one is where no separator of
+    thousands can be, as in ``0,5``.
     """
     return any("," in cell and certain_comma(cell.strip()) for column in columns for cell in column)
 
@@ -142,9 +140,7 @@ def certain_comma(text: str) -> bool:
 
 
 def mark_fault(table: CellTable, text: str) -> tuple[str, str] | None:
-    """What is wrong with a cell whose points or commas do not go with its file, and the remedy;
-    None where it is something else.
-    """
+    """Error of a cell with the wrong decimal mark, and the remedy; None for another error."""
     if _MARKED.fullmatch(text) is None or not table.separator or not ("," in text or "." in text):
         return None
     if table.separator == "," and "," in text:
@@ -164,7 +160,7 @@ def mark_fault(table: CellTable, text: str) -> tuple[str, str] | None:
 
 
 def first_line(error: Exception) -> str:
-    """The first line of what another library says, short enough for a message."""
+    """First line of another library's message, shortened."""
     text = str(error).strip()
     return text.splitlines()[0][:160] if text else type(error).__name__
 
@@ -246,10 +242,10 @@ def heads(rows: Sequence[Sequence[str]]) -> tuple[int, int | None, int]:
     at = max(range(count), key=lambda n: units[n] / max(filled[n], 1))
     if 2 * units[at] <= filled[at] or (count == 2 and at == 1):
         return 0, None, 1
-    known = [
+    recognised = [
         sum(is_known(cell) for cell in cells) if n != at else -1 for n, cells in enumerate(above)
     ]
-    return max(range(count), key=lambda n: known[n]), at, count
+    return max(range(count), key=lambda n: recognised[n]), at, count
 
 
 def is_known(cell: str) -> bool:
@@ -275,7 +271,7 @@ def is_number(cell: str) -> bool:
     """Whether a cell is a number with a decimal point or a decimal comma."""
     for comma in (False, True):
         try:
-            plain_number(cell.strip(), comma=comma)
+            number_of_text(cell.strip(), comma=comma)
         except ValueError:
             continue
         return True
@@ -336,21 +332,24 @@ def table_of_columns(
     rows: int | None = None,
     unreadable: Mapping[str, str] | None = None,
 ) -> CellTable:
-    """A table of named columns; shorter ones are refused when a channel asks for them.
+    """A table of named columns; a shorter column is refused when a channel needs it.
 
     Parameters
     ----------
-    path : the file, for messages. place : the topic in it.
+    path : the file, for messages.
+    place : the topic in it.
     columns : name -> one-dimensional sequence.
     units : name -> unit, where the file states it apart from the header.
     rows : number of rows; None: as many as the longest column has.
     unreadable : further names, and why they hold no sequence of numbers; whoever asks for one of
-    them is refused.
+        them is refused.
     """
-    known = units or {}
+    column_units = units or {}
     vectors = tuple(_vector(values) for values in columns.values())
     count = rows if rows is not None else max((vector.size for vector in vectors), default=0)
-    under = tuple(known.get(name, "") for name in columns) if any(known.values()) else ()
+    under = (
+        tuple(column_units.get(name, "") for name in columns) if any(column_units.values()) else ()
+    )
     where = f"{path}, {place}" if place else str(path)
     others = dict(unreadable or {})
     header = tuple(header_cell(str(name), where) for name in (*columns, *others))
@@ -390,7 +389,7 @@ def damaged(fault: BaseException, path: Path, format_name: str) -> RecordError:
 
 
 def no_table(path: Path, seen: Sequence[str], remedy: str) -> RecordError:
-    """The error for a file without a column; ``seen`` are the names of what is in it instead."""
+    """Error for a file without a column; ``seen``: names of the file's other content."""
     listed = ", ".join(seen[:12]) + (", ..." if len(seen) > 12 else "")
     return RecordError(
         f"no column of numbers is in the file{f'; it holds {listed}' if listed else ''}",

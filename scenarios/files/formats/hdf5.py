@@ -55,25 +55,25 @@ def read_matlab(path: Path, raw: bytes) -> tuple[Topic, ...]:
 def _variables(group: Any, file: Any, *, matlab: bool) -> dict[str, Any]:
     import h5py
 
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     for name, item in group.items():
         if name.startswith("#"):  # MATLAB's store of referenced objects
             continue
         if isinstance(item, h5py.Group):
-            found[name] = _variables(item, file, matlab=matlab)
+            result[name] = _variables(item, file, matlab=matlab)
         elif isinstance(item, h5py.Dataset):
             value = _value(item, file, matlab=matlab)
             names = next(
                 (_names(item.attrs[key]) for key in NAME_ATTRIBUTES if key in item.attrs), ()
             )
             if np.ndim(value) == 2 and len(names) == np.shape(value)[1] > 1:
-                found[name] = {each: value[:, at] for at, each in enumerate(names)}
+                result[name] = {each: value[:, at] for at, each in enumerate(names)}
                 continue
             unit = next(
                 (_text(item.attrs[key]) for key in UNIT_ATTRIBUTES if key in item.attrs), ""
             )
-            found[name] = {"data": value, "units": unit} if unit else value
-    return found
+            result[name] = {"data": value, "units": unit} if unit else value
+    return result
 
 
 def _value(item: Any, file: Any, *, matlab: bool) -> Any:

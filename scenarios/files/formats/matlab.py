@@ -17,11 +17,14 @@ SUFFIXES = (".mat",)
 MAGIC = (b"MATLAB 5.0", b"MATLAB 7.3")
 EXTRA = ""
 HEADER = 128  # bytes
-MATRIX, PACKED = 14, 15
+MATRIX = 14  # type of an element
+PACKED = 15  # type of a compressed element
 CLASSES = range(1, 19)  # of arrays
-# classes of texts and numbers; the flag of a second, imaginary part
-PLAIN, COMPLEX = (4, *range(6, 16)), 0x800
-CELL, STRUCT, KNOWN_CLASSES = 1, 2, (1, 2, *range(4, 16))  # the last: those whose content is known
+PLAIN = (4, *range(6, 16))  # classes of texts and numbers
+COMPLEX = 0x800  # flag of an imaginary part
+CELL = 1  # class of a cell array
+STRUCT = 2  # class of a structure
+KNOWN_CLASSES = (1, 2, *range(4, 16))  # classes whose content can be read
 # of elements, by MathWorks' description of the format
 TYPES = (1, 2, 3, 4, 5, 6, 7, 9, 12, 13, MATRIX, PACKED, 16, 17, 18)
 

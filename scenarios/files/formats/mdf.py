@@ -25,25 +25,25 @@ EXTRA = "recorders"
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """One topic a channel group, named by the group or ``group 1``, ...; its clock is ``time`` in
-    s.
+    """One topic for each channel group, with the group's name or ``group 1``, ...; its clock is
+    ``time`` in s.
     """
     try:
         from asammdf import MDF
     except ImportError as error:
         raise missing_library(error, path, FORMAT, EXTRA) from None
-    found = []
+    result = []
     try:
         with MDF(io.BytesIO(raw)) as log:
             for number in range(len(log.groups)):
                 topic = _topic(path, log, number, _name(log, number))
                 if topic is not None:
-                    found.append(topic)
+                    result.append(topic)
     except Exception as error:  # a damaged file fails in many ways inside the library
         raise damaged(error, path, FORMAT) from None
-    if not found:
+    if not result:
         raise no_table(path, (), "give a file with at least one channel of numbers")
-    return tuple(found) if len(found) > 1 else (Topic("", found[0].table),)
+    return tuple(result) if len(result) > 1 else (Topic("", result[0].table),)
 
 
 def _name(log: Any, number: int) -> str:

@@ -33,7 +33,7 @@ class _Forward(io.BytesIO):
     furthest, idle = 0, 0
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """As ``BytesIO.read``; EOFError where many reads have brought nothing new."""
+        """Read as ``BytesIO``; EOFError after many reads without new bytes."""
         content = super().read(size)
         self.idle = 0 if self.tell() > self.furthest else self.idle + 1
         self.furthest = max(self.furthest, self.tell())
@@ -62,14 +62,16 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
         ]
     except Exception as error:  # a damaged file fails in many ways inside the library
         raise damaged(error, path, FORMAT) from None
-    found = []
+    result = []
     for name, instance, columns in sorted(data, key=lambda item: (item[0], item[1])):
         topic = f"{name}_{instance}" if instance else name
-        found.append(
+        result.append(
             Topic(topic, table_of_columns(path, columns, {CLOCK: "us"}, place=f"topic {topic}"))
         )
-    if not found:
+    if not result:
         raise no_table(path, (), "log at least one topic")
     dropped = sum(int(dropout.duration) for dropout in log.dropouts)
     note = f"the logger dropped data {len(log.dropouts)} times, {dropped / 1000.0:.2f} s in all"
-    return (Topic(found[0].name, found[0].table, (note,)), *found[1:]) if dropped else tuple(found)
+    return (
+        (Topic(result[0].name, result[0].table, (note,)), *result[1:]) if dropped else tuple(result)
+    )

@@ -1,6 +1,4 @@
-"""Which reader takes which file. A new format is one new module in this package; this one finds it
-by itself.
-"""
+"""Readers by file format. A new format is a new module in this package, found by itself."""
 
 from __future__ import annotations
 
@@ -38,7 +36,10 @@ from scenarios.files.sources import MOST_RECORD, Source, refuse_oversized, too_l
 from sim.errors import RecordError
 
 NOT_READERS = ("cells", "layout", "registry", "sizes", "topic", "variables")
-GZIP, BZIP2, XZ, ZIP = b"\x1f\x8b", b"BZh", b"\xfd7zXZ\x00", b"PK\x03\x04"
+GZIP = b"\x1f\x8b"  # first bytes of the file
+BZIP2 = b"BZh"  # first bytes of the file
+XZ = b"\xfd7zXZ\x00"  # first bytes of the file
+ZIP = b"PK\x03\x04"  # first bytes of the file
 PACKED = {".gz": "gzip", ".bz2": "bzip2", ".xz": "xz"}
 FOOTER = 20  # rows below a table that may be remarks or sums
 
@@ -118,8 +119,8 @@ def topics_of(source: Source) -> tuple[Topic, ...]:
 
 @contextlib.contextmanager
 def _silent() -> Iterator[None]:
-    """Libraries print, log and warn of what they find damaged; what matters of it comes back as an
-    error or a note.
+    """Context manager that suppresses output, logs and warnings of libraries; problems are returned
+    as errors or notes.
     """
     level = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
@@ -233,8 +234,8 @@ def _only_file(path: Path, raw: bytes) -> tuple[bytes, Path]:
 
 
 def _unpacked(path: Path, raw: bytes) -> bytes:
-    """What is in a gzip, bzip2 or xz file, read no further than the limit: a few bytes may stand
-    for any number of them.
+    """Content of a gzip, bzip2 or xz file, read up to the limit, since a few bytes may expand to
+    any size.
     """
     if raw.startswith(BZIP2) or path.suffix.lower() == ".bz2":
         name = "a bzip2"

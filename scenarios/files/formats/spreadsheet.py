@@ -29,7 +29,7 @@ EXTRA = "spreadsheets"
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """One topic a sheet that holds a table; named only where there are several."""
+    """One topic for each sheet with a table; named if there are several."""
     try:
         from python_calamine import CalamineWorkbook
     except ImportError as error:
@@ -44,16 +44,16 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
         if isinstance(error, KeyboardInterrupt | SystemExit):
             raise
         raise damaged(error, path, FORMAT) from None
-    found = [
+    result = [
         (name, table) for name, rows in sheets if (table := _table(path, name, rows)) is not None
     ]
-    if not found:
+    if not result:
         raise no_table(
             path,
             [name for name, _ in sheets],
             "give a sheet with a header row and one row a sample",
         )
-    return tuple(Topic(name if len(found) > 1 else "", table) for name, table in found)
+    return tuple(Topic(name if len(result) > 1 else "", table) for name, table in result)
 
 
 def _table(path: Path, sheet: str, rows: list[list[Any]]) -> CellTable | None:
@@ -66,14 +66,20 @@ def _table(path: Path, sheet: str, rows: list[list[Any]]) -> CellTable | None:
     header = tuple(header_cell(cell, f"{path}, sheet {sheet!r}") for cell in texts[first][:width])
     units = unit_row(header, texts[first + 1][:width])
     begin = first + (2 if units else 1)
-    kept = [
+    filled_rows = [
         index
         for index in range(begin, len(rows))
         if any(cell.strip() for cell in texts[index][:width])
     ]
-    columns = tuple(_column([rows[index][column] for index in kept]) for column in range(width))
+    columns = tuple(
+        _column([rows[index][column] for index in filled_rows]) for column in range(width)
+    )
     return CellTable(
-        f"{path}, sheet {sheet!r}", header, columns, np.array(kept, dtype=int) + 1, units=units
+        f"{path}, sheet {sheet!r}",
+        header,
+        columns,
+        np.array(filled_rows, dtype=int) + 1,
+        units=units,
     )
 
 

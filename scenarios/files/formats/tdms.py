@@ -24,14 +24,12 @@ EXTRA = "recorders"
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """One topic a group, or one for each length of channel in it; ``unit_string`` gives the
-    units.
-    """
+    """One topic for each group and length of channel; ``unit_string`` gives the units."""
     try:
         from nptdms import TdmsFile
     except ImportError as error:
         raise missing_library(error, path, FORMAT, EXTRA) from None
-    found: list[Topic] = []
+    topics: list[Topic] = []
     try:
         log = TdmsFile.read(io.BytesIO(raw))
         for group in log.groups():
@@ -50,7 +48,7 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
                 ]
                 name = (
                     group.name
-                    if not any(topic.name == group.name for topic in found)
+                    if not any(topic.name == group.name for topic in topics)
                     else f"{group.name} {len(mine[0])}"
                 )
                 columns = {channel.name: channel[:] for channel in mine}
@@ -61,11 +59,11 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
                     begin = float(mine[0].properties.get("wf_start_offset", 0.0))
                     columns = {"time": begin + float(rate[0]) * np.arange(rate[1]), **columns}
                     units["time"] = "s"
-                found.append(
+                topics.append(
                     Topic(name, table_of_columns(path, columns, units, place=f"group {name}"))
                 )
     except Exception as error:  # a damaged file fails in many ways inside the library
         raise damaged(error, path, FORMAT) from None
-    if not found:
+    if not topics:
         raise no_table(path, (), "give a file with at least one channel of numbers")
-    return tuple(found) if len(found) > 1 else (Topic("", found[0].table),)
+    return tuple(topics) if len(topics) > 1 else (Topic("", topics[0].table),)

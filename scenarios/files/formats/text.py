@@ -75,9 +75,9 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
     text, notes = _text(path, raw)
     with _long_cells(len(text)):
         layout = _layout(path, text)
-        table, found = _table(path, text[layout.first :], layout)
+        table, result = _table(path, text[layout.first :], layout)
     table, cut = _without_cut_row(table, text)
-    return (Topic("", table, (*notes, *layout.notes, *found, *cut)),)
+    return (Topic("", table, (*notes, *layout.notes, *result, *cut)),)
 
 
 def _without_cut_row(table: CellTable, text: str) -> tuple[CellTable, tuple[str, ...]]:
@@ -113,8 +113,8 @@ def _long_cells(most: int) -> Iterator[None]:
 
 
 class Layout(NamedTuple):
-    """Where the header or the first row begins (character), the lines above it, what parts the
-    columns, and whether there is a header.
+    """Layout of a text file: first character of the table, lines above it, separator, and whether
+    there is a header.
     """
 
     first: int
@@ -147,9 +147,7 @@ def _layout(path: Path, text: str) -> Layout:
 
 
 def _large(path: Path, raw: bytes) -> Topic | None:
-    """A large plain file, parsed by pyarrow or pandas from its bytes; None where anything in it
-    asks for the careful reading.
-    """
+    """A large plain file, parsed by pyarrow or pandas; None if it needs the careful reader."""
     begin = raw[:BEGINNING]
     try:
         head = begin[: begin.rindex(b"\n") + 1].decode("utf-8-sig")
@@ -157,15 +155,15 @@ def _large(path: Path, raw: bytes) -> Topic | None:
     except (ValueError, RecordError):
         return None
     skipped = len(head[: layout.first].encode()) + (3 if begin.startswith(b"\xef\xbb\xbf") else 0)
-    found = _fast_table(path, raw, skipped, head[layout.first :], layout)
-    if found is None:
+    result = _fast_table(path, raw, skipped, head[layout.first :], layout)
+    if result is None:
         return None
-    commented = () if layout.named else _unnamed(layout, len(found.header), str(path))[1]
-    return Topic("", found, (*layout.notes, *commented))
+    commented = () if layout.named else _unnamed(layout, len(result.header), str(path))[1]
+    return Topic("", result, (*layout.notes, *commented))
 
 
 def _table(path: Path, text: str, layout: Layout) -> tuple[CellTable, tuple[str, ...]]:
-    """The table in a text, and a sentence where its header stands in a comment."""
+    """The table of a text, and a sentence if its header is in a comment."""
     named, separator, above = layout.named, layout.separator, len(layout.above)
     notes: tuple[str, ...] = ()
     lines = _rows(path, text, separator, above)
@@ -249,10 +247,10 @@ def _unnamed(layout: Layout, width: int, file: str) -> tuple[tuple[str, ...], tu
     """The header of a table that begins with numbers: from the comment above it, else ``column 1``
     ...; and a sentence on the comment.
     """
-    found = _commented_header(layout, width)
-    if not found:
+    result = _commented_header(layout, width)
+    if not result:
         return _numbered(width), ()
-    return tuple(header_cell(cell, file) for cell in found), (
+    return tuple(header_cell(cell, file) for cell in result), (
         f"the header is the comment in row {len(layout.above)}",
     )
 
@@ -372,9 +370,9 @@ def _detected(text: str) -> tuple[str, int, bool] | None:
     first_numbers = next(
         (n for n, row in enumerate(rows) if len(row) == width and has_number(row)), None
     )
-    found = header_row(rows)
-    if found is not None and len(rows[found]) == width:
-        return mark, found, True
+    result = header_row(rows)
+    if result is not None and len(rows[result]) == width:
+        return mark, result, True
     if first_numbers is None or (
         first_numbers and mark != BLANKS and 1 < len(cells[first_numbers - 1]) != width
     ):
@@ -383,15 +381,13 @@ def _detected(text: str) -> tuple[str, int, bool] | None:
 
 
 def _cells(line: str, mark: str) -> list[str]:
-    """A line parted by a mark, without what a closing mark leaves at its end."""
+    """Cells of a line, without an empty one after a final separator."""
     cells = line.split() if mark == BLANKS else next(csv.reader([line], delimiter=mark), [])
     return cells[:-1] if mark == "|" and len(cells) > 1 and not cells[-1].strip() else cells
 
 
 def _fast_table(path: Path, raw: bytes, at: int, begin: str, layout: Layout) -> CellTable | None:
-    """The table that begins at a byte of a plain file; ``begin``: its first lines, the header's
-    first among them.
-    """
+    """The table that begins at a byte of a plain file; ``begin``: its first lines."""
     separator, named = layout.separator, layout.named
     lines = begin.splitlines()[:3]
     body = begin.split("\n", 1)[-1]
@@ -506,7 +502,7 @@ def _marked_columns(raw: bytes, at: int, separator: str, width: int) -> list[np.
 
 
 def _numeric_or_text(cells: np.ndarray) -> np.ndarray:
-    """Cells as numbers where blanks around them are all that kept them from being read as such."""
+    """Cells as numbers if only blanks around them were in the way."""
     try:
         if not all(cell is None or (cell.isascii() and "_" not in cell) for cell in cells):
             return cells
@@ -532,8 +528,8 @@ def _blank_columns(raw: bytes, at: int, width: int) -> list[np.ndarray] | None:
 
 
 def _header_at(text: str) -> tuple[int, list[str]]:
-    """Where the header begins, and the lines above it: comments, empty ones, and a spreadsheet's
-    word on the separator.
+    """Position of the header, and the lines above it: comments, empty lines, and a spreadsheet's
+    separator line.
     """
     above: list[str] = []
     at = 0
@@ -546,7 +542,7 @@ def _header_at(text: str) -> tuple[int, list[str]]:
 
 
 def _rows(path: Path, text: str, separator: str, above: int) -> Rows:
-    """All rows but empty ones."""
+    """All rows without empty ones."""
     if separator == BLANKS:
         parted = [
             (n + above + 1, line.split())
@@ -569,7 +565,7 @@ def _rows(path: Path, text: str, separator: str, above: int) -> Rows:
 
 
 def _separator(path: Path, text: str, above: int) -> str:
-    """What separates the columns; a comma where there is one column."""
+    """Separator of the columns; a comma for a single column."""
     parting = [mark for mark in SEPARATORS if len(_first_row(path, text, mark, above)) > 1]
     if len(parting) > 1:
         fitting = [mark for mark in parting if _even(_rows(path, text, mark, above))]

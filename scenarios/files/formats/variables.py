@@ -34,11 +34,11 @@ def topics_of_variables(path: Path, variables: Mapping[str, Any]) -> tuple[Topic
     ------
     RecordError : nothing in them is a table; the message names each array with its size.
     """
-    found: list[Topic] = []
-    variables = {name: _plain_form(value) for name, value in variables.items()}
+    topics: list[Topic] = []
+    variables = {name: _simplified(value) for name, value in variables.items()}
     merged, twice = _with_one_struct(variables)
-    _collect(path, "", merged, found, twice)
-    if not found:
+    _collect(path, "", merged, topics, twice)
+    if not topics:
         seen = [f"{name} ({_size(value)})" for name, value in variables.items()]
         raise no_table(
             path,
@@ -46,12 +46,12 @@ def topics_of_variables(path: Path, variables: Mapping[str, Any]) -> tuple[Topic
             "save named vectors of one length, one struct of vectors, or one matrix with a column "
             "a signal",
         )
-    if len(found) == 1:
-        return (Topic("", found[0].table, found[0].notes),)
-    return tuple(found)
+    if len(topics) == 1:
+        return (Topic("", topics[0].table, topics[0].notes),)
+    return tuple(topics)
 
 
-def _plain_form(value: Any) -> Any:
+def _simplified(value: Any) -> Any:
     """A variable in a form that the rules know, at any depth: what programs write for a struct of
     vectors as a struct of vectors, a cell array of vectors as a matrix.
 
@@ -62,7 +62,7 @@ def _plain_form(value: Any) -> Any:
     value = value if hasattr(value, "toarray") else _dense(value)
     if isinstance(value, Mapping):
         return _with_signals(
-            {name: each if name in SIGNALS else _plain_form(each) for name, each in value.items()}
+            {name: each if name in SIGNALS else _simplified(each) for name, each in value.items()}
         )
     structs = _structs(value)
     if len(structs) >= FEWEST and all(
@@ -91,9 +91,7 @@ def _plain_form(value: Any) -> Any:
 
 
 def _with_signals(level: Mapping[str, Any]) -> Mapping[str, Any]:
-    """A struct whose ``signals`` are named vectors beside its clock, where it is one of
-    Simulink's.
-    """
+    """The struct if it is one of Simulink's, with named vectors in ``signals`` beside its clock."""
     name = next((word for word in SIGNALS if word in level), "")
     signals = _structs(level.get(name))
     if (
@@ -101,14 +99,14 @@ def _with_signals(level: Mapping[str, Any]) -> Mapping[str, Any]:
         or not any(word in level for word in CLOCKS)
         or not all("values" in each for each in signals)
     ):
-        return {key: _plain_form(each) if key == name else each for key, each in level.items()}
+        return {key: _simplified(each) if key == name else each for key, each in level.items()}
     labels = [
         str(each.get("label") or each.get("blockName") or f"signal{n + 1}")
         for n, each in enumerate(signals)
     ]
     rest = {key: each for key, each in level.items() if key != name}
     return rest | {
-        label: _plain_form(each["values"]) for label, each in zip(labels, signals, strict=True)
+        label: _simplified(each["values"]) for label, each in zip(labels, signals, strict=True)
     }
 
 
@@ -147,7 +145,7 @@ def _with_one_struct(variables: Mapping[str, Any]) -> tuple[Mapping[str, Any], d
 
 
 def _fault(value: Any) -> str:
-    """What keeps a variable from being one vector, in a few words; empty where nothing does."""
+    """Why a variable is not one vector, in a few words; empty if it is."""
     shape = (
         "x".join(map(str, np.shape(value)))
         if not hasattr(value, "toarray")
@@ -170,7 +168,7 @@ def _collect(
     path: Path,
     name: str,
     level: Mapping[str, Any],
-    found: list[Topic],
+    topics: list[Topic],
     unreadable: Mapping[str, str] | None = None,
     clock: np.ndarray | None = None,
 ) -> None:
@@ -225,7 +223,7 @@ def _collect(
         others = {
             key: fault for key, fault in faults.items() if key not in columns and key not in inner
         }
-        found.append(
+        topics.append(
             Topic(
                 name,
                 table_of_columns(path, columns, spread, place=name, rows=rows, unreadable=others),
@@ -237,7 +235,7 @@ def _collect(
         clock,
     )
     for key, value in inner.items():
-        _collect(path, f"{name}.{key}" if name else key, value, found, clock=own)
+        _collect(path, f"{name}.{key}" if name else key, value, topics, clock=own)
 
 
 def _named_after(name: str, level: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -1,4 +1,1 @@
-"""A measured record's file: its cells, its columns, the JSON beside it.
-
-It may import `formats` and the files beside this folder, but not `records.py`, which is made of it.
-"""
+"""Files of measured records: cells, columns, and the JSON file beside them."""

@@ -24,7 +24,8 @@ DOUBTFUL = 1000.0  # Hz, from which a note says that an unlabelled clock is read
 EPOCH = 1e8  # s: larger stamps are dates, and time counts from the first sample
 LATEST = 4.2e9  # s: seconds since 1970 stay below it until the year 2103
 RESUMED = 1e-3  # of a day or a week, by which the first stamp after its end may be late
-HOUR, DAY = 3600.0, 86400.0
+HOUR = 3600.0  # s
+DAY = 86400.0  # s
 # Days of the years 1970 to 2100 as Excel and as MATLAB count them.
 CALENDAR_DAYS = ((25_569.0, 73_415.0), (719_529.0, 767_376.0))
 # Share of the steps that rounding makes uneven at least; a single odd stamp is a fault. Of 1500
@@ -65,8 +66,9 @@ class Sorted:
 
     Attributes
     ----------
-    time : shape ``(M,)``, s. order : position of each row before, shape ``(M,)``. notes : one
-    sentence each.
+    time : shape ``(M,)``, s.
+    order : position of each row before, shape ``(M,)``.
+    notes : one sentence each.
     """
 
     time: np.ndarray
@@ -93,8 +95,8 @@ def times_of_texts(cells: Sequence[object]) -> Clock | None:
     if not filled:
         return None
     of_minutes = _MINUTES.fullmatch(filled[0]) is not None
-    found = _TIME_OF_DAY.fullmatch(filled[0])
-    if found is None and not of_minutes:
+    match = _TIME_OF_DAY.fullmatch(filled[0])
+    if match is None and not of_minutes:
         return _dates(texts)
     seconds = np.full(len(texts), np.nan)
     for row, text in enumerate(texts):
@@ -106,21 +108,23 @@ def times_of_texts(cells: Sequence[object]) -> Clock | None:
         seconds[row] = (
             60.0 * int(parts[1]) + _fraction(parts[2]) if of_minutes else _seconds_of_day(parts)
         )
-    irig, duration = (False, False) if found is None else (bool(found[1]), bool(found[2]))
+    irig, duration = (False, False) if match is None else (bool(match[1]), bool(match[2]))
     kind = "IRIG times (days of the year)" if irig else "durations" if duration else "times of day"
     kind = "minutes and seconds" if of_minutes else kind
     note = f"{kind} count from the first, {filled[0]}"
-    known = np.flatnonzero(np.isfinite(seconds))
+    finite_rows = np.flatnonzero(np.isfinite(seconds))
     turn = 0.0 if irig or duration else HOUR if of_minutes else DAY
     turns = (
-        np.concatenate([[0.0], np.cumsum(np.diff(seconds[known]) < -0.5 * turn)])
+        np.concatenate([[0.0], np.cumsum(np.diff(seconds[finite_rows]) < -0.5 * turn)])
         if turn
-        else np.zeros(known.size)
+        else np.zeros(finite_rows.size)
     )
-    seconds[known] += turn * turns
+    seconds[finite_rows] += turn * turns
     if turns.size and turns[-1]:
         note += "; the full hour is passed" if of_minutes else "; midnight is passed"
-    return Clock(np.round(seconds - seconds[known[0]], 9), (note,), float(seconds[known[0]]))
+    return Clock(
+        np.round(seconds - seconds[finite_rows[0]], 9), (note,), float(seconds[finite_rows[0]])
+    )
 
 
 def _seconds_of_day(parts: re.Match[str]) -> float:
@@ -137,10 +141,10 @@ def times_of_dates(dates: np.ndarray) -> Clock:
     """NumPy's dates or durations in seconds, dates from the first."""
     if dates.dtype.kind == "m":
         return Clock(np.where(np.isnat(dates), np.nan, dates / np.timedelta64(1, "ns") * 1e-9))
-    known = np.flatnonzero(~np.isnat(dates))
-    if not known.size:
+    finite_rows = np.flatnonzero(~np.isnat(dates))
+    if not finite_rows.size:
         return Clock(np.full(dates.size, np.nan))
-    first = dates[known[0]]
+    first = dates[finite_rows[0]]
     seconds = np.where(np.isnat(dates), np.nan, (dates - first) / np.timedelta64(1, "ns") * 1e-9)
     origin = float((first - np.datetime64(0, "ns")) / np.timedelta64(1, "ns") * 1e-9)
     return Clock(
@@ -153,8 +157,9 @@ def seconds_of_counter(values: np.ndarray, unit: str | None, where: str = "the c
 
     Parameters
     ----------
-    values : shape ``(N,)``, NaN where missing. unit : ``s``, ``ms``, ``us`` or ``ns``; None:
-    decided by the rate. where : the column, for a message.
+    values : shape ``(N,)``, NaN where missing.
+    unit : ``s``, ``ms``, ``us`` or ``ns``; None: decided by the rate.
+    where : the column, for a message.
 
     A counter of 16 or 32 bits that begins anew goes on. Stamps of a calendar count from the first
     sample.
@@ -268,18 +273,18 @@ def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
     ones = np.ones_like(k)
     rows = np.vstack([np.column_stack([ones, k, -scale]), np.column_stack([-ones, -k, -scale])])
     shifted = time[some] - time[0]
-    found = linprog(
+    solution = linprog(
         [0.0, 0.0, 1.0],
         A_ub=rows,
         b_ub=np.concatenate([shifted, -shifted]),
         bounds=[(None, None), (None, None), (0.0, None)],
     )
-    if found.status != 0:
+    if solution.status != 0:
         return None
-    grid = time[0] + found.x[0] + found.x[1] * np.arange(time.size) / (time.size - 1)
+    grid = time[0] + solution.x[0] + solution.x[1] * np.arange(time.size) / (time.size - 1)
     if np.any(np.abs(grid - time) > 0.5 * unit * (1.0 + 1e-6) + 1e-12):
         return None
-    even = found.x[1] / (time.size - 1)
+    even = solution.x[1] / (time.size - 1)
     repeats = int(np.count_nonzero(np.diff(time) == 0.0))
     repeated = f" and repeat {repeats} times" if repeats else ""
     return (
@@ -290,13 +295,13 @@ def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
 
 
 def sorted_rows(time: np.ndarray, repeats: np.ndarray) -> Sorted | None:
-    """Rows put in order and exact repeats dropped; None where too many stand in the wrong place, or
-    a time is left twice.
+    """Sorted rows without exact repeats; None if too many are out of order, or a time remains
+    twice.
 
     Parameters
     ----------
-    time : shape ``(N,)``, s, finite. repeats : shape ``(N,)``, whether a row has the same cells as
-    the row of equal time before it.
+    time : shape ``(N,)``, s, finite.
+    repeats : shape ``(N,)``, whether a row has the same cells as the row of equal time before it.
     """
     order = np.argsort(time, kind="stable")
     notes = []
@@ -325,7 +330,7 @@ def _dates(texts: Sequence[str]) -> Clock | None:
     first_text = next(text for text in texts if text)
     if not re.match(r"\d{4}-?\d{2}-?\d{2}|\d{1,2}[./]\d{1,2}[./]\d{4}", first_text):
         return None
-    found = []
+    result = []
     for texts_in_order, words in _orders_of_day_and_month(texts):
         series = pandas.Series([text or None for text in texts_in_order])
         for form in ("ISO8601", "mixed"):
@@ -333,13 +338,13 @@ def _dates(texts: Sequence[str]) -> Clock | None:
                 stamps = pandas.to_datetime(series, utc=True, format=form)
             except (ValueError, TypeError, OverflowError):
                 continue
-            known = stamps.dropna()
-            found.append((known.max() - known.min(), stamps, words))
+            valid = stamps.dropna()
+            result.append((valid.max() - valid.min(), stamps, words))
             break
-    if not found:
+    if not result:
         return None
     # A record covers hours, not months: the order of day and month in which it is shorter is right.
-    _, stamps, words = min(found, key=lambda each: each[0])
+    _, stamps, words = min(result, key=lambda each: each[0])
     first = stamps[stamps.first_valid_index()]
     seconds = (stamps - first).dt.total_seconds().to_numpy(dtype=float)
     return Clock(
@@ -369,31 +374,35 @@ def _past_midnight(time: np.ndarray) -> tuple[np.ndarray, str]:
     """Seconds of the day or of the GPS week, which begin anew at the end of it, made continuous;
     and which.
     """
-    known = np.flatnonzero(np.isfinite(time))
-    steps = np.diff(time[known])
+    finite_rows = np.flatnonzero(np.isfinite(time))
+    steps = np.diff(time[finite_rows])
     for period, name in ((DAY, "day"), (7.0 * DAY, "week")):
         turns = np.abs(steps + period) < RESUMED * period
-        if np.any(turns) and np.min(time[known]) >= 0.0 and np.max(time[known]) <= period:
+        if (
+            np.any(turns)
+            and np.min(time[finite_rows]) >= 0.0
+            and np.max(time[finite_rows]) <= period
+        ):
             out = time.copy()
-            out[known] += period * np.concatenate([[0.0], np.cumsum(turns)])
+            out[finite_rows] += period * np.concatenate([[0.0], np.cumsum(turns)])
             return out, name
     return time, ""
 
 
 def _unrolled(values: np.ndarray) -> tuple[np.ndarray, int]:
-    """A counter of 16 or 32 bits that went back by nearly its whole range, made continuous."""
-    known = np.flatnonzero(np.isfinite(values))
-    steps = np.diff(values[known])
+    """A counter of 16 or 32 bits without its overflows."""
+    finite_rows = np.flatnonzero(np.isfinite(values))
+    steps = np.diff(values[finite_rows])
     for bits in (16, 32):
         span = 2.0**bits
         turns = steps < -0.9 * span
         if (
             np.any(turns)
             and np.nanmax(values) < span
-            and np.all(values[known] == np.round(values[known]))
+            and np.all(values[finite_rows] == np.round(values[finite_rows]))
         ):
             out = values.copy()
-            out[known] += span * np.concatenate([[0], np.cumsum(turns)])
+            out[finite_rows] += span * np.concatenate([[0], np.cumsum(turns)])
             return out, int(np.count_nonzero(turns))
     return values, 0
 

@@ -1,4 +1,4 @@
-"""Columns of a table as channels with units; a record file that is opened once for everyone."""
+"""Columns of a table as channels with units; and record files, read once."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _SECOND = re.compile(r"(\w[\w.]*)\[1\]")
 
 @dataclass(frozen=True)
 class SourceColumn:
-    """One channel's column.
+    """Column of one channel.
 
     Attributes
     ----------
@@ -51,18 +51,20 @@ class SourceColumn:
 
 
 def split_at(header: Sequence[str], index: int) -> tuple[str, str | None]:
-    """Name and unit of a cell of a header. ``xyz[1]`` beside ``xyz[0]`` or ``xyz[2]`` is an element
-    of an array, in no unit.
+    """Name and unit of a header cell.
+
+    ``xyz[1]`` beside ``xyz[0]`` or ``xyz[2]`` is an element of an array, without a unit.
     """
-    found = _SECOND.fullmatch(header[index])
-    if found is not None and (f"{found[1]}[0]" in header or f"{found[1]}[2]" in header):
+    match = _SECOND.fullmatch(header[index])
+    if match is not None and (f"{match[1]}[0]" in header or f"{match[1]}[2]" in header):
         return header[index], None
     return split_header(header[index])
 
 
 def suffix_unit(cell: str, channel: str) -> str | None:
-    """Unit of ``channel_unit``: the first word over the others, ``q_deg_s`` is in ``deg/s``; None
-    for any other header.
+    """Unit in a header ``channel_unit``; None for any other header.
+
+    The first word is divided by the others: ``q_deg_s`` is in ``deg/s``.
     """
     if not cell.startswith(channel + "_"):
         return None
@@ -76,33 +78,35 @@ def find_column(
     file: str,
     choices: Mapping[str, ColumnChoice] | None = None,
     units: Mapping[str, str] | None = None,
-    known: Mapping[str, str] = CHANNEL_UNITS,
+    channel_units: Mapping[str, str] = CHANNEL_UNITS,
     under: Sequence[str] = (),
     *,
     lenient: bool = False,
 ) -> SourceColumn | None:
-    """The column of a channel, None if the table has none.
+    """Return the column of a channel, None if the table has none.
 
-    A channel in ``choices`` is looked for under that header alone, or counts as absent. Else
-    ``alpha``, ``alpha [deg]`` and ``alpha_deg``
-    count; a ``alpha_word`` whose word is no unit of an angle counts as another signal if there is
-    an ``alpha`` besides. ``units`` (the sidecar's) hold for headers without a unit, before them
-    ``under``, the row of units under the header. ``known``: all channels that there are, and their
-    units inside; a header that is another channel's name is that channel's alone. ``lenient``: a
-    unit in ``under`` that cannot be one of the channel is left out, as the units are metadata that
-    recorders fill in carelessly.
+    A channel in ``choices`` is that column alone, or absent. Otherwise the headers ``alpha``,
+    ``alpha [deg]`` and ``alpha_deg`` are recognised. A header ``alpha_word`` whose word is no unit
+    of an angle is another signal if there is also a column ``alpha``.
+
+    The unit is that of the header, else of ``under`` (the row of units under the header), else of
+    ``units`` (the sidecar's). ``channel_units``: the SI unit of every known channel; a header that
+    is the name of another channel is never used. ``lenient``: ignore a unit in ``under`` of the
+    wrong dimension, since recorders often write wrong ones.
 
     Raises
     ------
     RecordError : two columns for the channel, a mapped column that is absent, an unknown unit, one
-    of the wrong dimension, or two
-        that contradict each other, in the header and under it.
+        of the wrong dimension, or two that contradict each other, in the header and under it.
     """
-    if channel not in known:
+    if channel not in channel_units:
         raise RecordError(
-            f"there is no channel {channel!r}", where=file, remedy=closest(channel, known)
+            f"there is no channel {channel!r}", where=file, remedy=closest(channel, channel_units)
         )
-    default, inside = (units or {}).get(channel, known[channel]), inside_unit(channel, known)
+    default, inside = (
+        (units or {}).get(channel, channel_units[channel]),
+        inside_unit(channel, channel_units),
+    )
     if choices is not None and channel in choices:
         if choices[channel].absent:
             return None
@@ -110,7 +114,7 @@ def find_column(
             channel, choices[channel], header, file, default, inside, under, lenient=lenient
         )
     named, suffixed = [], []
-    cells = _in_our_case(channel, header, known)
+    cells = _in_our_case(channel, header, channel_units)
     for index, cell in enumerate(cells):
         name, unit = split_at(cells, index)
         if name == channel:
@@ -123,37 +127,39 @@ def find_column(
                     inside,
                 )
             )
-        elif name not in known and (word := suffix_unit(cell, channel)) is not None:
+        elif name not in channel_units and (word := suffix_unit(cell, channel)) is not None:
             suffixed.append(SourceColumn(channel, header[index], index, word, inside))
     readable = [column for column in suffixed if _unit_fault(column, file) is None]
-    found = named + readable if inside else named or suffixed  # any word is a label
-    if len(found) > 1:
-        both = " and ".join(repr(column.header) for column in found)
+    result = named + readable if inside else named or suffixed  # any word is a label
+    if len(result) > 1:
+        both = " and ".join(repr(column.header) for column in result)
         raise RecordError(
             f"columns {both} are all {channel}",
             where=file,
             remedy="leave one of them, or choose with --channels",
         )
-    chosen = found or suffixed[:1]
+    chosen = result or suffixed[:1]
     if not chosen:
         return None
     said = chosen[0] in suffixed or split_header(chosen[0].header)[1] is not None
     return _sound(_with_unit_under(chosen[0], under, file, said=said, lenient=lenient), file)
 
 
-def _in_our_case(channel: str, header: Sequence[str], known: Mapping[str, str]) -> Sequence[str]:
-    """The header with ``Elevator`` and ``ALPHA`` written as the channel is, where no cell is
-    written so and no other channel is meant.
+def _in_our_case(
+    channel: str, header: Sequence[str], channel_units: Mapping[str, str]
+) -> Sequence[str]:
+    """The header with ``Elevator`` or ``ALPHA`` in the case of the channel, if no cell matches
+    exactly and no other channel is meant.
     """
     if any(split_at(header, index)[0] == channel for index in range(len(header))):
         return header
     cells = list(header)
     for index, cell in enumerate(header):
         name = split_header(cell)[0]
-        if name.lower() == channel.lower() and name not in known:
+        if name.lower() == channel.lower() and name not in channel_units:
             cells[index] = channel + cell[len(name) :]
         elif (
-            name not in known
+            name not in channel_units
             and name[: len(channel) + 1].lower() == f"{channel.lower()}_"
             and not name.startswith(channel)
         ):
@@ -161,11 +167,11 @@ def _in_our_case(channel: str, header: Sequence[str], known: Mapping[str, str]) 
     return cells
 
 
-def inside_unit(channel: str, known: Mapping[str, str] = CHANNEL_UNITS) -> str:
+def inside_unit(channel: str, channel_units: Mapping[str, str] = CHANNEL_UNITS) -> str:
     """The unit that a channel is converted to; empty for a stick without one, whose unit is a
     label.
     """
-    return "" if channel == STICK and known[channel] == "1" else known[channel]
+    return "" if channel == STICK and channel_units[channel] == "1" else channel_units[channel]
 
 
 def named_otherwise(
@@ -210,16 +216,16 @@ def column_place(file: str, column: SourceColumn) -> str:
 def _with_unit_under(
     column: SourceColumn, under: Sequence[str], file: str, *, said: bool, lenient: bool
 ) -> SourceColumn:
-    """The column in the unit of the row under its header, where that says one; ``said``: the header
-    says one too, and both must be the same.
+    """The column in the unit of the row under its header; ``said``: the header states a unit too,
+    which must agree.
     """
-    told = under[column.index] if under else ""
-    if lenient and told and _unit_fault(replace(column, unit=told), file) is not None:
-        told = ""
-    if not told or not said:
-        return replace(column, unit=told) if told else column
-    if not _same_unit(column.unit, told, column.inside):
-        what = f"the header says {column.unit}, the row of units under it {told}"
+    text = under[column.index] if under else ""
+    if lenient and text and _unit_fault(replace(column, unit=text), file) is not None:
+        text = ""
+    if not text or not said:
+        return replace(column, unit=text) if text else column
+    if not _same_unit(column.unit, text, column.inside):
+        what = f"the header says {column.unit}, the row of units under it {text}"
         raise RecordError(what, where=column_place(file, column), remedy="correct one of them")
     return column
 
@@ -253,11 +259,11 @@ def _mapped(
     lenient: bool,
 ) -> SourceColumn:
     assert isinstance(choice.column, str)  # numbers are resolved before
-    found = [index for index, cell in enumerate(header) if cell == choice.column]
-    found = found or [
+    result = [index for index, cell in enumerate(header) if cell == choice.column]
+    result = result or [
         index for index, cell in enumerate(header) if split_header(cell)[0] == choice.column
     ]
-    if not found:
+    if not result:
         error = missing_column(channel, header, file)
         near = closest(choice.column, [cell for cell in header if cell])
         if choice.column == channel:  # named by itself, as signals of `response` are
@@ -265,22 +271,18 @@ def _mapped(
         what = error.what.replace(
             repr(channel), f"{choice.column!r}, which the channel map names for {channel}", 1
         )
+        raise RecordError(what, where=error.where, remedy=f"correct the channel map: {near}")
+    if len(result) > 1:
         raise RecordError(
-            what,
-            where=error.where,
-            remedy=f"correct the channel map: {near}",
-        )
-    if len(found) > 1:
-        raise RecordError(
-            f"{len(found)} columns are headed {choice.column!r}",
+            f"{len(result)} columns are headed {choice.column!r}",
             where=f"{file}, header",
             remedy="rename all but one of them",
         )
-    cell = header[found[0]]
+    cell = header[result[0]]
     if choice.unit is not None:
-        return _sound(SourceColumn(channel, cell, found[0], choice.unit or default, inside), file)
-    unit = split_at(header, found[0])[1]
-    column = SourceColumn(channel, cell, found[0], unit or default, inside)
+        return _sound(SourceColumn(channel, cell, result[0], choice.unit or default, inside), file)
+    unit = split_at(header, result[0])[1]
+    column = SourceColumn(channel, cell, result[0], unit or default, inside)
     return _sound(_with_unit_under(column, under, file, said=bool(unit), lenient=lenient), file)
 
 
@@ -304,7 +306,7 @@ SIMULATED = "simulated"  # the value of the key ``origin``
 
 @dataclass(frozen=True)
 class Sidecar:
-    """What a record's JSON says.
+    """Content of the JSON file beside a record.
 
     Attributes
     ----------
@@ -326,8 +328,8 @@ class Sidecar:
 
 def sidecar_path(record: Path) -> Path:
     """``record.json`` beside ``record.csv`` or ``record.csv.gz``."""
-    plain = record.with_suffix("") if record.suffix.lower() == ".gz" else record
-    return plain.with_suffix(".json")
+    uncompressed = record.with_suffix("") if record.suffix.lower() == ".gz" else record
+    return uncompressed.with_suffix(".json")
 
 
 def read_sidecar(record: Path) -> Sidecar:
@@ -337,7 +339,7 @@ def read_sidecar(record: Path) -> Sidecar:
     Raises
     ------
     RecordError : it cannot be read or is damaged, or it is a record's and says something that
-    cannot be used.
+        cannot be used.
     """
     path = sidecar_path(record)
     try:
@@ -405,13 +407,13 @@ def _sidecar_of(content: Mapping[str, Any], path: Path) -> Sidecar:
 
 
 def refuse_unknown_units(
-    sidecar: Sidecar, header: Sequence[str], record: Path, known: Collection[str]
+    sidecar: Sidecar, header: Sequence[str], record: Path, allowed: Collection[str]
 ) -> None:
-    """Raise RecordError for a unit of what is neither a channel of ``known`` nor a column under
+    """Raise RecordError for a unit of what is neither a channel of ``allowed`` nor a column under
     ``header``.
     """
     for name in sidecar.units:
-        if name in known or any(
+        if name in allowed or any(
             split_header(cell)[0] == name or suffix_unit(cell, name) for cell in header
         ):
             continue
@@ -419,7 +421,7 @@ def refuse_unknown_units(
         raise RecordError(
             f"there is no channel {name!r}",
             where=where,
-            remedy=closest(name, [*known, *(cell for cell in header if cell)]),
+            remedy=closest(name, [*allowed, *(cell for cell in header if cell)]),
         )
 
 
@@ -454,7 +456,7 @@ def read_record_file(path: str | Path) -> RecordFile:
     Raises
     ------
     RecordError : the file is missing, unreadable, empty, not UTF-8, or has a header and no rows;
-    the sidecar says what cannot be used.
+        the sidecar says what cannot be used.
     """
     source = read_source(path, RecordError, "the record file", MOST_RECORD)
     topics = topics_of(source)
@@ -504,9 +506,7 @@ def _headers_of(path: Path, topics: Sequence[Topic]) -> CellTable:
 
 
 def read_record_files(records: Iterable[Path | RecordFile]) -> tuple[RecordFile, ...]:
-    """Several record files, in their order, told apart where their names are the same; one that is
-    open already is itself.
-    """
+    """Record files in their order, with unique names; an open file is returned as it is."""
     return with_distinct_names([opened(record) for record in records])
 
 
@@ -518,9 +518,7 @@ def opened(record: Path | RecordFile) -> RecordFile:
 def read_with_validation(
     records: Iterable[Path | RecordFile], validate: Iterable[Path | RecordFile]
 ) -> tuple[tuple[RecordFile, ...], tuple[RecordFile, ...]]:
-    """Record files for a fit and those that are predicted, in their order, all of them told
-    apart.
-    """
+    """Record files to fit and those to predict, in their order, with unique names."""
     first = [opened(record) for record in records]
     both = with_distinct_names([*first, *(opened(record) for record in validate)])
     return both[: len(first)], both[len(first) :]
@@ -546,7 +544,7 @@ def with_distinct_names(files: Sequence[RecordFile]) -> tuple[RecordFile, ...]:
 
 
 def _depth(paths: Sequence[Path]) -> int:
-    """How many parts of paths with the same last one tell them apart."""
+    """Number of path parts that distinguish paths with the same last part."""
     most = max(len(path.parts) for path in paths)
     return next(
         (
@@ -564,12 +562,12 @@ def identities(files: Iterable[RecordFile]) -> tuple[InputFile, ...]:
 
 
 def all_simulated(files: Iterable[RecordFile]) -> bool:
-    """Whether a program made all of them, by what the JSON beside them says."""
+    """Whether the JSON files beside them state that all are simulated."""
     return all(file.sidecar.simulated for file in files)
 
 
 def path_of(record: Path | RecordFile) -> Path | None:
-    """Where a record file is; None of one that never was a file."""
+    """Path of a record file; None if it never was a file."""
     if isinstance(record, RecordFile):
         return None if record.in_memory else record.path
     return record

@@ -33,22 +33,24 @@ def with_derived(
     *,
     rate: float | None = None,
     hold: str | None = None,
-    known: Mapping[str, str] = CHANNEL_UNITS,
+    channel_units: Mapping[str, str] = CHANNEL_UNITS,
 ) -> tuple[RecordFile, Mapping[str, ColumnChoice] | None]:
     """The file with a column for each channel that has to be computed, and the channel map that
     finds them.
 
     Parameters
     ----------
-    file : the file as it was read. choices : channel map, None for none.
-    inputs, outputs : channels that are asked for. rate : Hz, of the grid that topics are put on;
-    None: of the fastest output's topic. hold : how inputs go on between their own samples; None: by
-    the channel map, else by their values. known : all channels and their units inside.
+    file : the file as it was read.
+    choices : channel map, None for none.
+    inputs, outputs : channels that are asked for.
+    rate : Hz, of the grid that topics are put on; None: of the fastest output's topic.
+    hold : how inputs go on between their own samples; None: by the channel map, else by their
+        values. known : all channels and their units inside.
 
     Raises
     ------
     RecordError : a column, topic or clock that is not there or not the only one of its name; an
-    expression that cannot be computed.
+        expression that cannot be computed.
     """
     absent = {name: choice for name, choice in (choices or {}).items() if choice.absent}
     chosen = {
@@ -59,14 +61,14 @@ def with_derived(
     topics = file.topics if len(file.topics) > 1 else (Topic("", file.table),)
     if len(topics) > 1:
         others = [name for name in (*inputs, *outputs) if name not in chosen and name not in absent]
-        plain = {
+        direct = {
             name: ColumnChoice(name)
             for name in others
             if _unique(name, topics) and (name in inputs or _measured(name, topics))
         }
         wanted = [
-            _wanted(file, topics, name, each, name in inputs, known)
-            for name, each in {**plain, **chosen}.items()
+            _wanted(file, topics, name, each, name in inputs, channel_units)
+            for name, each in {**direct, **chosen}.items()
             if name != TIME
         ]
         if not wanted:
@@ -81,12 +83,12 @@ def with_derived(
                     f"make a channel map with flightid map {file.path}, and name it with --channels"
                 ),
             )
-        single, found = merged(file, topics, wanted, rate, hold, known)
-        return single, {**found, **absent}
+        single, result = merged(file, topics, wanted, rate, hold, channel_units)
+        return single, {**result, **absent}
     needed = {name: choice for name, choice in chosen.items() if _is_computed(choice, file.table)}
     if not needed:
         return file, choices
-    return _computed(file, needed, choices or {}, inputs, known)
+    return _computed(file, needed, choices or {}, inputs, channel_units)
 
 
 def source_columns(
@@ -94,18 +96,19 @@ def source_columns(
     choices: Mapping[str, ColumnChoice],
     inputs: Sequence[str],
     outputs: Sequence[str],
-    known: Mapping[str, str] = CHANNEL_UNITS,
+    channel_units: Mapping[str, str] = CHANNEL_UNITS,
 ) -> tuple[int, ...]:
-    """Columns of a file with one table from which channels are computed; none where each channel is
-    a column as it stands."""
-    asked = {
+    """Columns of a file with one table that channels are computed from; empty if each channel is a
+    column.
+    """
+    requested = {
         name: choice
         for name, choice in choices.items()
         if name in (*inputs, *outputs) and not choice.absent and _is_computed(choice, file.table)
     }
     wanted = [
-        _wanted(file, (Topic("", file.table),), name, choice, name in inputs, known)
-        for name, choice in asked.items()
+        _wanted(file, (Topic("", file.table),), name, choice, name in inputs, channel_units)
+        for name, choice in requested.items()
     ]
     return tuple(sorted({index for each in wanted for _, index in each.places.values()}))
 
@@ -122,8 +125,9 @@ def _unique(name: str, topics: Sequence[Topic]) -> bool:
 
 
 def _measured(name: str, topics: Sequence[Topic]) -> bool:
-    """Whether a field that nobody mapped is anything but zero: loggers keep fields of sensors that
-    are not there."""
+    """Whether an unmapped field has any value except zero: loggers have fields for absent
+    sensors.
+    """
     topic, index = _places(name, topics)[0]
     values = numbers(topics[topic].table, index).values
     return bool(np.any(np.isfinite(values) & (values != 0.0)))
@@ -135,12 +139,12 @@ def _wanted(
     channel: str,
     choice: ColumnChoice,
     is_input: bool,
-    known: Mapping[str, str],
+    channel_units: Mapping[str, str],
 ) -> Wanted:
     where = f"{file.path}, channel {channel}"
     if isinstance(choice.column, int):
         if len(topics) > 1 or choice.column > len(topics[0].table.header):
-            held = len(topics[0].table.header)
+            width = len(topics[0].table.header)
             what = (
                 f"there is no column {choice.column}"
                 if len(topics) == 1
@@ -149,7 +153,7 @@ def _wanted(
             raise RecordError(
                 what,
                 where=where,
-                remedy=f"the columns are numbered 1 to {held}"
+                remedy=f"the columns are numbered 1 to {width}"
                 if len(topics) == 1
                 else "write topic.field",
             )
@@ -161,10 +165,10 @@ def _wanted(
     expression = parse(f"`{choice.column}`" if whole else choice.column, where)
     places: dict[str, Place] = {}
     for column in expression.columns:
-        found = _places(column, topics)
-        if len(found) != 1:
-            raise _not_one(file, topics, column, found, where)
-        places[column] = found[0]
+        result = _places(column, topics)
+        if len(result) != 1:
+            raise _not_one(file, topics, column, result, where)
+        places[column] = result[0]
     if not places:
         raise RecordError(
             f"{choice.column!r} reads no column", where=where, remedy="name at least one column"
@@ -173,26 +177,26 @@ def _wanted(
 
 
 def _places(name: str, topics: Sequence[Topic]) -> list[Place]:
-    """Where a column is: ``topic.field`` first, else a field that one topic alone has."""
-    found: list[Place] = []
+    """Positions of a column: ``topic.field``, else a field that only one topic has."""
+    places: list[Place] = []
     for number, topic in enumerate(topics):
         for index, cell in enumerate(topic.table.header):
             bare = split_header(cell)[0]
             if topic.name and name in (f"{topic.name}.{cell}", f"{topic.name}.{bare}"):
                 return [(number, index)]
             if name in (cell, bare):
-                found.append((number, index))
-    exact = [place for place in found if topics[place[0]].table.header[place[1]] == name]
-    return exact if len(exact) == 1 else found
+                places.append((number, index))
+    exact = [place for place in places if topics[place[0]].table.header[place[1]] == name]
+    return exact if len(exact) == 1 else places
 
 
 def _not_one(
-    file: RecordFile, topics: Sequence[Topic], column: str, found: Sequence[Place], where: str
+    file: RecordFile, topics: Sequence[Topic], column: str, positions: Sequence[Place], where: str
 ) -> RecordError:
-    if found:
+    if positions:
         inside = [
             f"{topics[topic].name}.{column}" if topics[topic].name else f"column {index + 1}"
-            for topic, index in found
+            for topic, index in positions
         ]
         return RecordError(
             f"{column!r} is in {len(inside)} places",
@@ -216,7 +220,7 @@ def _computed(
     needed: Mapping[str, ColumnChoice],
     choices: Mapping[str, ColumnChoice],
     inputs: Sequence[str],
-    known: Mapping[str, str],
+    channel_units: Mapping[str, str],
 ) -> tuple[RecordFile, Mapping[str, ColumnChoice]]:
     """A single table with further columns, one for each computed channel."""
     table, topics = file.table, (Topic("", file.table),)
@@ -224,14 +228,14 @@ def _computed(
     units = list(table.units) if table.units else []
     new, notes = dict(choices), list(file.notes)
     for channel, choice in needed.items():
-        wanted = _wanted(file, topics, channel, choice, channel in inputs, known)
+        wanted = _wanted(file, topics, channel, choice, channel in inputs, channel_units)
         if channel == TIME:
             place = next(iter(wanted.places.values()))
             clock = clock_of(table, place[1], choice.unit) if not wanted.computed else None
             values = clock.time if clock is not None else _values(file, wanted, topics, choice.unit)
             unit = "s" if clock is not None or choice.unit is None else choice.unit
         else:
-            values, unit, note = _in_unit(file, wanted, topics, known)
+            values, unit, note = _in_unit(file, wanted, topics, channel_units)
             notes += [f"{channel}: {note}"] if note else []
         if choice.delay:
             place_of_clock = _clock_index(table, choices)
@@ -270,13 +274,13 @@ def _clock_index(table: CellTable, choices: Mapping[str, ColumnChoice]) -> int |
 
 
 def _in_unit(
-    file: RecordFile, wanted: Wanted, topics: Sequence[Topic], known: Mapping[str, str]
+    file: RecordFile, wanted: Wanted, topics: Sequence[Topic], channel_units: Mapping[str, str]
 ) -> tuple[np.ndarray, str, str]:
     """A channel's values as computed, their unit, and a sentence on a unit that is not used."""
-    unit, note = unit_of(wanted, topics, known)
+    unit, note = unit_of(wanted, topics, channel_units)
     return (
         _values(file, wanted, topics, unit),
-        inside_unit(wanted.channel, known) if unit is None else unit,
+        inside_unit(wanted.channel, channel_units) if unit is None else unit,
         note,
     )
 

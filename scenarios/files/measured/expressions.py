@@ -34,8 +34,9 @@ class Expression:
 
     Attributes
     ----------
-    text : as it was written. columns : the columns that it reads, by their names in the file. tree
-    : its syntax tree.
+    text : as it was written.
+    columns : the columns that it reads, by their names in the file.
+    tree : its syntax tree.
     """
 
     text: str
@@ -96,8 +97,8 @@ def _pwm(pulse: Values, centre: float, per_radian: float) -> Values:
 def _table(x: Values, at: Sequence[float], values: Sequence[float]) -> Values:
     if len(at) != len(values) or len(at) < 2 or np.any(np.diff(at) <= 0.0):
         raise ValueError("a table needs two lists of one length, the first increasing")
-    found = np.interp(x, at, values)
-    return np.where(np.isnan(x), np.nan, found)
+    result = np.interp(x, at, values)
+    return np.where(np.isnan(x), np.nan, result)
 
 
 @_function(
@@ -203,14 +204,15 @@ def _to_body(
     return u, v, w
 
 
-def parse(text: str, where: str, known: Sequence[str] = ()) -> Expression:
+def parse(text: str, where: str, allowed: Sequence[str] = ()) -> Expression:
     """Check an expression.
 
     Parameters
     ----------
-    text : the expression. where : file and channel, for messages.
-    known : columns of the file, so that the names of columns that are no plain words are recognised
-    without backquotes.
+    text : the expression.
+    where : file and channel, for messages.
+    allowed : columns of the file; names that are no plain words are then recognised without
+        backquotes.
 
     Raises
     ------
@@ -231,22 +233,22 @@ def parse(text: str, where: str, known: Sequence[str] = ()) -> Expression:
             names[key] = column
         return key
 
-    plain = _QUOTED.sub(lambda found: f" {stand_in(found[1])} ", text)
+    unquoted = _QUOTED.sub(lambda found: f" {stand_in(found[1])} ", text)
     called = set(FUNCTIONS)
 
     def path(found: re.Match[str]) -> str:
         word = found[1]
         if (
             word in names
-            or (word in called and plain[found.end() :].lstrip().startswith("("))
+            or (word in called and unquoted[found.end() :].lstrip().startswith("("))
             or word == "pi"
         ):
             return word
         return stand_in(word)
 
-    plain = _PATH.sub(path, plain)
+    unquoted = _PATH.sub(path, unquoted)
     try:
-        tree = ast.parse(plain.strip(), mode="eval").body
+        tree = ast.parse(unquoted.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise RecordError(f"{text!r} is no expression", where=where, remedy=_REMEDY) from None
     _check(tree, text, where, names, 0)
@@ -254,9 +256,7 @@ def parse(text: str, where: str, known: Sequence[str] = ()) -> Expression:
 
 
 def is_plain_name(text: str) -> bool:
-    """Whether a text has nothing of an expression in it, so that it can only be meant as a
-    column.
-    """
+    """Whether a text has no operator, so that it can only be a column."""
     return re.search(r"[-+*/()`]", text) is None
 
 
@@ -268,10 +268,10 @@ def evaluate(expression: Expression, columns: Mapping[str, np.ndarray], where: s
     ------
     RecordError : it fails for these numbers, or gives something that is no column.
     """
-    known = {key: columns[column] for key, column in expression.names}
+    values_by_name = {key: columns[column] for key, column in expression.names}
     try:
         with np.errstate(all="ignore"):
-            values = _value(expression.tree, known)
+            values = _value(expression.tree, values_by_name)
     except (ValueError, TypeError, ZeroDivisionError, OverflowError) as error:
         raise RecordError(
             f"{expression.text!r} cannot be computed ({error})", where=where, remedy=_REMEDY
@@ -324,18 +324,20 @@ def _check(node: ast.AST, text: str, where: str, names: Mapping[str, str], depth
         _check(each, text, where, names, depth + 1)
 
 
-def _value(node: ast.AST, known: Mapping[str, np.ndarray]) -> Any:
+def _value(node: ast.AST, values_by_name: Mapping[str, np.ndarray]) -> Any:
     if isinstance(node, ast.Constant):
         return float(node.value)  # type: ignore[arg-type]
     if isinstance(node, ast.Name):
-        return math.pi if node.id == "pi" else known[node.id]
+        return math.pi if node.id == "pi" else values_by_name[node.id]
     if isinstance(node, ast.UnaryOp):
-        value = _value(node.operand, known)
+        value = _value(node.operand, values_by_name)
         return -value if isinstance(node.op, ast.USub) else value
     if isinstance(node, ast.BinOp):
-        return _BINARY[type(node.op)](_value(node.left, known), _value(node.right, known))
+        return _BINARY[type(node.op)](
+            _value(node.left, values_by_name), _value(node.right, values_by_name)
+        )
     if isinstance(node, ast.Call):
         assert isinstance(node.func, ast.Name)
-        return FUNCTIONS[node.func.id][0](*(_value(each, known) for each in node.args))
+        return FUNCTIONS[node.func.id][0](*(_value(each, values_by_name) for each in node.args))
     assert isinstance(node, ast.List | ast.Tuple)
-    return [_value(each, known) for each in node.elts]
+    return [_value(each, values_by_name) for each in node.elts]

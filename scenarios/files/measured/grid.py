@@ -99,8 +99,8 @@ def clock_of(table: CellTable, index: int, unit: str | None = None) -> Clock:
 
     Parameters
     ----------
-    table, index : the column. unit : its unit where that is known; None: as the header says, else
-    as the numbers do.
+    table, index : the column.
+    unit : its unit where that is known; None: as the header says, else as the numbers do.
 
     Raises
     ------
@@ -127,9 +127,7 @@ def clock_of(table: CellTable, index: int, unit: str | None = None) -> Clock:
 
 
 def stated_unit(table: CellTable, index: int) -> str | None:
-    """The unit that a header, the row under it or a clock's name states; None where nothing
-    does.
-    """
+    """Unit in a header, in the row under it or in a clock's name; None without one."""
     name, unit = split_at(table.header, index)
     under = table.units[index] if table.units else ""
     if unit or under:
@@ -151,7 +149,7 @@ def stated_unit(table: CellTable, index: int) -> str | None:
 
 
 def unit_of(
-    wanted: Wanted, topics: Sequence[Topic], known: Mapping[str, str]
+    wanted: Wanted, topics: Sequence[Topic], channel_units: Mapping[str, str]
 ) -> tuple[str | None, str]:
     """The unit of a channel's numbers, and a sentence on a stated one that is not used; None:
     columns of stated units are computed with in SI.
@@ -166,7 +164,7 @@ def unit_of(
     if wanted.choice.unit is not None or wanted.computed:
         return wanted.choice.unit, ""
     topic, index = next(iter(wanted.places.values()))
-    table, inside = topics[topic].table, inside_unit(wanted.channel, known)
+    table, inside = topics[topic].table, inside_unit(wanted.channel, channel_units)
     said = stated_unit(table, index)
     if not said or not inside or measures(said, inside):
         return said or inside, ""
@@ -200,10 +198,10 @@ def topic_numbers(
 ) -> np.ndarray:
     """A column as numbers; in SI where ``si`` and its unit is stated and known."""
     table = topics[place[0]].table
-    found = numbers(table, place[1])
+    result = numbers(table, place[1])
     where = f"{table.file}, column {table.header[place[1]]!r}"
-    if found.texts:
-        row, text = next(iter(found.texts.items()))
+    if result.texts:
+        row, text = next(iter(result.texts.items()))
         raise RecordError(
             f"{text[:40]!r} in row {table.rows[row]} is not a number",
             where=where,
@@ -211,21 +209,19 @@ def topic_numbers(
         )
     unit = stated_unit(table, place[1])
     if not si or not unit or unit in QUANTITIES:
-        return found.values
+        return result.values
     for target in SI_TRIED:
         try:
-            return np.asarray(to_si(found.values, unit, target, where))
+            return np.asarray(to_si(result.values, unit, target, where))
         except RecordError:
             continue
-    return found.values
+    return result.values
 
 
 def delayed(time: np.ndarray, values: np.ndarray, delay: float) -> np.ndarray:
-    """The values of a column that was recorded late by ``delay``, s, at the times of its rows;
-    constant beyond its ends.
-    """
-    known = np.isfinite(values) & np.isfinite(time)
-    return np.interp(time + delay, time[known], values[known]) if np.any(known) else values
+    """A column corrected for ``delay``, s, at the times of its rows; constant beyond its ends."""
+    finite = np.isfinite(values) & np.isfinite(time)
+    return np.interp(time + delay, time[finite], values[finite]) if np.any(finite) else values
 
 
 def merged(
@@ -234,7 +230,7 @@ def merged(
     wanted: Sequence[Wanted],
     rate: float | None,
     hold: str | None,
-    known: Mapping[str, str],
+    channel_units: Mapping[str, str],
 ) -> tuple[RecordFile, Mapping[str, ColumnChoice]]:
     """The wanted channels of several topics on one grid."""
     used = sorted({place[0] for each in wanted for place in each.places.values()})
@@ -251,7 +247,7 @@ def merged(
     step = float(np.median(np.diff(grid)))
     header, columns, choices = [f"{TIME}"], [grid], {}
     for each in wanted:
-        values, unit, note = on_grid(file, topics, clocks, each, grid, step, hold, known)
+        values, unit, note = on_grid(file, topics, clocks, each, grid, step, hold, channel_units)
         header.append(each.channel)
         columns.append(values)
         choices[each.channel] = ColumnChoice(each.channel, unit)
@@ -266,7 +262,7 @@ def topic_clocks(
     file: RecordFile, topics: Sequence[Topic], used: Sequence[int]
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
     """Topic -> times in order, s, from one origin, and the rows that they belong to."""
-    found: dict[int, Clock] = {}
+    result: dict[int, Clock] = {}
     for number in used:
         table = topics[number].table
         index = clock_place(table)
@@ -278,10 +274,10 @@ def topic_clocks(
             raise RecordError(
                 f"topic {topics[number].name} has no clock", where=str(file.path), remedy=remedy
             )
-        found[number] = clock_of(table, index)
-    origin = min(clock.origin for clock in found.values())
+        result[number] = clock_of(table, index)
+    origin = min(clock.origin for clock in result.values())
     clocks = {}
-    for number, clock in found.items():
+    for number, clock in result.items():
         time = clock.time + (clock.origin - origin)
         rows = np.flatnonzero(np.isfinite(time))
         rows = rows[np.argsort(time[rows], kind="stable")]
@@ -367,12 +363,12 @@ def on_grid(
     grid: np.ndarray,
     step: float,
     hold: str | None,
-    known: Mapping[str, str],
+    channel_units: Mapping[str, str],
 ) -> tuple[np.ndarray, str, str]:
     """A channel's values on the grid, NaN where an output has no sample, their unit, and how it got
     there.
     """
-    unit, unused = unit_of(wanted, topics, known)
+    unit, unused = unit_of(wanted, topics, channel_units)
     laid: dict[str, np.ndarray] = {}
     slowest = 0.0
     notes: list[str] = [unused] if unused else []
@@ -392,7 +388,7 @@ def on_grid(
         )
     return (
         values,
-        unit if unit is not None else inside_unit(wanted.channel, known),
+        unit if unit is not None else inside_unit(wanted.channel, channel_units),
         "; ".join(dict.fromkeys(notes)),
     )
 
@@ -405,7 +401,7 @@ def _laid(
     wanted: Wanted,
     hold: str | None,
 ) -> tuple[np.ndarray, float, str]:
-    """One column at the times of the grid, its own sampling interval, and a sentence where it was
+    """A column at the times of the grid, its own sampling interval, and a sentence if it was
     filtered or continued.
     """
     sound = np.isfinite(values)
@@ -469,6 +465,6 @@ def _nearest(
     time = clocks[slow][0]
     right = np.clip(np.searchsorted(grid, time), 1, grid.size - 1)
     nearest = np.where(time - grid[right - 1] < grid[right] - time, right - 1, right)
-    found = np.zeros(grid.size, dtype=bool)
-    found[nearest[(time >= grid[0]) & (time <= grid[-1])]] = True
-    return found
+    result = np.zeros(grid.size, dtype=bool)
+    result[nearest[(time >= grid[0]) & (time <= grid[-1])]] = True
+    return result

@@ -65,14 +65,19 @@ class JsbsimFlight:
 
     Attributes
     ----------
-    aircraft : its name in the JSBSim package. altitude, airspeed : m above sea level, true m/s.
-    axis : a key of ``CONTROLS``. maneuver : one of ``MANEUVERS``. size : of the maneuver, 1 is what
-    suits the aircraft. duration : s. rate : samples a second. noise : factor on ``noise_std``,
-    which is by output, SI. rough_air : class of exceedance of MIL-F-8785C, 0 calm to 7. wrong :
-    largest share by which starting values are off. late : by channel, s: an output is shown so
-    late; a surface answers so long after its record. backlash : by surface, rad: half the play
-    between the record and the surface. vane_ahead : m, of both vanes, ahead of the centre of
-    gravity.
+    aircraft : its name in the JSBSim package.
+    altitude, airspeed : m above sea level, true m/s.
+    axis : a key of ``CONTROLS``.
+    maneuver : one of ``MANEUVERS``.
+    size : of the maneuver, 1 is what suits the aircraft.
+    duration : s.
+    rate : samples a second.
+    noise : factor on ``noise_std``, which is by output, SI.
+    rough_air : class of exceedance of MIL-F-8785C, 0 calm to 7.
+    wrong : largest share by which starting values are off.
+    late : by channel, s: an output is shown so late; a surface answers so long after its record.
+    backlash : by surface, rad: half the play between the record and the surface.
+    vane_ahead : m, of both vanes, ahead of the centre of gravity.
     """
 
     name: str
@@ -98,7 +103,8 @@ class JsbsimFlight:
 
 # ---- The aircraft of the JSBSim package
 
-FOOT, KNOT = 0.3048, 1852.0 / 3600.0
+FOOT = 0.3048  # m
+KNOT = 1852.0 / 3600.0  # m/s
 REMEDY = "pip install 'flightid[jsbsim]'"
 
 
@@ -154,17 +160,17 @@ class Surface:
 
 def package_folder() -> Path:
     """Where JSBSim is installed; DeclarationError where it is not."""
-    found = importlib.util.find_spec("jsbsim")
-    if found is None or found.origin is None:
+    spec = importlib.util.find_spec("jsbsim")
+    if spec is None or spec.origin is None:
         raise DeclarationError(
             "JSBSim is not installed, and this flight is one of its",
             where="flightid simulate",
             remedy=REMEDY,
         )
-    return Path(found.origin).parent
+    return Path(spec.origin).parent
 
 
-def known_aircraft(name: str, where: str) -> None:
+def refuse_unknown_aircraft(name: str, where: str) -> None:
     """DeclarationError where the package has no such aircraft."""
     names = sorted(
         path.name
@@ -182,7 +188,7 @@ def surfaces_of(name: str) -> dict[str, Surface]:
     never read is left out.
     """
     counted = Counter(_read_by_loads(package_folder() / "aircraft" / name / f"{name}.xml"))
-    found = {}
+    surfaces = {}
     for surface in SURFACES:
         mine = [
             (count, prop)
@@ -191,8 +197,8 @@ def surfaces_of(name: str) -> dict[str, Surface]:
         ]
         if mine:
             prop = max(mine)[1]
-            found[surface] = Surface(prop, _scale(name, surface, prop))
-    return found
+            surfaces[surface] = Surface(prop, _scale(name, surface, prop))
+    return surfaces
 
 
 def _scale(name: str, surface: str, prop: str) -> float:
@@ -256,16 +262,16 @@ def ahead_of_play(surface: np.ndarray, half: float) -> np.ndarray:
 
 def named(flight: JsbsimFlight) -> dict[str, dict[str, float]]:
     """What was put in, under the names of the library of effects where it has one."""
-    found: dict[str, dict[str, float]] = {}
+    result: dict[str, dict[str, float]] = {}
     for name, delay in flight.late.items():
-        found[f"{'input' if name in SURFACES else 'sensor'}-delay:{name}"] = {"delay": delay}
+        result[f"{'input' if name in SURFACES else 'sensor'}-delay:{name}"] = {"delay": delay}
     for name, half in flight.backlash.items():
-        found[f"input-backlash:{name}"] = {"half_width": half}
+        result[f"input-backlash:{name}"] = {"half_width": half}
     if flight.vane_ahead:
-        found["vane-offset"] = {"arm": flight.vane_ahead}
+        result["vane-offset"] = {"arm": flight.vane_ahead}
     if flight.rough_air:
-        found["gust-turbulence"] = {"class_of_exceedance": float(flight.rough_air)}
-    return found
+        result["gust-turbulence"] = {"class_of_exceedance": float(flight.rough_air)}
+    return result
 
 
 # ---- Commands of a flight

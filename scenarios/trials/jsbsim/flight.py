@@ -40,16 +40,16 @@ from sim.record import Channel, Hold, Record
 # ---- A flight by JSBSim from its declaration
 
 REHEARSAL = 12.0  # s
-ROUNDS, NEAR = 4, 0.15  # of rehearsals; a size is near enough within this share
-FIRST, MOST = math.radians(1.0), math.radians(20.0)  # of a surface
+ROUNDS = 4  # most rehearsals
+NEAR = 0.15  # share within which an amplitude is accepted
+FIRST = math.radians(1.0)  # rad, first deflection that is tried
+MOST = math.radians(20.0)  # rad, largest deflection
 LEVER = 0.12  # of the throttle's travel
-# of the maneuver, for slopes about trim; of the deflection asked for, what a surface has to carry
-# out
-SMALL, MOVED = 0.1, 0.7
+SMALL = 0.1  # share of the maneuver that is flown for slopes about trim
+MOVED = 0.7  # share of the commanded deflection that a surface must reach
 UNITS = (0.25, 1.5)  # s, of a 3-2-1-1
-# Of the pilot's gains: with the elevator alone the wings are held, in rolling they come slowly back
-# to level.
-HELD, SLOWLY = 1.0, 0.3
+HELD = 1.0  # factor of the pilot's gains: the wings are kept level while the elevator moves
+SLOWLY = 0.3  # the same in rolling: the wings return slowly
 # How far a control takes the aircraft from trim: twenty times what sensors tell, and little enough
 # for models about trim (twice as far, the speed that is lost in banks of 20 degrees and the square
 # of the drag stand out of the noise).
@@ -80,7 +80,7 @@ def fly_jsbsim(flight: JsbsimFlight, seed: int) -> tuple[Record, JsbsimTruth]:
     Raises
     ------
     DeclarationError : JSBSim is not installed, has no such aircraft, does not trim it here, or
-    loses it in the maneuver.
+        loses it in the maneuver.
     """
     _refuse_missing_surface(flight)
     frames = math.ceil(FRAMES / flight.rate)  # of one sample
@@ -95,7 +95,7 @@ def fly_jsbsim(flight: JsbsimFlight, seed: int) -> tuple[Record, JsbsimTruth]:
     time = calm.step * np.arange(int(flight.duration * flight.rate) * frames + 1)
     wanted = {control: flight.size * size for control, size in sizes.items()}
     leveller = SLOWLY if "aileron" in wanted else HELD
-    flown = fly(
+    simulated = fly(
         replace(calm, rough_air=flight.rough_air), commands(flight, wanted, units, time), leveller
     )
     small = _small_motion(calm, flight, sizes, units, time)
@@ -103,10 +103,10 @@ def fly_jsbsim(flight: JsbsimFlight, seed: int) -> tuple[Record, JsbsimTruth]:
     truth = JsbsimTruth(
         {model: constants_of(model, small) for model in models},
         {model: slopes_of(model, small) for model in models},
-        {model: slopes_of(model, small, flown) for model in models},
+        {model: slopes_of(model, small, simulated) for model in models},
         wanted,
     )
-    return _recorded(flight, flown, frames, np.random.default_rng(seed)), truth
+    return _recorded(flight, simulated, frames, np.random.default_rng(seed)), truth
 
 
 def _refuse_missing_surface(flight: JsbsimFlight) -> None:
@@ -121,8 +121,8 @@ def _refuse_missing_surface(flight: JsbsimFlight) -> None:
 
 
 def units_of(calm: Condition) -> dict[str, float]:
-    """By control the step of a 3-2-1-1 (s), 1.6 over the frequency of the mode that it excites,
-    told by a small motion.
+    """Step of a 3-2-1-1 (s) by control: 1.6 over the frequency of the excited mode, from a small
+    motion.
     """
     time = calm.step * np.arange(round(REHEARSAL / calm.step))
     pitching = fly(calm, rehearsal("elevator", FIRST, 0.5, time), HELD)
@@ -137,18 +137,18 @@ def units_of(calm: Condition) -> dict[str, float]:
     }
 
 
-def _frequency(flown: JsbsimSignals, moment: str, by: tuple[str, ...], inertia: float) -> float:
-    """Root of the stiffness over the inertia, rad/s: what a moment owes to the first of the
+def _frequency(signals: JsbsimSignals, moment: str, by: tuple[str, ...], inertia: float) -> float:
+    """Square root of stiffness over inertia, rad/s: slope of a moment by the first of the
     signals.
     """
     matrix = np.stack(
         [
-            np.ones(len(flown["time"])),
-            *(flown[name] - flown[name][0] for name in by if name in flown.signals),
+            np.ones(len(signals["time"])),
+            *(signals[name] - signals[name][0] for name in by if name in signals.signals),
         ],
         axis=1,
     )
-    stiffness = float(np.linalg.lstsq(matrix, flown[moment], rcond=None)[0][1]) / inertia
+    stiffness = float(np.linalg.lstsq(matrix, signals[moment], rcond=None)[0][1]) / inertia
     return math.sqrt(max(abs(stiffness), 0.25))
 
 
@@ -156,11 +156,11 @@ def _sized(calm: Condition, control: str, unit: float) -> float:
     """The deflection (rad) at which the first of ``PEAKS`` is reached in a 3-2-1-1."""
     time, size = calm.step * np.arange(round(REHEARSAL / calm.step)), FIRST
     for _ in range(ROUNDS):
-        flown = fly(
+        simulated = fly(
             calm, rehearsal(control, size, unit, time), HELD if control == "elevator" else SLOWLY
         )
         reached = max(
-            float(np.max(np.abs(flown[name] - flown[name][0]))) / peak
+            float(np.max(np.abs(simulated[name] - simulated[name][0]))) / peak
             for name, peak in PEAKS[control].items()
         )
         if abs(reached - 1.0) < NEAR:
@@ -189,22 +189,22 @@ def _small_motion(
         )
         # a propeller's torque would be as large as the motion
         wanted.setdefault("throttle", np.zeros(len(time)))
-        flown = fly(calm, wanted, SLOWLY if "aileron" in wanted else HELD)
+        simulated = fly(calm, wanted, SLOWLY if "aileron" in wanted else HELD)
         done = [
-            np.ptp(flown[name]) / np.ptp(values)
+            np.ptp(simulated[name]) / np.ptp(values)
             for name, values in wanted.items()
-            if name in flown.signals
+            if name in simulated.signals
         ]
         if min(done) > MOVED or share >= 1.0:
-            return flown
+            return simulated
         share = min(1.0, 2.0 * share)
 
 
 def _recorded(
-    flight: JsbsimFlight, flown: JsbsimSignals, frames: int, rng: np.random.Generator
+    flight: JsbsimFlight, simulated: JsbsimSignals, frames: int, rng: np.random.Generator
 ) -> Record:
     """Every so many frames, white Gaussian noise on each output, none on surfaces and thrust."""
-    signals = dict(flown.signals)
+    signals = dict(simulated.signals)
     signals |= {f"a{axis}": signals[f"force_{axis}"] / signals["mass"] for axis in "xyz"}
     shown = spoiled(signals, flight)
     rows = slice(None, None, frames)
@@ -267,8 +267,8 @@ def vehicle_text(
 
 
 def truth_content(flight: JsbsimFlight, seed: int, truth: JsbsimTruth) -> dict[str, Any]:
-    """Derivatives about trim and over the maneuver by model, what was put in, and how the flight
-    was made.
+    """JSON content: derivatives about trim and over the maneuver by model, inserted errors, and
+    settings of the flight.
     """
     made = {
         key: value
@@ -277,9 +277,9 @@ def truth_content(flight: JsbsimFlight, seed: int, truth: JsbsimTruth) -> dict[s
     }
     return {
         "schema": "flightid/truth/1",
-        "parameters": {model: dict(found.values) for model, found in truth.about_trim.items()},
-        "in_maneuver": {model: dict(found.values) for model, found in truth.in_maneuver.items()},
-        "variance_left": {model: found.left for model, found in truth.in_maneuver.items()},
+        "parameters": {model: dict(result.values) for model, result in truth.about_trim.items()},
+        "in_maneuver": {model: dict(result.values) for model, result in truth.in_maneuver.items()},
+        "variance_left": {model: result.left for model, result in truth.in_maneuver.items()},
         "hidden": named(flight),
         "flight": made,
         "controls": dict(truth.sizes),

@@ -32,22 +32,33 @@ from sim.errors import DeclarationError
 # ---- JSBSim itself
 
 SLUG = 14.59390293720636  # kg
-POUND, INERTIA = SLUG * FOOT, SLUG * FOOT**2  # N in a pound force, kg m2 in a slug ft2
+POUND = SLUG * FOOT  # N in a pound force
+INERTIA = SLUG * FOOT**2  # kg m2 in a slug ft2
 FRAMES = 400.0  # Hz at least
 # JSBSim's integrator of second order; its own choice for rotation, Euler's, has the rates half a
 # step late
 ADAMS_BASHFORTH = 3
-MILSPEC, WIND_AT_20_FT = 3, 25.0  # JSBSim's Dryden turbulence after MIL-F-8785C; ft/s
-ENGINES, THROTTLE, MIXTURE = 4, 0.6, 0.87
+MILSPEC = 3  # JSBSim's number of the Dryden turbulence of MIL-F-8785C
+WIND_AT_20_FT = 25.0  # ft/s
+ENGINES = 4  # engines at most
+THROTTLE = 0.6  # starting throttle, 0 to 1
+MIXTURE = 0.87  # mixture, 0 to 1
 AT_REST = 0.02  # ft/s2 and rad/s2
-MOST_BANK, MOST_PITCH = math.radians(75.0), math.radians(60.0)
+MOST_BANK = math.radians(75.0)  # rad, largest bank angle of a flight
+MOST_PITCH = math.radians(60.0)  # rad, largest pitch angle of a flight
 # The pilot who brings the wings back to level: aileron (rad) per rad and per rad/s, and at most.
-BANK_GAIN, ROLL_GAIN, MOST_AILERON = 0.15, 0.1, 0.12
+BANK_GAIN = 0.15  # rad of aileron per rad of bank
+ROLL_GAIN = 0.1  # rad of aileron per rad/s of roll rate
+MOST_AILERON = 0.12  # rad
 # The pilot who holds attitude and speed while rudder and aileron are moved: elevator (rad) per rad
 # and per rad/s, throttle per m/s.
-PITCH_GAIN, PITCHING_GAIN, SPEED_GAIN = 0.3, 0.15, 0.1
+PITCH_GAIN = 0.3  # rad of elevator per rad of pitch
+PITCHING_GAIN = 0.15  # rad of elevator per rad/s of pitch rate
+SPEED_GAIN = 0.1  # throttle per m/s of airspeed
 PATIENCE = 4.0  # 1/s: how fast the pilot takes up what play or a damper keeps of a surface
-PROBE, PROBED, LEAST_REACH = 0.2, 0.5, 0.02  # of full command; s; rad of full command
+PROBE = 0.2  # share of the full command that finds a surface's travel
+PROBED = 0.5  # s that the command lasts
+LEAST_REACH = 0.02  # rad: a smaller travel at full command counts as none
 
 # What is read after each step, with its SI factor. The total body forces hold neither weight nor
 # anything of the sensors.
@@ -123,13 +134,13 @@ def fly(condition: Condition, wanted: Mapping[str, np.ndarray], leveller: float)
     Parameters
     ----------
     wanted : by surface what is added to its trim, rad, and of the throttle, parts of full travel;
-    one value a frame. leveller : share of the pilot's gains that brings the wings to level; 0
-    leaves them alone.
+        one value a frame.
+    leveller : share of the pilot's gains that brings the wings to level; 0 leaves them alone.
 
     Raises
     ------
     DeclarationError : JSBSim is not installed, the aircraft does not trim here, or the flight goes
-    astray.
+        astray.
     """
     surfaces = surfaces_of(condition.aircraft)
     machine = trimmed(condition)
@@ -288,7 +299,7 @@ def _silence() -> Iterator[None]:
     """Keep what JSBSim writes from the terminal: by Python's streams, by those of C in older
     versions.
     """
-    kept = [os.dup(number) for number in (1, 2)]
+    saved = [os.dup(number) for number in (1, 2)]
     with (
         open(os.devnull, "w", encoding="utf-8") as nowhere,
         contextlib.redirect_stdout(nowhere),
@@ -300,7 +311,7 @@ def _silence() -> Iterator[None]:
             yield
         finally:
             ctypes.CDLL(None).fflush(None)  # what still waits in the buffers of C
-            for number, old in zip((1, 2), kept, strict=True):
+            for number, old in zip((1, 2), saved, strict=True):
                 os.dup2(old, number)
                 os.close(old)
 
@@ -399,84 +410,84 @@ class Slopes:
         )
 
 
-def slopes_of(model: str, flown: JsbsimSignals, motion: JsbsimSignals | None = None) -> Slopes:
+def slopes_of(model: str, signals: JsbsimSignals, motion: JsbsimSignals | None = None) -> Slopes:
     """The derivatives of a model (rigid, longitudinal or lateral); of ``motion`` where it is
     another flight from the same trim.
     """
     return {"rigid": _rigid, "longitudinal": _longitudinal, "lateral": _lateral}[model](
-        flown, motion or flown
+        signals, motion or signals
     )
 
 
-def constants_of(model: str, flown: JsbsimSignals) -> dict[str, float]:
+def constants_of(model: str, signals: JsbsimSignals) -> dict[str, float]:
     """What the vehicle file of a model holds beside its derivatives, SI: body, air and trim as they
     are at the start of a flight.
     """
-    body = flown.body
-    found = {
+    body = signals.body
+    result = {
         "mass": body.mass,
         "wing_area": body.wing_area,
-        "air_density": float(flown["air_density"][0]),
+        "air_density": float(signals["air_density"][0]),
     }
-    speed = float(flown["airspeed"][0])
+    speed = float(signals["airspeed"][0])
     if model == "lateral":
-        found |= {
+        result |= {
             "span": body.span,
             "roll_inertia": body.roll_inertia,
             "yaw_inertia": body.yaw_inertia,
             "cross_inertia": body.cross_inertia,
         }
         return {
-            **found,
+            **result,
             "airspeed": speed,
-            "trim_alpha": float(flown["alpha"][0]),
-            "trim_theta": float(flown["theta"][0]),
+            "trim_alpha": float(signals["alpha"][0]),
+            "trim_theta": float(signals["theta"][0]),
         }
-    found |= {"chord": body.chord, "pitch_inertia": body.pitch_inertia}
+    result |= {"chord": body.chord, "pitch_inertia": body.pitch_inertia}
     if model == "rigid":
-        return {**found, "airspeed": speed}
-    return {**found, "reference_airspeed": speed, "thrust_arm": thrust_arm(flown)}
+        return {**result, "airspeed": speed}
+    return {**result, "reference_airspeed": speed, "thrust_arm": thrust_arm(signals)}
 
 
-def thrust_arm(flown: JsbsimSignals) -> float:
+def thrust_arm(signals: JsbsimSignals) -> float:
     """Moment of the engines over their thrust in trim, m, nose up positive; 0 where there is no
     thrust.
     """
-    thrust = float(flown["thrust"][0])
-    return float(flown["thrust_moment"][0]) / thrust if thrust else 0.0
+    thrust = float(signals["thrust"][0])
+    return float(signals["thrust_moment"][0]) / thrust if thrust else 0.0
 
 
-def _rigid(trim: JsbsimSignals, flown: JsbsimSignals) -> Slopes:
-    """Lift across the path, engines included; what depends on the speed is told apart and left
-    out.
-    """
-    speed, body = float(trim["airspeed"][0]), flown.body
+def _rigid(trim: JsbsimSignals, signals: JsbsimSignals) -> Slopes:
+    """Lift force across the path with engines; the dependence on speed is fitted and left out."""
+    speed, body = float(trim["airspeed"][0]), signals.body
     columns = {
-        "alpha": flown["alpha"],
-        "q": flown["q"] * body.chord / (2.0 * speed),
-        **_moved(flown, {"de": "elevator"}),
-        "V": flown["airspeed"] / speed,
+        "alpha": signals["alpha"],
+        "q": signals["q"] * body.chord / (2.0 * speed),
+        **_moved(signals, {"de": "elevator"}),
+        "V": signals["airspeed"] / speed,
     }
-    lift = -flown["force_z"] * np.cos(flown["alpha"]) + flown["force_x"] * np.sin(flown["alpha"])
+    lift = -signals["force_z"] * np.cos(signals["alpha"]) + signals["force_x"] * np.sin(
+        signals["alpha"]
+    )
     area = 0.5 * float(trim["air_density"][0]) * speed**2 * body.wing_area
     return _straight(
-        {"CL": (lift / area, columns), "Cm": (flown["moment_m"] / (area * body.chord), columns)}
+        {"CL": (lift / area, columns), "Cm": (signals["moment_m"] / (area * body.chord), columns)}
     ).without("0", "V")
 
 
-def _longitudinal(trim: JsbsimSignals, flown: JsbsimSignals) -> Slopes:
-    """Coefficients of the whole axis at the speed and density of the moment, thrust and its moment
-    taken off.
+def _longitudinal(trim: JsbsimSignals, signals: JsbsimSignals) -> Slopes:
+    """Coefficients of the whole longitudinal motion at the current speed and density, without
+    thrust and its moment.
     """
-    speed, body, alpha = float(trim["airspeed"][0]), flown.body, flown["alpha"]
-    slow = {"V": flown["airspeed"] / speed, "alpha": alpha}
+    speed, body, alpha = float(trim["airspeed"][0]), signals.body, signals["alpha"]
+    slow = {"V": signals["airspeed"] / speed, "alpha": alpha}
     columns = {
         **slow,
-        "q": flown["q"] * body.chord / (2.0 * speed),
-        **_moved(flown, {"de": "elevator"}),
+        "q": signals["q"] * body.chord / (2.0 * speed),
+        **_moved(signals, {"de": "elevator"}),
     }
-    x, z, area = flown["force_x"] - flown["thrust"], flown["force_z"], _pressure_area(flown)
-    moment = flown["moment_m"] - thrust_arm(trim) * flown["thrust"]
+    x, z, area = signals["force_x"] - signals["thrust"], signals["force_z"], _pressure_area(signals)
+    moment = signals["moment_m"] - thrust_arm(trim) * signals["thrust"]
     return _straight(
         {
             "CD": ((-x * np.cos(alpha) - z * np.sin(alpha)) / area, slow),
@@ -486,31 +497,35 @@ def _longitudinal(trim: JsbsimSignals, flown: JsbsimSignals) -> Slopes:
     )
 
 
-def _lateral(trim: JsbsimSignals, flown: JsbsimSignals) -> Slopes:
-    half, area = flown.body.span / (2.0 * flown["airspeed"]), _pressure_area(flown)
+def _lateral(trim: JsbsimSignals, signals: JsbsimSignals) -> Slopes:
+    half, area = signals.body.span / (2.0 * signals["airspeed"]), _pressure_area(signals)
     columns = {
-        "beta": flown["beta"],
-        "p": flown["p"] * half,
-        "r": flown["r"] * half,
-        **_moved(flown, {"da": "aileron", "dr": "rudder"}),
+        "beta": signals["beta"],
+        "p": signals["p"] * half,
+        "r": signals["r"] * half,
+        **_moved(signals, {"da": "aileron", "dr": "rudder"}),
     }
     loads = {
-        "CY": flown["force_y"],
-        "Cl": flown["moment_l"] / flown.body.span,
-        "Cn": flown["moment_n"] / flown.body.span,
+        "CY": signals["force_y"],
+        "Cl": signals["moment_l"] / signals.body.span,
+        "Cn": signals["moment_n"] / signals.body.span,
     }
     return _straight({letter: (load / area, columns) for letter, load in loads.items()}).without(
         "0"
     )
 
 
-def _pressure_area(flown: JsbsimSignals) -> np.ndarray:
-    return np.asarray(0.5 * flown["air_density"] * flown["airspeed"] ** 2 * flown.body.wing_area)
+def _pressure_area(signals: JsbsimSignals) -> np.ndarray:
+    return np.asarray(
+        0.5 * signals["air_density"] * signals["airspeed"] ** 2 * signals.body.wing_area
+    )
 
 
-def _moved(flown: JsbsimSignals, names: Mapping[str, str]) -> dict[str, np.ndarray]:
+def _moved(signals: JsbsimSignals, names: Mapping[str, str]) -> dict[str, np.ndarray]:
     """The surfaces that the loads of this aircraft read, under the names of derivatives."""
-    return {symbol: flown[surface] for symbol, surface in names.items() if surface in flown.signals}
+    return {
+        symbol: signals[surface] for symbol, surface in names.items() if surface in signals.signals
+    }
 
 
 def _straight(loads: Mapping[str, tuple[np.ndarray, Columns]]) -> Slopes:

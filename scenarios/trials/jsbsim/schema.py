@@ -20,11 +20,12 @@ from scenarios.trials.jsbsim.declaration import (
     OUTPUTS,
     SURFACES,
     JsbsimFlight,
-    known_aircraft,
+    refuse_unknown_aircraft,
 )
 from sim.errors import DeclarationError
 
-SHORTEST, FASTEST = 8.0, 400.0  # s, Hz
+SHORTEST = 8.0  # s
+FASTEST = 400.0  # Hz
 
 
 class _Jsbsim(BaseModel):
@@ -58,11 +59,11 @@ def jsbsim_of(document: Mapping[str, Any], name: str, where: str) -> JsbsimFligh
     Raises
     ------
     DeclarationError : an unknown or missing key, name, unit or value, JSBSim not installed: one
-    line with file and key.
+        line with file and key.
     """
     content = checked(_Jsbsim, document, where)
     aircraft = str(content.aircraft)
-    known_aircraft(aircraft, f"{where}, key aircraft")
+    refuse_unknown_aircraft(aircraft, f"{where}, key aircraft")
     _one_of(content.axis, tuple(CONTROLS), "axis", where)
     _one_of(content.maneuver, MANEUVERS, "maneuver", where)
     duration = (
@@ -118,7 +119,7 @@ def jsbsim_of(document: Mapping[str, Any], name: str, where: str) -> JsbsimFligh
 def _condition(content: _Jsbsim, where: str) -> tuple[float, float]:
     """Altitude and airspeed as given, else those of the aircraft."""
     own = CONDITIONS.get(str(content.aircraft))
-    found = []
+    result = []
     for place, (key, unit, value) in enumerate(
         (("altitude", "m", content.altitude), ("airspeed", "m/s", content.airspeed))
     ):
@@ -129,38 +130,38 @@ def _condition(content: _Jsbsim, where: str) -> tuple[float, float]:
                 where=f"{where}, key {key}",
                 remedy=f"give it, or an aircraft of {', '.join(CONDITIONS)}",
             )
-        found.append(
+        result.append(
             si(value, unit, f"{where}, key {key}")
             if value is not None
             else own[place]
             if own
             else 0.0
         )
-    return found[0], positive(found[1], f"{where}, key airspeed")
+    return result[0], positive(result[1], f"{where}, key airspeed")
 
 
-def _one_of(name: str, known: tuple[str, ...], what: str, where: str) -> None:
-    if name not in known:
+def _one_of(name: str, allowed: tuple[str, ...], what: str, where: str) -> None:
+    if name not in allowed:
         raise DeclarationError(
             f"there is no {what} {name!r}",
             where=f"{where}, key {what}",
-            remedy=closest(name, known),
+            remedy=closest(name, allowed),
         )
 
 
 def _by_channel(
     given: Mapping[str, Quantity],
-    known: tuple[str, ...],
+    allowed: tuple[str, ...],
     units: Mapping[str, str],
     where: str,
     key: str,
 ) -> dict[str, float]:
     for name in given:
-        if name not in known:
+        if name not in allowed:
             raise DeclarationError(
                 f"there is no channel {name!r} here",
                 where=f"{where}, key {key}",
-                remedy=closest(name, known),
+                remedy=closest(name, allowed),
             )
     return {
         name: positive(

@@ -1,3 +1,3 @@
-"""Scenarios with something undeclared in the data: flown here, traced on files alone, scored with
-the truth.
+"""Scenarios with hidden effects: simulated here, diagnosed from files alone, scored with the
+truth.
 """

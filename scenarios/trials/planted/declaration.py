@@ -218,7 +218,7 @@ class HiddenTerm:
 
 @dataclass(frozen=True)
 class RecordPlan:
-    """How one record is flown: duration (s) and maneuvers."""
+    """Plan of one record: duration (s) and maneuvers."""
 
     duration: float
     maneuvers: tuple[ManeuverPlan, ...] = ()
@@ -231,12 +231,15 @@ class TraceFlight:
     Attributes
     ----------
     vehicle : name of a built-in vehicle, ``"x29-S"`` for the closed loop with that airframe, or a
-    user's model file, whose model with its true
-        values is ``own``. modes : elastic modes that act.
-    rate : 1/s; of a closed loop its telemetry's. step : integration step, s. noise_std : by output;
-    of a closed loop its telemetry's. train, validate : the two records. hidden : what acts beyond
-    the vehicle. test : a third record, which takes no part in fitting or in choosing; None flies
-    the maneuvers of ``validate`` once more.
+        user's model file, whose model with its true values is ``own``.
+    modes : elastic modes that act.
+    rate : 1/s; of a closed loop its telemetry's.
+    step : integration step, s.
+    noise_std : by output; of a closed loop its telemetry's.
+    train, validate : the two records.
+    hidden : what acts beyond the vehicle.
+    test : a third record, which takes no part in fitting or in choosing; None flies the maneuvers
+        of ``validate`` once more.
     """
 
     vehicle: str
@@ -252,14 +255,14 @@ class TraceFlight:
 
     @property
     def test_plan(self) -> RecordPlan:
-        """How the third record is flown."""
+        """Plan of the third record."""
         return self.validate if self.test is None else self.test
 
 
 @dataclass(frozen=True)
 class Expectation:
-    """What the loop should find: any of ``verdicts``, and, where effects are claimed, any of the
-    sets ``effects``.
+    """Expected diagnosis: any of ``verdicts`` and, if effects are claimed, any of the sets
+    ``effects``.
     """
 
     verdicts: tuple[str, ...]
@@ -272,11 +275,14 @@ class TraceScenario:
 
     Attributes
     ----------
-    name, title, about : for people. distance : how far the truth is from the model, and whether the
-    library has what lies between. flight : the truth recipe; ``model`` what the loop is told it is,
-    a name or a user's model file. wrong : share by which the vehicle file's starting values are
-    off, sign by turns; ``start`` are values that are given instead. expect : what should be found.
-    seed : used unless another is asked for. effort : how far the search looks, normal or thorough.
+    name, title, about : for people.
+    distance : how far the truth is from the model, and whether the library has what lies between.
+    flight : the truth recipe; ``model`` what the loop is told it is, a name or a user's model file.
+    wrong : share by which the vehicle file's starting values are off, sign by turns; ``start`` are
+        values that are given instead.
+    expect : what should be found.
+    seed : used unless another is asked for.
+    effort : how far the search looks, normal or thorough.
     """
 
     name: str
@@ -312,7 +318,7 @@ def own_terms(package_name: str | None = None) -> Mapping[str, Effect]:
 
 
 def true_vehicle(flight: TraceFlight) -> Model:
-    """The vehicle of a flight without what is hidden."""
+    """The vehicle of a flight without hidden effects."""
     from scenarios.studies.estimating import vehicle_model
 
     if flight.own is not None:
@@ -376,7 +382,7 @@ def find_term(
 
 
 def with_hidden(model: Model, hidden: tuple[HiddenTerm, ...], *, validation: bool) -> Model:
-    """The vehicle with what is hidden in one of its two records.
+    """The vehicle with the effects hidden in one of its two records.
 
     Raises
     ------

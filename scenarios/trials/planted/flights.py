@@ -1,6 +1,4 @@
-"""From a tracing scenario to its records, its vehicle file, and the truth that only the scoring
-opens.
-"""
+"""Records, vehicle file and truth of a tracing scenario."""
 
 from __future__ import annotations
 
@@ -46,7 +44,7 @@ LOES_NAMES = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau
 
 
 @dataclass(frozen=True, eq=False)
-class FlownTrace:
+class SimulatedTrace:
     """The records of a tracing scenario with their truth.
 
     ``derivatives`` are the true values (SI) of what the declared model estimates; of a closed loop
@@ -67,14 +65,14 @@ class FlownTrace:
     noise_free: Record
 
 
-def fly_trace(scenario: TraceScenario, seed: int) -> FlownTrace:
+def fly_trace(scenario: TraceScenario, seed: int) -> SimulatedTrace:
     """Fly the records of a scenario, each with noise of its own; the same seed gives the same
     bytes.
 
     Raises
     ------
     DeclarationError : a maneuver or a hidden term lacks a number, or moves an input that is not
-    there.
+        there.
     """
     first, second, third = np.random.default_rng(seed).spawn(3)
     if scenario.flight.vehicle.startswith(CLOSED_LOOP):
@@ -85,7 +83,7 @@ def fly_trace(scenario: TraceScenario, seed: int) -> FlownTrace:
     test, _ = _fly(flight, flight.test_plan, third, "test", validation=True)
     hidden = {term.name: dict(term.values) for term in flight.hidden}
     text = started_file(scenario, vehicle)
-    return FlownTrace(
+    return SimulatedTrace(
         train,
         validate,
         _derivatives(scenario, vehicle),
@@ -108,7 +106,7 @@ def started_file(scenario: TraceScenario, vehicle: Model) -> str:
 
 
 def _derivatives(scenario: TraceScenario, vehicle: Model) -> dict[str, float]:
-    """True values of what the declared model estimates."""
+    """True values of the parameters that the declared model estimates."""
     declared = _declared(scenario, vehicle.parameters.names)
     return {
         item.name: item.value for item in vehicle.parameters if item.free and item.name in declared
@@ -126,20 +124,20 @@ def _fly(
     flight: TraceFlight, plan: RecordPlan, rng: np.random.Generator, name: str, *, validation: bool
 ) -> tuple[Record, Record]:
     model = with_hidden(true_vehicle(flight), flight.hidden, validation=validation)
-    return flown_with_truth(flight, plan, model, rng, name)
+    return simulated_with_truth(flight, plan, model, rng, name)
 
 
-def flown_plan(
+def simulated_record(
     flight: TraceFlight, plan: RecordPlan, model: Model, rng: np.random.Generator, name: str
 ) -> Record:
-    """One record of a flight's plan, flown by a model, whose noise is in it."""
-    return flown_with_truth(flight, plan, model, rng, name)[0]
+    """Simulate one record of a flight's plan, with the noise of the model."""
+    return simulated_with_truth(flight, plan, model, rng, name)[0]
 
 
-def flown_with_truth(
+def simulated_with_truth(
     flight: TraceFlight, plan: RecordPlan, model: Model, rng: np.random.Generator, name: str
 ) -> tuple[Record, Record]:
-    """One record of a flight's plan, and the same record without sensor noise."""
+    """Simulate one record of a flight's plan; return it with and without sensor noise."""
     inputs = {signal.name for signal in model.equations.inputs}
     by_input = maneuvers_by_input(plan.maneuvers, inputs, f"key flight.{name}", resting(model))
     outputs = [signal.name for signal in model.equations.outputs if signal.name in flight.noise_std]
@@ -174,8 +172,9 @@ def fly_loop(
     rng: np.random.Generator,
     curvature: float | None = None,
 ) -> tuple[Record, Record]:
-    """One record of a closed loop, and the same record without sensor noise; ``curvature`` of its
-    gearing in place of its own.
+    """Simulate one record of a closed loop; return it with and without sensor noise.
+
+    ``curvature`` replaces that of the gearing.
 
     Raises
     ------
@@ -205,33 +204,37 @@ def equivalent_of(scenario: TraceScenario) -> EquivalentSystem:
     """
     from sim.closed_loop.linear import equivalent_system
 
-    plain = loop_of(scenario)
-    return equivalent_system(plain, L_q=plain.airframe.L_q)
+    loop = loop_of(scenario)
+    return equivalent_system(loop, L_q=loop.airframe.L_q)
 
 
-def _closed_loop(scenario: TraceScenario, generators: Sequence[np.random.Generator]) -> FlownTrace:
-    flight, plain = scenario.flight, loop_of(scenario)
+def _closed_loop(
+    scenario: TraceScenario, generators: Sequence[np.random.Generator]
+) -> SimulatedTrace:
+    flight, loop = scenario.flight, loop_of(scenario)
     plans = {"train": flight.train, "validate": flight.validate, "test": flight.test_plan}
-    flown = [
+    simulated = [
         fly_loop(scenario, plan, f"key flight.{name}", rng)
         for (name, plan), rng in zip(plans.items(), generators, strict=True)
     ]
     equivalent = equivalent_of(scenario)
     values = {name: float(getattr(equivalent, name)) for name in LOES_NAMES}
     constants = {
-        "airspeed": plain.airframe.airspeed,
-        "gravity": plain.airframe.gravity,
-        "vane_arm": plain.telemetry.vane_arm,
+        "airspeed": loop.airframe.airspeed,
+        "gravity": loop.airframe.gravity,
+        "vane_arm": loop.telemetry.vane_arm,
     }
     noise = {
-        "alpha": plain.telemetry.alpha_noise,
-        "q": plain.telemetry.q_noise,
-        "nz": plain.telemetry.nz_noise,
+        "alpha": loop.telemetry.alpha_noise,
+        "q": loop.telemetry.q_noise,
+        "nz": loop.telemetry.nz_noise,
     }
     hidden = {term.name: dict(term.values) for term in flight.hidden}
-    (train, noise_free), (validate, _), (test, _) = flown
+    (train, noise_free), (validate, _), (test, _) = simulated
     text = _vehicle_text(scenario, constants, values)
-    return FlownTrace(train, validate, values, hidden, noise, plain.frame, text, test, noise_free)
+    return SimulatedTrace(
+        train, validate, values, hidden, noise, loop.frame, text, test, noise_free
+    )
 
 
 def _stick(plans: tuple[ManeuverPlan, ...], where: str) -> Sum:
@@ -249,8 +252,8 @@ def _class_of(vehicle: str) -> str:
 def _vehicle_text(
     scenario: TraceScenario, values: Mapping[str, float], derivatives: Mapping[str, float]
 ) -> str:
-    """A vehicle file whose derivatives are off by ``wrong``, the sign by turns; ``start`` replaces
-    what it names.
+    """Vehicle file with derivatives wrong by ``wrong``, of alternate sign; ``start`` replaces
+    values by name.
     """
     _refuse_unknown_starts(scenario, derivatives)
     started = {
@@ -285,9 +288,7 @@ def _vehicle_text(
 
 
 def _own_text(scenario: TraceScenario, model: Model) -> str:
-    """The same for a user's own model: its constants and, off by ``wrong``, its parameters, whose
-    names may be any word.
-    """
+    """Vehicle file of a user model: its constants, and its parameters wrong by ``wrong``."""
     free = {item.name: item for item in model.parameters if item.free}
     _refuse_unknown_starts(scenario, free)
     started = {
@@ -332,11 +333,11 @@ def _values(model: Model) -> dict[str, float]:
     return {item.name: item.value for item in model.parameters}
 
 
-def _refuse_unknown_starts(scenario: TraceScenario, known: Collection[str]) -> None:
-    unknown = set(scenario.start) - set(known)
+def _refuse_unknown_starts(scenario: TraceScenario, allowed: Collection[str]) -> None:
+    unknown = set(scenario.start) - set(allowed)
     if unknown:
         what = f"there is no {', '.join(sorted(unknown))}"
-        raise DeclarationError(what, where="key estimate.start", remedy=f"use {', '.join(known)}")
+        raise DeclarationError(what, where="key estimate.start", remedy=f"use {', '.join(allowed)}")
 
 
 def _mode_of(name: str) -> int:
@@ -349,14 +350,14 @@ def _mode_of(name: str) -> int:
     return int(digits) if "_eta" in name and digits else 0
 
 
-def write_flown(flown: FlownTrace, folder: Path) -> tuple[Path, Path, Path]:
+def write_simulated(simulated_flight: SimulatedTrace, folder: Path) -> tuple[Path, Path, Path]:
     """Training record, validation record and vehicle file in a folder: all that the loop is
     given.
     """
     from scenarios.files.writing import write_record
 
-    train, _ = write_record(folder, flown.train, "train", simulated=True)
-    validate, _ = write_record(folder, flown.validate, "validate", simulated=True)
+    train, _ = write_record(folder, simulated_flight.train, "train", simulated=True)
+    validate, _ = write_record(folder, simulated_flight.validate, "validate", simulated=True)
     vehicle = folder / "vehicle.toml"
-    write_text(vehicle, flown.vehicle_file)
+    write_text(vehicle, simulated_flight.vehicle_file)
     return train, validate, vehicle

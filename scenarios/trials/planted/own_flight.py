@@ -1,4 +1,4 @@
-"""A flight of a user's model as a command line asks it: maneuvers, noise and hidden effects.
+"""Flights of a user model from options of the command line: maneuvers, noise and hidden effects.
 
 What is made is the document of a scenario, as its file would have it, so that everything behind it
 is that of scenarios.
@@ -35,7 +35,8 @@ LENGTHS = {"3-2-1-1": 7.0, "doublet": 2.0, "pulse": 1.0}  # in units
 LONG = 2.0 * BETWEEN  # half doublets, of a sweep or a multisine
 # of all inputs together: from one over the length of a multisine to about the roots' frequencies
 HARMONICS = 8
-SLOWEST, FASTEST = 0.2, 2.0  # of the frequency of a doublet, of a sweep
+SLOWEST = 0.2  # lowest frequency of a sweep, share of the frequency of a doublet
+FASTEST = 2.0  # highest such frequency
 
 
 def maneuver_words(
@@ -51,16 +52,16 @@ def maneuver_words(
     Raises
     ------
     DeclarationError : an input, a kind or a key that there is not, a wrong value or unit: the word
-    is named.
+        is named.
     """
     out, end = [], 0.0
     for place, word in enumerate(words):
         where = f"--input {word}"
         name, kind, given = _parts(word, where)
         if name not in motion.amplitudes:
-            known = ", ".join(motion.amplitudes) or "none"
+            available = ", ".join(motion.amplitudes) or "none"
             raise DeclarationError(
-                f"there is no input {name!r}", where=where, remedy=f"its inputs are {known}"
+                f"there is no input {name!r}", where=where, remedy=f"its inputs are {available}"
             )
         if kind not in KINDS:
             raise DeclarationError(
@@ -106,14 +107,14 @@ def noise_of(words: Sequence[str], model: Model) -> dict[str, float]:
 
 
 def hidden_of(words: Sequence[str], model: Model) -> list[dict[str, Any]]:
-    """What is hidden, as a scenario's file has it: ``EFFECT.PARAMETER=VALUE``, or ``EFFECT`` alone
-    at its typical values.
+    """Hidden effects in the form of a scenario file, from ``EFFECT.PARAMETER=VALUE`` or ``EFFECT``
+    (typical values).
 
     Raises
     ------
     DeclarationError : no such effect on this model, no such parameter, a wrong value or unit.
     """
-    found: dict[str, dict[str, float]] = {}
+    result: dict[str, dict[str, float]] = {}
     for word in words:
         where = f"--hide {word}"
         full, equals, text = word.partition("=")
@@ -129,14 +130,14 @@ def hidden_of(words: Sequence[str], model: Model) -> list[dict[str, Any]]:
                 f"there is no effect {name!r} on {model.name}", where=where, remedy=remedy
             )
         items = {item.name: item for item in find_term(name, model.equations, where).parameters}
-        values = found.setdefault(name, {each.name: each.value for each in items.values()})
+        values = result.setdefault(name, {each.name: each.value for each in items.values()})
         if equals:
             if key not in items:
                 raise DeclarationError(
                     f"{name} has no {key!r}", where=where, remedy=closest(key, items)
                 )
             values[key] = si(_value(text), items[key].unit, where)
-    return [{"name": name, "values": values} for name, values in found.items()]
+    return [{"name": name, "values": values} for name, values in result.items()]
 
 
 def _parts(word: str, where: str) -> tuple[str, str, dict[str, Any]]:
@@ -175,7 +176,7 @@ def _split(word: str) -> list[str]:
 
 
 def _value(text: str) -> Any:
-    """What a value says: a number, a list, or a text with a unit."""
+    """Value of a text: a number, a list, or a text with a unit."""
     try:
         return toml_value(f"value = {text}")["value"]
     except DocumentError:
@@ -234,8 +235,8 @@ FINER = 5.0
 SETTLING = 6.0  # half doublets behind the last maneuver
 SMALLER = 0.8  # of amplitude and length, maneuvers of the record that is predicted
 WRONG = 0.3  # share by which starts are off, as in tracing scenarios
-# of a filter, if one is chosen: from starts so far off a single pass believes its first slopes
-PASSES, SPREAD = 5, 20.0
+PASSES = 5  # passes of a filter, since one pass depends on a start so far off
+SPREAD = 20.0  # factor of the prior standard deviations of a filter
 # of the truth, whose states and outputs are kept at all of them: minutes, and some hundred
 # megabytes
 MOST_STEPS = 2e6
@@ -244,8 +245,8 @@ FIT_STEP = 0.01  # s, the longest of a fit where an own model does not ask for a
 
 @dataclass(frozen=True)
 class OwnFlight:
-    """What a command line asks: the model's file, the file of its true values, and texts as typed;
-    None and empty leave it to the model.
+    """Options of a command: model file, file of true values, and texts as typed; None and empty use
+    the model's.
     """
 
     model: str
@@ -270,16 +271,16 @@ class _Planned:
     step: float
 
 
-def trace_document(asked: OwnFlight) -> dict[str, Any]:
-    """Two records, the second of maneuvers by a fifth smaller and shorter, with what is hidden in
-    both.
+def trace_document(request: OwnFlight) -> dict[str, Any]:
+    """Scenario with two records, the second with maneuvers a fifth smaller and shorter, and hidden
+    effects in both.
 
     Raises
     ------
     DeclarationError : anything wrong in the files or in the texts, in one line.
     """
-    plan = _planned(asked)
-    hidden = hidden_of(asked.hidden, plan.model)
+    plan = _planned(request)
+    hidden = hidden_of(request.hidden, plan.model)
     second = [
         {**each, **{key: SMALLER * each[key] for key in ("amplitude",) if key in each}}
         for each in plan.maneuvers
@@ -292,12 +293,12 @@ def trace_document(asked: OwnFlight) -> dict[str, Any]:
         "kind": "trace",
         "distance": "effect missing" if hidden else "nothing missing",
         "flight": {
-            **_common(asked, plan),
+            **_common(request, plan),
             "train": {"duration": plan.duration, "maneuvers": list(plan.maneuvers)},
             "validate": {"duration": plan.duration, "maneuvers": second},
         },
         "hidden": hidden,
-        "estimate": {"model": asked.model, "wrong": WRONG},
+        "estimate": {"model": request.model, "wrong": WRONG},
         "expect": {
             "verdicts": ["traced", "ambiguous"] if hidden else ["consistent"],
             "effects": [[each["name"] for each in hidden]] * bool(hidden),
@@ -305,11 +306,12 @@ def trace_document(asked: OwnFlight) -> dict[str, Any]:
     }
 
 
-def study_document(asked: OwnFlight) -> dict[str, Any]:
-    """One record estimated by output error from starts that are off. Raises as
-    ``trace_document``.
+def study_document(request: OwnFlight) -> dict[str, Any]:
+    """Scenario with one record, estimated by output error from wrong starts.
+
+    Raises as ``trace_document``.
     """
-    plan = _planned(asked)
+    plan = _planned(request)
     wrong = {
         item.name: off(item, WRONG * (-1.0) ** i)
         for i, item in enumerate(item for item in plan.model.parameters if item.free)
@@ -319,13 +321,13 @@ def study_document(asked: OwnFlight) -> dict[str, Any]:
         **_head(plan.model),
         "distance": "same equations, finer step",
         "flight": {
-            **_common(asked, plan),
+            **_common(request, plan),
             "duration": plan.duration,
             "maneuvers": list(plan.maneuvers),
         },
         "estimate": {
             "label": "output error",
-            "model": asked.model,
+            "model": request.model,
             "method": "output-error",
             "passes": PASSES,
             "spread": SPREAD,
@@ -346,9 +348,9 @@ def _head(model: Model) -> dict[str, Any]:
     }
 
 
-def _common(asked: OwnFlight, plan: _Planned) -> dict[str, Any]:
+def _common(request: OwnFlight, plan: _Planned) -> dict[str, Any]:
     return {
-        "vehicle": asked.model,
+        "vehicle": request.model,
         "values": dict(plan.values),
         "rate": plan.rate,
         "step": plan.step,
@@ -356,41 +358,43 @@ def _common(asked: OwnFlight, plan: _Planned) -> dict[str, Any]:
     }
 
 
-def _planned(asked: OwnFlight) -> _Planned:
-    refuse_unknown_model(asked.model, "--model")
-    if asked.model in MODELS:
+def _planned(request: OwnFlight) -> _Planned:
+    refuse_unknown_model(request.model, "--model")
+    if request.model in MODELS:
         remedy = (
-            f"name one of its scenarios (flightid list), or a file of your own: {asked.model} "
+            f"name one of its scenarios (flightid list), or a file of your own: {request.model} "
             "flies with a vehicle's numbers"
         )
         raise DeclarationError(
-            f"the model {asked.model!r} is built in", where="--model", remedy=remedy
+            f"the model {request.model!r} is built in", where="--model", remedy=remedy
         )
-    for option, value in (("--duration", asked.duration), ("--rate", asked.rate)):
+    for option, value in (("--duration", request.duration), ("--rate", request.rate)):
         if value is not None and not (math.isfinite(value) and value > 0.0):
             raise DeclarationError(
                 f"{value:g} is not above 0", where=option, remedy="give a positive number"
             )
-    own = read_model_file(asked.model, MODELS)
+    own = read_model_file(request.model, MODELS)
     model = (
-        own.model if asked.vehicle is None else own_numbers(own, read_toml_source(asked.vehicle))[1]
+        own.model
+        if request.vehicle is None
+        else own_numbers(own, read_toml_source(request.vehicle))[1]
     )
     motion = doublet_motion(model)
-    rate = asked.rate or _round_up(SAMPLES / motion.pulse)
+    rate = request.rate or _round_up(SAMPLES / motion.pulse)
     pulse = max(1.0, round(motion.pulse * rate)) / rate
-    words = asked.inputs or tuple(f"{name}=doublet" for name in motion.amplitudes)
+    words = request.inputs or tuple(f"{name}=doublet" for name in motion.amplitudes)
     maneuvers, end = maneuver_words(words, model, motion, pulse)
     natural = min(
-        end + SETTLING * pulse, motion.end if motion.ran_away and not asked.inputs else math.inf
+        end + SETTLING * pulse, motion.end if motion.ran_away and not request.inputs else math.inf
     )
-    duration = asked.duration or max(2.0, math.ceil(natural * rate - 1e-9)) / rate
+    duration = request.duration or max(2.0, math.ceil(natural * rate - 1e-9)) / rate
     if maneuvers and min(each["start"] for each in maneuvers) >= duration:
         raise DeclarationError(
             f"no maneuver begins within {duration:g} s",
             where="--duration",
             remedy="give a longer one, or --input with a start",
         )
-    noise = {**_usual_noise(model, motion), **noise_of(asked.noise, model)}
+    noise = {**_usual_noise(model, motion), **noise_of(request.noise, model)}
     if not noise:
         raise DeclarationError(
             "no output moves",
@@ -398,7 +402,7 @@ def _planned(asked: OwnFlight) -> _Planned:
             remedy="name the outputs that are measured, --noise NAME=SIZE",
         )
     values = (
-        {item.name: item.value for item in model.parameters} if asked.vehicle is not None else {}
+        {item.name: item.value for item in model.parameters} if request.vehicle is not None else {}
     )
     step = _true_step(model, rate)
     if duration / step > MOST_STEPS:

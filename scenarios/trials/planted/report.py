@@ -44,7 +44,7 @@ from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines, wrapp
 from scenarios.report.terminal import table_as_lines
 from scenarios.studies.comparison import distance_text
 from scenarios.trials.planted.declaration import hidden_units
-from scenarios.trials.planted.flights import write_flown
+from scenarios.trials.planted.flights import write_simulated
 from scenarios.trials.planted.study import TRUE, Grade, Scored, TraceStudy
 
 # ---- A tracing study in words and tables for the terminal
@@ -56,8 +56,8 @@ THIRD_TITLE = (
 
 
 def trace_text(study: TraceStudy, width: int = WIDTH, details: str = BELOW) -> str:
-    """A summary, before and after as `flightid diagnose` shows them, then what the truth says of
-    it.
+    """Text: a summary, before and after as in `flightid diagnose`, then the comparison with the
+    truth.
     """
     scenario = study.scenario
     blocks = [
@@ -71,7 +71,7 @@ def trace_text(study: TraceStudy, width: int = WIDTH, details: str = BELOW) -> s
         table_as_lines(against_truth(study), width),
         table_as_lines(effects_table(study), width, titled=False),
         table_as_lines(modes_table(study), width, titled=False),
-        [line for told in comparable_sentences(study) for line in wrapped(told, width)],
+        [line for sentence in comparable_sentences(study) for line in wrapped(sentence, width)],
         wrapped(scored_sentence(study), width),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
@@ -79,15 +79,15 @@ def trace_text(study: TraceStudy, width: int = WIDTH, details: str = BELOW) -> s
 
 def trace_summary(study: TraceStudy, details: str = BELOW) -> Summary:
     """The diagnosis, and whether it is right."""
-    told = diagnosis_summary(study.tracing, details)
-    named = f"{study.scenario.name}: {study.scenario.title}; {told.study}"
+    text = diagnosis_summary(study.tracing, details)
+    named = f"{study.scenario.name}: {study.scenario.title}; {text.study}"
     return replace(
-        told, study=named, outcome=f"{told.outcome}; the diagnosis is {_verdict(study.grade)}"
+        text, study=named, outcome=f"{text.outcome}; the diagnosis is {_verdict(study.grade)}"
     )
 
 
 def scored_sentence(study: TraceStudy) -> str:
-    """What was hidden, what was expected, and what the diagnosis is worth."""
+    """Sentence on the hidden effect, the expectation and the grade of the diagnosis."""
     return (
         f"scored with the truth: {_hidden(study)}; expected: {_expected(study)}; the diagnosis is "
         f"{_verdict(study.grade)}"
@@ -149,14 +149,14 @@ def against_truth(study: TraceStudy) -> Table:
 
 
 def _of_declared(row: Scored) -> Scored:
-    """The estimate of the declared model alone, against what that should find."""
+    """Estimate of the declared model, compared with its reference value."""
     if row.before is None or row.comparable_before is None:
         return row
     return replace(row, after=row.before, comparable=row.comparable_before, open=False)
 
 
 def table_title(study: TraceStudy) -> str:
-    """What the derivatives are compared with."""
+    """Title that names the reference values of the derivatives."""
     if study.scenario.model == "loes":
         return (
             "derivatives; true are those of the equivalent system that fits the linear loop's "
@@ -166,17 +166,17 @@ def table_title(study: TraceStudy) -> str:
 
 
 def comparable_sentences(study: TraceStudy) -> list[str]:
-    """Where the comparable values come from, and why they differ from the true ones."""
-    told = [
+    """Source of the reference values, and why they differ from the true ones."""
+    sentences = [
         f"comparable: the value that the fitted model should find, from {study.basis}",
         *study.reasons,
     ]
     if study.basis == TRUE:
-        told.append(
+        sentences.append(
             "third record: gusts are not known beforehand, so that turbulence does not lower the "
             "error of a free simulation"
         )
-    return told
+    return sentences
 
 
 def third_table(study: TraceStudy) -> Table:
@@ -195,7 +195,7 @@ def third_table(study: TraceStudy) -> Table:
         (Column("channel", printed="error"), names),
         (Column("before", BY_ROW), cells(study.test.before.rmse)),
         (Column("after", BY_ROW), cells(study.test.after.rmse if study.test.finite else {})),
-        (Column("sensor noise", BY_ROW), cells(study.flown.noise_std)),
+        (Column("sensor noise", BY_ROW), cells(study.simulated.noise_std)),
         units=[shown[name].unit for name in names],
     )
     return shown_table(d, whole)
@@ -219,7 +219,7 @@ def _comparable(row: Scored, factor: float) -> Cell:
 
 def _hidden(study: TraceStudy) -> str:
     flight, terms = study.scenario.flight, []
-    for name, values in study.flown.hidden.items():
+    for name, values in study.simulated.hidden.items():
         units = hidden_units(name, flight.own if flight.own is not None else flight.vehicle, name)
         said = ", ".join(
             f"{key} {quantity_text(value, units.get(key, ''), key)}"
@@ -257,7 +257,7 @@ def scored_page(study: TraceStudy, page: Page) -> Page:
         against_truth(study),
         effects_table(study),
         modes_table(study),
-        *(Prose(as_sentence(capital(told))) for told in comparable_sentences(study)),
+        *(Prose(as_sentence(capital(sentence))) for sentence in comparable_sentences(study)),
         third_table(study),
         Prose(f"Flight and model: {distance_text(scenario.distance)}.", "note"),
     )
@@ -320,17 +320,17 @@ def write_trial(
 
 
 def _write_records(study: TraceStudy, folder: Path) -> None:
-    """All three records, the vehicle file, and the prediction of the third record,
+    """Write all three records, the vehicle file, and the prediction of the third record,
     ``before_CHANNEL`` and ``after_CHANNEL``.
     """
-    write_flown(study.flown, folder)
-    write_record(folder, study.flown.test, "test", simulated=True)
+    write_simulated(study.simulated, folder)
+    write_record(folder, study.simulated.test, "test", simulated=True)
     write_prediction(folder / "test_prediction.csv", study.test.predictions[0])
 
 
 def truth_content(study: TraceStudy) -> dict[str, Any]:
     """Derivatives, hidden terms, noise and distance."""
-    flown = study.flown
+    simulated = study.simulated
     return {
         "schema": "flightid/truth/1",
         "parameters": {
@@ -341,17 +341,17 @@ def truth_content(study: TraceStudy) -> dict[str, Any]:
             for row in study.modes
             if row.true is not None
         },
-        "effects": list(flown.hidden),
-        "hidden": {name: dict(values) for name, values in flown.hidden.items()},
-        "noise_std": dict(flown.noise_std),
+        "effects": list(simulated.hidden),
+        "hidden": {name: dict(values) for name, values in simulated.hidden.items()},
+        "noise_std": dict(simulated.noise_std),
         "distance": study.scenario.distance,
-        "step": flown.step,
+        "step": simulated.step,
     }
 
 
 def trace_comparison(study: TraceStudy) -> dict[str, Any]:
-    """Content of ``comparison.json``: the fit with what was found, and under ``methods`` the
-    declared model's.
+    """Content of ``comparison.json``: the fit with the found effects, and under ``methods`` that of
+    the declared model.
     """
     d = study.tracing.diagnosis
     derived = {
@@ -416,20 +416,20 @@ def _third(study: TraceStudy) -> dict[str, Any]:
     """Errors before and after on the record that took no part in fitting or in choosing effects, in
     the channels' units.
     """
-    found, units = study.test, channel_units(study.tracing.model)
+    result, units = study.test, channel_units(study.tracing.model)
     return {
         "record": "test.csv",
         "used_in_fit": False,
         "used_to_choose": False,
-        "unit": {name: units.get(name, "") for name in found.predictions[0].channels},
-        "before": {"rmse": dict(found.before.rmse)},
-        "after": {"rmse": {name: bounded(value) for name, value in found.after.rmse.items()}},
+        "unit": {name: units.get(name, "") for name in result.predictions[0].channels},
+        "before": {"rmse": dict(result.before.rmse)},
+        "after": {"rmse": {name: bounded(value) for name, value in result.after.rmse.items()}},
         "noise_std": {
             name: value
-            for name, value in study.flown.noise_std.items()
-            if name in found.predictions[0].channels
+            for name, value in study.simulated.noise_std.items()
+            if name in result.predictions[0].channels
         },
-        "finite": found.finite,
+        "finite": result.finite,
     }
 
 

@@ -51,7 +51,7 @@ class _Strict(BaseModel):
     model_config = VEHICLES_SCHEMA_STRICT
 
 
-class _Record(_Strict):
+class _PlannedRecord(_Strict):
     duration: Quantity
     maneuvers: list[ManeuverTable] = []
 
@@ -64,9 +64,9 @@ class _Flight(_Strict):
     modes: int = Field(default=0, ge=0)
     noise_std: dict[str, Quantity] = {}
     noise_variance: dict[str, str] = {}
-    train: _Record
-    validate_: _Record = Field(alias="validate")
-    test: _Record | None = None
+    train: _PlannedRecord
+    validate_: _PlannedRecord = Field(alias="validate")
+    test: _PlannedRecord | None = None
 
 
 class _Hidden(_Strict):
@@ -113,7 +113,7 @@ def trace_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Tra
     Raises
     ------
     DeclarationError : an unknown or missing key, a value or unit that is wrong, a hidden term that
-    is not there: one line with file and key.
+        is not there: one line with file and key.
     """
     content = checked(_Trace, document, where)
     flight, place = content.flight, f"{where}, key flight"
@@ -168,7 +168,7 @@ def trace_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Tra
     )
 
 
-def _record(record: _Record, where: str, model: str | Model) -> RecordPlan:
+def _record(record: _PlannedRecord, where: str, model: str | Model) -> RecordPlan:
     plans: tuple[ManeuverPlan, ...] = maneuver_plans(record.maneuvers, where, model)
     return RecordPlan(
         positive(si(record.duration, "s", f"{where}.duration"), f"{where}.duration"), plans

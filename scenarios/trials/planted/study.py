@@ -46,13 +46,13 @@ from scenarios.trials.planted.declaration import (
     true_vehicle,
 )
 from scenarios.trials.planted.flights import (
-    FlownTrace,
+    SimulatedTrace,
     equivalent_of,
     fly_loop,
     fly_trace,
     loop_of,
     with_outputs,
-    write_flown,
+    write_simulated,
 )
 from sim.declaration.compile import compile_model
 from sim.declaration.effect import DynamicsEffect, full_name
@@ -77,16 +77,15 @@ NOISE_SEED = 7  # any draw gives the same sum of squares
 
 @dataclass(frozen=True)
 class Comparable:
-    """What a fitted model should find.
+    """Reference values of the estimates of a fitted model.
 
     Attributes
     ----------
-    values : by parameter, SI; those of an effect by its full name. derived : frequencies and
-    damping ratios of the fitted
-        model at these values, by name.
+    values : by parameter, SI; those of an effect by its full name.
+    derived : frequencies and damping ratios of the fitted model at these values, by name.
     open : parameters that this flight leaves open, with or without noise: other values fit as well.
-    Of a derivative the
-        condensed value stands for them, of another parameter the value nearest to the estimate.
+        Of a derivative the condensed value stands for them, of another parameter the value nearest
+        to the estimate.
     basis : where the values come from, in a sentence.
     """
 
@@ -102,15 +101,15 @@ NO_FIT = "the true values: the fit to the training flight without sensor noise f
 
 
 @dataclass(frozen=True)
-class Truth:
-    """What is known of the flight by declaration.
+class DeclaredTruth:
+    """True values that are known by declaration.
 
     Attributes
     ----------
-    values : true values by parameter, SI; those of an effect by its full name. condensed :
-    derivatives of the rigid
-        aircraft that a flexible one shows when its structure follows at once. modes : elastic modes
-        that act.
+    values : true values by parameter, SI; those of an effect by its full name.
+    condensed : derivatives of the rigid aircraft that a flexible one shows when its structure
+        follows at once.
+    modes : elastic modes that act.
     """
 
     values: Mapping[str, float]
@@ -118,18 +117,20 @@ class Truth:
     modes: int = 0
 
 
-def comparable_to(tracing: Tracing, flown: FlownTrace, truth: Truth) -> Comparable:
-    """What the model with the effects found should find."""
+def comparable_to(tracing: Tracing, simulated: SimulatedTrace, truth: DeclaredTruth) -> Comparable:
+    """Reference values for the model with the found effects."""
     d = tracing.diagnosis
     assert d.trained_after is not None
-    return _comparable(tracing.model, d.trained_after, quantities_of(d), flown, truth)
+    return _comparable(tracing.model, d.trained_after, quantities_of(d), simulated, truth)
 
 
-def comparable_before(tracing: Tracing, flown: FlownTrace, truth: Truth) -> Comparable:
-    """What the declared model alone should find."""
+def comparable_before(
+    tracing: Tracing, simulated: SimulatedTrace, truth: DeclaredTruth
+) -> Comparable:
+    """Reference values for the declared model."""
     d = tracing.diagnosis
     assert d.trained_before is not None
-    return _comparable(tracing.model, d.trained_before, d.before, flown, truth)
+    return _comparable(tracing.model, d.trained_before, d.before, simulated, truth)
 
 
 def quantities_of(d: Diagnosis) -> dict[str, Quantity]:
@@ -149,12 +150,12 @@ def _comparable(
     model: Model,
     trained: Trained,
     estimates: Mapping[str, Quantity],
-    flown: FlownTrace,
-    truth: Truth,
+    simulated: SimulatedTrace,
+    truth: DeclaredTruth,
 ) -> Comparable:
     if has_process_noise(compiled_with(model, trained.effects, trained.outputs)[1]):
         return Comparable(truth.values, basis=TRUE)
-    fit = noise_free_fit(model, trained, estimates, flown)
+    fit = noise_free_fit(model, trained, estimates, simulated)
     if fit is None:
         return Comparable(truth.values, basis=NO_FIT)
     estimate, layout = estimate_of(fit), fit.layout
@@ -186,15 +187,16 @@ def _same(value: float, true: float, estimate: Quantity | None) -> bool:
 
 
 def noise_free_fit(
-    model: Model, trained: Trained, estimates: Mapping[str, Quantity], flown: FlownTrace
+    model: Model, trained: Trained, estimates: Mapping[str, Quantity], simulated: SimulatedTrace
 ) -> Fit | None:
     """The fit of a model to both copies of the noise-free training record, from the estimates; None
     without a minimum.
     """
     rng = np.random.default_rng(NOISE_SEED)
-    clean = flown.noise_free
+    clean = simulated.noise_free
     noise = [
-        flown.noise_std[channel.name] * rng.standard_normal(len(clean)) for channel in clean.outputs
+        simulated.noise_std[channel.name] * rng.standard_normal(len(clean))
+        for channel in clean.outputs
     ]
     pair = [
         with_outputs(
@@ -206,40 +208,40 @@ def noise_free_fit(
         )
         for sign in (1.0, -1.0)
     ]
-    return refit(model, trained, pair, held=estimates)
+    return refit(model, trained, pair, fixed=estimates)
 
 
 def refit(
     model: Model,
     trained: Trained,
     records: Sequence[Record],
-    held: Mapping[str, Quantity] | None = None,
+    fixed: Mapping[str, Quantity] | None = None,
 ) -> Fit | None:
     """A trained model fitted to records, from what it was trained to; None where there is no finite
     cost.
 
-    Declared priors count once a record. ``held`` : estimates to which a prior of ``HELD`` sigmas
+    Declared priors count once a record. ``fixed`` : estimates to which a prior of ``HELD`` sigmas
     ties what is left open.
     """
     _, system = compiled_with(model, trained.effects, trained.outputs)
     local = [name for effect in trained.effects for name in local_names(effect)]
     settings = replace(FINER, max_step=trained.settings.max_step)
-    plain = lay_out(records, system, settings, local=local)
-    begin, guesses = carried(plain, None, {**trained.shared, **trained.own[0]})
+    free_layout = lay_out(records, system, settings, local=local)
+    begin, guesses = carried(free_layout, None, {**trained.shared, **trained.own[0]})
     layout = lay_out(records, system, settings, local=local, start=begin)
     prior = known_beforehand(model, trained.effects, layout)
     if prior is not None:
         prior = replace(prior, information=len(records) * prior.information)
-    return fit_as_declared(replace(layout, prior=_tied(layout, prior, held or {})), guesses, None)
+    return fit_as_declared(replace(layout, prior=_tied(layout, prior, fixed or {})), guesses, None)
 
 
-def _tied(layout: FitLayout, prior: Prior | None, held: Mapping[str, Quantity]) -> Prior | None:
-    """A prior with a weak one about ``held`` added for the shared parameters."""
-    at = [i for i, name in enumerate(layout.shared) if name in held]
+def _tied(layout: FitLayout, prior: Prior | None, fixed: Mapping[str, Quantity]) -> Prior | None:
+    """A prior with a weak one about ``fixed`` added for the shared parameters."""
+    at = [i for i, name in enumerate(layout.shared) if name in fixed]
     if not at:
         return prior
-    means = np.array([held[layout.shared[i]].value for i in at])
-    weights = np.array([(HELD * max(held[layout.shared[i]].std, 1e-150)) ** -2 for i in at])
+    means = np.array([fixed[layout.shared[i]].value for i in at])
+    weights = np.array([(HELD * max(fixed[layout.shared[i]].std, 1e-150)) ** -2 for i in at])
     if prior is None:
         return Prior(np.array(at), means, np.diag(weights))
     n = len(layout.names)
@@ -254,38 +256,44 @@ def _tied(layout: FitLayout, prior: Prior | None, held: Mapping[str, Quantity]) 
 
 
 def reasons_for(
-    scenario: TraceScenario, tracing: Tracing, flown: FlownTrace, truth: Truth, found: Comparable
+    scenario: TraceScenario,
+    tracing: Tracing,
+    simulated: SimulatedTrace,
+    truth: DeclaredTruth,
+    comparable: Comparable,
 ) -> tuple[str, ...]:
     """Why comparable values differ from the true ones, in sentences with numbers."""
     d = tracing.diagnosis
     out = []
-    open_derivatives = [name for name in found.open if name in truth.condensed and name in d.after]
+    open_derivatives = [
+        name for name in comparable.open if name in truth.condensed and name in d.after
+    ]
     if open_derivatives:
         out.append(
             f"{', '.join(open_derivatives)}: this flight leaves open which share of these loads "
             "the elastic mode takes; "
             "compared with the value by static condensation, the share of the mode at rest included"
         )
-    others = [name for name in found.open if name not in open_derivatives]
+    others = [name for name in comparable.open if name not in open_derivatives]
     if others:
         out.append(
             f"{', '.join(others)}: left open by this flight with or without noise; compared with "
             "the nearest value that fits it"
         )
-    out += _of_turbulence(tracing, flown)
-    if scenario.flight.vehicle.startswith(CLOSED_LOOP) and found.basis == NOISE_FREE:
-        out += _of_the_gearing(scenario, tracing, flown, truth, found)
+    out += _of_turbulence(tracing, simulated)
+    if scenario.flight.vehicle.startswith(CLOSED_LOOP) and comparable.basis == NOISE_FREE:
+        out += _of_the_gearing(scenario, tracing, simulated, truth, comparable)
     return tuple(out)
 
 
-def _of_turbulence(tracing: Tracing, flown: FlownTrace) -> list[str]:
-    """How many scale lengths of hidden turbulence a record holds: so many independent gusts its
-    level is estimated from.
+def _of_turbulence(tracing: Tracing, simulated: SimulatedTrace) -> list[str]:
+    """Number of scale lengths of hidden turbulence in a record: of independent gusts that its level
+    is estimated from.
     """
-    length = flown.hidden.get(TURBULENCE, {}).get("length", 0.0)
+    length = simulated.hidden.get(TURBULENCE, {}).get("length", 0.0)
     if not length or "airspeed" not in tracing.model.parameters:
         return []
-    time = flown.train.time
+    time = simulated.train.time
     count = tracing.model.parameters["airspeed"].value * float(time[-1] - time[0]) / length
     return [
         f"{TURBULENCE}: the true values are those of very long records; this one holds {count:.0f} "
@@ -295,10 +303,14 @@ def _of_turbulence(tracing: Tracing, flown: FlownTrace) -> list[str]:
 
 
 def _of_the_gearing(
-    scenario: TraceScenario, tracing: Tracing, flown: FlownTrace, truth: Truth, found: Comparable
+    scenario: TraceScenario,
+    tracing: Tracing,
+    simulated: SimulatedTrace,
+    truth: DeclaredTruth,
+    comparable: Comparable,
 ) -> list[str]:
-    """How much of each difference is the gearing of the stick, by a second noise-free fit to a
-    flight with a straight one.
+    """Part of each difference that the stick gearing causes, from a second noise-free fit with
+    linear gearing.
     """
     curvature, d = loop_of(scenario).stick.curvature, tracing.diagnosis
     _, straight = fly_loop(
@@ -306,16 +318,20 @@ def _of_the_gearing(
     )
     assert d.trained_after is not None
     other = _comparable(
-        tracing.model, d.trained_after, quantities_of(d), replace(flown, noise_free=straight), truth
+        tracing.model,
+        d.trained_after,
+        quantities_of(d),
+        replace(simulated, noise_free=straight),
+        truth,
     )
     estimates, geared, rest = quantities_of(d), [], []
     for name, true in truth.values.items():
-        if name not in found.values or name not in estimates:
+        if name not in comparable.values or name not in estimates:
             continue
-        if abs(found.values[name] - other.values[name]) > MOVED * estimates[name].std:
+        if abs(comparable.values[name] - other.values[name]) > MOVED * estimates[name].std:
             geared.append(
                 f"{name} {other.values[name]:.4g} with a straight gearing, "
-                f"{found.values[name]:.4g} as flown"
+                f"{comparable.values[name]:.4g} as flown"
             )
         if abs(other.values[name] - true) > MOVED * estimates[name].std:
             rest.append(
@@ -329,12 +345,12 @@ def _of_the_gearing(
             f"fitted: {'; '.join(geared)}"
         )
     if rest:
-        told = (
+        reason = (
             "the model has a lower order than the loop, and the flight weighs frequencies unlike "
             "the fit to the frequency response"
         )
         out.append(
-            f"{told} (the recorded stick is held, which takes half a frame from the delay): "
+            f"{reason} (the recorded stick is held, which takes half a frame from the delay): "
             f"{'; '.join(rest)}"
         )
     return out
@@ -351,10 +367,10 @@ def estimated_modes(tracing: Tracing, modes: int) -> dict[str, Quantity]:
     fit = None if has_process_noise(system) else refit(tracing.model, trained, tracing.records)
     if fit is None:
         return {}
-    found = modes_of(fit.layout.system, estimate_of(fit), slow_states(trained), modes)
+    result = modes_of(fit.layout.system, estimate_of(fit), slow_states(trained), modes)
     return {
         name: Quantity(value, max(std, 1e-300), "rad/s" if name.endswith("frequency") else "1")
-        for name, (value, std) in found.items()
+        for name, (value, std) in result.items()
         if name.startswith("elastic_mode")
     }
 
@@ -370,7 +386,7 @@ def slow_states(trained: Trained) -> set[str]:
 
 
 def modes_of(
-    system: System, estimate: Estimate, held: Collection[str] = (), modes: int = 0
+    system: System, estimate: Estimate, fixed_states: Collection[str] = (), modes: int = 0
 ) -> dict[str, tuple[float, float]]:
     """Frequencies and damping ratios of an estimated model, with standard deviations, by name.
 
@@ -378,24 +394,28 @@ def modes_of(
     oscillations of the model with all couplings, ``elastic_mode_1_frequency`` (rad/s),
     ``elastic_mode_1_damping`` and so on.
     """
-    found = modal_estimate(system, estimate, held)
+    result = modal_estimate(system, estimate, fixed_states)
     if not modes:
-        return found
-    names, centre, gradient = propagated(lambda p: elastic_modes(system, p, held), system, estimate)
+        return result
+    names, centre, gradient = propagated(
+        lambda p: elastic_modes(system, p, fixed_states), system, estimate
+    )
     spread = np.sqrt(
         np.maximum(np.einsum("ki,ij,kj->k", gradient, estimate.covariance, gradient), 0.0)
     )
     rows = zip(names, centre, spread, strict=True)
-    return found | {name: (float(value), float(std)) for name, value, std in rows}
+    return result | {name: (float(value), float(std)) for name, value, std in rows}
 
 
-def elastic_modes(system: System, p: np.ndarray, held: Collection[str] = ()) -> dict[str, float]:
+def elastic_modes(
+    system: System, p: np.ndarray, fixed_states: Collection[str] = ()
+) -> dict[str, float]:
     """Undamped frequency (rad/s) and damping ratio of each oscillation at rest but the slowest, the
     short period.
     """
     n, u = len(system.states), [0.0] * len(system.inputs)
     F = complex_step_jacobian(lambda x: system.f(0.0, x, u, p.tolist()), [0.0] * n)
-    moving = [i for i, state in enumerate(system.states) if state.name not in held]
+    moving = [i for i, state in enumerate(system.states) if state.name not in fixed_states]
     roots = [root for root in np.linalg.eigvals(F[np.ix_(moving, moving)]) if root.imag > 1e-9]
     out = {}
     for number, root in enumerate(sorted(roots, key=abs)[1:], start=1):
@@ -405,7 +425,7 @@ def elastic_modes(system: System, p: np.ndarray, held: Collection[str] = ()) -> 
 
 
 def true_modes(vehicle: Model) -> dict[str, float]:
-    """The same of a true vehicle by its own equations, without a fit."""
+    """Modes of a true vehicle from its own equations, without a fit."""
     system = compile_model(vehicle)
     p = system.parameters.values()
     short_period = slowest_oscillation(system, p)
@@ -421,7 +441,7 @@ def true_modes(vehicle: Model) -> dict[str, float]:
 
 
 class Grade(Enum):
-    """What a diagnosis is worth once the truth is opened."""
+    """Grade of a diagnosis compared with the truth."""
 
     RIGHT = "right"
     AMBIGUOUS = "the right effects, one of them named as an alternative"
@@ -431,14 +451,16 @@ class Grade(Enum):
 
 @dataclass(frozen=True)
 class Scored:
-    """One derivative, parameter of an effect or modal number: true, comparable, before and after.
+    """A derivative, parameter of an effect or modal quantity: true, reference, before and after.
 
     Attributes
     ----------
-    true : None where the truth has no such number. comparable : the value that the fitted model
-    should find. before : None where there is none. condensed : of a rigid model's derivative on a
-    flexible aircraft, else None. open : the flight leaves this parameter open, with or without
-    noise. comparable_before : as ``comparable``, of ``before``.
+    true : None where the truth has no such number.
+    comparable : the value that the fitted model should find.
+    before : None where there is none.
+    condensed : of a rigid model's derivative on a flexible aircraft, else None.
+    open : the flight leaves this parameter open, with or without noise.
+    comparable_before : as ``comparable``, of ``before``.
     """
 
     name: str
@@ -468,13 +490,14 @@ class TraceStudy:
     Attributes
     ----------
     derivatives, effects, modes : estimates against what the fitted model should find, ``basis``
-    says how that is known. reasons : why a comparable value is not the true one, a sentence each.
+        says how that is known.
+    reasons : why a comparable value is not the true one, a sentence each.
     test : the third record predicted, which took no part in fitting or in choosing.
     """
 
     scenario: TraceScenario
     seed: int
-    flown: FlownTrace
+    simulated: SimulatedTrace
     tracing: Tracing
     grade: Grade
     derivatives: tuple[Scored, ...]
@@ -498,9 +521,9 @@ def run_trace(
     """
     chosen = scenario.seed if seed is None else seed
     progress("flying", 0.0)
-    flown = fly_trace(scenario, chosen)
+    simulated = fly_trace(scenario, chosen)
     with tempfile.TemporaryDirectory(prefix="flightid-") as folder:
-        train, validate, written = write_flown(flown, Path(folder))
+        train, validate, written = write_simulated(simulated, Path(folder))
         # What is printed names the file of the study, not this passing one.
         vehicle = replace(read_toml_source(written), path=Path(written.name))
         tracing = diagnose_files(
@@ -511,59 +534,64 @@ def run_trace(
         kept = tuple(note for note in tracing.notes if not note.startswith(ALSO_READ))
         tracing = replace(tracing, notes=kept)
     progress("comparing with the truth", 0.98)
-    return scored(scenario, chosen, flown, tracing)
+    return scored(scenario, chosen, simulated, tracing)
 
 
-def scored(scenario: TraceScenario, seed: int, flown: FlownTrace, tracing: Tracing) -> TraceStudy:
+def scored(
+    scenario: TraceScenario, seed: int, simulated: SimulatedTrace, tracing: Tracing
+) -> TraceStudy:
     """A diagnosis compared with the truth, and the third record predicted by it."""
-    truth = truth_of(scenario, flown)
-    found, before = comparable_to(tracing, flown, truth), comparable_before(tracing, flown, truth)
+    truth = truth_of(scenario, simulated)
+    result, before = (
+        comparable_to(tracing, simulated, truth),
+        comparable_before(tracing, simulated, truth),
+    )
     return TraceStudy(
         scenario,
         seed,
-        flown,
+        simulated,
         tracing,
         grade(scenario.expect, tracing),
-        _derivatives(flown, tracing, truth, found, before),
-        _effects(tracing, truth, found),
-        _modes(scenario, tracing, truth, found),
-        found.basis,
-        reasons_for(scenario, tracing, flown, truth, found),
-        predicted_test(flown, tracing),
+        _derivatives(simulated, tracing, truth, result, before),
+        _effects(tracing, truth, result),
+        _modes(scenario, tracing, truth, result),
+        result.basis,
+        reasons_for(scenario, tracing, simulated, truth, result),
+        predicted_test(simulated, tracing),
     )
 
 
-def truth_of(scenario: TraceScenario, flown: FlownTrace) -> Truth:
+def truth_of(scenario: TraceScenario, simulated: SimulatedTrace) -> DeclaredTruth:
     """Values that are known by declaration."""
     hidden = {
         f"{name}.{local}": value
-        for name, values in flown.hidden.items()
+        for name, values in simulated.hidden.items()
         for local, value in values.items()
     }
     modes, condensed = scenario.flight.modes, {}
     if modes and scenario.model == "rigid":
         values = {item.name: item.value for item in true_vehicle(scenario.flight).parameters}
         condensed = dict(condense(values, modes).derivatives)
-    return Truth({**flown.derivatives, **hidden}, condensed, modes)
+    return DeclaredTruth({**simulated.derivatives, **hidden}, condensed, modes)
 
 
-def predicted_test(flown: FlownTrace, tracing: Tracing) -> Predicted:
+def predicted_test(simulated: SimulatedTrace, tracing: Tracing) -> Predicted:
     """The third record predicted by the declared model and with the effects found, as `flightid
     predict` does.
     """
-    d, inputs = tracing.diagnosis, {channel.name for channel in flown.test.inputs}
+    d, inputs = tracing.diagnosis, {channel.name for channel in simulated.test.inputs}
     assert d.trained_before is not None and d.trained_after is not None
     spiked = [
         name
         for claim in d.effects
         if claim.claimed and (name := claim.name.removeprefix(SPIKES)) in inputs
     ]
-    record = replace(flown.test, hold=tracing.records[0].hold, name="test.csv")
+    record = replace(simulated.test, hold=tracing.records[0].hold, name="test.csv")
     return predict(d.trained_before, d.trained_after, tracing.model, [record], spiked)
 
 
 def grade(expect: Expectation, tracing: Tracing) -> Grade:
-    """Verdict and names against what is expected; an honest alternative counts as ambiguous."""
+    """Compare verdict and names with the expectation; a stated alternative counts as ambiguous."""
     verdict = tracing.diagnosis.verdict.value
     claims = [claim for claim in tracing.diagnosis.effects if claim.claimed]
     names = tuple(sorted(claim.name for claim in claims))
@@ -595,39 +623,43 @@ def _stands_beside(claims: list[Claim], accepted: tuple[str, ...]) -> bool:
 
 
 def _derivatives(
-    flown: FlownTrace, tracing: Tracing, truth: Truth, found: Comparable, before: Comparable
+    simulated: SimulatedTrace,
+    tracing: Tracing,
+    truth: DeclaredTruth,
+    comparable: Comparable,
+    before: Comparable,
 ) -> tuple[Scored, ...]:
     d = tracing.diagnosis
     return tuple(
         Scored(
             name,
             after.unit,
-            flown.derivatives[name],
-            found.values.get(name, flown.derivatives[name]),
+            simulated.derivatives[name],
+            comparable.values.get(name, simulated.derivatives[name]),
             d.before.get(name),
             after,
             truth.condensed.get(name),
-            name in found.open,
-            before.values.get(name, flown.derivatives[name]),
+            name in comparable.open,
+            before.values.get(name, simulated.derivatives[name]),
         )
         for name, after in d.after.items()
-        if name in flown.derivatives
+        if name in simulated.derivatives
     )
 
 
-def _effects(tracing: Tracing, truth: Truth, found: Comparable) -> tuple[Scored, ...]:
-    """Parameters of the effects in the fitted model, against what it should find."""
+def _effects(tracing: Tracing, truth: DeclaredTruth, comparable: Comparable) -> tuple[Scored, ...]:
+    """Parameters of the found effects, with their reference values."""
     d = tracing.diagnosis
-    names = [name for name in quantities_of(d) if name not in d.after and name in found.values]
+    names = [name for name in quantities_of(d) if name not in d.after and name in comparable.values]
     return tuple(
         Scored(
             name,
             q.unit,
             truth.values.get(name),
-            found.values[name],
+            comparable.values[name],
             None,
             q,
-            open=name in found.open,
+            open=name in comparable.open,
         )
         for name, q in quantities_of(d).items()
         if name in names
@@ -635,7 +667,7 @@ def _effects(tracing: Tracing, truth: Truth, found: Comparable) -> tuple[Scored,
 
 
 def _modes(
-    scenario: TraceScenario, tracing: Tracing, truth: Truth, found: Comparable
+    scenario: TraceScenario, tracing: Tracing, truth: DeclaredTruth, comparable: Comparable
 ) -> tuple[Scored, ...]:
     """Frequencies and damping ratios, those of elastic modes with all couplings of the aircraft."""
     d, flight = tracing.diagnosis, scenario.flight
@@ -646,12 +678,12 @@ def _modes(
             name,
             q.unit,
             true.get(name),
-            found.derived.get(name, true.get(name, 0.0)),
+            comparable.derived.get(name, true.get(name, 0.0)),
             d.derived_before.get(name),
             q,
         )
         for name, q in after.items()
-        if name in found.derived or (name in true and flight.own is None)
+        if name in comparable.derived or (name in true and flight.own is None)
     )
 
 

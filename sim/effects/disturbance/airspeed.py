@@ -1,4 +1,4 @@
-"""Airspeed that does not stay as declared: the phugoid, and a change along the record."""
+"""Airspeed that differs from the declared one: the phugoid, and a change along the record."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from sim.effects.instances import STEADY_FLIGHT
 from sim.effects.loads import weight_lift
 from sim.maths import G0
 
-SPEED, ATTITUDE = "phugoid_speed", "phugoid_attitude"
+SPEED = "phugoid_speed"  # state
+ATTITUDE = "phugoid_attitude"  # state
 STEEPEST = 0.35  # rad, of a flight path that perturbations about level flight still describe
 # Three to five times what is known beforehand.
 BELIEVED = {
@@ -49,8 +50,9 @@ class Phugoid:
     Attributes
     ----------
     attitude_recorded : the pitch attitude is an input of the equations, ``theta`` (rad, from its
-    value at the record's begin), and no state. speed_recorded : so is the airspeed, with the lift
-    that carries the weight: only the trim moment is left to find.
+        value at the record's begin), and no state.
+    speed_recorded : so is the airspeed, with the lift that carries the weight: only the trim moment
+        is left to find.
     """
 
     attitude_recorded: bool = False
@@ -146,7 +148,7 @@ class Phugoid:
         return (rate,) if self.attitude_recorded else (rate, s.q)
 
     def fitted_to(self, context: SearchContext) -> Phugoid:
-        """The same with those states left out that the records have as inputs."""
+        """Return the effect without the states that the records have as inputs."""
         return replace(
             self,
             attitude_recorded="theta" in context.input_peak,
@@ -154,8 +156,8 @@ class Phugoid:
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Flight paths up and down, each with its slope: at none at all there is an exchange
-        already.
+        """Probe flight paths up and down, each with its slope; level flight already exchanges
+        energy.
         """
         start = {item.name: item.value for item in self.parameters}
         if self.speed_recorded:
@@ -230,11 +232,11 @@ class SpeedVariation:
         return ()
 
     def fitted_to(self, context: SearchContext) -> SpeedVariation:
-        """The same with the declared airspeed at that record's begin."""
+        """Return the effect with the declared airspeed at the begin of the record."""
         return replace(self, begin=context.begin)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """The slope where there is none."""
+        """Probe the slope at absence."""
         return (Probe(self.absent, ("rate",)),)
 
 

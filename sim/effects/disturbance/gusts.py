@@ -1,6 +1,4 @@
-"""Gusts: a single one of one-minus-cosine shape across the flight path or from ahead, and
-continuous turbulence with the spectrum of Dryden.
-"""
+"""Gusts: a single one-minus-cosine gust, vertical or from ahead, and Dryden turbulence."""
 
 from __future__ import annotations
 
@@ -26,12 +24,12 @@ class GustDiscrete:
     Attributes
     ----------
     lasting : the first half only, and w stays at its peak after it (MIL-F-8785C, 3.7.1.3; its
-    length is V duration/2). fine : w + the sum of ``shape1`` ... ``shape3`` (m/s) times sin(k pi
-    x), x from 0 to 1 over the gust, or over its rise, less what would
-        change the peak: gusts that begin with a kink, rise faster than they fall, or are flat on
-        top.
+        length is V duration/2).
+    fine : w + the sum of ``shape1`` ... ``shape3`` (m/s) times sin(k pi x), x from 0 to 1 over the
+        gust, or over its rise, less what would change the peak: gusts that begin with a kink, rise
+        faster than they fall, or are flat on top.
     speed : the constant that is the declared airspeed. On lateral equations the air comes from the
-    right, and sideslip takes the place of alpha.
+        right, and sideslip takes the place of alpha.
     """
 
     lasting: bool = False
@@ -84,7 +82,7 @@ class GustDiscrete:
         }
 
     def finer(self) -> GustDiscrete:
-        """The same with a freer course."""
+        """Return the refined form, with a more general course."""
         return replace(self, fine=True)
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
@@ -111,8 +109,8 @@ class GustHorizontal:
 
     Attributes
     ----------
-    lasting, fine : as of a gust from below, see ``sim.effects.loads``: one that stays at its
-    peak; a freer course.
+    lasting, fine : as of a gust from below, see ``sim.effects.loads``: one that stays at its peak;
+        a freer course.
     """
 
     lasting: bool = False
@@ -155,7 +153,7 @@ class GustHorizontal:
         return {"headwind": gust_speed(s.time, p, self.lasting, self.fine)}
 
     def finer(self) -> GustHorizontal:
-        """The same with a freer course."""
+        """Return the refined form, with a more general course."""
         return replace(self, fine=True)
 
     def derivatives(self, s: Any, vehicle: Any, p: Any) -> Sequence[Any]:
@@ -244,9 +242,7 @@ class GustTurbulence:
         return density, 0.0 * density
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Starts for a fit with process noise: three lengths, of which the record shows a few at
-        least.
-        """
+        """Probe three scale lengths; a record shows at least some of them."""
         far = max(50.0, context.airspeed * context.duration / 6.0)
         return tuple(
             Probe({"sigma": 1.0, "length": length})

@@ -1,6 +1,4 @@
-"""Lift and moment that nobody recorded, from one time to another, and a random history of each load
-that no term of the model gives.
-"""
+"""Unmeasured loads: a pulse or step of lift and moment, and a random process on each load."""
 
 from __future__ import annotations
 
@@ -29,11 +27,13 @@ class UnmeasuredInput(SizedOnPorts):
 
     Attributes
     ----------
-    lasting : a step without ``duration``. width : of the edges, s. units, sizes : of lift and
-    moment. needs_constants : those of the equations it is written for. ports : that it loads, and
-    the names of these parameters. label : of the name,
-        where it is one port of several. sized : whether it is known what is large there; else any
-        size is believed.
+    lasting : a step without ``duration``.
+    width : of the edges, s.
+    units, sizes : of lift and moment.
+    needs_constants : constants that the equations must have.
+    ports : that it loads, and the names of these parameters.
+    label : of the name, where it is one port of several.
+    sized : whether it is known what is large there; else any size is believed.
     """
 
     lasting: bool = False
@@ -110,12 +110,12 @@ class UnmeasuredInput(SizedOnPorts):
         return ()
 
     def fitted_to(self, context: SearchContext) -> UnmeasuredInput:
-        """The same with edges of one sub-step of that record."""
+        """Return the effect with edges of one sub-step of the record."""
         return replace(self, width=edge_width(context.interval))
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by all loads at the record's begin, for some durations; a later start only shifts
-        them.
+        """Probe all loads at the begin of the record, for some durations; a later start only shifts
+        the response.
         """
         start = {"start": context.begin + self.width, **self.absent}
         if self.lasting:
@@ -142,25 +142,25 @@ VARIANTS: tuple[Traceable, ...] = (
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """A pulse and a step on each port for loads that none of the above is for."""
-    ports, known = load_ports(equations), {*equations.parameter_names}
+    """Return a pulse and a step on each load port without one in ``VARIANTS``."""
+    ports, parameter_names = load_ports(equations), {*equations.parameter_names}
     covered = {
         port
         for each in VARIANTS
-        if isinstance(each, UnmeasuredInput) and known.issuperset(each.needs_constants)
+        if isinstance(each, UnmeasuredInput) and parameter_names.issuperset(each.needs_constants)
         for port in each.ports
     }
-    found: list[Traceable] = []
+    candidates: list[Traceable] = []
     for port in ports:
         if port.name in covered and covered <= {each.name for each in ports}:
             continue
         label, size = port.name if len(ports) > 1 else "", _USUAL_LOAD.get(port.unit, 1.0)
         sized = port.unit in _USUAL_LOAD
-        found += [
+        candidates += [
             UnmeasuredInput(lasting, WIDTH, (port.unit,), (size,), (), (port.name,), label, sized)
             for lasting in (False, True)
         ]
-    return tuple(found)
+    return tuple(candidates)
 
 
 @dataclass(frozen=True)
@@ -220,7 +220,7 @@ class ModelDiscrepancy(SizedOnPorts):
 
 
 def discrepancy_for(effects: Sequence[Effect]) -> ModelDiscrepancy | None:
-    """A discrepancy of each load that an unmeasured input can act on; None where none can.
+    """A discrepancy of each load that an unmeasured input can act on; None if there is none.
 
     Parameters
     ----------

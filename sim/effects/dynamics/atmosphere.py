@@ -1,6 +1,4 @@
-"""The air of a falling body: its density over altitude, and drag that depends on the Mach
-number.
-"""
+"""The atmosphere of a falling body: density over altitude, and drag over the Mach number."""
 
 from __future__ import annotations
 
@@ -18,10 +16,10 @@ from sim.maths import Shapes, absolute, asinh, combine, maximum, natural_shapes,
 
 @dataclass(frozen=True)
 class DensityScaleHeight:
-    """rho = rho0 exp(-altitude / (H (1 + change))): the true scale height as a share above the
-    declared H; rho0 stays.
+    """Scale height of the density: rho = rho0 exp(-altitude / (H (1 + change))).
 
-    It acts on the logarithm of the drag, the only place where a falling body feels the density.
+    H and rho0 are the declared values; ``change`` is a share of H. The effect acts on the logarithm
+    of the drag, the only place where the density acts on a falling body.
     """
 
     name: ClassVar[str] = "density-scale-height"
@@ -62,14 +60,17 @@ class DensityScaleHeight:
         return ()
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """The slope where there is none."""
+        """Probe the slope at absence."""
         return (Probe(self.absent, ("change",)),)
 
 
-SONIC, TRANSONIC = 1.1, 0.25  # middle and half width of the Mach numbers at which drag changes most
-# K, K/m, K: standard atmosphere, held at its tropopause value above 11 km
-SEA_LEVEL, LAPSE, COLDEST = 288.15, 0.0065, 216.65
-HIGH, MOST = 11000.0, 1.0  # m, from where the air is coldest; of the logarithm of the drag
+SONIC = 1.1  # Mach number about which drag changes most
+TRANSONIC = 0.25  # half width of that range, Mach
+SEA_LEVEL = 288.15  # K, standard atmosphere
+LAPSE = 0.0065  # K/m, standard atmosphere
+COLDEST = 216.65  # K, standard atmosphere above 11 km
+HIGH = 11000.0  # m, the tropopause of the standard atmosphere
+MOST = 1.0  # prior standard deviation of the logarithm of the drag
 SPEED_PER_ROOT = math.sqrt(1.4 * 287.053)  # (m/s)/sqrt(K): air as a perfect gas
 
 
@@ -86,7 +87,8 @@ class DragMach:
 
     Attributes
     ----------
-    low, high : Mach numbers flown. fine : ten shapes instead of five, the first five the same.
+    low, high : Mach numbers flown.
+    fine : ten shapes instead of five, the first five the same.
     """
 
     low: float = 0.5
@@ -148,23 +150,30 @@ class DragMach:
         return ()
 
     def fitted_to(self, context: SearchContext) -> DragMach:
-        """The same over the Mach numbers that the record's speeds reach: a fall is slowest where it
-        is lowest.
+        """Return the effect over the Mach numbers of the record; a fall is slowest where it is
+        lowest.
         """
-        flown, heights = context.flown_range("velocity"), context.flown.get("altitude", (0.0, HIGH))
-        if flown is None:
+        recorded_range, heights = (
+            context.flown_range("velocity"),
+            context.flown.get("altitude", (0.0, HIGH)),
+        )
+        if recorded_range is None:
             return self
-        slowest = 0.0 if flown[0] < 0.0 < flown[1] else min(abs(flown[0]), abs(flown[1]))
+        slowest = (
+            0.0
+            if recorded_range[0] < 0.0 < recorded_range[1]
+            else min(abs(recorded_range[0]), abs(recorded_range[1]))
+        )
         low = slowest / _speed_of_sound(heights[0])
-        high = max(abs(flown[0]), abs(flown[1])) / _speed_of_sound(heights[1])
+        high = max(abs(recorded_range[0]), abs(recorded_range[1])) / _speed_of_sound(heights[1])
         return replace(self, low=low, high=max(high, low + 0.1))
 
     def finer(self) -> DragMach:
-        """The same with five finer shapes."""
+        """Return the refined form, with five more shapes."""
         return replace(self, fine=True)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by all shapes where there is none."""
+        """Probe the slopes by all shapes at absence."""
         return (Probe(self.absent, shape_names(self.fine, flat=False)),)
 
 

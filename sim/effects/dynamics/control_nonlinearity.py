@@ -1,5 +1,5 @@
-"""Control surface whose effect is no straight line of its deflection: a smooth curve, and two plain
-forms of it, unequal to both sides and weakening with the deflection.
+"""Nonlinear control effectiveness: a smooth curve, and two base forms of it, with different slopes
+to both sides or less effect at large deflections.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from sim.effects.instances import (
     LATERAL_CONTROLS,
     SHARES,
     LateralControl,
-    PlainControl,
+    NonlinearControl,
     all_labelled,
     labelled,
     of_all_controls,
@@ -36,19 +36,19 @@ class ControlNonlinearity:
 
     Attributes
     ----------
-    low, high : the range used. fine : nine shapes instead of four, the first four the same.
-    control, unit, size : the signal, its unit, and a usual size. moment_by, lift_by : names of the
-    derivatives. share_free : whether ``lift_share`` is estimated: not where the control hardly
-    lifts. by : values that stand for moment_by and lift_by beside f, the vehicle's own when empty.
-    An input of a few levels leaves f and the
-        derivative to trade off; with a fixed factor beside f that stays a straight line, which a
-        Gaussian can describe.
-    ports : that moment and lift add to. further : ports beside them, each with its derivative by
-    the control. label : of the name, where there
-        are several controls.
+    low, high : the range used.
+    fine : nine shapes instead of four, the first four the same.
+    control, unit, size : the signal, its unit, and a usual size.
+    moment_by, lift_by : names of the derivatives.
+    share_free : whether ``lift_share`` is estimated: not where the control hardly lifts.
+    by : values that stand for moment_by and lift_by beside f, the vehicle's own when empty. An
+        input of a few levels leaves f and the derivative to trade off; with a fixed factor beside f
+        that stays a straight line, which a Gaussian can describe.
+    ports : that moment and lift add to.
+    further : ports beside them, each with its derivative by the control.
+    label : of the name, where there are several controls.
     speed : the constant that is the declared airspeed; where it is only a ``reference_airspeed``
-    deflections are totals, and f counts from the
-        ``middle`` of the range.
+        deflections are totals, and f counts from the ``middle`` of the range.
     """
 
     low: float = -0.1
@@ -155,10 +155,9 @@ class ControlNonlinearity:
         return ()
 
     def fitted_to(self, context: SearchContext) -> ControlNonlinearity:
-        """The same over the range of deflections that the record used, in units of the derivatives
-        fitted so far.
+        """Return the effect over the deflections of the record, sized by the present derivatives.
 
-        A pseudo-control goes no further than the stick.
+        The range of a pseudo-control is that of the stick.
         """
         low, high = (
             context.flown_range(self.control)
@@ -170,11 +169,11 @@ class ControlNonlinearity:
         return replace(self, low=low, high=high, middle=middle, by=by if by[0] != 0.0 else ())
 
     def finer(self) -> ControlNonlinearity:
-        """The same with five finer shapes."""
+        """Return the refined form, with five more shapes."""
         return replace(self, fine=True)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by all shapes where there is none, lift and moment from one force."""
+        """Probe the slopes by all shapes at absence, with lift and moment from one force."""
         return (Probe({**self.absent, "lift_share": 1.0}, shape_names(self.fine)),)
 
 
@@ -213,7 +212,7 @@ ROUNDED = 0.001
 
 
 @dataclass(frozen=True)
-class ControlUnevenness(PlainControl):
+class ControlUnevenness(NonlinearControl):
     """The moment of a deflection d is that of d + ``unevenness`` |d|: slopes of 1 + unevenness to
     the positive side, 1 - unevenness to the other.
 
@@ -252,7 +251,7 @@ class ControlUnevenness(PlainControl):
         return p.unevenness * (sqrt(d * d + self.width * self.width) - self.width)
 
     def fitted_to(self, context: SearchContext) -> ControlUnevenness:
-        """The same with a kink as narrow as the deflections of the record ask."""
+        """Return the effect with a kink as narrow as the deflections of the record require."""
         widest, middle = self.used(context)
         return replace(self, width=ROUNDED * widest or self.width, middle=middle)
 
@@ -261,7 +260,7 @@ UNEVENNESS_VARIANTS: tuple[Traceable, ...] = of_all_controls(ControlUnevenness, 
 
 
 @dataclass(frozen=True)
-class ControlWeakening(PlainControl):
+class ControlWeakening(NonlinearControl):
     """The moment of a deflection d is that of d - ``loss`` d (d/D)^2, ``widest`` D the largest
     deflection used, in the control's unit.
 
@@ -300,7 +299,7 @@ class ControlWeakening(PlainControl):
         return -p.loss * d * (d / self.widest) ** 2
 
     def fitted_to(self, context: SearchContext) -> ControlWeakening:
-        """The same with the largest deflection of the record."""
+        """Return the effect with the largest deflection of the record."""
         widest, middle = self.used(context)
         return replace(self, widest=widest or self.widest, middle=middle)
 

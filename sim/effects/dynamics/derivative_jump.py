@@ -1,6 +1,4 @@
-"""Derivatives, drag of a falling body, or parameters of a user's model that change at one
-time.
-"""
+"""Steps in time of derivatives, of the drag of a falling body, or of parameters of a user model."""
 
 from __future__ import annotations
 
@@ -25,7 +23,8 @@ from sim.effects.instances import ANOTHER_FALL, labelled
 from sim.effects.loads import SLOW_WIDTH, WIDTH, edge_width, risen
 from sim.maths import log
 
-USUAL, LARGEST = 0.3, 10.0  # changes, as shares of the declared value
+USUAL = 0.3  # typical change, as a share of the declared value
+LARGEST = 10.0  # largest plausible change, as a share of the declared value
 
 
 @dataclass(frozen=True)
@@ -38,10 +37,11 @@ class ParameterJump:
 
     Attributes
     ----------
-    changing : name and unit of each parameter. label : of the name, where there are several groups.
-    sizes : usual changes, in their units;
-        unknown before a record's model gives the declared values, and any size is believed then.
-        width : of the edge, s.
+    changing : name and unit of each parameter.
+    label : of the name, where there are several groups.
+    sizes : usual changes, in their units; unknown before a record's model gives the declared
+        values, and any size is believed then.
+    width : of the edge, s.
     """
 
     changing: tuple[tuple[str, str], ...]
@@ -106,25 +106,23 @@ class ParameterJump:
         return {name: share * getattr(p, name) for name in self.group}
 
     def fitted_to(self, context: SearchContext) -> ParameterJump:
-        """The same with an edge of one sub-step of that record, and changes as large as the
-        declared values let expect.
+        """Return the effect with an edge of one sub-step of the record, and changes of usual size
+        for the declared values.
         """
         declared = [abs(context.values.get(name, 0.0)) for name in self.group]
         sizes = tuple(USUAL * value for value in declared) if all(declared) else ()
         return replace(self, width=edge_width(context.interval), sizes=sizes)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by all changes at 36 times; a later time does not merely shift the signature."""
+        """Probe all changes at 36 times; a later time does not merely shift the response."""
         return tuple(Probe({**self.absent, "time": time}, self.group) for time in context.onsets())
 
 
 def jumps_of(equations: OwnEquations) -> tuple[ParameterJump, ...]:
-    """One for the parameters that act through each port, labelled by the port where there are
-    several.
+    """Return a step of the parameters that act through each port.
 
-    Where ports are coefficients that are sums of terms, a group holds the derivatives of one
-    coefficient: each rate knows several ports, and all of their parameters would be in all groups.
-    A constant that jumps is `unmeasured-input`.
+    Where ports are coefficients, a group holds the derivatives of one coefficient, since each rate
+    depends on several ports. A step of a constant term is `unmeasured-input`.
     """
     groups: dict[str, list[str]] = {}
     if equations.terms:
@@ -142,7 +140,7 @@ def jumps_of(equations: OwnEquations) -> tuple[ParameterJump, ...]:
 
 
 def _derivatives(equations: OwnEquations) -> list[tuple[str, str]]:
-    """Coefficient and parameter of each term that holds a signal."""
+    """Coefficient and parameter of each term that contains a signal."""
     signals = [name.removeprefix(AS_TERM) for name in equations.formed_names]
     terms = [(axis, parse_term(text, signals)) for axis, text in equations.terms]
     named = [(axis, f"{axis}_{term.label}") for axis, term in terms if term.signals]
@@ -172,8 +170,8 @@ ALL_AXES = (
 
 @dataclass(frozen=True)
 class Change:
-    """One derivative that may change: its name, its unit, the signal it multiplies, a usual size
-    and the largest believed.
+    """A derivative that may change: name, unit, the signal it multiplies, usual and largest
+    size.
     """
 
     derivative: str
@@ -199,7 +197,7 @@ _LATERAL_SIGNALS = {"beta": "beta_air", "p": "p_hat", "r": "r_hat", "da": "ailer
 
 
 def _lateral(axis: str, size: float, largest: float) -> tuple[Change, ...]:
-    """All derivatives of one lateral coefficient; by the rates they are several times larger."""
+    """All derivatives of one lateral coefficient; those by the rates are several times larger."""
     rates = {"p": 5.0, "r": 5.0}
     return tuple(
         Change(
@@ -220,9 +218,10 @@ class DerivativeJump:
 
     Attributes
     ----------
-    moment, lift : derivatives that may change. width : of the edge, s. ports : that these add to.
-    label : of the name, where an aircraft has
-        several groups of derivatives: yaw, roll, side force.
+    moment, lift : derivatives that may change.
+    width : of the edge, s.
+    ports : that these add to.
+    label : of the name, where an aircraft has several groups of derivatives: yaw, roll, side force.
     """
 
     moment: tuple[Change, ...] = RIGID_MOMENT
@@ -292,11 +291,11 @@ class DerivativeJump:
         return ()
 
     def fitted_to(self, context: SearchContext) -> DerivativeJump:
-        """The same with an edge of one sub-step of that record."""
+        """Return the effect with an edge of one sub-step of the record."""
         return replace(self, width=edge_width(context.interval))
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by all changes at 36 times; a later time does not merely shift the signature."""
+        """Probe all changes at 36 times; a later time does not merely shift the response."""
         return tuple(
             Probe({**self.absent, "time": time}, self.needs_constants) for time in context.onsets()
         )
@@ -319,14 +318,15 @@ DERIVATIVE_VARIANTS: tuple[Traceable, ...] = (
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Groups of parameters of a user's own model, those that act through one port each, unless one
-    of the above is for its derivatives.
+    """Return groups of parameters of a user model, one for each port, unless ``VARIANTS`` has
+    one.
     """
-    known, ports = {*equations.parameter_names}, {port.name for port in equations.ports}
+    parameter_names, ports = {*equations.parameter_names}, {port.name for port in equations.ports}
     listed = (
         each
         for each in DERIVATIVE_VARIANTS
-        if known.issuperset(constants_needed(each)) and ports.issuperset(ports_needed(each))
+        if parameter_names.issuperset(constants_needed(each))
+        and ports.issuperset(ports_needed(each))
     )
     return jumps_of(equations) if isinstance(equations, OwnEquations) and not any(listed) else ()
 
@@ -375,11 +375,11 @@ class DragJump:
         return ()
 
     def fitted_to(self, context: SearchContext) -> DragJump:
-        """The same with an edge that sub-steps of that record resolve."""
+        """Return the effect with an edge that sub-steps of the record resolve."""
         return replace(self, width=edge_width(context.interval, SLOW_WIDTH))
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slope by the factor at 36 times."""
+        """Probe the factor at 36 times."""
         return tuple(Probe({"time": time, "factor": 1.0}, ("factor",)) for time in context.onsets())
 
 

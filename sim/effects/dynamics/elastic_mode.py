@@ -1,5 +1,5 @@
-"""One elastic mode that the declared model lacks, as a record can show it: an oscillator driven by
-control and angle of attack.
+"""An elastic mode that the declared model lacks: an oscillator driven by control and angle of
+attack.
 """
 
 from __future__ import annotations
@@ -46,20 +46,21 @@ class ElasticMode:
     Attributes
     ----------
     angle_std : of ``angle_gain`` beforehand. The air that the angle brings bends a structure about
-    as it turns the aircraft: where a record does not
-        tell it, no moment of the aircraft is to be lost in it.
+        as it turns the aircraft: where a record does not tell it, no moment of the aircraft is to
+        be lost in it.
     number : 1 is ``elastic-mode``, 2 a second one, ``elastic-mode#2``.
     fine : also loads by the rate of bending, forcing by the pitch rate, and an accelerometer away
-    from the node: ``lift_rate``
-        and ``moment_rate`` times eta_dot/frequency, ``pitch_gain`` q in the forcing, nz +
-        ``accelerometer`` eta_ddot.
+        from the node: ``lift_rate`` and ``moment_rate`` times eta_dot/frequency, ``pitch_gain`` q
+        in the forcing, nz + ``accelerometer`` eta_ddot.
     control : the signal that drives it; ``angle`` its unit; ``loads`` units, ``sizes`` starts of
-    lift, moment, gyro. needs_constants : those of the equations it is written for. fastest : rad/s,
-    that the records resolve. ports : that it loads, and the names of these parameters. read_as :
-    the angle that drives it, the rate that its gyro adds to, the
-        accelerometer's channel. total : whether control and angle are totals; ``trim``, what they
-        force in steady flight, is then free and taken off, since a record begins without bending,
-        and starts from ``middle``, that of the deflections used.
+        lift, moment, gyro.
+    needs_constants : constants that the equations must have.
+    fastest : rad/s, that the records resolve.
+    ports : that it loads, and the names of these parameters.
+    read_as : the angle that drives it, the rate that its gyro adds to, the accelerometer's channel.
+    total : whether control and angle are totals; ``trim``, what they force in steady flight, is
+        then free and taken off, since a record begins without bending, and starts from ``middle``,
+        that of the deflections used.
     """
 
     number: int = 1
@@ -201,14 +202,14 @@ class ElasticMode:
         )
 
     def finer(self) -> ElasticMode:
-        """The same mode with all its couplings."""
+        """Return the refined form, with all couplings."""
         return replace(self, fine=True)
 
     def fitted_to(self, context: SearchContext) -> ElasticMode:
-        """The mode kept to frequencies that the records resolve, driven by the angle not far beyond
-        what the aircraft is turned by it.
+        """Return the mode with frequencies that the records resolve, driven by the angle of attack
+        at most a little more than the aircraft turns.
 
-        Where deflections are totals, about the middle of them.
+        Deflections that are totals count from the middle of their range.
         """
         low, high = (context.flown_range(self.control) if self.total else None) or (
             self.middle,
@@ -221,8 +222,8 @@ class ElasticMode:
         return replace(self, fastest=_resolved(context), middle=0.5 * (low + high), angle_std=std)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by the couplings at the peaks of the residual's spectrum, then over a grid up to
-        four fifths of the sampling limit.
+        """Probe the couplings at the peaks of the residual's spectrum, then over a grid up to four
+        fifths of the sampling limit.
         """
         slowest = max(2.0, 4.0 * math.pi / max(context.duration, 1.0))
         fastest = min(_resolved(context), FASTEST)

@@ -1,6 +1,5 @@
-"""Forces and moments that are no straight line of the angle of attack or of sideslip, one effect
-for each axis; and flow that leaves the wing near stall and returns, both late: lift and moment
-with hysteresis.
+"""Nonlinear forces and moments over the angle of attack or sideslip, one effect for each axis; and
+flow separation near stall with hysteresis of lift and moment.
 """
 
 from __future__ import annotations
@@ -182,7 +181,9 @@ LEAST_ATTACHED = 1e-4
 NO_STALL_BELOW = 0.15
 NEVER = 6.0  # rad, where alpha_star is beyond any flight
 SHARES = (0.7, 0.85, 1.0)  # of the largest angle flown, that a search tries
-TIMES, STEEPNESS, MOMENTS = (0.1, 0.5), (15.0, 40.0), (0.0, -0.1)  # s, 1/rad, 1
+TIMES = (0.1, 0.5)  # s, time constants that are probed
+STEEPNESS = (15.0, 40.0)  # 1/rad, slopes of the separation point that are probed
+MOMENTS = (0.0, -0.1)  # moment coefficients by separation that are probed
 
 
 @dataclass(frozen=True)
@@ -205,7 +206,7 @@ class FlowSeparation:
     Attributes
     ----------
     total : whether the equations count totals. ports : that it loads; the names of ``moment`` and
-    ``drag`` among the parameters.
+        ``drag`` among the parameters.
     """
 
     total: bool = False
@@ -302,14 +303,14 @@ class FlowSeparation:
         return ((where(real(beyond) <= ATTACHED, 0.0, share) - s.separated_flow) / p.tau1,)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Whole changes over a grid about the largest angle flown; none where no wing would stall
+        """Probe whole changes over a grid about the largest angle; none if no wing would stall
         there.
         """
-        flown = context.flown_range("alpha")
+        recorded_range = context.flown_range("alpha")
         if (
-            flown is None
-            or flown[1] <= 0.0
-            or flown[1] + self._from_zero_lift(context.values) < NO_STALL_BELOW
+            recorded_range is None
+            or recorded_range[1] <= 0.0
+            or recorded_range[1] + self._from_zero_lift(context.values) < NO_STALL_BELOW
         ):
             return ()
         start = {item.name: item.value for item in self.parameters}
@@ -318,7 +319,7 @@ class FlowSeparation:
             Probe(
                 {
                     **start,
-                    "alpha_star": share * flown[1],
+                    "alpha_star": share * recorded_range[1],
                     "tau1": time,
                     "a1": steepness,
                     "moment": moment,
@@ -336,8 +337,8 @@ class FlowSeparation:
         )
 
     def _from_zero_lift(self, values: Mapping[str, float]) -> float:
-        """Angle (rad) from zero lift to where the model counts alpha from; so large that it forbids
-        nothing where that is not known.
+        """Angle (rad) from zero lift to the reference of alpha; very large if unknown, so that it
+        forbids nothing.
         """
         if not set(self.needs_constants) <= set(values) or values["CL_alpha"] <= 0.0:
             return NO_STALL_BELOW
@@ -359,7 +360,4 @@ def _weight_lift(mass: Any, wing_area: Any, airspeed: Any, density: Any) -> Any:
 SEPARATION_VARIANTS: tuple[Traceable, ...] = (FlowSeparation(), FlowSeparation(total=True))
 
 
-VARIANTS: tuple[Traceable, ...] = (
-    *CURVE_VARIANTS,
-    *SEPARATION_VARIANTS,
-)
+VARIANTS: tuple[Traceable, ...] = (*CURVE_VARIANTS, *SEPARATION_VARIANTS)

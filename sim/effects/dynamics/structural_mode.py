@@ -1,8 +1,7 @@
-"""One declared mode of a flexible aircraft, numbered, coupled to the rigid motion and to the other
-modes.
+"""One declared mode of a flexible aircraft, coupled to the rigid motion and to the other modes.
 
-It belongs to the vehicle: its data file gives the coefficients. A mode that a record shows and the
-model lacks is `elastic_mode`.
+It belongs to the vehicle: the vehicle's data file gives the coefficients. `elastic_mode` is for a
+mode that the declared model lacks.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ class StructuralMode:
     ----------
     number : of this mode, from 1.
     modes : numbers of the modes it is coupled to, itself among them; one that the model lacks adds
-    nothing.
+        nothing.
 
     Full parameter names carry the number: ``omega1`` (rad/s), ``zeta1``, ``generalized_mass1`` (kg
     m2), ``CL_eta1``, ``Ceta1_alpha``, ``Ceta1_eta2``. Estimated unless told otherwise: frequency,

@@ -45,8 +45,8 @@ from sim.maths import Shapes, combine, first_shapes, natural_shapes, shape_names
 
 # shapes: a slope and a bend; the curve of five intervals of the named ones; that of ten
 FORMS = (2, 5, 10)
-# the port where a recorded airspeed comes in, and what it is called
-AIRSPEED_CHANGE, AIRSPEED = "airspeed_change", "airspeed"
+AIRSPEED_CHANGE = "airspeed_change"  # port of a recorded airspeed, less its mean
+AIRSPEED = "airspeed"  # name of that channel
 CURVES = (*CURVED_CONTROLS, *CURVED_LOADS)
 # A fall meets its heights and speeds together: a ballistic coefficient over the one is the air's
 # density, over the other the Mach number's drag.
@@ -78,12 +78,15 @@ class Varies:
 
     Attributes
     ----------
-    parameter, counted_in : of the equations, and its unit. over : the signal on the bus. called :
-    its name, where that differs. gust : the port
-        that adds to it. state : whether the signal is a state. size : a usual change; ``guessed``
-        where nothing is known of it, as in a user's own model. alike : the instance with the same
-        product of two signals.
-    low, high : the range flown, in the signal's unit. count : of shapes, one of ``FORMS``.
+    parameter, counted_in : of the equations, and its unit.
+    over : the signal on the bus.
+    called : its name, where that differs.
+    gust : the port that adds to it.
+    state : whether the signal is a state.
+    size : a usual change; ``guessed`` where nothing is known of it, as in a user's own model.
+    alike : the instance with the same product of two signals.
+    low, high : the range flown, in the signal's unit.
+    count : of shapes, one of ``FORMS``.
     """
 
     parameter: str = "Cm_q"
@@ -180,8 +183,8 @@ class Varies:
         return combine(self.shapes, at + getattr(s, self.gust) if self.gust else at, p)
 
     def fitted_to(self, context: SearchContext) -> Varies:
-        """The same over the range that the records flew; one that is larger than usual may change
-        by more, and a guess gives way to its size.
+        """Return the effect over the range of the records; a parameter larger than usual may change
+        by more, and a default size gives way to the parameter's own.
         """
         low, high = context.flown_range(self.over) or (self.low, self.high)
         if not high > low:
@@ -196,11 +199,11 @@ class Varies:
         )
 
     def finer(self) -> Varies:
-        """The same in the next form, with further shapes."""
+        """Return the next refined form, with more shapes."""
         return replace(self, count=min((n for n in FORMS if n > self.count), default=FORMS[-1]))
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by all shapes where there is none."""
+        """Probe the slopes by all shapes at absence."""
         return (Probe(self.absent, self._names),)
 
 
@@ -210,8 +213,8 @@ def name_of(parameter: str, signal: str) -> str:
 
 
 def curve_made_for(equations: Equations) -> tuple[Varies, ...]:
-    """An instance for each parameter that multiplies a signal over each state, control and recorded
-    airspeed, but for those of a named curve.
+    """Return an instance for each parameter that multiplies a signal, over each state, control and
+    recorded airspeed, unless a named effect has this curve.
     """
     if isinstance(equations, OwnEquations) and equations.terms:
         return ()  # missing terms say it
@@ -224,8 +227,8 @@ def curve_made_for(equations: Equations) -> tuple[Varies, ...]:
 
 
 def other_names(equations: Equations) -> Mapping[str, str]:
-    """Names of instances that are what a named curve bends, with the name of that curve."""
-    ports, known = {port.name for port in equations.ports}, {*equations.parameter_names}
+    """Names of instances that equal a named effect, with the name of that effect."""
+    ports, parameter_names = {port.name for port in equations.ports}, {*equations.parameter_names}
     curves = [
         *(((derivative, signal), curve) for curve in CURVES for derivative, signal in _bent(curve)),
         *OF_A_FALL.items(),
@@ -233,7 +236,7 @@ def other_names(equations: Equations) -> Mapping[str, str]:
     fitting = [
         (key, c)
         for key, c in curves
-        if ports.issuperset(ports_needed(c)) and known.issuperset(constants_needed(c))
+        if ports.issuperset(ports_needed(c)) and parameter_names.issuperset(constants_needed(c))
     ]
     offered = {effect.name for effect in _every(equations)}
     return {
@@ -242,7 +245,7 @@ def other_names(equations: Equations) -> Mapping[str, str]:
 
 
 def _bent(curve: Traceable) -> tuple[tuple[str, str], ...]:
-    """Derivatives that a named curve bends, each with the signal over which."""
+    """Derivatives that a named effect makes nonlinear, each with the signal."""
     if isinstance(curve, LoadCurve):
         return ((curve.needs_constants[0], curve.flown),)
     return (
@@ -292,8 +295,8 @@ def _every(equations: Equations) -> Iterator[Varies]:
 
 
 def _same_product(parameter: str, signal: str, factors: Mapping[str, str]) -> str:
-    """The instance that has the same product of two signals: of ``Cl_p(beta)`` it is
-    ``Cl_beta(p)``; empty where there is none.
+    """Name of the instance with the same product of two signals: of ``Cl_p(beta)`` it is
+    ``Cl_beta(p)``; empty if there is none.
     """
     axis, _, by = parameter.partition("_")
     known = {other.partition("_")[2]: other for other in factors if other.partition("_")[0] == axis}
@@ -319,13 +322,14 @@ SHARE = 0.1
 
 @dataclass(frozen=True)
 class MissingTerm:
-    """The coefficient has ``size`` times a term more.
+    """One more term of an aerodynamic coefficient: coefficient += size term.
 
     ``size`` of either sign, per radian, rates non-dimensional.
 
     Attributes
     ----------
-    axis : the coefficient, a port of the equations. term : its text (`sim.aerodynamics`).
+    axis : the coefficient, a port of the equations.
+    term : its text (`sim.aerodynamics`).
     surfaces : names of further signals that stand in terms.
     """
 
@@ -355,7 +359,7 @@ class MissingTerm:
 
     @cached_property
     def parsed(self) -> Term:
-        """The term."""
+        """The term as an object."""
         return parse_term(self.term, (*FLOW, *self.surfaces))
 
     @property
@@ -374,7 +378,7 @@ class MissingTerm:
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slope by the size where there is none."""
+        """Probe the slope by the size at absence."""
         return (Probe(self.absent, ("size",)),)
 
     def increments(self, s: Any, vehicle: Any, p: Any) -> Mapping[str, Any]:
@@ -389,10 +393,10 @@ TERM_VARIANTS: tuple[Traceable, ...] = (MissingTerm("Cm", "alpha^3"),)
 
 
 def term_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Terms that a coefficient may lack by the symmetry of an aircraft: linear ones, squares and
-    products of two signals, cubes of the air's angles.
+    """Return terms that the symmetry of an aircraft allows in a coefficient: linear ones, squares
+    and products of two signals, cubes of the air angles.
 
-    A surface belongs to the motion in whose coefficients the vehicle file has it.
+    A surface belongs to the motion whose coefficients have it in the vehicle file.
     """
     if not isinstance(equations, OwnEquations) or not equations.terms:
         return ()
@@ -404,24 +408,18 @@ def term_made_for(equations: Equations) -> tuple[Traceable, ...]:
     for axis, text in equations.terms:
         present.setdefault(axis, set()).add(parse_term(text, (*FLOW, *surfaces)))
     along, across = sorted_surfaces(present, surfaces)
-    found = []
+    result = []
     for axis, terms in present.items():
         inside = axis in IN_SYMMETRY
         for term in allowed_terms(along, across, symmetric=inside):
             if term not in terms and (axis, term.text) != ("Cm", "alpha^3"):
-                found.append(MissingTerm(axis, term.text, surfaces))
-    return tuple(found)
+                result.append(MissingTerm(axis, term.text, surfaces))
+    return tuple(result)
 
 
-VARIANTS: tuple[Traceable, ...] = (
-    *CURVE_VARIANTS,
-    *TERM_VARIANTS,
-)
+VARIANTS: tuple[Traceable, ...] = (*CURVE_VARIANTS, *TERM_VARIANTS)
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """The instances of every effect in this file that none of ``VARIANTS`` is for."""
-    return (
-        *curve_made_for(equations),
-        *term_made_for(equations),
-    )
+    """Return the instances of this file that ``VARIANTS`` lacks."""
+    return (*curve_made_for(equations), *term_made_for(equations))

@@ -1,6 +1,5 @@
-"""Loads that no set of constant derivatives gives: damping that depends on its own size,
-derivatives and drag that drift, drag of the deflected elevator, loads that remember which way the
-motion went last.
+"""Catch-all terms for loads that no constant derivatives give: amplitude-dependent damping,
+drifting derivatives and drag, elevator drag, and loads with hysteresis.
 """
 
 from __future__ import annotations
@@ -24,13 +23,16 @@ _NO_CAUSE = (
 
 @dataclass(frozen=True)
 class DampingCurve(SizedOnPorts):
-    """lift += ``lift`` r |r|, moment += ``moment`` r |r|, r the signal ``rate`` of the equations.
+    """Damping that depends on its own size: lift += ``lift`` r |r|, moment += ``moment`` r |r|,
+    with r the signal ``rate`` of the equations.
 
     Attributes
     ----------
-    rate : the signal. units, sizes : of lift and moment. needs_constants : those of the equations
-    it is written for. ports : that it loads, and the names of these parameters. label : of the
-    name, where there are several rates.
+    rate : the signal.
+    units, sizes : of lift and moment.
+    needs_constants : those of the equations it is written for.
+    ports : that it loads, and the names of these parameters.
+    label : of the name, where there are several rates.
     """
 
     rate: str
@@ -71,21 +73,24 @@ class DampingCurve(SizedOnPorts):
         return ()
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by both where there is none."""
+        """Probe the slopes by both sizes at absence."""
         return (Probe(self.absent, self.ports),)
 
 
 @dataclass(frozen=True)
 class DriftingDerivatives:
-    """moment += (t - begin) (``stability`` alpha + ``control`` d), lift += (t - begin) ``slope``
-    alpha; d the control signal.
+    """Derivatives that drift: moment += (t - begin) (``stability`` alpha + ``control`` d), lift +=
+    (t - begin) ``slope`` alpha; d is the control signal.
 
     Attributes
     ----------
-    begin : the time at which the declared derivatives hold, s. control_signal : d. units, sizes :
-    of stability, control and slope. needs_constants : those of the equations it is written for.
-    ports : of lift and moment or their like. angle : the signal of alpha or its
-        like. label : of the name, where there are several groups of derivatives.
+    begin : the time at which the declared derivatives hold, s.
+    control_signal : d.
+    units, sizes : of stability, control and slope.
+    needs_constants : constants that the equations must have.
+    ports : of lift and moment or their like.
+    angle : the signal of alpha or its like.
+    label : of the name, where there are several groups of derivatives.
     """
 
     control_signal: str
@@ -140,11 +145,11 @@ class DriftingDerivatives:
         return ()
 
     def fitted_to(self, context: SearchContext) -> DriftingDerivatives:
-        """The same with the declared derivatives at that record's begin."""
+        """Return the effect with the declared derivatives at the begin of the record."""
         return replace(self, begin=context.begin)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by all where there is none."""
+        """Probe the slopes by all sizes at absence."""
         return (Probe(self.absent, tuple(self.absent)),)
 
 
@@ -279,9 +284,10 @@ class Hysteresis(SizedOnPorts):
 
     Attributes
     ----------
-    units, sizes : of lift and moment. needs_constants : those of the equations it is written for.
-    ports : that it loads, and the names of these parameters. rate : the signal of the motion that
-    is remembered.
+    units, sizes : of lift and moment.
+    needs_constants : constants that the equations must have.
+    ports : that it loads, and the names of these parameters.
+    rate : the signal of the motion that is remembered.
     """
 
     units: tuple[str, str]

@@ -1,5 +1,5 @@
-"""Loads that follow a state late, swing at one frequency or grow with the product of two signals;
-and a vane behind the centre of gravity, the other reading of an accelerometer ahead of it.
+"""Catch-all terms: loads that lag a state, oscillate at one frequency, or are products of two
+signals; and a vane behind the centre of gravity, also read as an accelerometer ahead of it.
 """
 
 from __future__ import annotations
@@ -31,21 +31,24 @@ LOOKS_LATE = ("actuator-lag", "input-delay")
 
 @dataclass(frozen=True)
 class LaggedLoads(SizedOnPorts):
-    """late_dot = (angle - late)/``lag``, lift += ``lift`` (angle - late), moment += ``moment``
-    (angle - late).
+    """Loads that lag an angle: late_dot = (angle - late)/``lag``, lift += ``lift`` (angle - late),
+    moment += ``moment`` (angle - late).
 
-    The first term of unsteady aerodynamics: loads that overshoot or build up with time constant
-    ``lag``, s. For a short lag it is a derivative by alpha_dot, which the declared derivatives hold
-    already.
+    That is the first-order model of unsteady aerodynamics: loads overshoot or build up with the
+    time constant ``lag``, s. For a short lag it equals a derivative by alpha_dot, which the
+    declared derivatives contain already.
 
     Attributes
     ----------
-    units, sizes : of lift and moment. needs_constants : those of the equations it is written for.
-    ports : that it loads, and the names of these parameters. angle : the signal that is followed
-    late. aliases : effects that look like it. total : whether the signal is one; it then counts
-    from ``middle``, that of the values flown, so that the loads do not begin with a jump. flown,
-    counted_in : the state behind the signal and its unit. of : of the name, where there are guards
-    for several states.
+    units, sizes : of lift and moment.
+    needs_constants : constants that the equations must have.
+    ports : that it loads, and the names of these parameters.
+    angle : the signal that is followed late.
+    aliases : effects that look like it.
+    total : whether the signal is one; it then counts from ``middle``, that of the values flown, so
+        that the loads do not begin with a jump.
+    flown, counted_in : the state behind the signal and its unit.
+    of : of the name, where there are guards for several states.
     """
 
     units: tuple[str, ...]
@@ -74,7 +77,7 @@ class LaggedLoads(SizedOnPorts):
 
     @property
     def _late(self) -> str:
-        """Of several each has its own, under a name that no user's signal can have."""
+        """Name of the state; for one of several states a name that no user's signal can have."""
         return f"{self.of}, late" if self.of else "late_angle"
 
     @property
@@ -105,12 +108,16 @@ class LaggedLoads(SizedOnPorts):
         return angle - self.middle if self.total else angle
 
     def fitted_to(self, context: SearchContext) -> LaggedLoads:
-        """The same; a total counts from the middle of the values that the record flew."""
-        flown = context.flown_range(self.flown)
-        return replace(self, middle=0.5 * (flown[0] + flown[1])) if self.total and flown else self
+        """Return the effect; total angles count from the middle of the record's range."""
+        recorded_range = context.flown_range(self.flown)
+        return (
+            replace(self, middle=0.5 * (recorded_range[0] + recorded_range[1]))
+            if self.total and recorded_range
+            else self
+        )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by all loads at some lags."""
+        """Probe all loads at some lags."""
         return tuple(
             Probe({"lag": lag, **self.absent}, self.ports) for lag in LAGS if lag > context.interval
         )
@@ -140,7 +147,7 @@ LAGGED_LOADS: tuple[Traceable, ...] = (
 
 
 def lagged_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """One for each state of a user's own model, on the ports where an estimated parameter
+    """Return one for each state of a user model, on the ports where an estimated parameter
     multiplies it.
     """
     if not isinstance(equations, OwnEquations):
@@ -153,18 +160,20 @@ def lagged_made_for(equations: Equations) -> tuple[Traceable, ...]:
         )
         or LOOKS_LATE
     )
-    ports, found = ports_without(LAGGED_LOADS, equations), list[Traceable]()
+    ports, candidates = ports_without(LAGGED_LOADS, equations), list[Traceable]()
     multiplied = {(port, signal) for port, signal, _ in equations.products}
     for state in equations.states:
         loaded = [port for port in ports if (port.name, state.name) in multiplied]
         if loaded:
             units = tuple(per_unit(port.unit, state.unit) for port in loaded)
             names = tuple(port.name for port in loaded)
-            late = LaggedLoads(
+            lagged = LaggedLoads(
                 units, (1.0,) * len(loaded), (), names, state.name, looks, total=True
             )
-            found.append(replace(late, flown=state.name, counted_in=state.unit, of=state.name))
-    return tuple(found)
+            candidates.append(
+                replace(lagged, flown=state.name, counted_in=state.unit, of=state.name)
+            )
+    return tuple(candidates)
 
 
 SPACING = 1.12  # of the frequencies tried, besides the peaks of the residual's spectrum
@@ -175,16 +184,18 @@ TOGETHER = 2
 
 @dataclass(frozen=True)
 class PeriodicLoads:
-    """lift += ``lift_cos`` cos(w t) + ``lift_sin`` sin(w t), moment alike, w the ``frequency`` in
-    rad/s.
+    """Loads at one frequency: lift += ``lift_cos`` cos(w t) + ``lift_sin`` sin(w t), moment
+    likewise, with w the ``frequency`` in rad/s.
 
-    A rotor, a limit cycle of the control system, somebody who pumps the stick: forcing that does
-    not depend on the state.
+    Causes are a rotor, a limit cycle of the control system or a periodic input that was not
+    recorded: forcing that does not depend on the state.
 
     Attributes
     ----------
-    units, sizes : of lift and moment. needs_constants : those of the equations it is written for.
-    ports : that it loads; they name the parameters. label : of the name, where there are several.
+    units, sizes : of lift and moment.
+    needs_constants : constants that the equations must have.
+    ports : that it loads; they name the parameters.
+    label : of the name, where there are several.
     """
 
     units: tuple[str, ...]
@@ -247,7 +258,9 @@ class PeriodicLoads:
         return ()
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by all four sizes at the peaks of the residual's spectrum, then over a grid."""
+        """Probe all sizes at the peaks of the residual's spectrum, then over a grid of
+        frequencies.
+        """
         slowest = max(1.0, 6.0 * math.pi / max(context.duration, 1.0))
         fastest = min(0.5 * math.pi / context.interval, FASTEST)
         count = max(2, math.ceil(math.log(max(fastest / slowest, 1.1)) / math.log(SPACING)))
@@ -295,10 +308,11 @@ class ProductLoads(SizedOnPorts):
 
     Attributes
     ----------
-    label : after ``guard:``. first, second : the signals, which may be the same. aliases, within :
-    effects that contain it. units, sizes : of lift and moment. needs_constants : those of the
-    equations it is written for. ports : that it loads, lift and moment or their like, and the names
-    of these parameters.
+    label : after ``guard:``.
+    first, second : the signals, which may be the same. aliases, within : effects that contain it.
+    units, sizes : of lift and moment.
+    needs_constants : those of the equations it is written for.
+    ports : that it loads, lift and moment or their like, and the names of these parameters.
     """
 
     label: str
@@ -414,7 +428,7 @@ def products_made_for(equations: Equations) -> tuple[Traceable, ...]:
     if not isinstance(equations, OwnEquations) or equations.terms:
         return ()
     ports = ports_without(PRODUCT_LOADS, equations)
-    signals, found = (*equations.states, *controls(equations)), list[Traceable]()
+    signals, candidates = (*equations.states, *controls(equations)), list[Traceable]()
     multiplied = {(port, signal) for port, signal, _ in equations.products}
     for place, first in enumerate(signals):
         for second in signals[place:]:
@@ -426,7 +440,7 @@ def products_made_for(equations: Equations) -> tuple[Traceable, ...]:
             if free:
                 units = tuple(per_unit(port.unit, first.unit, second.unit) for port in free)
                 names = tuple(port.name for port in free)
-                found.append(
+                candidates.append(
                     ProductLoads(
                         f"{first.name}-{second.name}",
                         first.name,
@@ -438,7 +452,7 @@ def products_made_for(equations: Equations) -> tuple[Traceable, ...]:
                         names,
                     )
                 )
-    return tuple(found)
+    return tuple(candidates)
 
 
 @dataclass(frozen=True)
@@ -452,10 +466,11 @@ class VaneBehind:
 
     Attributes
     ----------
-    channel, rate : what the vane reads, and the rate of the nose in its plane. sign : of the rate's
-    share. accelerometer : the channel of the
-        one that reads alike. speed : the constant that is the declared airspeed, for equations
-        without an airspeed of the time.
+    channel, rate : what the vane reads, and the rate of the nose in its plane.
+    sign : of the rate's share.
+    accelerometer : the channel of the one that reads alike.
+    speed : the constant that is the declared airspeed, for equations without an airspeed of the
+        time.
     """
 
     channel: str = "alpha"

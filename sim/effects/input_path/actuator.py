@@ -18,7 +18,7 @@ from sim.declaration.proposal import (
     SearchContext,
     Traceable,
     Traits,
-    late_times,
+    delays_to_try,
     shares_of_peak,
 )
 from sim.effects.instances import MANY_SIZES, all_labelled, for_inputs, has_size, labelled, sized
@@ -108,7 +108,7 @@ class ActuatorLag:
         return (Signal(f"actuator_{self.signal}", self.unit, f"{self.signal} behind its actuator"),)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return [Probe({"time_constant": time}) for time in late_times(context)]
+        return [Probe({"time_constant": time}) for time in delays_to_try(context)]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Mean of the exact response over each cell, for an input that is constant within cells.
@@ -329,8 +329,9 @@ class ActuatorRateLimit:
 
     Attributes
     ----------
-    signal, unit : the input it acts on. typical : the starting value, unless not ``sized``. label :
-    of the name, where there are several inputs.
+    signal, unit : the input it acts on.
+    typical : the starting value, unless not ``sized``.
+    label : of the name, where there are several inputs.
     """
 
     signal: str = "elevator"
@@ -438,7 +439,7 @@ def _distances(commands: np.ndarray, ways: np.ndarray) -> np.ndarray:
             if (now := 1.0 if distance.real > 0.0 else -1.0) != side:
                 begun, side = done, now
             if done - begun == _LONG:
-                path = _one_way(commands, ways, done, distance, side)
+                path = _lagging_run(commands, ways, done, distance, side)
                 distances[done + 1 : done + 1 + len(path)] = path
                 done, distance, begun = done + len(path), path[-1].item(), done + len(path)
                 continue
@@ -448,7 +449,7 @@ def _distances(commands: np.ndarray, ways: np.ndarray) -> np.ndarray:
     return distances
 
 
-def _one_way(
+def _lagging_run(
     commands: np.ndarray, ways: np.ndarray, start: int, distance: Any, side: float
 ) -> np.ndarray:
     """The distances after a cell, all at once, of a surface that is behind on one side, as far as
@@ -478,8 +479,9 @@ class ActuatorSaturation:
 
     Attributes
     ----------
-    signal, unit : the input it acts on. typical : the starting value, unless not ``sized``. label :
-    of the name, where there are several inputs.
+    signal, unit : the input it acts on.
+    typical : the starting value, unless not ``sized``.
+    label : of the name, where there are several inputs.
     """
 
     signal: str = "elevator"
@@ -566,15 +568,9 @@ def limits_made_for(equations: Equations) -> tuple[Traceable, ...]:
     return for_inputs(equations, sized(ActuatorRateLimit, 3.0), sized(ActuatorSaturation, 0.5))
 
 
-VARIANTS: tuple[Traceable, ...] = (
-    *DYNAMICS_VARIANTS,
-    *LIMITS_VARIANTS,
-)
+VARIANTS: tuple[Traceable, ...] = (*DYNAMICS_VARIANTS, *LIMITS_VARIANTS)
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
     """The instances of every effect in this file that none of ``VARIANTS`` is for."""
-    return (
-        *dynamics_made_for(equations),
-        *limits_made_for(equations),
-    )
+    return (*dynamics_made_for(equations), *limits_made_for(equations))

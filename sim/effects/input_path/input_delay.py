@@ -1,5 +1,5 @@
-"""A pure delay between the recorded input and the vehicle, and its opposite, an input that is
-recorded later than the vehicle felt it.
+"""A pure delay between the recorded input and the vehicle, and a delay of the recorded input
+itself.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from sim.declaration.effect import Parameter, Regularity, Station
 from sim.declaration.model import Equations
-from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, late_times
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, delays_to_try
 from sim.effects.instances import all_labelled, for_inputs, labelled
 from sim.effects.loads import moved_ahead, moved_back
 from sim.maths import each_column
@@ -21,14 +21,14 @@ from sim.maths import each_column
 
 @dataclass(frozen=True)
 class InputDelay:
-    """The vehicle feels an input ``delay`` seconds after the record shows it: u(t) -> u(t - delay).
+    """Delay of the input: u_vehicle(t) = u(t - delay), with u the recorded input.
 
-    ``delay`` in s, not negative. Before the record's start the first value holds. It has no state
-    form of finite order: a filter takes it only with a delay that is held. It commutes with all
-    effects that do not know the time, and stands last on the path: a cell that holds part of a jump
-    would else make dead band and rate limit uneven in the delay. With ``own_name`` the delay
-    belongs to the vehicle's model (the low-order equivalent system, a multirotor) and its full name
-    is plain ``delay``, shared with the delays of other inputs.
+    ``delay`` in s, not negative. Before the begin of the record the first value holds. A delay has
+    no state-space form of finite order, so filters need a fixed one. It commutes with all effects
+    that do not depend on time, and acts last on the input path: a cell with part of a step would
+    otherwise make dead band and rate limit non-smooth in the delay. With ``own_name`` the delay
+    belongs to the vehicle's model (the low-order equivalent system, a multirotor); its full name is
+    ``delay``, shared with the delays of other inputs.
     """
 
     signal: str = "elevator"
@@ -79,7 +79,7 @@ class InputDelay:
         return local if self.own_name else f"{self.name}.{local}"
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return [Probe({"delay": time}) for time in late_times(context)]
+        return [Probe({"delay": time}) for time in delays_to_try(context)]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Mean of the shifted input over each cell; at no delay the derivative is the one towards
@@ -90,15 +90,14 @@ class InputDelay:
 
 
 @dataclass(frozen=True)
-class InputRecordedLate:
-    """The vehicle felt the input ``delay`` seconds before the record shows it: it gets u(t +
-    delay).
+class RecordedInputDelay:
+    """Delay of the recorded input: u_vehicle(t) = u(t + delay), with u the recorded input.
 
-    ``delay`` in s, not negative: the delay of the other sign. What the vehicle felt in the last
-    ``delay`` seconds the record never showed: the last value is held there, and where the input
-    still moves the outputs of these samples are wrong, the load factor most. It needs the future:
-    no filter takes it, not even with a delay that is held. On the low-order equivalent system it is
-    not offered: there it is a smaller ``delay`` of the model itself.
+    ``delay`` in s, not negative: an input delay of opposite sign. The record does not show the
+    input of its last ``delay`` seconds; its last value is used there, and outputs of these samples
+    are wrong if the input still moves, the load factor most. The effect needs future inputs, so no
+    filter can use it. It is not offered for the low-order equivalent system, where it equals a
+    smaller ``delay`` of the model.
     """
 
     signal: str = "elevator"
@@ -144,7 +143,7 @@ class InputRecordedLate:
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return [Probe({"delay": time}) for time in late_times(context)]
+        return [Probe({"delay": time}) for time in delays_to_try(context)]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Mean of the shifted input over each cell, exact for an input that is constant within
@@ -154,7 +153,7 @@ class InputRecordedLate:
         return each_column(lambda row, delay: moved_ahead(edges, row, delay), u, p.delay)
 
 
-VARIANTS: tuple[Traceable, ...] = (InputDelay("elevator"), InputRecordedLate())
+VARIANTS: tuple[Traceable, ...] = (InputDelay("elevator"), RecordedInputDelay())
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
@@ -162,5 +161,5 @@ def made_for(equations: Equations) -> tuple[Traceable, ...]:
     return for_inputs(
         equations,
         lambda signal, label: InputDelay(signal.name, label=label),
-        lambda signal, label: InputRecordedLate(signal.name, label),
+        lambda signal, label: RecordedInputDelay(signal.name, label),
     )

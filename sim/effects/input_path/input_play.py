@@ -37,8 +37,9 @@ class InputBacklash:
 
     Attributes
     ----------
-    signal, unit : the input it acts on. typical : the starting value, unless not ``sized``. label :
-    of the name, where there are several inputs.
+    signal, unit : the input it acts on.
+    typical : the starting value, unless not ``sized``.
+    label : of the name, where there are several inputs.
     """
 
     signal: str = "elevator"
@@ -115,8 +116,9 @@ class InputDeadband:
 
     Attributes
     ----------
-    signal, unit : the input it acts on. typical : the starting value, unless not ``sized``. label :
-    of the name, where there are several inputs.
+    signal, unit : the input it acts on.
+    typical : the starting value, unless not ``sized``.
+    label : of the name, where there are several inputs.
     """
 
     signal: str = "elevator"

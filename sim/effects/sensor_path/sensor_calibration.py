@@ -1,5 +1,7 @@
-"""Calibration of one output channel: a wrong scale factor, a bent curve, and a zero that drifts,
-steadily or settling, or jumps at one time.
+"""Calibration errors of one output channel: scale factor, nonlinear curve, drift and step of zero.
+
+In every effect y is the true value of the channel, in the unit of the channel, before the constant
+bias is added.
 """
 
 from __future__ import annotations
@@ -43,11 +45,15 @@ WITH_LOAD_FACTOR = (
 
 @dataclass(frozen=True)
 class SensorScale:
-    """The recorded channel is ``scale`` times the true one, before the bias is added.
+    """Scale factor error: y_recorded = scale y + bias.
 
-    ``scale`` without unit, positive; 1 where the sensor is right. Of the altitude only a large one
-    shows: another start and beta make nearly the same fall (of three percent a seventh of the noise
-    is left).
+    ``scale`` is positive and has no unit; 1 for a correct sensor. A scale of the altitude is
+    observable only if it is large: another initial state and ballistic coefficient ``beta`` give
+    nearly the same fall (a scale of 1.03 leaves a residual of a seventh of the noise).
+
+    Attributes
+    ----------
+    channel : name of the output that it acts on.
     """
 
     channel: str
@@ -114,11 +120,12 @@ _ALIASES_OF_CURVE = {
         "nx": ("drag-nonlinearity",),
     },
 }
-# rad, rad/s, g about trim: what a record without a known range is taken to fly
+# rad, rad/s, g: range about trim that is assumed where that of the record is not known
 LARGEST = {"alpha": 0.15, "q": 0.3, "nz": 3.0}
 POWERS: Mapping[str, int] = MappingProxyType({"curvature": 2, "cubic": 3})
 BOTH = tuple(POWERS)
-AT_HALF = 2.0  # a cube starts where it is as large as the square at half of the range
+# The starting cubic term equals the starting quadratic term at half of the range.
+AT_HALF = 2.0
 WITH_OTHERS = (
     "a record with the other two of alpha, q and nz: a bent load moves all three by the "
     "kinematics, a bent reading one"
@@ -127,23 +134,21 @@ WITH_OTHERS = (
 
 @dataclass(frozen=True)
 class SensorCurve:
-    """The recorded channel is y + curvature y^2 + cubic y^3, y the true value about trim, before
-    the bias is added.
+    """Nonlinear calibration: y_recorded = y + curvature y^2 + cubic y^3 + bias.
 
-    ``curvature`` in 1 over the unit of the channel, ``cubic`` in 1 over its square, of either sign;
-    a plain curve has one of the two.
+    y is the true value less ``middle``. ``curvature`` is in 1/unit of the channel and ``cubic`` in
+    1/unit^2, of either sign. The base form has one of the two, the refined form both. Values are
+    plausible if the reading rises over the whole range, 1 + 2 curvature y + 3 cubic y^2 > 0 for
+    each parameter alone, and is at most twice the true value at its ends.
 
     Attributes
     ----------
-    channel, unit : the output it acts on. typical : starting curvature.
-    middle : of the readings, from where y counts; zero where they are perturbations. is_state :
-    whether the channel
-        is a state, whose range is known without its bias.
-    bends : which of the two it has.
-    low, high : flown range about trim, in the unit of the channel: believed is what leaves the
-    reading rising all over it,
-        1 + 2 curvature y + 3 cubic y^2 > 0 where either stands alone, and at its ends no more than
-        twice what it should be.
+    channel, unit : name and unit of the output that it acts on.
+    typical : starting value of ``curvature``, 1/unit.
+    low, high : range of the recorded values about ``middle``, in the unit of the channel.
+    middle : value of the channel where y is zero; 0 if readings are perturbations from trim.
+    is_state : whether the channel is a state, whose range is known without its bias.
+    bends : names of the parameters of this form.
     """
 
     channel: str
@@ -217,54 +222,55 @@ class SensorCurve:
         }
 
     def finer(self) -> SensorCurve:
-        """The same with square and cube."""
+        """Return the refined form, with both parameters."""
         return replace(self, bends=BOTH)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         return [Probe(self.absent, self.bends)]
 
     def fitted_to(self, context: SearchContext) -> SensorCurve:
-        """The same over the range that the record flew, its bias taken off."""
-        flown = context.flown_range(self.channel)
-        if flown is None:
+        """Return the effect with the range of the record, less the bias of the channel."""
+        recorded_range = context.flown_range(self.channel)
+        if recorded_range is None:
             return self
-        # The range of a state is that of the motion, without the bias of its reading.
+        # The range of a state does not contain the bias of its sensor.
         bias = 0.0 if self.is_state else context.values.get(f"bias_{self.channel}", 0.0)
-        low, high = flown[0] - bias, flown[1] - bias
+        low, high = recorded_range[0] - bias, recorded_range[1] - bias
         if max(low, -high) > high - low:
-            # A total that never comes near zero: about there a square is next to a scale.
+            # Values far from zero: there a square could not be distinguished from a scale.
             middle = 0.5 * (low + high)
             return replace(self, low=low - middle, high=high - middle, middle=middle)
         return replace(self, low=min(low, 0.0), high=max(high, 0.0))
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
         true = y[self.channel]
-        off = true - self.middle if self.middle else true
+        y_trim = true - self.middle if self.middle else true
         bent = sum(
-            getattr(p, name) * off**power for name, power in POWERS.items() if name in self.bends
+            getattr(p, name) * y_trim**power for name, power in POWERS.items() if name in self.bends
         )
         return {self.channel: true + bent}
 
 
-_PLAIN = (
+_LONGITUDINAL_CURVES = (
     SensorCurve("alpha", "rad", 3.0, -LARGEST["alpha"], LARGEST["alpha"], is_state=True),
     SensorCurve("q", "rad/s", 0.8, -LARGEST["q"], LARGEST["q"], is_state=True),
     SensorCurve("nz", "g", 0.1, -LARGEST["nz"], LARGEST["nz"]),
 )
 
 
-def _square_or_cube(plain: Sequence[SensorCurve]) -> tuple[Traceable, ...]:
-    return tuple(replace(each, bends=(name,)) for each in plain for name in BOTH)
+def _square_or_cube(curves: Sequence[SensorCurve]) -> tuple[Traceable, ...]:
+    """Each curve twice: with the square alone and with the cube alone."""
+    return tuple(replace(each, bends=(name,)) for each in curves for name in BOTH)
 
 
 SCALE_VARIANTS: tuple[Traceable, ...] = (
     *(SensorScale(channel) for channel in ("alpha", "q", "nz", "altitude")),
-    *_square_or_cube(_PLAIN),
+    *_square_or_cube(_LONGITUDINAL_CURVES),
 )
 
 
 def scale_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """A scale, a square and a cube for each output that has none yet."""
+    """Return a scale, a square and a cube for each output that ``SCALE_VARIANTS`` lacks."""
     states = {signal.name for signal in equations.states}
     further = further_outputs(equations)
     sized = ((each, large_output(each.unit)) for each in further)
@@ -275,24 +281,25 @@ def scale_made_for(equations: Equations) -> tuple[Traceable, ...]:
     return (*(SensorScale(each.name) for each in further), *_square_or_cube(curves))
 
 
-FASTEST = 2.0  # 1/s, of settling: what settles faster is a jump at the record's begin
-SERIES_BELOW = 1e-3
+FASTEST = 2.0  # 1/s: a drift that settles faster is a step at the begin of the record
+SERIES_BELOW = 1e-3  # of rate times elapsed time: the series is then exact to rounding
 
 
 @dataclass(frozen=True)
 class SensorDrift:
-    """The recorded channel has slope (t - begin) added to it, or slope (1 - exp(-settling (t -
-    begin))) / settling.
+    """Drift of zero: y_recorded = y + bias + slope (t - begin).
 
-    ``slope`` in the unit of the channel per second, either sign; ``settling`` in 1/s, zero where
-    the drift goes on. Each record has its own.
+    The refined form settles: slope (1 - exp(-settling (t - begin))) / settling. ``slope`` is in
+    unit/s, of either sign, ``settling`` in 1/s; each record has its own values.
 
     Attributes
     ----------
-    channel, unit : the output it acts on. typical : starting slope; believed up to twenty times
-    that, or any where the
-        unit is not one whose sizes are known (``sized``). settles : whether it has ``settling``.
-    begin : s, the record's first time. Where the channel has a bias it only keeps the two apart.
+    channel, unit : name and unit of the output that it acts on.
+    typical : starting slope, unit/s.
+    begin : first time of the record, s. It decorrelates the drift from the bias of the channel.
+    sized : whether usual sizes are known for the unit; then slopes up to twenty times ``typical``
+        are plausible, otherwise any.
+    settles : whether the form has ``settling``.
     """
 
     channel: str
@@ -336,8 +343,8 @@ class SensorDrift:
 
     @property
     def most(self) -> float:
-        """The largest slope that is believed: of an altitude less, since a fall that is modelled
-        wrong asks for any.
+        """The largest plausible slope, unit/s; smaller for an altitude, where a wrong model of the
+        fall would ask for any.
         """
         return (8.0 if self.channel == "altitude" else 20.0) * self.typical
 
@@ -358,15 +365,15 @@ class SensorDrift:
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        gone = {item.name: item.value for item in self.parameters} | {"slope": 0.0}
-        return [Probe(gone, ("slope",))]
+        absent = {item.name: item.value for item in self.parameters} | {"slope": 0.0}
+        return [Probe(absent, ("slope",))]
 
     def finer(self) -> SensorDrift:
-        """The same that dies out."""
+        """Return the refined form, whose drift settles."""
         return replace(self, settles=True)
 
     def fitted_to(self, context: SearchContext) -> SensorDrift:
-        """The drift that counts from this record's begin."""
+        """Return the effect with the begin of this record."""
         return replace(self, begin=context.begin)
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
@@ -378,8 +385,9 @@ class SensorDrift:
 
 
 def settled(elapsed: Any, rate: Any) -> Any:
-    """(1 - exp(-rate elapsed)) / rate, in s: the time itself at a rate of zero; by its series where
-    the difference would round.
+    """Return (1 - exp(-rate elapsed)) / rate, s, for ``elapsed`` in s and ``rate`` in 1/s.
+
+    At a rate of zero that is ``elapsed``; small products are evaluated by their series.
     """
     x = rate * elapsed
     slow = real(absolute(x)) < SERIES_BELOW
@@ -389,18 +397,20 @@ def settled(elapsed: Any, rate: Any) -> Any:
 
 @dataclass(frozen=True)
 class SensorStep:
-    """From the time ``at`` on the recorded channel has ``size`` added to it.
+    """Step of zero: y_recorded = y + bias + size from the time ``at`` on.
 
-    ``at`` in s, ``size`` in the unit of the channel, either sign. Each record has its own. The edge
-    rises over ``width`` s, centred on ``at``: one sampling interval in a search, so that the fit
-    feels the sample next to it; the time is then known to half an interval at best, however small
-    its sigma.
+    ``at`` is in s, ``size`` in the unit of the channel, of either sign; each record has its own
+    values. The step rises over ``width``, centred on ``at``. A search uses one sampling interval,
+    so that the cost depends smoothly on ``at``; the time is then known to half an interval at
+    best, however small its sigma.
 
     Attributes
     ----------
-    channel, unit : the output it acts on. typical : the starting size; believed up to twenty times
-    that, or any where the unit is
-        not one whose sizes are known (``sized``). width : of the edge, s.
+    channel, unit : name and unit of the output that it acts on.
+    typical : starting size, in the unit of the channel.
+    width : rise time of the step, s.
+    sized : whether usual sizes are known for the unit; then sizes up to twenty times ``typical``
+        are plausible, otherwise any.
     """
 
     channel: str
@@ -437,15 +447,14 @@ class SensorStep:
         return Traits(
             sentences=("the zero of the {channel} jumps by {size} at {at}",),
             separating=dict.fromkeys(("sensor-drift", "unmeasured-input"), STEADY_FLIGHT),
-            # Twenty times what is usual: beyond (1 km of altitude, 2 g) a recorder has lost rows,
-            # and its channels go on from elsewhere.
+            # A larger step (1 km of altitude, 2 g) means lost rows, not a shift of zero.
             plausible={"size": (-20.0 * self.typical, 20.0 * self.typical)} if self.sized else {},
             onset="at",
             per_record=True,
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """The slope by the size at the record's begin; a later step only shifts it."""
+        """Probe the size at the begin of the record; a later step only shifts the response."""
         return [
             Probe(
                 {"at": context.begin + 0.5 * self.width, **self.absent},
@@ -456,7 +465,7 @@ class SensorStep:
         ]
 
     def fitted_to(self, context: SearchContext) -> SensorStep:
-        """The same with an edge of one sampling interval of that record."""
+        """Return the effect with a rise time of one sampling interval of the record."""
         return replace(self, width=context.interval if context.interval > 0 else self.width)
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
@@ -476,7 +485,7 @@ ZERO_VARIANTS: tuple[Traceable, ...] = (
 
 
 def zero_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Both for each output that has none yet."""
+    """Return a drift and a step for each output that ``ZERO_VARIANTS`` lacks."""
     return for_outputs(
         equations,
         lambda s: SensorDrift(
@@ -488,15 +497,9 @@ def zero_made_for(equations: Equations) -> tuple[Traceable, ...]:
     )
 
 
-VARIANTS: tuple[Traceable, ...] = (
-    *SCALE_VARIANTS,
-    *ZERO_VARIANTS,
-)
+VARIANTS: tuple[Traceable, ...] = (*SCALE_VARIANTS, *ZERO_VARIANTS)
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """The instances of every effect in this file that none of ``VARIANTS`` is for."""
-    return (
-        *scale_made_for(equations),
-        *zero_made_for(equations),
-    )
+    """Return the effects of this file for outputs that ``VARIANTS`` lacks."""
+    return (*scale_made_for(equations), *zero_made_for(equations))

@@ -160,9 +160,10 @@ class VaneOffset:
 
     Attributes
     ----------
-    channel, rate : what the vane reads, and the rate of the nose in its plane. sign : of the rate's
-    share. speed : the constant that is the
-        declared airspeed, for equations without an airspeed of the time.
+    channel, rate : what the vane reads, and the rate of the nose in its plane.
+    sign : of the rate's share.
+    speed : the constant that is the declared airspeed, for equations without an airspeed of the
+        time.
     """
 
     channel: str = "alpha"

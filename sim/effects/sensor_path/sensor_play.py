@@ -1,4 +1,4 @@
-"""A vane with play in its bearing; a gyro that shows nothing below a threshold."""
+"""Backlash in the bearing of a vane, and the threshold of a gyro."""
 
 from __future__ import annotations
 
@@ -78,9 +78,13 @@ class SensorBacklash:
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Shares of half the range of the readings."""
-        flown = context.flown_range(self.channel)
-        half = 0.5 * (flown[1] - flown[0]) if flown is not None else 10.0 * self.typical
+        """Probe shares of half the range of the readings."""
+        recorded_range = context.flown_range(self.channel)
+        half = (
+            0.5 * (recorded_range[1] - recorded_range[0])
+            if recorded_range is not None
+            else 10.0 * self.typical
+        )
         return [Probe({"half_width": share * half}) for share in SHARES_OF_HALF_RANGE]
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
@@ -107,7 +111,8 @@ class SensorDeadband:
 
     Attributes
     ----------
-    channel, unit : the output it acts on. typical : the starting half width.
+    channel, unit : the output it acts on.
+    typical : the starting half width.
     """
 
     channel: str
@@ -149,9 +154,9 @@ class SensorDeadband:
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Shares of the largest reading."""
-        flown = context.flown_range(self.channel)
-        peak = max(map(abs, flown)) if flown is not None else 10.0 * self.typical
+        """Probe shares of the largest reading."""
+        recorded_range = context.flown_range(self.channel)
+        peak = max(map(abs, recorded_range)) if recorded_range is not None else 10.0 * self.typical
         return [Probe({"half_width": share * peak}) for share in SHARES_OF_LARGEST]
 
     def read(self, s: Any, y: Mapping[str, Any], vehicle: Any, p: Any) -> Mapping[str, Any]:
@@ -163,7 +168,7 @@ VARIANTS: tuple[Traceable, ...] = (SensorBacklash("alpha"), SensorDeadband("q"))
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """A play for each vane, a threshold for each rate, that has none yet."""
+    """Return a backlash for each vane and a threshold for each rate that ``VARIANTS`` lacks."""
     further = further_outputs(equations)
     return (
         *(SensorBacklash(s.name, s.unit) for s in further if s.name in VANES and s.unit == "rad"),

@@ -1,4 +1,4 @@
-"""Isolated samples of one channel that are wrong."""
+"""Wrong single samples (spikes) of one channel."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ EXPLANATION = (
 
 @dataclass(frozen=True)
 class Bursts:
-    """Where spikes stand: ``count`` moments, one in each equal part of the record, and their signs,
+    """Times of spikes: ``count`` moments, one in each equal part of the record, with random signs,
     drawn from ``seed``.
     """
 
@@ -76,7 +76,9 @@ class SensorSpikes:
 
     Attributes
     ----------
-    channel, unit : the output it acts on. typical : the starting size. bursts : when.
+    channel, unit : the output it acts on.
+    typical : the starting size.
+    bursts : when.
     """
 
     channel: str
@@ -126,7 +128,9 @@ class InputSpikes:
 
     Attributes
     ----------
-    signal, unit : the input it acts on. typical : the starting size. bursts : when.
+    signal, unit : the input it acts on.
+    typical : the starting size.
+    bursts : when.
     """
 
     signal: str = "elevator"
@@ -197,7 +201,7 @@ VARIANTS: tuple[Traceable, ...] = (
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """One for each output that has none yet."""
+    """Return one for each output that ``VARIANTS`` lacks."""
     return (
         *(
             SensorSpikes(each.name, each.unit, 0.5 * large_output(each.unit))

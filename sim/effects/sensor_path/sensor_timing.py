@@ -1,5 +1,5 @@
-"""Times of one output channel: a pure delay, a first-order lag, a lower rate than that of the
-record; and a recorder whose clock runs fast or slow.
+"""Timing errors of one output channel: a pure delay, a first-order lag, a lower sample rate; and a
+recorder whose clock runs fast or slow.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.model import Equations
-from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, late_times
+from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, delays_to_try
 from sim.effects.instances import FASTER_MOTION, for_outputs, further_outputs
 from sim.effects.loads import each_run_earlier
 from sim.maths import linear_recurrence, real, trailing, where
@@ -75,20 +75,20 @@ class SensorDelay:
         return (
             ()
             if self.channel == "altitude"
-            else [Probe({"delay": time}) for time in late_times(context)]
+            else [Probe({"delay": time}) for time in delays_to_try(context)]
         )
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
         """Values at the earlier times, see ``sim.effects.loads``: continuous in the delay."""
-        return each_run_earlier(steps, begin, end, _late, p.delay)
+        return each_run_earlier(steps, begin, end, _delayed_edges, p.delay)
 
     def memory(self, p: Any) -> tuple[Any, float]:
         """Of random motion, see `sim.declaration.effect.SensorMemory`."""
         return 0.5 * p.delay, -1.0
 
 
-def _late(edges: np.ndarray, delay: Any) -> Any:
-    """The time that shows at each edge."""
+def _delayed_edges(edges: np.ndarray, delay: Any) -> Any:
+    """Time at which each edge was true."""
     return edges - delay
 
 
@@ -161,7 +161,7 @@ class SensorLag:
         return (
             ()
             if self.channel == "altitude"
-            else [Probe({"time_constant": time}) for time in late_times(context)]
+            else [Probe({"time_constant": time}) for time in delays_to_try(context)]
         )
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
@@ -207,7 +207,7 @@ DELAY_VARIANTS: tuple[Traceable, ...] = tuple(
 
 
 def delay_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Both for each output that has none yet."""
+    """Return a delay and a lag for each output that ``VARIANTS`` lacks."""
     return for_outputs(equations, lambda s: SensorDelay(s.name), lambda s: SensorLag(s.name))
 
 
@@ -239,7 +239,8 @@ class SensorHold:
 
     Attributes
     ----------
-    channel : the output it acts on. interval : of the record's samples, s.
+    channel : the output it acts on.
+    interval : of the record's samples, s.
     """
 
     channel: str
@@ -292,14 +293,14 @@ class SensorHold:
         )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """The whole change at periods of whole samples and that of the residual, at every phase: a
-        fit moves no update from sample to sample.
+        """Probe periods of whole samples and that of the residual, at every phase; a fit cannot
+        move an update from sample to sample.
         """
         interval = context.interval
         periods = [every * interval for every in EVERY if 0 < every * interval <= LONGEST]
-        found = context.update_periods.get(self.channel)
-        if found is not None and 1.5 * interval < found <= LONGEST:
-            periods.append(found)
+        result = context.update_periods.get(self.channel)
+        if result is not None and 1.5 * interval < result <= LONGEST:
+            periods.append(result)
         tried = [
             (period, first * interval)
             for period in periods
@@ -308,7 +309,7 @@ class SensorHold:
         return [Probe({"period": period, "phase": phase}) for period, phase in tried]
 
     def fitted_to(self, context: SearchContext) -> SensorHold:
-        """The same for that record's sampling interval."""
+        """Return the effect with the sampling interval of the record."""
         return replace(self, interval=context.interval if context.interval > 0 else self.interval)
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
@@ -326,7 +327,7 @@ class SensorHold:
         return 0.25 * p.period, -1.0
 
     def _updated(self, edges: np.ndarray, period: Any, phase: Any) -> Any:
-        """The time of the update that shows at each edge."""
+        """Time of the last update at each edge."""
         if period.real <= self.interval:
             return edges
         number = np.floor((edges + 0.5 * self.interval - phase.real) / period.real)
@@ -339,7 +340,7 @@ HOLD_VARIANTS: tuple[Traceable, ...] = tuple(
 
 
 def sampling_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """One for each output that has none yet."""
+    """Return one for each output that ``VARIANTS`` lacks."""
     return tuple(SensorHold(signal.name) for signal in further_outputs(equations))
 
 
@@ -400,15 +401,9 @@ class TimeBase:
 SAMPLING_VARIANTS: tuple[Traceable, ...] = (*HOLD_VARIANTS, TimeBase())
 
 
-VARIANTS: tuple[Traceable, ...] = (
-    *DELAY_VARIANTS,
-    *SAMPLING_VARIANTS,
-)
+VARIANTS: tuple[Traceable, ...] = (*DELAY_VARIANTS, *SAMPLING_VARIANTS)
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """The instances of every effect in this file that none of ``VARIANTS`` is for."""
-    return (
-        *delay_made_for(equations),
-        *sampling_made_for(equations),
-    )
+    """Return the instances of this file that ``VARIANTS`` lacks."""
+    return (*delay_made_for(equations), *sampling_made_for(equations))

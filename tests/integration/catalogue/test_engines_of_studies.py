@@ -13,7 +13,7 @@ import pytest
 
 from ident.banks.delays import BATCHED, FILTERPY
 from ident.filters.ekf import FilterSettings, run_ekf, run_iterated_ekf
-from ident.flying_qualities.levels import flown_as
+from ident.flying_qualities.levels import flight_phase_of
 from scenarios.identification.assessment import Options
 from scenarios.identification.files import identification_content
 from scenarios.identification.identify import identify
@@ -46,7 +46,7 @@ LOOP_CHANGES = [
     "together=[]",
     "estimate.restarts=0",
 ]
-FLOWN = flown_as(None, None)
+FLOWN = flight_phase_of(None, None)
 
 
 @pytest.fixture
@@ -115,7 +115,7 @@ def test_a_bank_is_compared_with_filterpy_on_its_likeliest_filter(
     samples = len(study.paper.record)
     assert calls["predict"] == samples - 1 and calls["update"] == samples, "one pass of one filter"
     written, second = loop_comparison(study)["engine"], study.second
-    assert second is not None and second.sigmas < 1e-9 and second.held == study.plain.delay
+    assert second is not None and second.sigmas < 1e-9 and second.delay == study.single_pass.delay
     assert (
         written["name"] == "batched"
         and written["against_filterpy"]["largest_sigmas"] == second.sigmas
@@ -123,7 +123,7 @@ def test_a_bank_is_compared_with_filterpy_on_its_likeliest_filter(
     printed = as_text(lambda out: print_loop(study, out))
     assert (
         printed.count("engine: batched kernel; equals filterpy to ") == 1
-        and f"sigma on the filter at {second.held:.4g} s" in printed
+        and f"sigma on the filter at {second.delay:.4g} s" in printed
     )
 
 

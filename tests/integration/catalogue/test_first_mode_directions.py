@@ -9,7 +9,7 @@ import pytest
 
 from scenarios.studies.catalogue import load_scenario
 from scenarios.studies.study import references
-from sim.vehicles.factory import flexible_model, held_response, linearise
+from sim.vehicles.factory import flexible_model, linearise, zero_order_hold_response
 from sim.vehicles.library import read_parameter_set
 
 
@@ -24,7 +24,7 @@ def sensitivities(outputs: tuple[str, ...]) -> np.ndarray:
 
     def response(name: str, change: float) -> np.ndarray:
         value = model.parameters[name].value + change
-        return held_response(
+        return zero_order_hold_response(
             linearise(model.with_values({name: value}), outputs), elevator, 0.01
         ).ravel()
 

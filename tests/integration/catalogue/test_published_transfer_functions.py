@@ -109,7 +109,7 @@ def test_the_low_order_equivalents_of_the_tu_144(point: str) -> None:
     for name, (value, error) in printed.items():
         assert abs(one.values[name] - value) < error, name
     # A sweep that ends at 1 Hz says nothing of 1 Hz: no window has its power on both sides there.
-    band = found.details.found.bands()[0][0]
+    band = found.details.responses.bands()[0][0]
     assert band is not None and 0.7 < band[1] < 0.9
 
 

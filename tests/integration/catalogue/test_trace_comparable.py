@@ -17,7 +17,7 @@ from ident.whole_record.output_error import estimate_of
 from scenarios.studies.catalogue import load_document, scenario_names
 from scenarios.trials.planted import study as comparable
 from scenarios.trials.planted.declaration import TraceScenario, true_vehicle
-from scenarios.trials.planted.flights import fly_trace, write_flown
+from scenarios.trials.planted.flights import fly_trace, write_simulated
 from scenarios.trials.planted.report import trace_text, write_trace
 from scenarios.trials.planted.schema import trace_scenario_of
 from scenarios.trials.planted.study import (
@@ -122,15 +122,15 @@ def test_of_a_flexible_aircraft_condensed_values_and_the_coupled_mode_are_the_tr
 )
 def test_where_the_model_holds_the_truth_the_noise_free_fit_finds_it(name: str) -> None:
     found = study(name)
-    d, truth = found.tracing.diagnosis, truth_of(found.scenario, found.flown)
+    d, truth = found.tracing.diagnosis, truth_of(found.scenario, found.simulated)
     assert d.verdict is Verdict.TRACED and d.trained_after is not None
     estimates = quantities_of(d)
-    fit = noise_free_fit(found.tracing.model, d.trained_after, estimates, found.flown)
+    fit = noise_free_fit(found.tracing.model, d.trained_after, estimates, found.simulated)
     assert fit is not None
     estimate = estimate_of(fit)
     shared = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
     compared = [name for name in truth.values if name in shared]
-    assert set(found.flown.derivatives) <= set(compared)
+    assert set(found.simulated.derivatives) <= set(compared)
     for each in compared:
         assert abs(shared[each] - truth.values[each]) < 0.15 * estimates[each].std, each
     assert found.basis == NOISE_FREE and not found.reasons
@@ -151,7 +151,9 @@ def test_the_noise_of_both_copies_cancels(monkeypatch: pytest.MonkeyPatch) -> No
     found = study("trace-breakout")
     first = {row.name: row.comparable for row in (*found.derivatives, *found.effects)}
     monkeypatch.setattr(comparable, "NOISE_SEED", 123)
-    again = comparable_to(found.tracing, found.flown, truth_of(found.scenario, found.flown)).values
+    again = comparable_to(
+        found.tracing, found.simulated, truth_of(found.scenario, found.simulated)
+    ).values
     sigma = {
         name: quantity.std for name, quantity in quantities_of(found.tracing.diagnosis).items()
     }
@@ -174,7 +176,7 @@ def test_the_third_record_is_flown_apart(name: str, tmp_path: Path) -> None:
     )
     flown = fly_trace(short, 1)
     assert not np.array_equal(flown.test.output_array()[0], flown.validate.output_array()[0])
-    write_flown(flown, tmp_path)
+    write_simulated(flown, tmp_path)
     assert sorted(path.name for path in tmp_path.glob("*.csv")) == ["train.csv", "validate.csv"], (
         "the loop is not given it"
     )
@@ -187,7 +189,7 @@ def test_the_third_record_is_flown_apart(name: str, tmp_path: Path) -> None:
 def test_errors_on_the_third_record_are_told_before_and_after(tmp_path: Path) -> None:
     found = study("trace-delay")
     before, after = found.test.before.rmse, found.test.after.rmse
-    for name, noise in found.flown.noise_std.items():
+    for name, noise in found.simulated.noise_std.items():
         assert after[name] == pytest.approx(noise, rel=0.1) and before[name] > 1.5 * noise
     write_trace(found, tmp_path / "study", figures=())
     content = json.loads((tmp_path / "study" / "comparison.json").read_text())

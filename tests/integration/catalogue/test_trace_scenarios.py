@@ -22,7 +22,7 @@ from scenarios.studies.catalogue import (
 from scenarios.studies.estimating import vehicle_model
 from scenarios.studies.schema import unit_of
 from scenarios.trials.planted.declaration import OWN, Expectation, TraceScenario, own_terms
-from scenarios.trials.planted.flights import fly_trace, write_flown
+from scenarios.trials.planted.flights import fly_trace, write_simulated
 from scenarios.trials.planted.schema import trace_scenario_of
 from scenarios.trials.planted.study import Grade, grade, run_trace
 from sim.declaration.model import Noise
@@ -103,7 +103,7 @@ def test_the_files_hold_no_truth(name: str, tmp_path: Path) -> None:
     flown = fly_trace(
         replace(whole, flight=replace(whole.flight, step=0.01, train=first, validate=second)), 1
     )
-    train, validate, vehicle = write_flown(flown, tmp_path)
+    train, validate, vehicle = write_simulated(flown, tmp_path)
     header = train.read_text().splitlines()[0].split(",")
     own = whole.flight.own
     declared = (
@@ -243,7 +243,7 @@ def test_a_late_rudder_is_told_from_the_ailerons() -> None:
     assert study.grade is Grade.RIGHT
     (delay,) = study.effects
     assert delay.name == "input-delay:rudder.delay" and abs(delay.after.value - 0.07) < 0.002
-    assert {row.name for row in study.derivatives} == set(study.flown.derivatives)
+    assert {row.name for row in study.derivatives} == set(study.simulated.derivatives)
 
 
 @pytest.mark.slow

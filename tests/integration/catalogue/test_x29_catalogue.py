@@ -144,7 +144,7 @@ def test_simulation_and_flight_agree_with_the_loops_own_equivalent() -> None:
     assert flight.other is not None
     loops = {"S": flight.other, "F": flight.result}
     for result, share in zip(loops.values(), (0.10, 0.20), strict=True):
-        loop = equivalent_system(result.flown.x29)
+        loop = equivalent_system(result.simulated.x29)
         for name in ("L_alpha", "M_alpha", "M_delta", "M_q"):
             assert result.estimate.value(name) == pytest.approx(getattr(loop, name), rel=share), (
                 name
@@ -164,7 +164,7 @@ def test_bias_is_told_against_the_equivalent_that_flies() -> None:
     # Held at the paper's L_q, the equivalent has an L_alpha that no airframe flies and no filter
     # finds.
     flight = study("x29-flight")
-    check, airframe = flight.check, flight.result.flown.x29.airframe
+    check, airframe = flight.check, flight.result.simulated.x29.airframe
     assert (check.loop.L_q, check.flown.L_q) == (1.01, airframe.L_q) and airframe.L_q < 1.0
     assert (
         check.flown.L_alpha == pytest.approx(airframe.L_alpha, rel=0.003)
@@ -179,7 +179,9 @@ def test_bias_is_told_against_the_equivalent_that_flies() -> None:
         sentences(replace(flight, check=replace(check, flown=_estimated(flight))))
     )
     # A low-order truth flies the equivalent with the paper's L_q.
-    low = response_check(replace(flight.result, flown=replace(flight.result.flown, truth=None)))
+    low = response_check(
+        replace(flight.result, simulated=replace(flight.result.simulated, truth=None))
+    )
     assert low.flown == low.loop == check.loop
 
 
@@ -322,7 +324,7 @@ def test_filterpy_runs_the_filters_where_it_is_asked() -> None:
     # Three of its filters over a part of the record; the slow test runs all of it.
     short = replace(setting, record=setting.record.window(0.0, 2.5))
     banks = [
-        engine.run(short.record, short.system, held={"delay": np.array([0.1, 0.125])})
+        engine.run(short.record, short.system, fixed_values={"delay": np.array([0.1, 0.125])})
         for engine in (BATCHED, setting.engine)
     ]
     assert agreement(*banks).sound and agreement(*banks).largest < 1e-8

@@ -20,7 +20,7 @@ from ident.banks.delays import DELAYS
 from scenarios.report.terminal import show_blocks
 from scenarios.side_by_side.comparison import read_columns
 from scenarios.x29.declaration import METHODS, printed_column, printed_correlation, printed_noise
-from scenarios.x29.estimating import plain_restarts
+from scenarios.x29.estimating import single_pass_restarts
 from scenarios.x29.files import write_loop
 from scenarios.x29.findings import noise_sentence, paper_sentences, prior_sentence
 from scenarios.x29.printing import paper_blocks
@@ -70,7 +70,7 @@ def test_the_papers_procedure_is_its_p0_its_r_and_the_likeliest_plain_filter() -
 
 @pytest.mark.long
 def test_the_noise_flown_is_the_papers() -> None:
-    record = flight().result.flown.record
+    record = flight().result.simulated.record
     quiet = record.time > 10.0
     for name, std in printed_noise("flight").items():
         # Four sigmas of a standard deviation of 400 samples.
@@ -82,7 +82,7 @@ def test_the_noise_flown_is_the_papers() -> None:
 @pytest.mark.long
 def test_sigmas_come_out_near_the_printed_ones() -> None:
     # Within a half: the paper's input, which decides them too, is not known.
-    estimate, plain = flight().result.estimate, flight().plain.estimate
+    estimate, plain = flight().result.estimate, flight().single_pass.estimate
     final = {name: math.sqrt(value) for name, value in printed("flight", "final variance").items()}
     for name in ("L_alpha", "L_q", "L_delta", "M_q", "L_0"):
         assert estimate.sigma(name) == pytest.approx(final[name], rel=0.5), name
@@ -140,14 +140,14 @@ def test_restarts_go_by_the_delay_that_is_held() -> None:
     study = flight()
     refined = study.first.refined
     shorter, longer = max(d for d in DELAYS if d < refined), min(d for d in DELAYS if d > refined)
-    found = plain_restarts(study.paper, [shorter, longer], passes=3)
+    found = single_pass_restarts(study.paper, [shorter, longer], passes=3)
     first, last = found.values["inv_tau"][0], found.values["inv_tau"][-1]
     assert last[0] < first[0] and last[1] > first[1]
     # The first pass is the bank's own.
-    at = [int(np.argmin(np.abs(study.plain.delays - d))) for d in (shorter, longer)]
+    at = [int(np.argmin(np.abs(study.single_pass.delays - d))) for d in (shorter, longer)]
     np.testing.assert_allclose(
         found.values["M_q"][0],
-        study.plain.bank.mean[study.plain.bank.names.index("M_q"), at],
+        study.single_pass.bank.mean[study.single_pass.bank.names.index("M_q"), at],
         rtol=1e-9,
     )
     said = " ".join(paper_sentences(replace(study, restarts={"as printed": found})))

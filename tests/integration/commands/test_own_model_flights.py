@@ -51,7 +51,7 @@ MODEL = own_model(
 
 
 def record(path: Path, inputs: list[str], outputs: list[str], units: dict[str, str]) -> Record:
-    return read_record(path, inputs, outputs, known={"time": "s", **units})
+    return read_record(path, inputs, outputs, channel_units={"time": "s", **units})
 
 
 def test_the_record_is_what_the_equations_give(flightid: CommandLine, tmp_path: Path) -> None:

@@ -177,10 +177,10 @@ def test_feedback_is_answered_by_a_reference(tmp_path: Path) -> None:
     z = np.exp(2j * math.pi * joint.frequency * 0.02)
     top, bottom, _ = signal.cont2discrete(([6.0, 7.2], [1.0, 3.2, 16.0]), 0.02, "zoh")
     truth = np.polyval(np.ravel(top), z) / np.polyval(bottom, z)
-    inside = np.abs(joint.response[0, 0] - truth) <= joint.details.found.radius()[0, 0]
+    inside = np.abs(joint.response[0, 0] - truth) <= joint.details.responses.radius()[0, 0]
     assert np.mean(inside) > 0.85
     direct = fid.frequency_response(path, "surface", "rate", band=(0.1, 2.0))
-    outside = np.abs(direct.response[0, 0] - truth) > direct.details.found.radius()[0, 0]
+    outside = np.abs(direct.response[0, 0] - truth) > direct.details.responses.radius()[0, 0]
     assert np.mean(outside) > 0.2  # where chance leaves 0.05
 
 
@@ -536,7 +536,7 @@ def test_a_fitted_mode_outside_the_usable_band_is_said(tmp_path: Path) -> None:
     y = y + np.random.default_rng(7).normal(0.0, 0.05, time.size)
     path = write_csv(tmp_path, "light.csv", time=time, target=target / 20.0, y=y)
     found = fid.frequency_response(path, "target", "y", fit="dutch-roll")
-    band, fits = found.details.found.bands()[0][0], found.details.fits
+    band, fits = found.details.responses.bands()[0][0], found.details.fits
     assert band is not None and fits is not None
     low = 2.0 * math.pi * band[0]
     mode = fits.fit.functions[0].values["frequency"]

@@ -16,8 +16,8 @@ from typing import Any
 import pytest
 
 import flightid as fid
-from scenarios.survey.flights import Diagnoses, kept_of, read_flights
-from scenarios.survey.growing import flown, sent
+from scenarios.survey.flights import Diagnoses, kept_diagnosis, read_flights
+from scenarios.survey.growing import run_flights, sent
 from sim.errors import FlightidError
 from tests.integration.command_line import CommandLine
 from tests.integration.commands.test_survey_command import HEAD, LATE, short_flights
@@ -79,7 +79,7 @@ def test_ctrl_c_keeps_the_flights_that_have_come(cluster: Cluster, fleet: Path) 
             os.kill(os.getpid(), signal.SIGINT)
 
     since = time.monotonic()
-    table = flown(
+    table = run_flights(
         Diagnoses(asked.flights, Path("morning")), 3, 1, Path("morning"), stop, cluster.address
     )
     kept = sorted(
@@ -90,7 +90,9 @@ def test_ctrl_c_keeps_the_flights_that_have_come(cluster: Cluster, fleet: Path) 
         (fleet / "morning").rglob(".?-*")
     )
     # so that the next survey leaves them as they are
-    assert [flight.name for flight in asked.flights if kept_of(flight, Path("morning"))] == kept
+    assert [
+        flight.name for flight in asked.flights if kept_diagnosis(flight, Path("morning"))
+    ] == kept
 
 
 @pytest.mark.long

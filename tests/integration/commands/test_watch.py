@@ -44,7 +44,7 @@ from scenarios.watching.reference import (
 )
 from scenarios.watching.session import TOGETHER, Session, pieces, record_of, start, take
 from scenarios.watching.spectral import spectral_session
-from scenarios.watching.study import likely_estimate, plain_so_far, so_far
+from scenarios.watching.study import first_pass_so_far, likely_estimate, so_far
 from sim.record import Record
 from tests import bases
 from tests import loes_problem as problem
@@ -263,7 +263,9 @@ def test_the_last_state_is_the_batch_bank_of_the_same_rows(flown: Record, seed: 
     assert not kept["alpha"].valid[70] and not kept["nz"].valid[90] and len(kept) == table.shape[1]
     # What the filter was given: about the trim.
     expected = run_bank(
-        less(record_of(session), session.offsets), session.system, held={"delay": np.array(DELAYS)}
+        less(record_of(session), session.offsets),
+        session.system,
+        fixed_values={"delay": np.array(DELAYS)},
     )
     assert session.bank is not None and session.state is not None
     found = bank_estimate(session.bank, session.state)
@@ -451,7 +453,7 @@ def test_reference_gives_the_start_and_the_bounds(
 def test_flags_take_both_uncertainties(flown: Record) -> None:
     session = Session(vehicle_file(), "stream", "in")
     take(session, table_of(flown))
-    found = plain_so_far(session)
+    found = first_pass_so_far(session)
     estimate, weights = found.estimate, found.weights
     assert session.bank is not None
     at, sigma = estimate.value("M_q"), estimate.sigma("M_q")
@@ -505,7 +507,7 @@ def test_what_another_start_would_not_have_found_is_no_number() -> None:
     assert session.bank is not None and session.state is not None
     alone, plain, refined = (
         likely_estimate(session.bank, session.state)[0],
-        plain_so_far(session),
+        first_pass_so_far(session),
         so_far(session),
     )
     wrong = {

@@ -17,9 +17,9 @@ from ident.maneuver_design import (
     Acting,
     Planned,
     RivalDecision,
-    chance_found,
     contest,
     decision_of,
+    detection_probability,
     expected_sigmas,
     linear_squares,
     simulated,
@@ -177,14 +177,19 @@ def test_an_effect_is_found_as_often_as_a_noncentral_chi_squared_exceeds_its_pri
     gain = 60.0
     limit = 2.0 * gain + own + away * math.sqrt(8.0 * gain)
     expected = ncx2.sf(limit, own, 2.0 * gain)
-    assert chance_found(gain, own, limit - 10.0, 10.0) == pytest.approx(expected, abs=0.02)
+    assert detection_probability(gain, own, limit - 10.0, 10.0) == pytest.approx(expected, abs=0.02)
 
 
 def test_what_leaves_nothing_decides_nothing() -> None:
     nothing = decision_of(np.zeros(3), np.full(3, 400), 500.0, 1, 1)
     assert nothing.right < 0.01 and nothing.wrong < 0.01
     assert RivalDecision(100.0, 20.0).right > 0.999
-    assert chance_found(0.5, 1, 6.0, 10.0) < 0.01 < 0.99 < chance_found(50.0, 1, 6.0, 10.0)
+    assert (
+        detection_probability(0.5, 1, 6.0, 10.0)
+        < 0.01
+        < 0.99
+        < detection_probability(50.0, 1, 6.0, 10.0)
+    )
 
 
 def test_effects_that_no_record_tells_apart_are_told_by_no_maneuver() -> None:

@@ -18,7 +18,7 @@ from exam.random_cases.summary import coverage, summary, summary_table
 from ident.recording.series import Certainty, RecordFinding
 from ident.recording.series import Kind as FindingKind
 from ident.tracing.diagnosis import Claim, Verdict
-from scenarios.preparation.recording import WARNED, RecordCheck, Seen
+from scenarios.preparation.recording import WARNED, HandledFinding, RecordCheck
 from sim.errors import ModelError, RecordError
 from tests.diagnoses import tracing_of
 
@@ -41,7 +41,7 @@ def marked(
     diagnosis = replace(tracing.diagnosis, verdict=verdict, effects=claims)
     finding = RecordFinding(warned_of, FindingKind.HELD, Certainty.LIKELY, "is updated late")
     look = (
-        RecordCheck(("train.csv",), (Seen("train.csv", finding, WARNED),))
+        RecordCheck(("train.csv",), (HandledFinding("train.csv", finding, WARNED),))
         if warned_of
         else tracing.look
     )

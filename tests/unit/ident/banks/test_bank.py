@@ -128,7 +128,7 @@ def test_delays_that_differ(passes: int) -> None:
         record,
         compile_model(model, online=True),
         how,
-        held={"input-delay.delay": delays},
+        fixed_values={"input-delay.delay": delays},
         keep=True,
     )
     assert np.argmax(bank.log_likelihood) == 0
@@ -192,6 +192,6 @@ def test_names_what_does_not_fit() -> None:
         compile_model(rigid_start(), online=True),
     )
     with pytest.raises(ModelError, match="bank, CL_q: it is free"):
-        run_bank(record, system, held={"CL_q": np.zeros(2)})
+        run_bank(record, system, fixed_values={"CL_q": np.zeros(2)})
     with pytest.raises(ModelError, match="numbers of runs differ"):
-        run_bank(record, system, held={"mass": np.full(3, 1e5)}, start=np.zeros((8, 2)))
+        run_bank(record, system, fixed_values={"mass": np.full(3, 1e5)}, start=np.zeros((8, 2)))

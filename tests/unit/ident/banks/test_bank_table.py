@@ -42,7 +42,7 @@ def start_of(laid_out: FilterProblem, start: np.ndarray) -> tuple[np.ndarray, np
 def test_equal_to_the_steps(density: dict[str, float], max_step: float, elsewhere: bool) -> None:
     flown = problem.record(3, duration=2.4, gaps=True)
     system, settings = problem.system(flown, density=density), FilterSettings(max_step=max_step)
-    laid_out, runs = bank_runs(flown, system, settings, held={"delay": GRID})
+    laid_out, runs = bank_runs(flown, system, settings, fixed_values={"delay": GRID})
     about = (
         np.random.default_rng(1).normal(1.0, 0.1, (14, len(flown), 3)) * runs.start[:, None]
         if elsewhere
@@ -101,7 +101,7 @@ def test_what_has_no_table() -> None:
         held: dict[str, np.ndarray] | None = None,
     ) -> bool:
         system = compile_model(model, online=True)
-        laid_out, runs = bank_runs(record, system, settings, held=held)
+        laid_out, runs = bank_runs(record, system, settings, fixed_values=held)
         return march_of_table(laid_out, settings, runs) is not None
 
     assert has_table()

@@ -24,7 +24,7 @@ from tests.bases import LOES_VALUES
 def test_bank_is_nine_filterpy_filters(gaps: bool) -> None:
     flown = problem.record(1, duration=2.4, gaps=gaps)
     system = problem.system(flown)
-    bank = run_bank(flown, system, held={"delay": np.array(DELAYS)})
+    bank = run_bank(flown, system, fixed_values={"delay": np.array(DELAYS)})
     assert len(bank.names) == 14
     for run, delay in enumerate(DELAYS):
         alone = run_ekf(

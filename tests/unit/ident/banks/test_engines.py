@@ -21,11 +21,12 @@ def test_both_engines_give_one_bank_and_one_iterated_bank(gaps: bool) -> None:
     flown = problem.record(1, duration=1.8, gaps=gaps)
     system = problem.system(flown)
     plain = agreement(
-        BATCHED.run(flown, system, None, held=HELD), FILTERPY.run(flown, system, None, held=HELD)
+        BATCHED.run(flown, system, None, fixed_values=HELD),
+        FILTERPY.run(flown, system, None, fixed_values=HELD),
     )
     assert plain.sound and plain.largest < 1e-8
     (one, about), (other, same) = (
-        engine.iterated(flown, system, None, held=HELD, tolerance=np.inf)
+        engine.iterated(flown, system, None, fixed_values=HELD, tolerance=np.inf)
         for engine in (BATCHED, FILTERPY)
     )
     assert agreement(one, other).sound and agreement(one, other).largest < 1e-6
@@ -43,8 +44,8 @@ def test_filterpys_bank_is_its_filters_one_by_one() -> None:
         run_ekf(flown, held, by=filter_by_filterpy),
         run_iterated_ekf(flown, held, by=filter_by_filterpy),
     )
-    plain = FILTERPY.run(flown, system, None, held={"delay": np.array([0.125])})
-    settled, _ = FILTERPY.iterated(flown, system, None, held={"delay": np.array([0.125])})
+    plain = FILTERPY.run(flown, system, None, fixed_values={"delay": np.array([0.125])})
+    settled, _ = FILTERPY.iterated(flown, system, None, fixed_values={"delay": np.array([0.125])})
     assert (plain.log_likelihood[0], settled.log_likelihood[0]) == (
         alone.log_likelihood,
         iterated.log_likelihood,
@@ -60,12 +61,14 @@ def test_a_filter_that_breaks_down_is_told_by_both() -> None:
     flown = replace(flown, outputs=(replace(flown["alpha"], values=alpha), *flown.outputs[1:]))
     found = agreement(
         *(
-            engine.run(flown, problem.system(flown), None, held=HELD)
+            engine.run(flown, problem.system(flown), None, fixed_values=HELD)
             for engine in (BATCHED, FILTERPY)
         )
     )
     assert found.sound
-    _, about = FILTERPY.iterated(flown, problem.system(flown), None, held=HELD, iterations=1)
+    _, about = FILTERPY.iterated(
+        flown, problem.system(flown), None, fixed_values=HELD, iterations=1
+    )
     assert np.all(np.isfinite(about))
 
 

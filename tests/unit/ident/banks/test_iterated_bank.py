@@ -20,7 +20,7 @@ GRID = np.array([0.1, 0.12])
 def test_smoothed_means_are_those_of_the_fixed_interval_smoother(max_step: float) -> None:
     flown = problem.record(5, duration=3.0, gaps=True)
     system, settings = problem.system(flown), FilterSettings(max_step=max_step)
-    laid_out, runs = bank_runs(flown, system, settings, held={"delay": GRID})
+    laid_out, runs = bank_runs(flown, system, settings, fixed_values={"delay": GRID})
     trace = empty_trace(laid_out, 2)
     run_pass(laid_out, settings, runs, False, trace=trace)
     got = smoothed(trace)
@@ -44,7 +44,7 @@ def test_smoothed_means_are_those_of_the_fixed_interval_smoother(max_step: float
 def test_settles_where_the_single_iterated_filter_does() -> None:
     flown = problem.record(6, duration=4.0)
     system = problem.system(flown)
-    bank, trajectories = run_iterated_bank(flown, system, held={"delay": GRID})
+    bank, trajectories = run_iterated_bank(flown, system, fixed_values={"delay": GRID})
     assert bank.sound.all() and trajectories.shape == (14, len(flown), 2)
     for run, delay in enumerate(GRID):
         alone = run_iterated_ekf(
@@ -57,15 +57,19 @@ def test_settles_where_the_single_iterated_filter_does() -> None:
 def test_does_not_depend_on_the_start_of_the_linearisation() -> None:
     flown = problem.record(7, duration=4.0)
     system = problem.system(flown)
-    cold, trajectories = run_iterated_bank(flown, system, held={"delay": GRID})
-    warm, _ = run_iterated_bank(flown, system, held={"delay": GRID}, about=trajectories[:, :, :1])
+    cold, trajectories = run_iterated_bank(flown, system, fixed_values={"delay": GRID})
+    warm, _ = run_iterated_bank(
+        flown, system, fixed_values={"delay": GRID}, about=trajectories[:, :, :1]
+    )
     assert warm.iterations[0] < cold.iterations[0]
     np.testing.assert_allclose((warm.mean - cold.mean) / cold.std, 0.0, atol=0.02)
 
 
 def test_a_limit_of_passes_leaves_no_run_sound() -> None:
     flown = problem.record(8, duration=3.0)
-    bank, _ = run_iterated_bank(flown, problem.system(flown), held={"delay": GRID}, iterations=2)
+    bank, _ = run_iterated_bank(
+        flown, problem.system(flown), fixed_values={"delay": GRID}, iterations=2
+    )
     assert (
         not bank.sound.any()
         and np.all(bank.log_likelihood == -np.inf)

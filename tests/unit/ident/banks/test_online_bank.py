@@ -47,7 +47,7 @@ def states_of(bank: OnlineBank, rows: Rows, cuts: list[int] | None = None) -> li
 
 
 def batch(record: Record, system: System) -> BankEstimate:
-    return run_bank(record, system, held={"delay": np.array(DELAYS)})
+    return run_bank(record, system, fixed_values={"delay": np.array(DELAYS)})
 
 
 def assert_equal(found: BankEstimate, expected: BankEstimate) -> None:

@@ -18,7 +18,7 @@ from ident.banks.online import (
     advance,
     bank_of_starts,
     begin,
-    ends_of,
+    final_states_of,
     moved_starts,
     online_bank,
     spread_covariance,
@@ -70,7 +70,7 @@ def test_they_are_the_filters_that_run_alone_and_their_spread_is_that_of_the_end
     starts = moved_starts(bank, FACTORS)
     others = bank_of_starts(bank, starts)
     beside, states = run(others, rows), run(bank, rows)
-    ends = ends_of(others, beside, len(bank.delays))
+    ends = final_states_of(others, beside, len(bank.delays))
     alone = [run(replace(bank, start=start), rows)[-1] for start in starts.T]
     own, best = states[-1].mean[:, states[-1].best], states[-1].best
     for k, state in enumerate(alone):
@@ -96,7 +96,7 @@ def test_where_half_of_the_starts_broke_down_nothing_is_known(
     few = Rows(*(part[..., :40] for part in rows))
     states = run(bank, few)
     others = bank_of_starts(bank, moved_starts(bank, FACTORS))
-    ends = ends_of(others, run(others, few), len(bank.delays))
+    ends = final_states_of(others, run(others, few), len(bank.delays))
     for broken, known in ((3, True), (4, False)):
         sound = ends.sound.copy()
         sound[:, :broken] = False

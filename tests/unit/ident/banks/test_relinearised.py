@@ -93,7 +93,7 @@ def test_it_begins_where_the_refinement_ends(
     assert found.names == refined.names
     near(found, refined)
     # wherever it was linearised first, it ends there
-    np.testing.assert_array_equal(halfway.apart, 0.0)
+    np.testing.assert_array_equal(halfway.start_dependence, 0.0)
 
 
 def test_row_by_row_it_stays_at_the_refinement_of_all_rows(
@@ -127,10 +127,13 @@ def test_the_last_rows_go_on_where_they_hold_what_is_known_and_are_weighed_else(
     moved[at] += 3.0 * 2.0 * std[at]
     kept = sharper_of(halfway, replace(halfway, mean=moved, std=2.0 * std), FACTORS)
     assert kept is not None and kept.state is halfway.state
-    assert kept.apart[at] == pytest.approx(6.0 * std[at]) and np.count_nonzero(kept.apart) == 1
+    assert (
+        kept.start_dependence[at] == pytest.approx(6.0 * std[at])
+        and np.count_nonzero(kept.start_dependence) == 1
+    )
     assert joint_estimate(kept).sigma("M_q") == pytest.approx(37.0**0.5 * std[at])
     agreed = sharper_of(halfway, replace(halfway, mean=mean + std, std=2.0 * std), FACTORS)
-    assert agreed is not None and not agreed.apart.any()
+    assert agreed is not None and not agreed.start_dependence.any()
 
 
 def test_another_grid_of_delays_holds_the_same_gaussian(halfway: Relinearised) -> None:

@@ -114,7 +114,9 @@ def measured(record: Record, system: System, count: int) -> np.ndarray:
 def both(case: Case, keep: bool) -> tuple[BankPass, BankPass]:
     record, make, settings, held = case
     system = make()
-    problem, runs = bank_runs(record, system, settings, z=measured(record, system, RUNS), held=held)
+    problem, runs = bank_runs(
+        record, system, settings, z=measured(record, system, RUNS), fixed_values=held
+    )
     found, expected = (
         run_pass(problem, settings, runs, keep, in_rows=rows) for rows in (True, False)
     )

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from ident.flying_qualities.attitude_criteria import attitude_bandwidth, dropback
 from ident.frequency_response.transfer_function import (
     FORMS,
-    Target,
+    ResponseTarget,
     fit_transfer_functions,
     neighbour_correlation,
 )
@@ -40,9 +40,9 @@ def gain(omega: float) -> float:
 NEUTRAL = brentq(lambda w: phase(w) + 180.0, 2.0, 20.0)
 
 
-def target(response: np.ndarray, share: float = 0.01) -> Target:
+def target(response: np.ndarray, share: float = 0.01) -> ResponseTarget:
     one = np.ones(OMEGA.size)
-    return Target("q/de", OMEGA, response, 0.99 * one, share * np.abs(response), 60.0)
+    return ResponseTarget("q/de", OMEGA, response, 0.99 * one, share * np.abs(response), 60.0)
 
 
 def test_definitions() -> None:
@@ -70,11 +70,11 @@ def test_an_attitude_is_not_integrated() -> None:
 
 
 def test_a_short_band_says_what_is_missing() -> None:
-    def cut(high: float) -> Target:
+    def cut(high: float) -> ResponseTarget:
         whole, there = target(rate(OMEGA)), high >= OMEGA
         part = (each[there] for each in (whole.response, whole.coherence, whole.std))
         response, coherence, std = part
-        return Target("q/de", whole.omega[there], response, coherence, std, 60.0)
+        return ResponseTarget("q/de", whole.omega[there], response, coherence, std, 60.0)
 
     short = attitude_bandwidth(cut(1.5 * NEUTRAL), rate=True)
     assert short.delay is None and short.gain is not None and "no phase delay" in short.notes[0]

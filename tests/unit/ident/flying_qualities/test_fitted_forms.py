@@ -12,7 +12,7 @@ from ident.flying_qualities.levels import GRAVITY, form_levels, form_qualities
 from ident.frequency_response.transfer_function import (
     FORMS,
     FittedResponse,
-    Target,
+    ResponseTarget,
     fit_transfer_functions,
     neighbour_correlation,
     unnoticeable,
@@ -30,7 +30,7 @@ def fitted(
 ) -> FittedResponse:
     response = FORMS[form].response(values, OMEGA) * (1.0 + noise)
     one = np.ones(OMEGA.size)
-    target = Target("y/u", OMEGA, response, 0.99 * one, share * np.abs(response), 5.0)
+    target = ResponseTarget("y/u", OMEGA, response, 0.99 * one, share * np.abs(response), 5.0)
     return fit_transfer_functions([target], [FORMS[form]]).functions[0]
 
 

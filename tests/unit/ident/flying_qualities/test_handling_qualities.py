@@ -10,7 +10,14 @@ import numpy as np
 import pytest
 
 from ident.estimate import Estimate, Outcome
-from ident.flying_qualities.levels import Criterion, Quality, criteria, level_of, levels, qualities
+from ident.flying_qualities.levels import (
+    LevelCriterion,
+    Quality,
+    criteria,
+    level_of,
+    levels,
+    qualities,
+)
 from sim.errors import ModelError
 from tests.bases import LOES_CONSTANTS, LOES_VALUES
 
@@ -90,7 +97,7 @@ def test_an_aperiodic_short_period_has_no_frequency() -> None:
 
 
 @pytest.mark.parametrize("criterion", criteria(), ids=lambda c: f"{c.quantity} {c.category}")
-def test_edges_of_every_level(criterion: Criterion) -> None:
+def test_edges_of_every_level(criterion: LevelCriterion) -> None:
     assert criterion.source and len(criterion.levels) == 3
     inner = 0.5 * (
         criterion.levels[0][0] + min(criterion.levels[0][1], criterion.levels[0][0] + 1e-6)
@@ -112,13 +119,15 @@ def test_edges_of_every_level(criterion: Criterion) -> None:
         )
 
 
-def _shared(criterion: Criterion, number: int) -> set[float]:
+def _shared(criterion: LevelCriterion, number: int) -> set[float]:
     """Edges of a level that a better or an equal one shares."""
     return {edge for other in criterion.levels[: number - 1] for edge in other}
 
 
 def test_uncertainty_that_crosses_a_boundary_shows() -> None:
-    rule = Criterion("damping_ratio", "A", ((0.35, 1.3), (0.25, 2.0), (0.15, float("inf"))), "test")
+    rule = LevelCriterion(
+        "damping_ratio", "A", ((0.35, 1.3), (0.25, 2.0), (0.15, float("inf"))), "test"
+    )
     cases = [
         (0.40, 0.01, (1, 1, 1)),
         (0.36, 0.01, (1, 1, 2)),

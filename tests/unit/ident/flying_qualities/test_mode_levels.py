@@ -17,9 +17,9 @@ from ident.flying_qualities.levels import (
     CLASSES,
     DETERMINED,
     DRAWS,
-    Flown,
+    FlightPhase,
     ModeLevel,
-    flown_as,
+    flight_phase_of,
     mode_levels,
     qualities,
 )
@@ -42,7 +42,9 @@ def of(values: Mapping[str, float], std: float | Mapping[str, float] = SURE) -> 
 def by_mode(
     found: Characteristics, aircraft_class: str = "III", category: str = "B"
 ) -> dict[str, ModeLevel]:
-    return {level.mode: level for level in mode_levels(found, Flown(aircraft_class, category, ()))}
+    return {
+        level.mode: level for level in mode_levels(found, FlightPhase(aircraft_class, category, ()))
+    }
 
 
 def dutch_roll(damping: float, frequency: float, ratio: float = 1.0) -> dict[str, float]:
@@ -319,11 +321,11 @@ def test_what_the_data_leave_open_has_no_level() -> None:
 
 
 def test_class_and_category() -> None:
-    assert flown_as("ii", "c") == Flown("II-L", "C", ()) and flown_as(None, "A").assumed == (
-        "class",
-    )
-    assert flown_as(None, None) == Flown()
+    assert flight_phase_of("ii", "c") == FlightPhase("II-L", "C", ()) and flight_phase_of(
+        None, "A"
+    ).assumed == ("class",)
+    assert flight_phase_of(None, None) == FlightPhase()
     with pytest.raises(DeclarationError, match="there is no class 'V'; use I, II, III or IV"):
-        flown_as("V", None)
+        flight_phase_of("V", None)
     with pytest.raises(DeclarationError, match="there is no category 'D'; use A rapid"):
-        flown_as(None, "D")
+        flight_phase_of(None, "D")

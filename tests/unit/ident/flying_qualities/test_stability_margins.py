@@ -15,9 +15,9 @@ from ident.flying_qualities.stability_margins import (
     turned,
     worst_margins,
 )
-from ident.frequency_response import Signals, Spectra, estimate_responses
+from ident.frequency_response import EvenSignals, Spectra, estimate_responses
 from ident.frequency_response.estimate import frequencies, window_lengths
-from ident.frequency_response.transfer_function import Target, neighbour_correlation
+from ident.frequency_response.transfer_function import ResponseTarget, neighbour_correlation
 from scenarios.responses.fitting import target_of
 from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.linear import loop_test, margins, open_loop
@@ -37,9 +37,9 @@ def loop(omega: np.ndarray) -> np.ndarray:
     return np.asarray(LOOP(1j * omega)) * np.exp(-1j * omega * DELAY)
 
 
-def target(response: np.ndarray, share: float = 1e-3, omega: np.ndarray = OMEGA) -> Target:
+def target(response: np.ndarray, share: float = 1e-3, omega: np.ndarray = OMEGA) -> ResponseTarget:
     one = np.ones(omega.size)
-    return Target("returned/command", omega, response, one, share * np.abs(response), 60.0)
+    return ResponseTarget("returned/command", omega, response, one, share * np.abs(response), 60.0)
 
 
 def sampled(airframe: str) -> np.ndarray:
@@ -135,7 +135,7 @@ def test_the_least_distance_of_a_flat_response_is_low_and_its_interval_reaches_u
     for _ in range(60):
         noise = error * root @ (rng.standard_normal((OMEGA.size, 2)) @ np.array([1.0, 1.0j]))
         one = np.ones(OMEGA.size)
-        data = Target("L", OMEGA, exact + noise, one, np.full(OMEGA.size, error), 60.0)
+        data = ResponseTarget("L", OMEGA, exact + noise, one, np.full(OMEGA.size, error), 60.0)
         margin = stability_margins(data).distance
         if margin is None:
             continue
@@ -192,7 +192,7 @@ def flown(airframe: str, seed: int) -> StabilityMargins:
     time = x29.frame * np.arange(int(LENGTH / x29.frame))
     sweep = 0.5 * signal.chirp(time, LOW, LENGTH, HIGH, method="logarithmic")
     rows = loop_test(x29, sweep, np.random.default_rng(seed))
-    record = Signals(x29.frame, rows[[1]], rows[[2]], rows[[0]])
+    record = EvenSignals(x29.frame, rows[[1]], rows[[2]], rows[[0]])
     spectra = Spectra(window_lengths([LENGTH], LOW))
     found = estimate_responses([record], frequencies(LOW, HIGH), spectra)
     return stability_margins(target_of(found, (0, 0), "returned/command"))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from ident.frequency_response import FrequencyResponses, Signals, Spectra, estimate_responses
+from ident.frequency_response import EvenSignals, FrequencyResponses, Spectra, estimate_responses
 from ident.frequency_response.estimate import (
     decimated,
     detrended,
@@ -45,7 +45,7 @@ def truth(system: tuple[np.ndarray, np.ndarray], frequency: np.ndarray = GRID) -
     return np.polyval(system[0], z) / np.polyval(system[1], z)
 
 
-def flight(kind: str, seed: int, duration: float = 300.0, noise: float = 1 / 3) -> Signals:
+def flight(kind: str, seed: int, duration: float = 300.0, noise: float = 1 / 3) -> EvenSignals:
     """A record: ``one`` input, ``two`` inputs that move together, or ``feedback`` of the output."""
     rng = np.random.default_rng(seed)
     count = int(duration / STEP)
@@ -54,17 +54,17 @@ def flight(kind: str, seed: int, duration: float = 300.0, noise: float = 1 / 3) 
     error = signal.lfilter(*colour, rng.standard_normal(count))
     if kind == "one":
         y = signal.lfilter(*SHORT_PERIOD, one)
-        return Signals(STEP, one[None], (y + error * noise * y.std() / error.std())[None])
+        return EvenSignals(STEP, one[None], (y + error * noise * y.std() / error.std())[None])
     if kind == "two":
         other = 0.7 * (one + other)
         y = signal.lfilter(*SHORT_PERIOD, one) + signal.lfilter(*LAG, other)
         y = y + error * noise * y.std() / error.std()
-        return Signals(STEP, np.array([one, other]), y[None])
+        return EvenSignals(STEP, np.array([one, other]), y[None])
     top, bottom = SHORT_PERIOD
     error *= noise * signal.lfilter(top, bottom, one).std() / error.std()
     closed = np.polyadd(bottom, 0.5 * top)
     y = signal.lfilter(top, closed, one) + signal.lfilter(bottom, closed, error)
-    return Signals(STEP, (one - 0.5 * y)[None], y[None], one[None])
+    return EvenSignals(STEP, (one - 0.5 * y)[None], y[None], one[None])
 
 
 def estimate(kind: str, seed: int) -> tuple[FrequencyResponses, np.ndarray]:
@@ -109,7 +109,7 @@ def test_feedback_biases_the_direct_estimate_and_not_the_joint_one() -> None:
     apart: dict[str, list[np.ndarray]] = {"joint": [], "direct": []}
     for seed in range(12):
         joint = flight("feedback", seed, noise=1.0)
-        direct = Signals(STEP, joint.inputs, joint.outputs)
+        direct = EvenSignals(STEP, joint.inputs, joint.outputs)
         spectra = Spectra(window_lengths([300.0]))
         for name, record in (("joint", joint), ("direct", direct)):
             found = estimate_responses([record], GRID, spectra)
@@ -131,7 +131,7 @@ def test_where_the_reference_does_not_move_the_input_nothing_is_said() -> None:
     returned += signal.lfilter(bottom, closed, rng.normal(0.0, 0.05, time.size))
     command = sweep - 0.5 * returned
     grid = np.array([0.4, 0.6, 4.0, 5.0])
-    record = Signals(STEP, command[None], returned[None], sweep[None])
+    record = EvenSignals(STEP, command[None], returned[None], sweep[None])
     found = estimate_responses([record], grid, Spectra(window_lengths([120.0])))
     system = signal.freqz(top, bottom, 2.0 * np.pi * grid * STEP)[1]
     inside = np.abs(found.response[0, 0] - system) <= found.radius()[0, 0]
@@ -301,7 +301,7 @@ def test_a_pure_delay() -> None:
     x = signal.lfilter(*signal.butter(2, 0.2), rng.standard_normal(10000))
     y = np.concatenate([np.zeros(7), x[:-7]])
     found = estimate_responses(
-        [Signals(STEP, x[None], y[None])], GRID, Spectra(window_lengths([200.0]))
+        [EvenSignals(STEP, x[None], y[None])], GRID, Spectra(window_lengths([200.0]))
     )
     exact = np.exp(-2j * math.pi * GRID * 7 * STEP)
     assert np.max(np.abs(found.response[0, 0] - exact)) < 0.01
@@ -313,7 +313,9 @@ def test_the_usable_band_ends_where_the_noise_begins() -> None:
     x = rng.standard_normal(30000)
     y = signal.lfilter(*signal.butter(4, 2.0 * STEP * 2.0), x) + 0.3 * rng.standard_normal(30000)
     found = estimate_responses(
-        [Signals(STEP, x[None], y[None])], frequencies(0.1, 10.0), Spectra(window_lengths([600.0]))
+        [EvenSignals(STEP, x[None], y[None])],
+        frequencies(0.1, 10.0),
+        Spectra(window_lengths([600.0])),
     )
     # Coherence 0.6 where the power of the answer is 1.5 that of the noise.
     w, h = signal.freqz(*signal.butter(4, 2.0 * STEP * 2.0), 8000, fs=1 / STEP)
@@ -336,7 +338,7 @@ def test_a_short_sweep_across_a_mode_is_not_biased_by_its_longest_window() -> No
     x = np.where(time < 40.0, np.sin(2.0 * math.pi * low * time), sweep)
     y = signal.lfilter(np.ravel(system[0]), system[1], x)
     frequency = frequencies(low, 1.0)
-    record, spectra = Signals(step, x[None], y[None]), Spectra(window_lengths([duration], low))
+    record, spectra = EvenSignals(step, x[None], y[None]), Spectra(window_lengths([duration], low))
     assert spectra.windows[:2] == (50.0, 25.0)
     found = estimate_responses([record], frequency, spectra)
     z = np.exp(2j * math.pi * frequency * step)
@@ -357,7 +359,7 @@ def test_the_usable_band_ends_where_a_sweep_ends() -> None:
     y = y + 0.02 * y.std() * np.random.default_rng(1).standard_normal(time.size)
     frequency = frequencies(0.1, 4.0)
     spectra = Spectra(window_lengths([duration], 0.1))
-    found = estimate_responses([Signals(step, x[None], y[None])], frequency, spectra)
+    found = estimate_responses([EvenSignals(step, x[None], y[None])], frequency, spectra)
     usable = found.usable[0, 0]
     assert 0.7 * high < frequency[usable].max() < high
     off = np.abs(found.response[0, 0] / truth(LAG, frequency) - 1.0)
@@ -367,7 +369,7 @@ def test_the_usable_band_ends_where_a_sweep_ends() -> None:
 def test_the_band_of_an_input() -> None:
     time = STEP * np.arange(20000)
     x = np.sin(2.0 * math.pi * 2.0 * time) + np.sin(2.0 * math.pi * 0.1 * time)
-    low, high = input_band([Signals(STEP, x[None], x[None])], 0.05)
+    low, high = input_band([EvenSignals(STEP, x[None], x[None])], 0.05)
     assert low == 0.05 and high == pytest.approx(2.0, abs=0.01)
 
 
@@ -377,9 +379,9 @@ def test_refusals(wrong: str) -> None:
     records = [one]
     spectra = Spectra((10.0,))
     if wrong == "rates":
-        records = [one, Signals(0.03, one.inputs, one.outputs)]
+        records = [one, EvenSignals(0.03, one.inputs, one.outputs)]
     elif wrong == "references":
-        records = [Signals(STEP, one.inputs, one.outputs, np.concatenate([one.inputs] * 2))]
+        records = [EvenSignals(STEP, one.inputs, one.outputs, np.concatenate([one.inputs] * 2))]
     else:
         spectra = Spectra((100.0,) if wrong == "windows" else (10.0,))
     said = {
@@ -412,7 +414,7 @@ def test_two_inputs_with_feedback_and_two_references() -> None:
             for top, x in ((first, sweeps[0]), (second, sweeps[1]), (whole, error))
         )
         inputs = sweeps - np.outer([0.3, 0.2], y)
-        record = Signals(STEP, inputs, np.asarray(y)[None], sweeps)
+        record = EvenSignals(STEP, inputs, np.asarray(y)[None], sweeps)
         found = estimate_responses([record], GRID, Spectra(window_lengths([300.0])))
         hits.append(np.mean(np.abs(found.response[0] - exact) <= found.radius()[0]))
     assert 0.89 <= np.mean(hits) <= 0.99

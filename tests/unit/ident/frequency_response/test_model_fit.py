@@ -9,7 +9,7 @@ import pytest
 
 from ident.frequency_response.model_fit import fit_model
 from ident.frequency_response.transfer_function import (
-    Target,
+    ResponseTarget,
     mismatch_cost,
     neighbour_correlation,
 )
@@ -29,7 +29,7 @@ def responses(p: Mapping[str, float], omega: np.ndarray = OMEGA) -> list[np.ndar
     return [x[0] * late, x[1] * late]
 
 
-def targets(share: float, rng: np.random.Generator | None = None) -> list[Target]:
+def targets(share: float, rng: np.random.Generator | None = None) -> list[ResponseTarget]:
     out = []
     apart = np.subtract.outer(OMEGA, OMEGA) / (2.0 * np.pi) * LENGTH
     root = np.linalg.cholesky(neighbour_correlation(apart) + 1e-9 * np.eye(OMEGA.size))
@@ -41,7 +41,7 @@ def targets(share: float, rng: np.random.Generator | None = None) -> list[Target
             )
         measured = exact * (1.0 + share * noise)
         std = share * np.abs(measured)
-        out.append(Target(name, OMEGA, measured, np.full(OMEGA.size, 0.95), std, LENGTH))
+        out.append(ResponseTarget(name, OMEGA, measured, np.full(OMEGA.size, 0.95), std, LENGTH))
     return out
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from ident.frequency_response import Signals, Spectra, estimate_responses
+from ident.frequency_response import EvenSignals, Spectra, estimate_responses
 from ident.frequency_response.estimate import frequencies
 from ident.frequency_response.online import (
     OnlineResponses,
@@ -45,7 +45,7 @@ def streamed(table: np.ndarray, block: int, **options: Any) -> OnlineResponses:
 def test_a_stream_gives_what_the_record_gives() -> None:
     table = rows()
     found = estimated(streamed(table, 37))
-    record = Signals(STEP, table[[1]], table[[0]], table[[2]])
+    record = EvenSignals(STEP, table[[1]], table[[0]], table[[2]])
     whole = estimate_responses([record], FREQUENCY, Spectra(LENGTHS))
     assert found is not None and found.joint
     # The straight line is taken off each window instead of the record: a few thousandths.

@@ -13,7 +13,7 @@ from scipy import signal
 from ident.frequency_response.transfer_function import (
     FORMS,
     Form,
-    Target,
+    ResponseTarget,
     coherence_weight,
     conditional_std,
     fit_transfer_functions,
@@ -61,9 +61,11 @@ def written_out(name: str, s: np.ndarray) -> np.ndarray:
     return np.asarray(out)
 
 
-def target(response: np.ndarray, error: float = 0.02, name: str = "y/x") -> Target:
+def target(response: np.ndarray, error: float = 0.02, name: str = "y/x") -> ResponseTarget:
     size = response.size
-    return Target(name, OMEGA, response, np.full(size, 0.95), error * np.abs(response), 40.0)
+    return ResponseTarget(
+        name, OMEGA, response, np.full(size, 0.95), error * np.abs(response), 40.0
+    )
 
 
 @pytest.mark.parametrize("name", list(VALUES))
@@ -116,7 +118,7 @@ def test_no_parameter_is_known_worse_where_the_others_are_known(
     exact = written_out(name, 1j * OMEGA)
     response = exact * (1.0 + std * (rng.standard_normal((OMEGA.size, 2)) @ np.array([1.0, 1j])))
     coherence = 1.0 / (1.0 + 40.0 * std**2)
-    data = Target("y/x", OMEGA, response, coherence, std * np.abs(response), length)
+    data = ResponseTarget("y/x", OMEGA, response, coherence, std * np.abs(response), length)
     (one,) = fit_transfer_functions([data], [FORMS[name]]).functions
     names = list(one.std)
     for at, key in enumerate(names):

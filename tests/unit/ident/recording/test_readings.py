@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from ident.recording.inspection import inspect
 from ident.recording.kinematic_relations import (
     ControlPower,
-    FlownColumns,
+    KinematicColumns,
     _fitted,
     all_readings,
     columns_of,
@@ -345,7 +345,7 @@ def test_lift_belongs_to_the_angle_of_attack() -> None:
     alpha, delta = np.sin(1.3 * time), np.sin(2.9 * time + 1.0)
 
     def left(load: np.ndarray) -> float:
-        columns = FlownColumns(
+        columns = KinematicColumns(
             time, {"alpha": alpha, "q": np.cos(1.3 * time), "nz": load}, delta, "elevator", 0.1
         )
         found = unexplained_lift(columns)

@@ -11,7 +11,7 @@ from scipy.stats import t
 
 from ident.statistics.residual_spectrum import (
     RecordScores,
-    _Record,
+    _ScoreTransforms,
     autoregression,
     common_disturbance,
     joint_autoregressions,
@@ -149,7 +149,7 @@ def test_the_noise_that_a_fit_follows_is_taken_from_covariances_of_all_pairs_of_
     flat = jacobian.transpose(1, 0, 2).reshape(-1, c)  # sample by sample
     inverse = np.linalg.inv(flat.T @ weights.transpose(1, 0, 2).reshape(-1, c))
     scores = RecordScores(np.arange(c), weights, jacobian, residual, np.ones((m, n), dtype=bool))
-    record = _Record(scores)
+    record = _ScoreTransforms(scores)
     scale = np.sqrt(np.mean(residual**2, axis=1))
     noise = np.fft.irfft(record.density, record.size, axis=0)
     shift = np.subtract.outer(np.arange(n), np.arange(n))

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.flying_qualities.levels import Flown
+from ident.flying_qualities.levels import FlightPhase
 from ident.flying_qualities.modes import Characteristics
 from ident.tracing.diagnosis import Verdict
 from scenarios.diagnosis.report.content import diagnosis_content
@@ -32,7 +32,7 @@ def with_damping(
     return replace(
         tracing,
         diagnosis=replace(tracing.diagnosis, modes_before=of(before), modes_after=of(after)),
-        flown=Flown("IV", "A", ()),
+        flown=FlightPhase("IV", "A", ()),
     )
 
 

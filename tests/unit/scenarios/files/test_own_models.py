@@ -175,7 +175,7 @@ def test_channels_are_the_declared_names_in_the_declared_units(tmp_path: Path) -
     assert units == {"time": "s", "force": "N", "x": "m", "acceleration": "m/s2"}
     path = tmp_path / "record.csv"
     path.write_text("time,force [kN],x_cm,acceleration (g)\n0,0.5,12,1\n0.1,0.25,3,2\n")
-    record = read_record(path, ["force"], ["x", "acceleration"], known=units)
+    record = read_record(path, ["force"], ["x", "acceleration"], channel_units=units)
     assert record["force"].values.tolist() == [500.0, 250.0] and record[
         "acceleration"
     ].values.tolist() == pytest.approx([9.80665, 19.6133])
@@ -186,14 +186,14 @@ def test_channels_are_the_declared_names_in_the_declared_units(tmp_path: Path) -
     with pytest.raises(
         RecordError, match=r"column 'x \[N\]': unit 'N' does not measure a length; "
     ):
-        read_record(path, ["force"], ["x", "acceleration"], known=units)
+        read_record(path, ["force"], ["x", "acceleration"], channel_units=units)
 
 
 def test_a_channel_whose_name_begins_with_anothers_is_its_own(tmp_path: Path) -> None:
     path = tmp_path / "record.csv"
     path.write_text("time,x_dot,u\n0,1,0\n1,2,0\n")
     units = {"time": "s", "u": "1", "x": "m", "x_dot": "m/s"}
-    assert read_record(path, ["u"], ["x", "x_dot"], known=units).output_names == ("x_dot",)
+    assert read_record(path, ["u"], ["x", "x_dot"], channel_units=units).output_names == ("x_dot",)
 
 
 def test_a_channel_map_knows_the_declared_names(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 from scipy.optimize import brentq
 from scipy.stats import kstest
 
-from ident.flying_qualities.levels import Flown, mode_levels
+from ident.flying_qualities.levels import FlightPhase, mode_levels
 from ident.flying_qualities.modes import lateral_modes
 from scenarios.identification.identify import identify
 from sim.declaration.compile import compile_model
@@ -54,7 +54,7 @@ def test_at_a_limit_every_probability_is_as_likely() -> None:
         assert found.modes is not None
         dutch_roll = next(
             level
-            for level in mode_levels(found.modes, Flown("I", "A", ()))
+            for level in mode_levels(found.modes, FlightPhase("I", "A", ()))
             if level.mode == "Dutch roll"
         )
         shares.append(dutch_roll.probabilities[0])

@@ -17,7 +17,13 @@ from scenarios.cli import main
 from scenarios.maneuver_design.design import DesignResult, design
 from scenarios.maneuver_design.limits import no_faster
 from scenarios.maneuver_design.report import design_text
-from scenarios.maneuver_design.setting import KINDS, DesignRequest, Room, multisines, sweeps
+from scenarios.maneuver_design.setting import (
+    KINDS,
+    DesignRequest,
+    ManeuverLimits,
+    multisines,
+    sweeps,
+)
 from scenarios.plots.maneuvers import figure_coherence
 from sim.declaration.compile import compile_model
 from sim.maths import complex_step_jacobian
@@ -57,8 +63,8 @@ def planned(vehicle: Path) -> DesignResult:
 
 def room(
     corners: tuple[float, ...] = (), inputs: int = 2, band: tuple[float, float] | None = None
-) -> Room:
-    return Room(np.arange(3001) / 50.0, 0.5, inputs, corners, band)
+) -> ManeuverLimits:
+    return ManeuverLimits(np.arange(3001) / 50.0, 0.5, inputs, corners, band)
 
 
 @pytest.mark.sampled
@@ -135,8 +141,12 @@ def test_coherence_is_what_the_power_of_output_and_noise_gives(louder: DesignRes
     for each in louder.maneuvers:
         found = each.responses
         assert found is not None and found.outputs == ("alpha", "q")
-        size = round(5.0 / setting.room.interval)  # short enough for a window at the end of a sweep
-        at, power = signal.welch(each.flight.rows[0], 1.0 / setting.room.interval, nperseg=size)
+        size = round(
+            5.0 / setting.maneuver_limits.interval
+        )  # short enough for a window at the end of a sweep
+        at, power = signal.welch(
+            each.flight.rows[0], 1.0 / setting.maneuver_limits.interval, nperseg=size
+        )
         inside = (at > 0.6) & (at < 2.4)
         s = 2j * math.pi * at[inside]
         for row, noise in enumerate((0.012, 0.06)):
@@ -144,7 +154,7 @@ def test_coherence_is_what_the_power_of_output_and_noise_gives(louder: DesignRes
                 :, row, 0
             ]
             answer = np.abs(response) ** 2 * power[inside]
-            expected = answer / (answer + 2.0 * noise**2 * setting.room.interval)
+            expected = answer / (answer + 2.0 * noise**2 * setting.maneuver_limits.interval)
             shown = np.interp(at[inside], found.frequency, found.coherence[row, 0])
             # Coherences of few windows are biased upwards, those of a sweep within a window
             # downwards.
@@ -163,7 +173,7 @@ def test_a_flight_of_it_has_the_coherence_that_was_said(planned: DesignResult) -
     for _ in range(6):
         noisy = clean + np.array([[0.002], [0.01]]) * rng.standard_normal(clean.shape)
         columns = {
-            "time": planned.setting.room.time,
+            "time": planned.setting.maneuver_limits.time,
             "de": best.flight.rows[0],
             "a": noisy[0],
             "pitch": noisy[1],

@@ -22,7 +22,7 @@ from scenarios.files.records import read_record
 from scenarios.maneuver_design.design import DesignResult, design
 from scenarios.maneuver_design.limits import ACTUATOR_RATE, PILOT, no_faster, offset_of
 from scenarios.maneuver_design.report import MAIN, design_text, write_design
-from scenarios.maneuver_design.setting import DesignRequest, as_held, setting_of
+from scenarios.maneuver_design.setting import DesignRequest, held_inputs, setting_of
 from scenarios.preparation.plan import Request
 from sim.errors import DeclarationError
 from sim.maneuvers import least_peak_multisine, peak_factor, schroeder_multisine
@@ -79,7 +79,7 @@ def told(vehicle: Path) -> DesignResult:
 def extremes(found: DesignResult, record: Record) -> dict[str, tuple[float, float]]:
     """Of a flight in steps that are five times finer, load factors as totals."""
     flight, _ = fly(
-        found.setting.model, as_held(record), record.time, np.random.default_rng(0), step=0.002
+        found.setting.model, held_inputs(record), record.time, np.random.default_rng(0), step=0.002
     )
     offset = {name: offset_of(found.setting.model, name) for name in flight.output_names}
     return {
@@ -123,7 +123,7 @@ def test_the_maneuver_reads_back_and_flies_the_same(told: DesignResult, tmp_path
     )
     assert record.hold is told.best.flight.planned.record.hold
     again, _ = fly(
-        told.setting.model, as_held(record), record.time, np.random.default_rng(0), step=0.002
+        told.setting.model, held_inputs(record), record.time, np.random.default_rng(0), step=0.002
     )
     with (tmp_path / "plan" / "expected.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
@@ -204,11 +204,11 @@ def test_what_is_said_to_fly_can_be_flown_by_hand(vehicle: Path) -> None:
     for each in found.maneuvers:
         record = each.flight.planned.record
         u = record["elevator"].values
-        fastest = np.max(np.abs(np.diff(u))) / found.setting.room.interval
+        fastest = np.max(np.abs(np.diff(u))) / found.setting.maneuver_limits.interval
         assert fastest <= limits.rate["elevator"] * (1.0 + 1e-9)
         assert each.pace >= PILOT.shortest_step - 1e-9
         if each.kind != "sweep":
-            steps = holds(u - u[0], found.setting.room.interval)
+            steps = holds(u - u[0], found.setting.maneuver_limits.interval)
             assert steps and min(steps) >= 0.5 * PILOT.shortest_step
         for name, (low, high) in extremes(found, record).items():
             least, most = limits.outputs[name]
@@ -232,8 +232,8 @@ def test_level_flight_is_level() -> None:
     )
     flown, _ = fly(
         setting.model,
-        as_held(setting.planned(np.zeros((2, len(setting.room.time)))).record),
-        setting.room.time,
+        held_inputs(setting.planned(np.zeros((2, len(setting.maneuver_limits.time)))).record),
+        setting.maneuver_limits.time,
         np.random.default_rng(0),
     )
     assert np.ptp(flown["airspeed"].values) < 1e-3 and flown["nz"].values == pytest.approx(
@@ -312,7 +312,7 @@ def test_the_command_of_an_ambiguous_diagnosis_does_it_again(vehicle: Path) -> N
         "vane-offset",
         "sensor-lag:alpha",
     ]
-    again = design(asked_by(found.asked.command()))
+    again = design(asked_by(found.request.command()))
     assert (
         np.array_equal(again.best.flight.rows, found.best.flight.rows)
         and again.best.chance == found.best.chance

@@ -27,10 +27,10 @@ from scenarios.maneuver_design.limits import (
 from scenarios.maneuver_design.report import maneuver_content
 from scenarios.maneuver_design.setting import (
     DesignRequest,
-    Room,
+    ManeuverLimits,
     _frequency,
+    _limits_of,
     _refuse_band,
-    _room,
     _rounded,
     steps_in_turn,
     sweeps,
@@ -91,7 +91,7 @@ def test_a_rate_is_the_next_round_number_that_is_not_below(value: float, rounded
 def test_an_own_model_is_flown_for_forty_pulses_with_twenty_samples_in_each() -> None:
     model = chain(-2.0)
     pulse = PULSE / _frequency(model, REST)
-    room = _room(ASKED, model, pulse)
+    room = _limits_of(ASKED, model, pulse)
     rate = 1.0 / room.interval
     assert pulse * rate * (1.0 + 1e-9) >= 20.0 and pulse * rate <= 20.0 * 2.5
     assert (
@@ -104,19 +104,20 @@ def test_an_own_model_is_flown_for_forty_pulses_with_twenty_samples_in_each() ->
 def test_too_many_samples_are_refused_and_so_is_a_flight_too_short() -> None:
     model = chain(-2.0)
     with pytest.raises(DeclarationError, match="20001 samples"):
-        _room(DesignRequest("x", None, duration=20001.0, rate=1.0), model, 1.0)
+        _limits_of(DesignRequest("x", None, duration=20001.0, rate=1.0), model, 1.0)
     assert (
-        len(_room(DesignRequest("x", None, duration=20000.0, rate=1.0), model, 1.0).time) == 20001
+        len(_limits_of(DesignRequest("x", None, duration=20000.0, rate=1.0), model, 1.0).time)
+        == 20001
     )
     with pytest.raises(DeclarationError, match="leave no room"):
-        _room(DesignRequest("x", None, duration=1.9, rate=10.0), model, 0.01)
+        _limits_of(DesignRequest("x", None, duration=1.9, rate=10.0), model, 0.01)
     for asked, option in (
         (DesignRequest("x", rate=0.0), "--rate"),
         (DesignRequest("x", rate=math.inf), "--rate"),
         (DesignRequest("x", duration=-1.0), "--duration"),
     ):
         with pytest.raises(DeclarationError, match=f"{option}: .* is not above 0"):
-            _room(asked, model, 1.0)
+            _limits_of(asked, model, 1.0)
 
 
 DEGREE = math.pi / 180.0
@@ -234,9 +235,12 @@ def test_the_slower_of_hand_and_actuator_limits_the_rate_unless_a_rate_is_named(
 
 def test_a_pilot_rests_between_steps_and_ends_a_long_sweep() -> None:
     time = np.arange(20001) * 0.01
-    free, human = Room(time, 0.3, 1), Room(time, 0.3, 1, longest_sweep=120.0, rest=1.0)
+    free, human = (
+        ManeuverLimits(time, 0.3, 1),
+        ManeuverLimits(time, 0.3, 1, longest_sweep=120.0, rest=1.0),
+    )
 
-    def pauses(room: Room) -> float:
+    def pauses(room: ManeuverLimits) -> float:
         rows = steps_in_turn(room, 0.3, doublet, 2.0)
         assert rows is not None
         active = np.flatnonzero(rows[0])

@@ -24,7 +24,7 @@ from scenarios.plots.residuals import (
     figure_equivalents,
 )
 from scenarios.plots.signals import (
-    Response,
+    MethodOutputs,
     figure_ballistic_coefficient,
     figure_fit,
     figure_record,
@@ -110,7 +110,7 @@ def test_fit_shows_response_truth_and_residual(rigid: Study) -> None:
 
 
 def test_fit_leaves_out_channels_of_which_no_response_speaks(rigid: Study) -> None:
-    response = Response("one", {"q": rigid.truth.outputs["q"]})
+    response = MethodOutputs("one", {"q": rigid.truth.outputs["q"]})
     assert len(figure_fit(rigid.record, [response]).axes) == 2
     with pytest.raises(ModelError, match="nothing to draw"):
         figure_fit(rigid.record, [])

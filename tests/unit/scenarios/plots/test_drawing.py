@@ -19,7 +19,7 @@ from scenarios.plots.drawing import (
     TALLEST,
     TOLERANCE,
     description,
-    drawn_for_page,
+    draw_for_page,
     page_svg,
 )
 from scenarios.plots.style import MEASURED, finish, make_sheet, method_style, time_axis, y_label
@@ -164,7 +164,7 @@ def test_figures_of_a_page_are_drawn_once_and_in_every_format(tmp_path: FilePath
 
     stems = ["record", "fit", "errors"]
     named = [(stem, partial(noted, stem)) for stem in stems]
-    drawn = drawn_for_page(named, tmp_path, ("png",))
+    drawn = draw_for_page(named, tmp_path, ("png",))
     assert calls == stems == [each.stem for each in drawn]
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(f"{s}.png" for s in stems)
     assert [each.svg for each in drawn] == [page_svg(one(), stem) for stem in stems]
@@ -186,7 +186,7 @@ def test_a_tall_live_figure_is_printed_lower_and_kept_as_it_was(tmp_path: FilePa
     figure = one()
     width, height = 7.0, 12.0
     figure.set_size_inches(width, height)
-    (drawn,) = drawn_for_page([("fit", lambda: figure)], tmp_path, ())
+    (drawn,) = draw_for_page([("fit", lambda: figure)], tmp_path, ())
     found = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', drawn.svg)
     assert found is not None and drawn.plot is not None
     assert float(found[2]) / float(found[1]) == pytest.approx(TALLEST, rel=1e-3)
@@ -197,7 +197,7 @@ def test_a_tall_live_figure_is_printed_lower_and_kept_as_it_was(tmp_path: FilePa
 def test_many_panels_are_printed_smaller_and_keep_half_of_their_height(tmp_path: FilePath) -> None:
     figure = one()
     figure.set_size_inches(7.0, 40.0)
-    (drawn,) = drawn_for_page([("fit", lambda: figure)], tmp_path, ())
+    (drawn,) = draw_for_page([("fit", lambda: figure)], tmp_path, ())
     found = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', drawn.svg)
     assert found is not None
     assert float(found[2]) == pytest.approx(72.0 * LOWEST * 40.0, rel=1e-3)

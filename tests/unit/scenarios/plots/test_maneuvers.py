@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from ident.maneuver_detection import Maneuver
+from ident.maneuver_detection import DetectedManeuver
 from scenarios.plots.drawing import plot_data
 from scenarios.plots.maneuvers import BINS, envelope, figure_flight
 from sim.record import Channel, Record
@@ -45,9 +45,9 @@ def drawn(pause: float) -> Figure:
         for name, unit in (("elevator", "rad"), ("phi", "rad"), ("nz", "g"))
     )
     found = [
-        Maneuver(20.0, 30.0, "pitch", "doublet", "elevator", 0.1),
-        Maneuver(140.0 + pause, 160.0 + pause, "roll", "turn", "phi", 0.5),
-        Maneuver(120.0 + pause, 130.0 + pause, "all", "trim", "", 0.0),
+        DetectedManeuver(20.0, 30.0, "pitch", "doublet", "elevator", 0.1),
+        DetectedManeuver(140.0 + pause, 160.0 + pause, "roll", "turn", "phi", 0.5),
+        DetectedManeuver(120.0 + pause, 130.0 + pause, "all", "trim", "", 0.0),
     ]
     numbered = [SimpleNamespace(number=k, found=each) for k, each in enumerate(found, start=1)]
     return figure_flight(

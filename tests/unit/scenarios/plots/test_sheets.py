@@ -30,7 +30,7 @@ from scenarios.plots.residuals import (
     figure_equivalents,
 )
 from scenarios.plots.signals import (
-    Response,
+    MethodOutputs,
     figure_ballistic_coefficient,
     figure_fit,
     figure_record,
@@ -55,7 +55,7 @@ def _parameters(study: Study) -> Figure:
 
 
 def _fit(study: Study) -> Figure:
-    again = Response("a second method with a long name of its own", study.truth.outputs)
+    again = MethodOutputs("a second method with a long name of its own", study.truth.outputs)
     return figure_fit(
         study.record,
         [response_of(study.estimate), again],

@@ -15,7 +15,7 @@ from scenarios.files.vehicles import read_vehicle
 from scenarios.preparation.declared_model import model_of_file
 from scenarios.preparation.measured_inputs import instead_of
 from scenarios.preparation.plan import Plan
-from scenarios.preparation.reading import Prepared, prepare
+from scenarios.preparation.reading import PreparedData, prepare
 from scenarios.preparation.recording import expectations_of
 from sim.errors import RecordError
 from sim.maths import G0
@@ -33,7 +33,7 @@ def records() -> dict[str, Record]:
 
 def read(
     folder: Path, model: str, record: Record, units: dict[str, tuple[str, float]] | None = None
-) -> Prepared:
+) -> PreparedData:
     path = write_flown(folder, model, record, units)
     return prepare(
         read_record_files([path]), model_of_file(read_vehicle(folder / "vehicle.toml", model)), HELD

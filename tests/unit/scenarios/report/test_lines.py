@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import pytest
 
-from ident.flying_qualities.levels import Flown, ModeLevel
+from ident.flying_qualities.levels import FlightPhase, ModeLevel
 from ident.statistics.residuals import ResidualTest
 from scenarios.report.quantities import test_line as line_of
 from scenarios.report.summary import level_text, levels_line
@@ -97,15 +97,15 @@ def test_what_is_assumed_and_what_is_doubted_is_said() -> None:
         "0.15 rad/s"
     )
     assert (
-        levels_line(some, Flown("IV", "A", ()), sound)
+        levels_line(some, FlightPhase("IV", "A", ()), sound)
         == f"levels by MIL-F-8785C, class IV, category A: {told}"
     )
     assert (
         "class II-L, category B (class and category assumed, as neither an option "
         "(--class, --category) nor the vehicle file gives it; class II-L is for medium weight: "
-        "I is light, III large, IV a fighter): " in levels_line(some, Flown(), sound)
+        "I is light, III large, IV a fighter): " in levels_line(some, FlightPhase(), sound)
     )
-    assert levels_line(some, Flown("IV", "A", ()), bad).startswith(
+    assert levels_line(some, FlightPhase("IV", "A", ()), bad).startswith(
         "levels by MIL-F-8785C, class IV, category A, not valid here: the residual shows"
     )
-    assert levels_line([], Flown(), sound) == ""
+    assert levels_line([], FlightPhase(), sound) == ""

@@ -54,7 +54,7 @@ def test_one_name_for_two_effects_goes() -> None:
     assert taken[3]["sets"] is spoilt[3]["sets_without"]
     assert sets == [frozenset(SHARED)] * COUNT
     for each, same in zip(found, plain, strict=True):
-        assert each.found.value == pytest.approx(same.found.value)
+        assert each.recurrence.value == pytest.approx(same.recurrence.value)
 
 
 def test_an_effect_that_acts_in_one_flight_stays() -> None:
@@ -67,4 +67,6 @@ def test_an_effect_that_acts_in_one_flight_stays() -> None:
     found, _, taken = recurring_with_other_effects(SHARED, tuple(kept(claims)), fits, kept(claims))
     assert taken[3]["sets"] is fits[3]["sets"]
     for each, true in zip(sorted(found, key=lambda each: each.name), (0.8, 1.0), strict=True):
-        assert abs(each.found.value[0] - true) < 4.0 * np.sqrt(each.found.covariance[0, 0])
+        assert abs(each.recurrence.value[0] - true) < 4.0 * np.sqrt(
+            each.recurrence.covariance[0, 0]
+        )

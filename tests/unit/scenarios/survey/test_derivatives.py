@@ -52,7 +52,7 @@ def test_derivatives_are_those_of_one_fit_of_all_samples(parameters: int) -> Non
             at = 2 * number + place
             assert mine[name][0] == pytest.approx(joint[at], abs=1e-4)
             assert mine[name][1] == pytest.approx(np.sqrt(inverse[at, at]), rel=1e-3)
-    assert found[0].found.value == pytest.approx(joint[2 * COUNT :], abs=1e-4)
+    assert found[0].recurrence.value == pytest.approx(joint[2 * COUNT :], abs=1e-4)
 
 
 def test_a_flight_that_may_have_an_effect_counts_by_that_probability_and_not_twice() -> None:

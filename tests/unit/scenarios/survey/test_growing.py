@@ -36,8 +36,8 @@ def four(campaign: Campaign) -> list[str]:
 def test_the_first_survey_computes_all_and_says_what_recurs(campaign: Campaign) -> None:
     found = campaign.survey(*four(campaign))
     assert campaign.diagnosed == campaign.fitted == ["a", "b", "c", "d"]
-    assert found.grown.computed == ("a", "b", "c", "d")
-    assert found.grown.new == ()
+    assert found.survey_files.computed == ("a", "b", "c", "d")
+    assert found.survey_files.new == ()
     assert [(each.name, each.has, each.has_not) for each in found.recurs] == [
         ("sensor-delay:q", ("a", "c"), ("b", "d"))
     ]
@@ -56,7 +56,11 @@ def test_one_flight_more_is_one_flight_computed(campaign: Campaign) -> None:
     before = contents(campaign.out / "flights")
     found = campaign.survey(*flights, campaign.fly("e", LATE))
     assert campaign.diagnosed == campaign.fitted == ["e"]
-    assert (found.grown.computed, found.grown.new, found.refitted) == (("e",), ("e",), 1)
+    assert (found.survey_files.computed, found.survey_files.new, found.refitted) == (
+        ("e",),
+        ("e",),
+        1,
+    )
     assert found.recurs[0].has == ("a", "c", "e")
     after = contents(campaign.out / "flights")
     assert {name: after[name] for name in before} == before
@@ -69,7 +73,7 @@ def test_nothing_new_computes_nothing_and_says_the_same(campaign: Campaign) -> N
     campaign.survey(*flights)
     before = document(campaign)
     found = campaign.survey(*flights)
-    assert (campaign.diagnosed, campaign.fitted, found.grown.computed, found.refitted) == (
+    assert (campaign.diagnosed, campaign.fitted, found.survey_files.computed, found.refitted) == (
         [],
         [],
         (),
@@ -88,12 +92,12 @@ def test_a_flight_that_is_no_longer_named_is_told_and_its_folder_stays(campaign:
     campaign.survey(*flights)
     found = campaign.survey(*flights[:3])
     assert campaign.diagnosed == []
-    assert found.grown.removed == ("d",)
+    assert found.survey_files.removed == ("d",)
     assert "removed since the last survey: d" in survey_text(found)
     assert list(document(campaign)["flights"]) == ["a", "b", "c"]
     assert (campaign.out / "flights" / "d" / KEPT).is_file()
     again = campaign.survey(*flights)
-    assert (campaign.diagnosed, again.grown.new) == ([], ("d",))
+    assert (campaign.diagnosed, again.survey_files.new) == ([], ("d",))
 
 
 @pytest.mark.long
@@ -108,7 +112,7 @@ def test_what_is_changed_of_one_flight_computes_that_flight(campaign: Campaign) 
     # what no diagnosis knows
     found = campaign.survey(flights[0] + "tail = 'FT-9'\ncondition = {mach = 0.3}\n", *flights[1:])
     assert campaign.diagnosed == []
-    assert found.grown.flights["a"].tail == "FT-9"
+    assert found.survey_files.flights["a"].tail == "FT-9"
     aircraft = campaign.folder / "aircraft.toml"
     aircraft.write_text(aircraft.read_text().replace("Cm_q = -28.0", "Cm_q = -27.0"))
     campaign.survey(*flights)
@@ -138,7 +142,7 @@ def test_a_broken_survey_document_counts_as_none(campaign: Campaign) -> None:
     campaign.survey(*flights)
     (campaign.out / "survey.json").write_text('{"flights": 3}')
     found = campaign.survey(*flights)
-    assert (campaign.diagnosed, found.grown.new, found.grown.removed) == ([], (), ())
+    assert (campaign.diagnosed, found.survey_files.new, found.survey_files.removed) == ([], (), ())
 
 
 def test_ctrl_c_keeps_the_flights_that_have_ended(campaign: Campaign) -> None:
@@ -158,15 +162,17 @@ def test_a_flight_that_fails_is_told_and_does_not_end_the_survey(campaign: Campa
     flights = four(campaign)
     campaign.faults["b"] = FloatingPointError("overflow\nencountered")
     found = campaign.survey(*flights, '[[flights]]\nrecord = "gone.csv"\n')
-    assert list(found.grown.kept) == ["a", "c", "d"]
-    assert found.grown.failed["b"] == "FloatingPointError: overflow encountered"
-    assert found.grown.failed["gone"].endswith("gone.csv: there is no such file; check the path")
+    assert list(found.survey_files.diagnoses) == ["a", "c", "d"]
+    assert found.survey_files.failed["b"] == "FloatingPointError: overflow encountered"
+    assert found.survey_files.failed["gone"].endswith(
+        "gone.csv: there is no such file; check the path"
+    )
     assert found.recurs[0].has == ("a", "c")
     text = survey_text(found)
     assert "2 failed: b, gone" in text
     assert "b failed: FloatingPointError" in text
     content = json.loads((campaign.out / "survey.json").read_text())
-    assert content["failed"] == dict(found.grown.failed)
+    assert content["failed"] == dict(found.survey_files.failed)
     assert len(content["warnings"]) == 2
     assert "gone.csv" in (campaign.out / "report.html").read_text()
     campaign.faults.clear()

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenarios.survey.growing import _told
+from scenarios.survey.growing import _fit_content
 from sim.effects.sensor_path.sensor_timing import SensorLag
 
 DECLARED = ("CL_alpha", "Cm_alpha", "Cm_q")
@@ -30,7 +30,7 @@ def fitted() -> Any:
 @pytest.mark.parametrize("share", [1.0, 0.25])
 def test_of_coloured_residuals_a_share_of_the_samples_counts(share: float) -> None:
     """A quarter of the samples has a quarter of the log likelihood and four times the variance."""
-    kept = _told(fitted(), DECLARED, [SensorLag("q")], share)
+    kept = _fit_content(fitted(), DECLARED, [SensorLag("q")], share)
     assert kept["log_likelihood"] == pytest.approx(200.0 * share)
     assert kept["names"] == [*DECLARED, "sensor-lag:q.time_constant"]
     assert kept["estimate"] == pytest.approx([5.0, -0.6, 0.0, 0.04])

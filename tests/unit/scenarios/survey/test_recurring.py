@@ -101,7 +101,7 @@ def test_what_acts_is_found_in_its_flights_and_nothing_else() -> None:
     found, sets = recurring(
         ("delay", "arm", "lag"), names, [each.fits() for each in flights], kept(claims)
     )
-    assert {each.name: each.found.belongs for each in found} == {
+    assert {each.name: each.recurrence.belongs for each in found} == {
         "delay": "some flights",
         "arm": "aircraft",
     }
@@ -113,9 +113,11 @@ def test_what_acts_is_found_in_its_flights_and_nothing_else() -> None:
     assert by_name["delay"].named == names[::2]
     for name, true in (("delay", 1.0), ("arm", 0.7)):
         each = by_name[name]
-        assert abs(each.found.value[0] - true) < 4.0 * np.sqrt(each.found.covariance[0, 0])
+        assert abs(each.recurrence.value[0] - true) < 4.0 * np.sqrt(
+            each.recurrence.covariance[0, 0]
+        )
         assert each.rivals["lag"] > 10.0
-        assert each.found.p_value < CHANCE
+        assert each.recurrence.p_value < CHANCE
 
 
 def test_the_common_sigma_holds_over_fleets() -> None:

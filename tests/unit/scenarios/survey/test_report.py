@@ -47,16 +47,16 @@ def found(campaign: Campaign) -> SurveyResult:
 
 def test_terminal_page_and_files_say_the_same(found: SurveyResult, campaign: Campaign) -> None:
     (each,) = found.recurs
-    sigma = float(np.sqrt(each.found.covariance[0, 0]))
+    sigma = float(np.sqrt(each.recurrence.covariance[0, 0]))
     content = json.loads((campaign.out / "survey.json").read_text())
-    assert content["effects"][0]["parameters"]["value0"]["value"] == each.found.value[0]
+    assert content["effects"][0]["parameters"]["value0"]["value"] == each.recurrence.value[0]
     assert content["effects"][0]["parameters"]["value0"]["std"] == sigma
     assert [
         name for name, told in content["effects"][0]["flights"].items() if told["state"] == "has it"
     ] == ["F01", "F03", "F05"]
     phrase = verdict_of(found)[1]
     value = float(phrase.split()[1])
-    assert value == pytest.approx(each.found.value[0], abs=0.6 * sigma)
+    assert value == pytest.approx(each.recurrence.value[0], abs=0.6 * sigma)
     assert "in 3 of 6 flights" in phrase
     text, page = survey_text(found), (campaign.out / "report.html").read_text()
     assert "sensor-delay:q" in text
@@ -130,9 +130,9 @@ def test_columns_in_which_nothing_stands_are_left_out(
 def test_unexplained_flights_are_told(found: SurveyResult) -> None:
     kept = {
         name: {**each, "verdict": "unexplained", "effects": []}
-        for name, each in found.grown.kept.items()
+        for name, each in found.survey_files.diagnoses.items()
     }
-    silent = replace(found, grown=replace(found.grown, kept=kept), recurs=())
+    silent = replace(found, survey_files=replace(found.survey_files, diagnoses=kept), recurs=())
     assert verdict_of(silent) == (
         "NOTHING RECURS",
         "no effect acts in two or more of 6 flights beyond chance; 6 of them are unexplained",
@@ -141,9 +141,12 @@ def test_unexplained_flights_are_told(found: SurveyResult) -> None:
     assert "6 unexplained" in survey_text(silent)
     calm = {
         name: {**each, "verdict": "consistent", "effects": []}
-        for name, each in found.grown.kept.items()
+        for name, each in found.survey_files.diagnoses.items()
     }
-    assert survey_page(replace(silent, grown=replace(found.grown, kept=calm))).tone == "good"
+    assert (
+        survey_page(replace(silent, survey_files=replace(found.survey_files, diagnoses=calm))).tone
+        == "good"
+    )
 
 
 def test_what_an_effect_is_told_from(found: SurveyResult) -> None:
@@ -162,7 +165,7 @@ def test_what_an_effect_is_told_from(found: SurveyResult) -> None:
         "the same lag or delay in all recorded outputs"
     )
     faint, loud = (
-        replace(found, recurs=(replace(each, found=replace(each.found, p_value=p)),))
+        replace(found, recurs=(replace(each, recurrence=replace(each.recurrence, p_value=p)),))
         for p in (2e-5, 0.0)
     )
     chances = [effects_table(one).rows[0][-1] for one in (faint, loud)]
@@ -170,7 +173,7 @@ def test_what_an_effect_is_told_from(found: SurveyResult) -> None:
 
 
 def test_forces_that_change_with_mass_ask_for_the_masses(found: SurveyResult) -> None:
-    flights = tuple(found.grown.kept)
+    flights = tuple(found.survey_files.diagnoses)
     mass = found.conditions["mass"]
     rng = np.random.default_rng(1)
     told = [

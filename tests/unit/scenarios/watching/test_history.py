@@ -9,7 +9,7 @@ import pytest
 
 from ident.banks.delays import likelihood_weights
 from ident.banks.online import Rows, advance, begin, online_bank
-from scenarios.watching.session import Step
+from scenarios.watching.session import WatchStep
 from scenarios.watching.study import columns, lines
 from tests import loes_problem as problem
 
@@ -24,7 +24,7 @@ def test_a_row_has_means_sigmas_and_weights_of_the_state_after_it() -> None:
     states = [first, *advance(bank, first, Rows(*(part[..., 1:] for part in rows)))]
     spread = 0.1 * np.arange(1.0, len(bank.names) + 1.0)
     steps = [
-        Step(
+        WatchStep(
             np.array([state.time, 0.0, 0.0, 0.0, 0.0]),
             state,
             0,

@@ -20,7 +20,7 @@ from scenarios.watching.rows import (
     Lines,
     Order,
     _careful,
-    _plain,
+    _plain_numbers,
     at_end,
     in_order,
     lines_of,
@@ -116,7 +116,7 @@ def test_a_bad_line_is_left_out_and_told(line: str, word: str) -> None:
 )
 def test_plain_lines_are_read_as_all_others_are(cells: list[str]) -> None:
     line = ",".join(cells).encode()
-    found = _plain(line, (0, 2, 3), 5)
+    found = _plain_numbers(line, (0, 2, 3), 5)
     if found is not None:
         np.testing.assert_array_equal(found, _careful(line, (0, 2, 3), 5))
 

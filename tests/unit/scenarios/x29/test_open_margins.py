@@ -15,7 +15,7 @@ from scenarios.x29.loop import (
     MATCHED,
     PLAUSIBLE,
     Beginning,
-    Target,
+    PrintedTarget,
     beginning,
     changed,
     equivalent_of,
@@ -29,8 +29,8 @@ from scenarios.x29.open_margins import (
     OPEN,
     MarginDesign,
     OpenMargins,
-    flown_loop,
     hypercube,
+    loop_at_values,
     margins_content,
     margins_sentence,
     open_margins,
@@ -43,7 +43,7 @@ from tests.oracles.x29_frequency import returned
 
 
 @cache
-def start() -> tuple[dict[str, Target], Beginning]:
+def start() -> tuple[dict[str, PrintedTarget], Beginning]:
     goal = targets("flight")
     return goal, beginning(load_x29("F"), goal)
 
@@ -67,7 +67,7 @@ def test_sigmas_are_the_scatter_of_the_papers_three_estimates_or_its_own() -> No
 
 def test_the_middle_of_all_ranges_is_the_aircraft_as_declared() -> None:
     values = values_at(np.zeros(len(OPEN)))
-    for name, loop_of in (("S", simulated_loop), ("F", flown_loop)):
+    for name, loop_of in (("S", simulated_loop), ("F", loop_at_values)):
         x29 = load_x29(name)
         same, late = loop_of(x29, values)
         assert late == pytest.approx(x29.frame)
@@ -94,7 +94,7 @@ def test_the_hypercube_meets_each_range_evenly() -> None:
 def test_a_fitted_airframe_is_the_least_squares_one_and_has_the_equivalent() -> None:
     goal, begin = start()
     places = np.array([0.2, -0.2, 0.1, 0.0, 0.3, 0.2, 0.1, -0.1])
-    x29, late = flown_loop(load_x29("F"), values_at(places))
+    x29, late = loop_at_values(load_x29("F"), values_at(places))
     found = match(x29, late, goal, begin)
     # Second search, begun beside it: nested, by SciPy with its own slopes. It finds the same sum of
     # squares and no better one.
@@ -107,7 +107,7 @@ def test_a_fitted_airframe_is_the_least_squares_one_and_has_the_equivalent() -> 
             / goal[name].std
             for name in MATCHED
         ],
-        found.found * np.array([1.002, 1.05, 0.98, 1.05]),
+        found.parameters * np.array([1.002, 1.05, 0.98, 1.05]),
         x_scale=np.array([0.1, 3.0, 0.1, 0.01]),
         diff_step=1e-4,
         method="lm",

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from sim.closed_loop.airframe import load_x29
-from sim.closed_loop.equations import late_loop
+from sim.closed_loop.equations import sampled_loop
 from sim.closed_loop.linear import frequency_response, loop_margins, margins, open_loop
 from sim.errors import ModelError
 from tests.oracles.x29_frequency import signals
@@ -47,7 +47,7 @@ def by_aliases(name: str, late: float, aliases: int = 4000) -> np.ndarray:
 )
 def test_open_loop_is_that_of_the_oracle_at_any_delay(name: str, frames: float) -> None:
     x29 = load_x29(name)
-    found = late_loop(x29, frames * x29.frame).open_loop(np.exp(1j * OMEGA * x29.frame))
+    found = sampled_loop(x29, frames * x29.frame).open_loop(np.exp(1j * OMEGA * x29.frame))
     np.testing.assert_allclose(found, by_aliases(name, frames * x29.frame), rtol=2e-6)
 
 
@@ -56,7 +56,7 @@ def test_whole_frames_are_those_of_the_law(frames: int) -> None:
     x29 = load_x29("F")
     usual, late = (
         replace(x29, law=replace(x29.law, delay_frames=frames)),
-        late_loop(x29, frames * x29.frame),
+        sampled_loop(x29, frames * x29.frame),
     )
     z = np.exp(1j * OMEGA * x29.frame)
     np.testing.assert_allclose(late.open_loop(z), open_loop(usual)(z), rtol=1e-10)
@@ -67,7 +67,7 @@ def test_margins_fall_with_the_delay_by_its_phase() -> None:
     x29 = load_x29("F")
     sweep = np.geomspace(0.5, 120.0, 240)
     found = [
-        loop_margins(late_loop(x29, late).open_loop, sweep)
+        loop_margins(sampled_loop(x29, late).open_loop, sweep)
         for late in (0.4 * x29.frame, x29.frame, 1.6 * x29.frame)
     ]
     assert found[1].phase == pytest.approx(margins(x29).phase, abs=1e-3)
@@ -80,4 +80,4 @@ def test_margins_fall_with_the_delay_by_its_phase() -> None:
 
 def test_a_command_before_its_frame_is_refused() -> None:
     with pytest.raises(ModelError, match="give 0 or more"):
-        late_loop(load_x29("S"), -0.001)
+        sampled_loop(load_x29("S"), -0.001)

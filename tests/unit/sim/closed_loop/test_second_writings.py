@@ -14,7 +14,12 @@ from sim.closed_loop import linear
 from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.equations import ALL_FREE, RamMode, advance, mixing, plant, prepare
 from sim.closed_loop.linear import FITTED_NAMES, equivalent_response, fit_equivalent
-from sim.closed_loop.nonlinear import FlightOutcome, fly_closed_loop, hand_flown, three_two_one_one
+from sim.closed_loop.nonlinear import (
+    FlightOutcome,
+    fly_closed_loop,
+    manual_stick,
+    three_two_one_one,
+)
 
 OMEGA = np.geomspace(0.35, 14.0, 40)
 
@@ -180,7 +185,7 @@ def test_levels_of_a_hand_flown_stick_keep_to_their_bands_on_both_sides() -> Non
         [
             level
             for seed in range(200)
-            for level in hand_flown(np.random.default_rng(seed), 30.0).levels[:-1]
+            for level in manual_stick(np.random.default_rng(seed), 30.0).levels[:-1]
         ]
     )
     resting, held = levels[np.abs(levels) <= 0.1], levels[np.abs(levels) > 0.1]

@@ -11,7 +11,7 @@ from sim.closed_loop.nonlinear import (
     SmoothStick,
     SteppedStick,
     doublet,
-    hand_flown,
+    manual_stick,
     three_two_one_one,
 )
 from sim.errors import ModelError
@@ -53,9 +53,9 @@ def test_smooth_stick_obeys_its_differential_equation() -> None:
 
 def test_hand_flown_repeats_with_its_generator_and_rests_sometimes() -> None:
     time = np.arange(0.0, 30.0, 0.0125)
-    one = hand_flown(np.random.default_rng(5), 30.0)(time)
-    np.testing.assert_array_equal(one, hand_flown(np.random.default_rng(5), 30.0)(time))
-    assert np.max(np.abs(one - hand_flown(np.random.default_rng(6), 30.0)(time))) > 0.5
+    one = manual_stick(np.random.default_rng(5), 30.0)(time)
+    np.testing.assert_array_equal(one, manual_stick(np.random.default_rng(5), 30.0)(time))
+    assert np.max(np.abs(one - manual_stick(np.random.default_rng(6), 30.0)(time))) > 0.5
     assert one[0] == 0.0 and abs(one[-1]) < 1e-2
     assert 0.3 < np.max(np.abs(one)) <= 1.0 and np.min(one) < -0.3 < 0.3 < np.max(one)
     # Smooth: no jump from frame to frame beyond the hand's fastest, 2 in times w/e.
@@ -63,7 +63,7 @@ def test_hand_flown_repeats_with_its_generator_and_rests_sometimes() -> None:
     resting = [
         s
         for seed in range(8)
-        for s in hand_flown(np.random.default_rng(seed), 30.0).levels[:-1]
+        for s in manual_stick(np.random.default_rng(seed), 30.0).levels[:-1]
         if abs(s) <= 0.1
     ]
     assert len(resting) > 8
@@ -71,7 +71,7 @@ def test_hand_flown_repeats_with_its_generator_and_rests_sometimes() -> None:
 
 @given(seed=st.integers(0, 1000), duration=st.floats(0.5, 40.0))
 def test_hand_flown_serves_any_duration(seed: int, duration: float) -> None:
-    stick = hand_flown(np.random.default_rng(seed), duration)
+    stick = manual_stick(np.random.default_rng(seed), duration)
     assert np.all(np.abs(stick(np.linspace(0.0, duration, 50))) <= 1.0)
 
 

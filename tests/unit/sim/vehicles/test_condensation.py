@@ -18,9 +18,9 @@ from sim.vehicles.factory import (
     RIGID_DERIVATIVES,
     flexible_model,
     frequency_response,
-    held_response,
     linearise,
     rigid_model,
+    zero_order_hold_response,
 )
 from sim.vehicles.flexibility import Flexibility, condense, flexibility
 from sim.vehicles.library import VehicleData, read_parameter_set
@@ -137,8 +137,10 @@ def test_best_rigid_model_explains_more_than_the_condensed_one(
         (ac1, read_parameter_set("bomber_ac1")),
         (ac2, read_parameter_set("bomber_ac2")),
     ):
-        flexible = held_response(linearise(flexible_model(data), ("alpha", "q")), ELEVATOR, 0.01)
-        best = held_response(
+        flexible = zero_order_hold_response(
+            linearise(flexible_model(data), ("alpha", "q")), ELEVATOR, 0.01
+        )
+        best = zero_order_hold_response(
             linearise(rigid_model(data).with_values(one.fitted), ("alpha", "q")), ELEVATOR, 0.01
         )
         assert math.sqrt(np.mean((flexible - best) ** 2)) / NOISE == pytest.approx(

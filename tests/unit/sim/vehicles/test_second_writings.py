@@ -22,10 +22,10 @@ from sim.vehicles import flexibility
 from sim.vehicles.factory import (
     ballistic_model,
     flexible_model,
-    held_response,
     linearise,
     model_from_constants,
     rigid_model,
+    zero_order_hold_response,
 )
 from sim.vehicles.flexibility import condense, with_frequency_factor
 from sim.vehicles.library import VehicleData, read_parameter_set
@@ -179,7 +179,10 @@ def test_held_response_is_that_of_another_library_direct_path_included() -> None
     discrete = cont2discrete((linear.A, linear.B, linear.C, linear.D), step, "zoh")
     expected = dlsim(discrete, u)[1].T
     np.testing.assert_allclose(
-        held_response(linear, u, step), expected, rtol=0.0, atol=1e-9 * np.max(np.abs(expected))
+        zero_order_hold_response(linear, u, step),
+        expected,
+        rtol=0.0,
+        atol=1e-9 * np.max(np.abs(expected)),
     )
 
 

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from sim.maths import G0
-from sim.vehicles.factory import StateSpace, linearise, model_from_constants
+from sim.vehicles.factory import SystemMatrices, linearise, model_from_constants
 from sim.vehicles.library import Origin, VehicleData, read_parameter_set
 
 FOOT = 0.3048
@@ -51,11 +51,11 @@ def check(name: str, result: Result, printed: Sequence[str]) -> None:
         assert carried <= abs(value) / 6.0  # the digits do bind the result
 
 
-def lateral(values: Mapping[str, float]) -> StateSpace:
+def lateral(values: Mapping[str, float]) -> SystemMatrices:
     return linearise(model_from_constants("lateral", values, {}))
 
 
-def longitudinal(values: Mapping[str, float]) -> StateSpace:
+def longitudinal(values: Mapping[str, float]) -> SystemMatrices:
     """About level flight at the reference airspeed, its lift, moment and thrust recomputed by
     hand.
     """
@@ -78,7 +78,7 @@ def modes(matrix: np.ndarray) -> np.ndarray:
     )
 
 
-def per_foot(system: StateSpace, values: Mapping[str, float]) -> np.ndarray:
+def per_foot(system: SystemMatrices, values: Mapping[str, float]) -> np.ndarray:
     """Rows of A, B side by side with v (ft/s) in the place of beta, as the book has them; the zeros
     and ones by definition left out.
     """
@@ -96,7 +96,7 @@ def per_foot(system: StateSpace, values: Mapping[str, float]) -> np.ndarray:
     )
 
 
-def bank_by_aileron(system: StateSpace) -> np.ndarray:
+def bank_by_aileron(system: SystemMatrices) -> np.ndarray:
     """Gain and quadratic k (s^2 + a s + b) of the numerator, then the modes."""
     out = np.zeros((1, 4))
     out[0, 3] = 1.0

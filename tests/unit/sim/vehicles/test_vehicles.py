@@ -24,8 +24,8 @@ from sim.vehicles.factory import (
     vehicle_from_values,
 )
 from sim.vehicles.library import (
-    Number,
     Origin,
+    SourcedNumber,
     difference,
     read_parameter_file,
     read_parameter_set,
@@ -236,7 +236,7 @@ def test_a_new_vehicle_is_one_new_file(tmp_path: Path) -> None:
     path.write_text(GOOD, encoding="utf-8")
     data = read_parameter_file(path)
     assert (data.name, data["mass"].value, data["chord"].value) == ("glider", 2.0, 4.66344)
-    assert data["mass"] == Number("mass", 2.0, "kg", "2", Origin.OWN)
+    assert data["mass"] == SourcedNumber("mass", 2.0, "kg", "2", Origin.OWN)
 
 
 @pytest.mark.parametrize(

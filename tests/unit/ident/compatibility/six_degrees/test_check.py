@@ -35,7 +35,7 @@ def leaders(found: Compatibility) -> dict[str, tuple[str, ...]]:
 
 def value(found: Compatibility, name: str) -> tuple[float, float]:
     item = next(item for item in (*found.joint.estimates, *found.joint.biases) if item.name == name)
-    assert item.told and item.agrees
+    assert item.determined and item.agrees
     return item.smoother.value, item.smoother.std
 
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from sim.declaration.compile import compile_model
-from sim.effects.input_path.input_delay import InputDelay, InputRecordedLate
+from sim.effects.input_path.input_delay import InputDelay, RecordedInputDelay
 from sim.errors import ModelError
 from sim.maths import COMPLEX_STEP
 from tests.bases import Flight, fly_model, rigid_flight, rigid_model
 
 
 def act(edges: np.ndarray, u: np.ndarray, delay: object) -> np.ndarray:
-    return np.asarray(InputRecordedLate().act(edges, u, SimpleNamespace(delay=delay)))
+    return np.asarray(RecordedInputDelay().act(edges, u, SimpleNamespace(delay=delay)))
 
 
 def test_a_step_moves_forward_by_exactly_the_delay_and_the_last_value_holds() -> None:
@@ -69,7 +69,7 @@ def test_the_aircraft_answers_ahead_of_the_record() -> None:
     )
     model = (
         rigid_model()
-        .with_effects(InputRecordedLate())
+        .with_effects(RecordedInputDelay())
         .with_values({"input-recorded-late.delay": shift / 50.0})
     )
     for got, expected in zip(
@@ -79,7 +79,7 @@ def test_the_aircraft_answers_ahead_of_the_record() -> None:
 
 
 def test_no_filter_takes_it_even_held_and_the_refusal_names_it() -> None:
-    model = rigid_model().with_effects(InputRecordedLate())
+    model = rigid_model().with_effects(RecordedInputDelay())
     held = model.with_parameters(model.parameters.hold(["input-recorded-late.delay"]))
     for refused in (model, held):
         with pytest.raises(
