@@ -391,7 +391,10 @@ def prediction_figures(found: PredictionResult) -> Iterator[Named]:
 
 # ---- A prediction in lines for the terminal
 
-TITLE = "simulation with fixed parameters; only initial states and biases are fitted to this record"
+TITLE = (
+    "simulation with the parameters of the study held fixed; only initial states and biases are "
+    "fitted to this record"
+)
 
 
 def prediction_text(found: PredictionResult, width: int = WIDTH) -> str:
