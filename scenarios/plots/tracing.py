@@ -151,8 +151,8 @@ class _Round:
 def figure_evidence(
     candidates: Sequence[Candidate], standing: NamedEffects = NOTHING, title: str = ""
 ) -> Figure:
-    """A panel a round: the gain of each candidate, its log posterior odds against the model of the
-    round, as a bar and a number, and why it was not chosen.
+    """A panel a round: the log posterior odds of each candidate against the model of the round, as
+    a bar and a number, and why it was not chosen.
 
     Filled bars were fitted, open ones are linearised. The rounds are those that led to what stands,
     ``PANELS`` at most.
@@ -182,7 +182,7 @@ def figure_evidence(
         _draw_odds(panel, each, standing)
         _head(panel, each, standing, (_TITLE_LEFT - left) / scale)
         _column(
-            panel, [_odds(c) for c in each.shown], "ln odds" if panel is sheet.panels[0] else ""
+            panel, [_odds(c) for c in each.shown], "log odds" if panel is sheet.panels[0] else ""
         )
         for y, (c, text) in zip(_places(each), zip(each.shown, some, strict=True), strict=True):
             panel.annotate(
@@ -241,13 +241,13 @@ def _colour(c: Candidate, standing: NamedEffects) -> str:
 
 
 def _draw_odds(panel: Axes, each: _Round, standing: NamedEffects) -> None:
-    """A bar for the gain of each candidate, from zero; one below zero, which is no gain, to the
-    left.
+    """A bar for the log posterior odds of each candidate, from zero; to the left where the
+    candidate is less probable than its absence.
     """
-    gains = [c.weight for c in each.shown]
-    most, least = max(*gains, 0.0), min(*gains, 0.0)
+    odds = [c.weight for c in each.shown]
+    most, least = max(*odds, 0.0), min(*odds, 0.0)
     low = max(least, -0.25 * most) if most > 0.0 else least
-    for y, c, gain in zip(_places(each), each.shown, gains, strict=True):
+    for y, c, value in zip(_places(each), each.shown, odds, strict=True):
         colour = _colour(c, standing)
         what = (
             "claimed"
@@ -260,7 +260,7 @@ def _draw_odds(panel: Axes, each: _Round, standing: NamedEffects) -> None:
         )
         panel.barh(
             y,
-            max(gain, low),
+            max(value, low),
             height=0.66,
             color=colour if c.fitted else "white",
             edgecolor=colour,
@@ -326,8 +326,8 @@ def _labels(sheet: Sheet, rounds: Sequence[_Round]) -> None:
         panel.grid(False, axis="y")
         panel.set_ylim(-1.55 if each.others else -0.55, len(each.shown) - 0.45)
         panel.spines["left"].set_color(LIGHT)
-    gain = "gain: log posterior odds against the model of the round"
-    sheet.panels[-1].set_xlabel(gain, fontsize=LABEL_SIZE)
+    odds = "log posterior odds against the model of the round"
+    sheet.panels[-1].set_xlabel(odds, fontsize=LABEL_SIZE)
 
 
 def _odds(c: Candidate) -> str:
