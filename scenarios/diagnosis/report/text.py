@@ -121,8 +121,8 @@ CANDIDATE_TITLE = "best candidates of each round of the search"
 CANDIDATE_LEGEND = (
     "gain: increase of the log evidence when the candidate is added; log odds: log posterior odds, "
     "gain plus the log of its prior odds, above zero where the candidate is more probable than its "
-    "absence; linearised: gain from the linearised model, not fitted; like: changes the outputs in nearly "
-    "the same way; guard: catch-all term of no effect of the library, which is never named"
+    "absence; linearised: gain from the linearised model, not fitted; like: changes the outputs in "
+    "nearly the same way; guard: catch-all term of no effect of the library, which is never named"
 )
 
 
