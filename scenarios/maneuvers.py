@@ -314,6 +314,12 @@ def maneuvers_table(found: FoundManeuvers) -> Table:
     return table("maneuvers and trim points", *columns)
 
 
+def _kinds_text(found: FoundManeuvers) -> str:
+    """``"1 doublet, 2 sweep, 1 trim"``: how many of each kind; empty where nothing was found."""
+    kinds = Counter(each.found.kind for each in found.maneuvers)
+    return ", ".join(f"{count} {kind}" for kind, count in kinds.items())
+
+
 def _amplitude(each: NumberedManeuver) -> Cell:
     if not each.found.channel:
         return MISSING
@@ -359,7 +365,7 @@ def maneuvers_page(found: FoundManeuvers, drawn: Sequence[Drawn] = ()) -> Page:
         kind="Maneuvers in a long record",
         verdict=f"{moves} maneuver{'s' if moves != 1 else ''}",
         tone="plain",
-        sentence=as_sentence(summary.outcome),
+        sentence=as_sentence(_kinds_text(found)),
         summary=(as_sentence(summary.result),),
         warnings=tuple(map(as_sentence, found.cautions)),
         sections=(

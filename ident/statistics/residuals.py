@@ -94,13 +94,13 @@ def residual_size(residual: np.ndarray, valid: np.ndarray, channel: str) -> Resi
     if ratio < FAR_ABOVE:
         return None
     p_value = float(erfc(np.log(ratio) * np.sqrt(n / 2.0) / 0.93))
+    shown = f"{ratio:.3g}" if ratio < 100.0 else f"{ratio:.0f}"
     return ResidualTest(
         "size",
         channel,
         ratio,
         p_value,
-        f"large errors in parts of the record (rms {ratio:.3g} times the robust "
-        "standard deviation)",
+        f"large errors in parts of the record (rms {shown} times the robust standard deviation)",
     )
 
 

@@ -507,7 +507,7 @@ def figure_effects(
     else:
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
         panel.set_xlabel(
-            f"flight, in the order of the file: {plain(flights[0])} to {plain(flights[-1])}",
+            f"number of the flight (1: {plain(flights[0])}, {len(flights)}: {plain(flights[-1])})",
             fontsize=LABEL_SIZE,
         )
     return finish(

@@ -276,7 +276,7 @@ def _draw_odds(panel: Axes, each: _Round, standing: NamedEffects) -> None:
 
 def _head(panel: Axes, each: _Round, standing: NamedEffects, x: float) -> None:
     """What the round began from, above the names, and below them how many others there are."""
-    beside = f"beside {' + '.join(each.within)}" if each.within else "beside the declared model"
+    model = " + ".join(each.within) if each.within else "the declared model"
     done = (
         "; nothing more was needed"
         if standing.complete(each.within) and each.within
@@ -285,7 +285,7 @@ def _head(panel: Axes, each: _Round, standing: NamedEffects, x: float) -> None:
         else ""
     )
     panel.set_title(
-        plain(f"round {each.number}, {beside}{done}"),
+        plain(f"round {each.number}, added to {model}{done}"),
         fontsize=TICK_SIZE,
         loc="left",
         x=x,

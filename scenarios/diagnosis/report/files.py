@@ -338,9 +338,8 @@ def _kinematics(tracing: Tracing) -> tuple[Section, ...]:
     limits = tuple(some.result.cannot_tell) if some.result is not None else ()
     records = (
         Prose(
-            "Without an aerodynamic model, but from records of the fit "
-            f"({', '.join(some.records)}): agreement supports the diagnosis and is not "
-            "independent of it.",
+            "This check has no aerodynamic model. It uses records of the diagnosis, so agreement "
+            "supports the diagnosis and is not independent of it.",
             "note",
         )
         if some.records

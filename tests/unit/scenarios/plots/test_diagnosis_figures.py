@@ -85,7 +85,7 @@ def test_evidence_has_the_longest_bar_on_top_and_the_claimed_one_blue() -> None:
     assert {to_hex(bar.get_facecolor()) for bar in tops[:-1]} & {BLUE.lower()} == set()
     assert (
         figure.axes[1].get_title(loc="left")
-        == "round 2, beside sensor-lag:alpha; nothing more was needed"
+        == "round 2, added to sensor-lag:alpha; nothing more was needed"
     )
 
 
