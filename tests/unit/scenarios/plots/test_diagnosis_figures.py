@@ -119,10 +119,10 @@ def test_evidence_says_beside_each_bar_why_it_was_not_chosen() -> None:
     rows = rows_of(figure)
     assert rows == {
         "input-delay": ["1539", "claimed"],
-        "vane-offset": ["1531", "brings less"],
-        "actuator-lag": ["1528", "like the claimed, less"],
+        "vane-offset": ["1531", "lower odds"],
+        "actuator-lag": ["1528", "like the claimed, lower odds"],
         "guard:lagged-loads": ["1400", "no effect of the library"],
-        "elastic-mode": ["800", "linearised: brings less"],
+        "elastic-mode": ["800", "linearised: lower odds"],
         "speed-variation": ["−4.0", "not needed"],
     }
     (panel,) = figure.axes
