@@ -296,7 +296,9 @@ def _expected(vehicle: VehicleFile | None) -> Expectations:
     """What a vehicle file lets one expect of the raw columns."""
     from scenarios.preparation.declared_model import model_of_file
 
-    return expectations_of(model_of_file(vehicle)) if vehicle is not None else Expectations()
+    if vehicle is None or not (vehicle.model or vehicle.own):
+        return Expectations()
+    return expectations_of(model_of_file(vehicle))
 
 
 def _with_speed(record: Record, vehicle: VehicleFile | None) -> tuple[Record, str]:
