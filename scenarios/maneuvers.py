@@ -73,6 +73,10 @@ LEAD, TAIL = (
     2.0,
     5.0,
 )  # s of a record before and after an input that belong to its maneuver: rest, and the response
+PART = (
+    f"part to use: the input with {LEAD:g} s of rest before it and {TAIL:g} s of response after "
+    "it, at most half way to the next maneuver"
+)
 DIGITS = 3  # behind the point, of the times in maneuvers.toml
 
 
@@ -270,6 +274,8 @@ def print_maneuvers(
             "maneuver alone",
             indent=0,
         )
+    if found.maneuvers:
+        print_paragraph(out, f"{PART}; identify, diagnose and check take these options", indent=0)
 
 
 def maneuvers_summary(found: FoundManeuvers, details: str = BELOW) -> Summary:
@@ -299,6 +305,7 @@ def maneuvers_table(found: FoundManeuvers) -> Table:
         (Column("kind"), [each.found.kind for each in some]),
         (Column("input"), [each.found.channel or MISSING for each in some]),
         (Column("amplitude", PURE), [_amplitude(each) for each in some]),
+        (Column("part to use"), [options_text(each) for each in some]),
     ]
     for name, unit, digits in (("airspeed", "m/s", 1), ("height", "m", 0)):
         if any(name in each.found.conditions for each in some):
@@ -309,12 +316,23 @@ def maneuvers_table(found: FoundManeuvers) -> Table:
     return table("maneuvers and trim points", *columns)
 
 
+def _kinds_text(found: FoundManeuvers) -> str:
+    """``"1 doublet, 2 sweep, 1 trim"``: how many of each kind; empty where nothing was found."""
+    kinds = Counter(each.found.kind for each in found.maneuvers)
+    return ", ".join(f"{count} {kind}" for kind, count in kinds.items())
+
+
 def _amplitude(each: NumberedManeuver) -> Cell:
     if not each.found.channel:
         return MISSING
     factor, unit = shown_in(each.unit, each.found.channel)
     value = factor * each.found.amplitude
     return Number(value, unit=unit, shown=f"{value:.3g}{spaced(unit)}")
+
+
+def options_text(each: NumberedManeuver) -> str:
+    """``"--from 7 --to 16"``: the options of other commands that select a maneuver."""
+    return f"--from {each.start:.9g} --to {each.stop:.9g}"
 
 
 def excitation_text(each: NumberedManeuver) -> str:
@@ -349,7 +367,7 @@ def maneuvers_page(found: FoundManeuvers, drawn: Sequence[Drawn] = ()) -> Page:
         kind="Maneuvers in a long record",
         verdict=f"{moves} maneuver{'s' if moves != 1 else ''}",
         tone="plain",
-        sentence=as_sentence(summary.outcome),
+        sentence=as_sentence(_kinds_text(found)),
         summary=(as_sentence(summary.result),),
         warnings=tuple(map(as_sentence, found.cautions)),
         sections=(
@@ -357,7 +375,11 @@ def maneuvers_page(found: FoundManeuvers, drawn: Sequence[Drawn] = ()) -> Page:
             *section(
                 "Maneuvers",
                 maneuvers_table(found),
-                Prose("Angles in degrees; times of the inputs.", "note"),
+                Prose(
+                    "Angles in degrees. Start and end are the times of the input. "
+                    f"{as_sentence(PART)}",
+                    "note",
+                ),
             ),
             *section("How they are used", Bullets(used)),
         ),

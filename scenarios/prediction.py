@@ -392,7 +392,7 @@ def prediction_figures(found: PredictionResult) -> Iterator[Named]:
 
 # ---- A prediction in lines for the terminal
 
-TITLE = "simulation with fixed parameters; only initial states and biases are fitted to this record"
+TITLE = "simulation with the study's parameters held fixed; initial states and biases are fitted"
 
 
 def prediction_text(found: PredictionResult, width: int = WIDTH) -> str:

@@ -257,8 +257,8 @@ def diagnosis_of(
                 tuple(c.name for c in claims[: i + 1]),
                 100.0 - i,
                 -50.0,
-                f"white noise, beside the declared model: most probable so far is {claim.name}, ln "
-                "p +120.0",
+                "white noise, effects added to the declared model: most probable so far is "
+                f"{claim.name}, log posterior odds +120.0",
             )
             for i, claim in enumerate(claims)
         ),

@@ -11,6 +11,7 @@ from ident.compatibility.fault_sets import FaultSearch, clocks, reference_senten
 from ident.compatibility.fitting import KinematicFit, fit, unobservable_sentences
 from ident.compatibility.kinematics import DRIFT, SensorFault, faults_of
 from ident.compatibility.signals import (
+    NO_AIRSPEED,
     instruments_of,
     measured_channels,
     relations,
@@ -107,10 +108,10 @@ def _compatibility(
     usable = channels
     if settings.airspeed is None and "airspeed" not in channels:
         usable = tuple(name for name in channels if name not in ("alpha", "nz"))
-        notes.append(
-            "neither a recorded nor a given airspeed: the relation of alpha, q and nz cannot be "
-            "used; record it, or name a vehicle file that has it"
-        )
+        if "alpha" in relations(channels):
+            notes.append(
+                f"{NO_AIRSPEED}, without which the relation of alpha, q and nz cannot be used"
+            )
     joined = relations(usable)
     notes += [LEVEL] if joined else []
     if not joined:

@@ -90,6 +90,11 @@ class KinematicSignals:
         return wide
 
 
+NO_AIRSPEED = (
+    "no airspeed is recorded or given"  # begins the note that says which relations lack it
+)
+
+
 def relations(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
     """Output of each kinematic relation that these channels close, and the channels that it
     joins.

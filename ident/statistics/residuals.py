@@ -15,7 +15,7 @@ from sim.errors import ModelError
 # ---- Are residuals or innovations what the noise alone would give? Two first tests
 
 LEVEL = 1e-4  # p-value below which a residual is no noise: of every sentence, table and verdict
-FAR_ABOVE = 2.0  # chosen: of a channel's own noise, from which a residual is not called noise
+FAR_ABOVE = 2.0  # chosen: ratio of rms to robust sigma from which a residual is not called noise
 
 
 @dataclass(frozen=True)
@@ -78,11 +78,12 @@ def _ljung_box_tail(statistic: float, lags: int, n: int) -> float:
 
 
 def residual_size(residual: np.ndarray, valid: np.ndarray, channel: str) -> ResidualTest | None:
-    """A failed test where a series ``(N,)`` is far larger than its own noise: wild points are
-    white, and no noise; None where it is not.
+    """A failed test where a few samples of a residual ``(N,)`` are far larger than the others: wild
+    points are white, and no noise; None where that is not so.
 
-    Its root mean square against the robust standard deviation, whose logarithm scatters by
-    0.93/sqrt(N) on Gaussian noise.
+    Its root mean square is compared with its robust standard deviation (of the median absolute
+    value), which is not the sensor noise where the residual is coloured. The logarithm of their
+    ratio scatters by 0.93/sqrt(N) on Gaussian noise.
     """
     from scipy.special import erfc
 
@@ -93,12 +94,13 @@ def residual_size(residual: np.ndarray, valid: np.ndarray, channel: str) -> Resi
     if ratio < FAR_ABOVE:
         return None
     p_value = float(erfc(np.log(ratio) * np.sqrt(n / 2.0) / 0.93))
+    shown = f"{ratio:.3g}" if ratio < 100.0 else f"{ratio:.0f}"
     return ResidualTest(
         "size",
         channel,
         ratio,
         p_value,
-        f"{ratio:.3g} times as large as its own noise: large errors stand in parts of the record",
+        f"large errors in parts of the record (rms {shown} times the robust standard deviation)",
     )
 
 

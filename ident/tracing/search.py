@@ -459,9 +459,9 @@ class Search:
         best = self.best()
         names = " + ".join(sorted(self.added(best))) or "nothing"
         sentence = (
-            f"{self.title}, beside {beside}: {len(self.candidates)} candidates scanned, "
+            f"{self.title}, effects added to {beside}: {len(self.candidates)} candidates scanned, "
             f"{len(made)} set{'s' * (len(made) != 1)} fitted; most probable so far is {names}, "
-            f"ln p {best.weight - self.root.weight:+.1f} against the declared model"
+            f"log posterior odds {best.weight - self.root.weight:+.1f} against the declared model"
         )
         found = best.fitted.fit.log_likelihood
         self.steps.append(Step(tuple(sorted(best.names)), best.evidence, found, sentence))

@@ -14,14 +14,15 @@ from scenarios.files.writing import write_text
 from scenarios.identification.assessment import PLAIN, Options
 from scenarios.maneuvers import maneuvers_of, print_maneuvers
 from scenarios.prediction import PredictionRequest, predict_record, prediction_text
-from scenarios.preparation.drafting import Draft, drafted, map_text
+from scenarios.preparation.drafting import Draft, drafted, map_text, unused_words
 from scenarios.preparation.plan import Plan, Request, plan_of
 from scenarios.preparation.vehicle_drafts import vehicle_text
 from scenarios.report.figure_formats import Formats
-from scenarios.report.quantities import shown_in, unit_cell
+from scenarios.report.quantities import console, shown_in, unit_cell
 from scenarios.report.summary import (
     TableColumn,
     details_in,
+    print_paragraph,
     table_lines,
     terminal_width,
     written_to,
@@ -32,7 +33,7 @@ from scenarios.responses.fitting import FitOptions, ModelOptions
 from scenarios.responses.qualities import LevelOptions, pilot_demand
 from scenarios.responses.reading import Names
 from scenarios.responses.report import print_responses
-from sim.errors import DeclarationError
+from sim.errors import DeclarationError, RecordError
 
 if TYPE_CHECKING:
     from scenarios.structure.study import StructureOptions
@@ -241,22 +242,30 @@ def draft_map(
 
     Raises
     ------
-    FlightidError : the file cannot be read; ``out`` holds a map or vehicle file already.
+    FlightidError : the file cannot be read, or none of the channels that its names suggest;
+    ``out`` holds a map or vehicle file already.
     """
     plan = plan_of(rate=rate, columns=columns)
     if out is not None:
         _refuse_present(out)
     draft = drafted(with_names(read_record_file(path), plan.columns), plan.rate)
+    unread = [guess.fault for guess in draft.guesses if guess.fault]
+    if unread and not any(guess.samples for guess in draft.guesses):
+        raise RecordError(f"no channel can be read, so no map is drafted: {unread[0]}")
     _print_topics(draft, whole=topics)
     _print_channels(draft)
+    text = map_text(draft)
     for fault in draft.faults:
-        print(f"fault: {fault}")
+        if out is not None or fault not in text:
+            print(f"fault: {fault}")
     for note in draft.file.notes:
         print(f"note: {note}")
     if out is None:
-        print(f"\n{map_text(draft)}", end="")
+        print(f"\n{text}", end="")
         print(f"\n{vehicle_text(draft)}", end="")
         return
+    if draft.unused and len(draft.topics) == 1:
+        print_paragraph(console(), unused_words(draft), indent=0)
     _write(out, draft)
     print(f"\n{out / CHANNELS}, {out / VEHICLE}: drafts to check and complete")
     if draft.model:

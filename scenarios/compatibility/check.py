@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.compatibility.check import compatibility
-from ident.compatibility.signals import measured_channels
+from ident.compatibility.signals import NO_AIRSPEED, measured_channels
 from ident.compatibility.six_degrees.kinematics import CHANNELS, WRAPPED, recorded
 from ident.compatibility.trials import (
     CheckResult,
@@ -158,6 +158,7 @@ def check_files(request: Request) -> CompatibilityCheck:
         *(note for _, told, _ in read for note in told),
         *(note for _, note in parted if note),
     )
+    notes += _how_to_give_the_airspeed(result, vehicle)
     check = CompatibilityCheck(
         result, records, settings, identities(files), vehicle, notes, look, all_simulated(files)
     )
@@ -173,6 +174,23 @@ def check_files(request: Request) -> CompatibilityCheck:
         check,
         declared_speed=None if recorded_speed else settings.airspeed,
         declared_density=density,
+    )
+
+
+def lacks_airspeed(result: Compatibility) -> bool:
+    """Whether a relation is left out only because no airspeed is known."""
+    return any(note.startswith(NO_AIRSPEED) for note in result.notes)
+
+
+def _how_to_give_the_airspeed(result: Compatibility, vehicle: InputFile | None) -> tuple[str, ...]:
+    """What to add where a relation lacks the airspeed; empty where none does."""
+    if not lacks_airspeed(result):
+        return ()
+    if vehicle is not None:
+        return (f"add airspeed (m/s) to {vehicle.name}, or record the airspeed",)
+    return (
+        "add --vehicle V.toml: the check takes the airspeed from it, gravity and vane_arm where "
+        "it has them, and none of its derivatives; or record the airspeed",
     )
 
 
@@ -278,7 +296,9 @@ def _expected(vehicle: VehicleFile | None) -> Expectations:
     """What a vehicle file lets one expect of the raw columns."""
     from scenarios.preparation.declared_model import model_of_file
 
-    return expectations_of(model_of_file(vehicle)) if vehicle is not None else Expectations()
+    if vehicle is None or not (vehicle.model or vehicle.own):
+        return Expectations()
+    return expectations_of(model_of_file(vehicle))
 
 
 def _with_speed(record: Record, vehicle: VehicleFile | None) -> tuple[Record, str]:

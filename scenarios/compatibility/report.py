@@ -19,7 +19,12 @@ from ident.compatibility.trials import (
     SensorEstimate,
     SensorFinding,
 )
-from scenarios.compatibility.check import CompatibilityCheck, equivalent_constant, noise_levels
+from scenarios.compatibility.check import (
+    CompatibilityCheck,
+    equivalent_constant,
+    lacks_airspeed,
+    noise_levels,
+)
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json
 from scenarios.plots import draw_into
@@ -137,6 +142,8 @@ def check_summary(check: CompatibilityCheck, details: str = BELOW) -> Summary:
     checked = (
         f"kinematics of {', '.join(result.relations)}"
         if result.relations
+        else "no airspeed is known"
+        if lacks_airspeed(result)
         else "the channels close no relation"
     )
     return Summary(
@@ -182,7 +189,12 @@ def finding_lines(check: CompatibilityCheck) -> list[str]:
     if result.joint.estimates and not any(line.startswith("fault found") for line in lines):
         lines.append("no sensor fault found: the channels agree with each other within their noise")
     if not result.relations:
-        lines.append("nothing is checked: these channels close no relation of the kinematics")
+        lines.append(
+            "nothing is checked: no airspeed is known"
+            + ("" if check.vehicle is not None else "; add --vehicle V.toml")
+            if lacks_airspeed(result)
+            else "nothing is checked: these channels close no relation of the kinematics"
+        )
     for item in result.joint.estimates:
         if item.determined and not item.agrees:
             lines.append(

@@ -391,4 +391,6 @@ def _kinematics(opened: Opened, posed: Posed, plan: Plan) -> Kinematics | None:
             if posed.held_out_from is not None
             else []
         )
-    return kinematics_of_files(parts, opened.vehicle, opened.choices, plan)
+    found = kinematics_of_files(parts, opened.vehicle, opened.choices, plan)
+    alone = len(posed.records) == 1 and (not opened.validation or plan.segments == WHOLE)
+    return replace(found, held_out=alone)

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from scenarios.files.vehicles import VehicleFile
     from scenarios.preparation.plan import Plan, Segment
 
+RECORDS_NAMED = 4  # of those checked
 APART = 3.0  # standard deviations within which two values agree
 PARAMETERS = {
     "delay": "delay",
@@ -53,12 +54,25 @@ _TIMES = ("delay", "lag")  # sizes of these can be compared, of one channel
 @dataclass(frozen=True, eq=False)
 class Kinematics:
     """A check of some of a diagnosis' records (``records``: their names). ``result`` is None where
-    none was possible, ``why`` says it.
+    none was possible, ``why`` says it. ``held_out``: data that a diagnosis does not fit took
+    part.
     """
 
     records: tuple[str, ...]
     result: Compatibility | None
     why: str = ""
+    held_out: bool = False
+
+    @property
+    def source(self) -> str:
+        """The records that were checked, in a sentence."""
+        shown = self.records[:RECORDS_NAMED]
+        more = len(self.records) - len(shown)
+        last = f"{more} more" if more else shown[-1]
+        first = shown if more else shown[:-1]
+        named = f"{', '.join(first)} and {last}" if first else last
+        data = "fitted and held-out data together" if self.held_out else "fitted data alone"
+        return f"kinematics were checked on {named}: {data}"
 
 
 @dataclass(frozen=True)
@@ -123,7 +137,7 @@ def _agreement(claim: Claim, result: Compatibility) -> Agreement:
         key=lambda f: (f.name != claim.name, not _comparable(f, claim.name)),
     )
     if named and _comparable(named[0], claim.name):
-        return _compared(claim, mine, named[0])
+        return _compared(claim, mine, named[0], result)
     kin = next(
         (finding for finding in standing if members.intersection((finding.name, *finding.group))),
         None,
@@ -159,9 +173,20 @@ def _comparable(finding: SensorFinding, name: str) -> bool:
     )
 
 
-def _compared(claim: Claim, mine: Quantity, same: SensorFinding) -> Agreement:
+def _as_well(same: SensorFinding, result: Compatibility) -> str:
+    """The other faults that explain the records equally well, with their sizes."""
+    by_name = {each.name: each for each in result.findings}
+    known = [by_name[name] for name in same.group if name in by_name]
+    told = [f"{f.name} {with_sigma(Quantity(f.value, f.std, f.unit))}" for f in known]
+    told += [name for name in same.group if name not in by_name]
+    return f" or, equally well, {' or '.join(told)}" if told else ""
+
+
+def _compared(
+    claim: Claim, mine: Quantity, same: SensorFinding, result: Compatibility
+) -> Agreement:
     found = Quantity(same.value, same.std, same.unit)
-    told = f"kinematics alone give {same.name} {with_sigma(found)}"
+    told = f"kinematics alone give {same.name} {with_sigma(found)}{_as_well(same, result)}"
     group = (
         ""
         if same.name == claim.name
@@ -177,13 +202,8 @@ def _compared(claim: Claim, mine: Quantity, same: SensorFinding) -> Agreement:
         claim.name,
         AGREES,
         found,
-        f"{told}: {group}agrees with the diagnosis, {with_sigma(mine)} (from the same records)",
+        f"{told}: {group}agrees with the diagnosis, {with_sigma(mine)}",
     )
-
-
-def _agrees(mine: Quantity) -> str:
-    """Both see the same records, so that the agreement is no independent proof."""
-    return f"agrees with the diagnosis, {with_sigma(mine)} (from the same records)"
 
 
 def _on_the_other_side(
@@ -205,7 +225,7 @@ def _on_the_other_side(
         claim.name,
         AGREES,
         found,
-        f"{told}: agrees with the diagnosis, {with_sigma(mine)} (from the same records)",
+        f"{told}: agrees with the diagnosis, {with_sigma(mine)}",
     )
 
 

@@ -425,10 +425,12 @@ def _time(
     what = "time is repeated" if earlier == later else "time goes back"
     where = _cell(table, column, rows.start + first + 1)
     more = f", and in {wrong.size - 1} more rows" if wrong.size > 1 else ""
+    name = repr(column.header)
     raise RecordError(
         f"{what} ({earlier:.9g} s, then {later:.9g} s{more})",
         where=where,
-        remedy="sort the rows and remove duplicates",
+        remedy="leave these rows out with --from and --to, or sort the rows and remove duplicates "
+        f"(pandas: table.sort_values({name}).drop_duplicates({name}))",
     )
 
 

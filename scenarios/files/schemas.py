@@ -303,6 +303,18 @@ SCHEMAS: Mapping[str, type[BaseModel]] = {
 }
 
 
+# What a check of the kinematics uses of a vehicle, in a file that says nothing else.
+CHECK_ONLY = table_of(
+    "CheckedVehicle",
+    name=_NAME,
+    airspeed=(number_of("m/s", gt=0.0), ...),
+    gravity=(number_of("m/s2", gt=0.0) | None, None),
+    vane_arm=(number_of("m") | None, None),
+    chord=(number_of("m", gt=0.0) | None, None),
+    air_density=(number_of("kg/m3", gt=0.0) | None, None),
+)
+
+
 def mode_schema(number: int, count: int) -> type[BaseModel]:
     """The table of elastic mode ``number`` of ``count``: its own starts are required, couplings to
     other modes are not.

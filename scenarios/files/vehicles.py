@@ -275,9 +275,12 @@ def _with_uncertainty(vehicle: VehicleFile, source: Source) -> VehicleFile:
 
 
 def read_any_vehicle(path: str | Path | Source) -> VehicleFile:
-    """A vehicle file of whichever model of an aircraft it is written for. Raises DeclarationError
-    where it is for none, or wrong.
+    """A vehicle file of whichever model of an aircraft it is written for; its model is empty where
+    the file has only what a check of the kinematics uses. Raises DeclarationError where it is for
+    none, or wrong.
     """
+    from scenarios.files.schemas import CHECK_ONLY
+
     source = vehicle_source(path)
     content = toml_of(source)
     if "aerodynamics" in content:
@@ -288,6 +291,10 @@ def read_any_vehicle(path: str | Path | Source) -> VehicleFile:
             where=str(source.path),
             remedy="give the file of an aircraft",
         )
+    if "airspeed" in content and content.keys() <= CHECK_ONLY.model_fields.keys():
+        known = checked(CHECK_ONLY, content, source.path).model_dump(exclude_none=True)
+        name = known.pop("name", source.path.stem)
+        return VehicleFile(name, "", known, {}, identity=source.identity)
     return vehicle_of(
         source,
         next(

@@ -552,7 +552,8 @@ def _command(request: Request, command: str, further: Sequence[str] = ()) -> str
         if isinstance(value, str | Path)
         for word in (option, str(value))
     ]
-    validate = [str(path) for record in request.validate if (path := path_of(record)) is not None]
+    held_out = [path_of(record) for record in request.validate]
+    validate = [str(path) if path is not None else "RECORD" for path in held_out]
     options += [
         *(word for path in validate for word in ("--validate", path)),
         *reading_options(request),
@@ -578,7 +579,13 @@ def _not_to_be_used(
         if disturbed_outputs(records, found.estimate, found.tests)
         else ""
     )
-    second = "" if request.validate else "; a second record (--validate) would check the diagnosis"
+    second = "; a second record (--validate) would check the diagnosis"
+    if request.validate:
+        second = ""
+    elif len(request.records) > 1:
+        # A diagnosis holds out the last of several records; the command says which.
+        *fitted, last = request.records
+        request, second = replace(request, records=tuple(fitted), validate=(last,)), ""
     follows = f"{second}{NEXT}{_command(request, 'diagnose')}" if vehicle.model != "loes" else ""
     return (f"do not use these sigmas: the residuals are {failed_in}{gusts}{follows}",)
 

@@ -168,7 +168,8 @@ def _fit(each: RecordFit) -> dict[str, Any]:
 
 PROFILED = f"profile likelihood, {100.0 * LEVEL:.0f} % intervals"
 SIMULATED = (
-    "simulation with fixed parameters; only initial states and biases are fitted to this record"
+    "simulation with the estimated parameters held fixed; only initial states and biases are "
+    "fitted to each record"
 )
 LIKELIER = 0.1  # of log likelihood, by which a refit must beat the estimate to be worth a word
 

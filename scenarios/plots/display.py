@@ -280,13 +280,13 @@ def reason(c: Candidate, standing: NamedEffects, beside: Sequence[Candidate]) ->
     if c.name.startswith(GUARD):
         return "no effect of the library"
     if not c.fitted:
-        return "linearised: brings less"
+        return "linearised: lower odds"
     winner = next((each for each in beside if each.name in standing.claimed), None)
     if winner is None:
         return (
-            "brings less" if c.weight < max(each.weight for each in beside) else "not spread evenly"
+            "lower odds" if c.weight < max(each.weight for each in beside) else "not spread evenly"
         )
-    return "like the claimed, less" if winner.name in c.collinear_with else "brings less"
+    return "like the claimed, lower odds" if winner.name in c.collinear_with else "lower odds"
 
 
 # ---- What the figures of a diagnosis need to know

@@ -27,6 +27,7 @@ from matplotlib.patches import Polygon, Rectangle
 from matplotlib.path import Path as Outline
 from matplotlib.transforms import IdentityTransform, Transform
 
+from scenarios.plots.style import bold_title, hide_bold_title
 from scenarios.report.figure_formats import PDF, PNG, SVG, USUAL, Drawn, Formats, caption_of
 from scenarios.report.plot_data import BAND, HELD, LINE, POINTS, Curve, Panel, PlotData, as_kept
 
@@ -343,19 +344,26 @@ _DROPPED = ("font-family", "font-variant", "font-stretch")
 
 
 def draw_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> tuple[Drawn, ...]:
-    """Draw each figure once: into ``folder`` in every format, and for the page."""
-    out = []
+    """Draw each figure once: into ``folder`` in every format, and for the page.
+
+    On the page a title that another figure above has is left out.
+    """
+    out, titles = [], set[str]()
     for stem, make in figures:
         figure = make()
         if not save_figure(figure, folder, stem, formats):
             figure.draw_without_rendering()  # it places what is shared between panels
         data = plot_data(figure)
-        svg = page_svg(figure, stem) if data is None else _for_a_sheet(figure, stem)
+        title = bold_title(figure)
+        left_out = hide_bold_title(figure) if title and title in titles else 0.0
+        titles |= {title}
+        draw = page_svg if data is None else _for_a_sheet
+        svg = draw(figure, stem, left_out)
         out.append(Drawn(stem, svg, caption_of(stem), data))
     return tuple(out)
 
 
-def _for_a_sheet(figure: Figure, stem: str) -> str:
+def _for_a_sheet(figure: Figure, stem: str, left_out: float) -> str:
     """The drawing of a figure that is live on the screen, for paper: one that is tall has lower
     panels, so that it fits a sheet at its full width.
 
@@ -367,7 +375,7 @@ def _for_a_sheet(figure: Figure, stem: str) -> str:
         wide = max(width, LOWEST * height / TALLEST)
         figure.set_size_inches(wide, TALLEST * wide)
     try:
-        return page_svg(figure, stem)
+        return page_svg(figure, stem, left_out * figure.get_figheight() / height)
     finally:
         figure.set_size_inches(width, height)
 
@@ -403,13 +411,13 @@ def figure_frame(document: str, words: str, height: int) -> str:
     return f'<iframe title="{title}" srcdoc="{inside}" style="{style}"></iframe>'
 
 
-def page_svg(figure: Figure, stem: str) -> str:
+def page_svg(figure: Figure, stem: str, left_out: float = 0.0) -> str:
     """The figure as an ``<svg>`` element of a page, as wide as its place; the same bytes for the
     same figure.
 
     Matplotlib's SVG with its styles as attributes, which the policy of a page allows and its
     rules for a dark ground replace, and with shorter numbers. ``stem`` begins the identifiers:
-    figures of one page have different ones.
+    figures of one page have different ones. ``left_out``: inches at the top that are cut off.
     """
     buffer, dpi = io.StringIO(), figure.dpi
     width, height = (figure.get_size_inches() * POINTS_PER_INCH).tolist()
@@ -435,9 +443,11 @@ def page_svg(figure: Figure, stem: str) -> str:
     mapped = bool(figure.findobj(QuadMesh))  # colours that stand for numbers stay as they are
     kinds = [*(["full"] if width > FULL else []), *(["mapped"] if mapped else [])]
     wide = f' class="{" ".join(kinds)}"' if kinds else ""
+    top = left_out * POINTS_PER_INCH
+    seen = height - top
     return (
-        f'<svg viewBox="0 0 {width:g} {height:g}" width="{SCALE * width:.0f}" '
-        f'height="{SCALE * height:.0f}"{wide} role="img" '
+        f'<svg viewBox="0 {top:g} {width:g} {seen:g}" width="{SCALE * width:.0f}" '
+        f'height="{SCALE * seen:.0f}"{wide} role="img" '
         f'aria-label="{escape(description(figure), quote=True)}">{body}'
     )
 

@@ -523,8 +523,8 @@ def figure_effects(
     else:
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
         panel.set_xlabel(
-            f"flight, in the order of the file: {escaped_dollars(flights[0])} to "
-            f"{escaped_dollars(flights[-1])}",
+            f"number of the flight (1: {escaped_dollars(flights[0])}, "
+            f"{len(flights)}: {escaped_dollars(flights[-1])})",
             fontsize=LABEL_SIZE,
         )
     return finish(

@@ -26,6 +26,7 @@ from sim.errors import ModelError
 
 DPI = 110
 WIDTH = 7.0  # inches, the text width of an A4 page
+TITLE = "title"  # identifier of the bold lines of a title
 TITLE_SIZE, LABEL_SIZE, TICK_SIZE = 10.0, 9.0, 8.0
 
 # Okabe and Ito's palette, without its yellow.
@@ -217,7 +218,7 @@ def draw_title(figure: Figure, title: str, width: float, height: float) -> None:
     for number, (line, bold) in enumerate(_title_lines(title, width) if title else ()):
         y = 1.0 - (0.08 + number * _TITLE_ROW) / height
         size, weight = (TITLE_SIZE, "bold") if bold else (LABEL_SIZE, "normal")
-        figure.text(
+        text = figure.text(
             0.15 / width,
             y,
             escaped_dollars(line),
@@ -226,6 +227,20 @@ def draw_title(figure: Figure, title: str, width: float, height: float) -> None:
             va="top",
             ha="left",
         )
+        text.set_gid(TITLE if bold else None)
+
+
+def bold_title(figure: Figure) -> str:
+    """The bold lines of a figure's title in one; empty where it has none."""
+    return " ".join(text.get_text() for text in figure.texts if text.get_gid() == TITLE)
+
+
+def hide_bold_title(figure: Figure) -> float:
+    """Hide the bold lines of a title; returns the height that they took at the top, inches."""
+    bold = [text for text in figure.texts if text.get_gid() == TITLE]
+    for text in bold:
+        text.set_visible(False)
+    return len(bold) * _TITLE_ROW
 
 
 def folded(text: str, width: float, points: float = LABEL_SIZE) -> list[str]:

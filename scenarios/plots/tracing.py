@@ -153,8 +153,8 @@ class _Round:
 def figure_evidence(
     candidates: Sequence[Candidate], standing: NamedEffects = NOTHING, title: str = ""
 ) -> Figure:
-    """A panel a round: the gain of each candidate, its log posterior odds against the model of the
-    round, as a bar and a number, and why it was not chosen.
+    """A panel a round: the log posterior odds of each candidate against the model of the round, as
+    a bar and a number, and why it was not chosen.
 
     Filled bars were fitted, open ones are linearised. The rounds are those that led to what stands,
     ``PANELS`` at most.
@@ -188,7 +188,7 @@ def figure_evidence(
         _draw_odds(panel, each, standing)
         _head(panel, each, standing, (_TITLE_LEFT - left) / scale)
         _column(
-            panel, [_odds(c) for c in each.shown], "ln odds" if panel is sheet.panels[0] else ""
+            panel, [_odds(c) for c in each.shown], "log odds" if panel is sheet.panels[0] else ""
         )
         for y, (c, text) in zip(_places(each), zip(each.shown, some, strict=True), strict=True):
             panel.annotate(
@@ -247,13 +247,13 @@ def _colour(c: Candidate, standing: NamedEffects) -> str:
 
 
 def _draw_odds(panel: Axes, each: _Round, standing: NamedEffects) -> None:
-    """A bar for the gain of each candidate, from zero; one below zero, which is no gain, to the
-    left.
+    """A bar for the log posterior odds of each candidate, from zero; to the left where the
+    candidate is less probable than its absence.
     """
-    gains = [c.weight for c in each.shown]
-    most, least = max(*gains, 0.0), min(*gains, 0.0)
+    odds = [c.weight for c in each.shown]
+    most, least = max(*odds, 0.0), min(*odds, 0.0)
     low = max(least, -0.25 * most) if most > 0.0 else least
-    for y, c, gain in zip(_places(each), each.shown, gains, strict=True):
+    for y, c, value in zip(_places(each), each.shown, odds, strict=True):
         colour = _colour(c, standing)
         what = (
             "claimed"
@@ -266,7 +266,7 @@ def _draw_odds(panel: Axes, each: _Round, standing: NamedEffects) -> None:
         )
         panel.barh(
             y,
-            max(gain, low),
+            max(value, low),
             height=0.66,
             color=colour if c.fitted else "white",
             edgecolor=colour,
@@ -282,7 +282,7 @@ def _draw_odds(panel: Axes, each: _Round, standing: NamedEffects) -> None:
 
 def _head(panel: Axes, each: _Round, standing: NamedEffects, x: float) -> None:
     """Write the start of a round above the names, and the number of further candidates below."""
-    beside = f"beside {' + '.join(each.within)}" if each.within else "beside the declared model"
+    model = " + ".join(each.within) if each.within else "the declared model"
     done = (
         "; nothing more was needed"
         if standing.complete(each.within) and each.within
@@ -291,7 +291,7 @@ def _head(panel: Axes, each: _Round, standing: NamedEffects, x: float) -> None:
         else ""
     )
     panel.set_title(
-        escaped_dollars(f"round {each.number}, {beside}{done}"),
+        escaped_dollars(f"round {each.number}, added to {model}{done}"),
         fontsize=TICK_SIZE,
         loc="left",
         x=x,
@@ -332,8 +332,8 @@ def _labels(sheet: Sheet, rounds: Sequence[_Round]) -> None:
         panel.grid(False, axis="y")
         panel.set_ylim(-1.55 if each.others else -0.55, len(each.shown) - 0.45)
         panel.spines["left"].set_color(LIGHT)
-    gain = "gain: log posterior odds against the model of the round"
-    sheet.panels[-1].set_xlabel(gain, fontsize=LABEL_SIZE)
+    odds = "log posterior odds against the model of the round"
+    sheet.panels[-1].set_xlabel(odds, fontsize=LABEL_SIZE)
 
 
 def _odds(c: Candidate) -> str:

@@ -5,6 +5,7 @@ reason for each guess.
 from __future__ import annotations
 
 import re
+import textwrap
 import tomllib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -60,6 +61,8 @@ UNIT_WORDS = (
 BEYOND = {"rad": 1.6, "rad/s": 8.0}
 # what most samples of a channel do not exceed, whatever flies: a record beyond is not read as it is
 NEVER = {"rad": BEYOND["rad"], "rad/s": 20.0}
+MOST_UNUSED = 60  # columns of a log that are listed without a channel
+COMMENT_WIDTH = 100  # characters of a line of a draft
 EVEN = 1e-3  # of the step, by which the steps of a clock may differ
 GAPS = 0.02  # share of the steps of a clock that may be gaps
 # topics that hold no measured motion
@@ -186,7 +189,7 @@ def map_text(draft: Draft) -> str:
         "signs, and seldom units."
     ]
     for guess in draft.guesses:
-        choice, doubt = guess.choice, f"; NOT USABLE: {guess.fault}" if guess.fault else ""
+        choice = guess.choice
         column = choice.column if isinstance(choice.column, int) else quoted(choice.column)
         entry = (
             str(column)
@@ -194,7 +197,9 @@ def map_text(draft: Draft) -> str:
             else f"{{column = {column}, unit = {quoted(choice.unit)}}}"
         )
         lines.append(
-            f"{'# ' if guess.fault else ''}{guess.channel} = {entry}  # {guess.reason}{doubt}"
+            f"# {guess.channel} = {entry}  # left out: {guess.fault}"
+            if guess.fault
+            else f"{guess.channel} = {entry}  # {guess.reason}"
         )
     wanted = (
         (*COMMANDS, "p", "q", "r", "az")
@@ -214,10 +219,24 @@ def map_text(draft: Draft) -> str:
             f'# {missing[0] if unit == "" else "elevator"} = {{column = "{example}"{unit}}}'
         )
     if draft.unused:
-        shown = ", ".join(draft.unused[:60]) + (", ..." if len(draft.unused) > 60 else "")
-        lines.append(f"# Columns left: {shown}")
+        lines += textwrap.wrap(
+            f"{unused_words(draft)}.",
+            COMMENT_WIDTH,
+            initial_indent="# ",
+            subsequent_indent="# ",
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
     lines += _sweep_words(draft.file)
     return "\n".join(lines) + "\n"
+
+
+def unused_words(draft: Draft) -> str:
+    """The columns for which no channel is proposed; of a log with many topics the first ones."""
+    most = len(draft.unused) if len(draft.topics) == 1 else MOST_UNUSED
+    more = len(draft.unused) - most
+    tail = f" and {more} more" if more > 0 else ""
+    return f"Columns without a channel: {', '.join(draft.unused[:most])}{tail}"
 
 
 def _sweep_words(file: RecordFile) -> list[str]:

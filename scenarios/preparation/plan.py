@@ -169,7 +169,9 @@ def _segments(starts: list[float], stops: list[float]) -> tuple[Segment, ...]:
     for (start, stop), (later, end) in pairwise(ordered):
         if later < stop:
             what = f"the segments {start:g} to {stop:g} s and {later:g} to {end:g} s overlap"
-            raise DeclarationError(what, where="--from, --to", remedy="let no sample count twice")
+            raise DeclarationError(
+                what, where="--from, --to", remedy="give segments that do not overlap"
+            )
     return tuple(Segment(start, stop) for start, stop in zip(starts, stops, strict=True))
 
 

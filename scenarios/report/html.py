@@ -413,7 +413,7 @@ def _named(sections: tuple[Section, ...]) -> Iterator[tuple[Section, str]]:
 @cache
 def _template() -> Template:
     from jinja2 import Environment, StrictUndefined
-    from markupsafe import Markup
+    from markupsafe import Markup, escape
 
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
@@ -428,8 +428,12 @@ def _template() -> Template:
         "unit": _unit,
         "day": _day,
         "drawing": Markup,
+        "quoted": lambda text: Markup(_QUOTED.sub(r"<code>\1</code>", str(escape(text)))),
     }
     return environment.from_string(_resource("page.html"))
+
+
+_QUOTED = re.compile(r"`([^`\n]+)`")  # words of code in a text
 
 
 def _kind(block: Block) -> str:

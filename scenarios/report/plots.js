@@ -104,12 +104,13 @@
     switches() {
       const fold = element("details", "channels"), list = element("div", "list");
       fold.append(element("summary", "", "Panels"), list);
-      const names = [...new Set(this.panels.map((panel) => panel.y || panel.caption))].filter(Boolean);
+      const nameOf = (panel) => this.quantityOf(panel) || panel.caption;
+      const names = [...new Set(this.panels.map(nameOf))].filter(Boolean);
       for (const name of names) {
         const line = element("label"), box = document.createElement("input");
         box.type = "checkbox";
         box.checked = true;
-        box.addEventListener("change", () => { for (const each of this.charts) if ((each.panel.y || each.panel.caption) === name) each.place.hidden = !box.checked; });
+        box.addEventListener("change", () => { for (const each of this.charts) if (nameOf(each.panel) === name) each.place.hidden = !box.checked; });
         line.append(box, document.createTextNode(name));
         list.append(line);
       }
@@ -127,7 +128,7 @@
       this.grid.style.gridTemplateColumns = this.narrow ? "minmax(0, 1fr)" : `repeat(${columns}, minmax(0, 1fr))`;
       for (const panel of this.panels) {
         const place = element("div", "panel"), values = element("div", "values");
-        place.append(element("div", "title", [panel.y, panel.caption].filter(Boolean).join(" · ")), values);
+        place.append(element("div", "title", this.headingOf(panel)), values);
         place.hidden = hidden.has(panel);
         if (!this.narrow && columns > 1) { place.style.gridColumn = String(panel.place[2] + 1); place.style.gridRow = String(panel.place[1] + 1); }
         this.grid.append(place);
@@ -135,6 +136,17 @@
         const chart = new uPlot(this.options(panel, looks, values, place.clientWidth), data, place);
         this.charts.push({ chart, panel, place, looks });
       }
+    }
+
+    // A panel of a grid has the quantity of its row and the heading of its column.
+    headingOf(panel) {
+      const grid = this.panels.some((each) => each.place[2] > 0);
+      const top = grid && this.panels.find((each) => each.place[1] === 0 && each.place[2] === panel.place[2]);
+      return [this.quantityOf(panel), panel.caption || top?.caption].filter(Boolean).join(" · ");
+    }
+
+    quantityOf(panel) {
+      return panel.y || this.panels.find((each) => each.place[1] === panel.place[1] && each.place[2] === 0)?.y;
     }
 
     options(panel, looks, values, width) {

@@ -279,22 +279,27 @@ def test_line(tests: Sequence[ResidualTest]) -> str:
             else ""
         )
     axes = dict.fromkeys(AXES[test.channel] for test in tests if test.channel in AXES)
-    if len(axes) < 2:
-        return "residual is more than noise: " + "; ".join(
-            f"{test.channel}: {test.sentence}" for test in failed
+    several = len(axes) > 1
+    told: dict[str, list[str]] = {}  # sentences by channel, with its axis where there are several
+    for test in sorted(failed, key=lambda test: _place(test.channel, list(axes))):
+        axis = AXES.get(test.channel) if several else None
+        told.setdefault(f"{test.channel} ({axis})" if axis else test.channel, []).append(
+            test.sentence
         )
-    wrong = {axis: [test for test in failed if AXES.get(test.channel) == axis] for axis in axes}
-    told = [
-        f"in {axis} ({', '.join(f'{test.channel} {test.sentence}' for test in some)})"
-        for axis, some in wrong.items()
-        if some
-    ]
-    told += [f"{test.channel}: {test.sentence}" for test in failed if test.channel not in AXES]
-    sound = [axis for axis, some in wrong.items() if not some]
+    parts = [f"{name}: {', '.join(some)}" for name, some in told.items()]
+    wrong = {AXES.get(test.channel) for test in failed}
+    sound = [axis for axis in axes if axis not in wrong] if several else []
     return (
-        "residual is more than noise: "
-        f"{'; '.join(told)}{f'; consistent with noise in {_listed(sound)}' if sound else ''}"
+        "residual is more than noise (residual: measured minus predicted): "
+        f"{'; '.join(parts)}"
+        f"{f'; consistent with noise in {_listed(sound)}' if sound else ''}"
     )
+
+
+def _place(channel: str, axes: Sequence[str]) -> int:
+    """Place of a channel's axis among ``axes``; of a channel without one behind them all."""
+    axis = AXES.get(channel)
+    return axes.index(axis) if axis in axes else len(axes)
 
 
 def _listed(words: Sequence[str]) -> str:

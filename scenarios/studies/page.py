@@ -165,7 +165,9 @@ def _evidence(study: StudyResult) -> list[Block]:
             for name, std in zip(estimate.output_names, estimate.noise_std, strict=True)
         }
         blocks += [tests_table(f"Residual tests{label}", method.tests)] if method.tests else []
-        blocks += [levels_of_noise(f"Noise that the estimator took or found{label}", noise)]
+        blocks += [
+            levels_of_noise(f"Sensor noise of the estimator, declared or estimated{label}", noise)
+        ]
     return blocks
 
 

@@ -14,6 +14,7 @@ from ident.compatibility.fault_sets import chance_of, charge_of, probabilities, 
 from ident.compatibility.fitting import KinematicFit, difference_in_sigmas, unobservable_faults
 from ident.compatibility.kinematics import BIAS, BOOM, DELAY, DRIFT, LAG, PACKAGE, SensorFault
 from ident.compatibility.signals import (
+    NO_AIRSPEED,
     KinematicSignals,
     instruments_of,
     smoothed_walk,
@@ -442,10 +443,10 @@ def check(
             for name, count in s.spikes.items()
             if count
         ]
-    if not known_speed:
+    lacking = [name for name in relations(channels, speed=True) if name not in joined]
+    if lacking:
         notes.append(
-            "neither a recorded nor a given airspeed: the relations of alpha and beta cannot be "
-            "used; record it, or name a vehicle file that has it"
+            f"{NO_AIRSPEED}, without which these relations cannot be used: {', '.join(lacking)}"
         )
     if "phi" not in channels:
         notes.append(LEVEL)

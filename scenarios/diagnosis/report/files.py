@@ -127,8 +127,9 @@ CAPTIONS = {
     "held_out": ("Recorded and predicted outputs of data that were not fitted, with the residuals"),
     "residuals": "Residuals of the fitted data with the declared model and with the effects",
     "evidence": (
-        "Gain of each candidate as a bar, its log posterior odds, and why it was not chosen; "
-        "open bars are linearised"
+        "Log posterior odds of each candidate against the model of the round: gain of the log "
+        "evidence plus the log of the prior odds, above zero where the candidate is more probable "
+        "than its absence; at the right why it was not chosen; open bars are linearised"
     ),
     "derivatives": "Derivatives with the declared model and with the effects",
     "spectra": (
@@ -242,8 +243,9 @@ TONES = {
 }
 PRINTED = 10  # candidates that stand on paper
 CANDIDATES_NOTE = (
-    "Gain: increase of the log evidence when the candidate is added. With odds: the gain plus the "
-    "log of the prior odds; above zero the candidate is more probable than its absence. "
+    "Gain: increase of the log evidence when the candidate is added. Log odds: log posterior odds, "
+    "the gain plus the log of the prior odds; above zero the candidate is more probable than its "
+    "absence. "
     "Linearised: the gain is from the linearised model; the candidate was not fitted. "
     "Like: changes the outputs in nearly the same way."
 )
@@ -336,9 +338,8 @@ def _kinematics(tracing: Tracing) -> tuple[Section, ...]:
     limits = tuple(some.result.cannot_tell) if some.result is not None else ()
     records = (
         Prose(
-            "Without an aerodynamic model, but from records of the fit "
-            f"({', '.join(some.records)}): agreement supports the diagnosis and is not "
-            "independent of it.",
+            "This check has no aerodynamic model. It uses records of the diagnosis, so agreement "
+            "supports the diagnosis and is not independent of it.",
             "note",
         )
         if some.records

@@ -75,7 +75,7 @@ def candidates_table(
         (Column("round", PURE, left=True), [Number(c.round, digits=0) for c in some]),
         (Column("candidate"), [" + ".join((*c.within, c.name)) for c in some]),
         (Column("gain", PURE), [formatted(c.gain, ".1f") for c in some]),
-        (Column("with odds", PURE), [formatted(c.weight, ".1f") for c in some]),
+        (Column("log odds", PURE), [formatted(c.weight, ".1f") for c in some]),
         (Column("parameters"), [candidate_parameters(c) for c in some]),
         (Column("remarks"), [candidate_remarks(c) for c in some]),
     )
@@ -353,7 +353,11 @@ def kinematics_lines(
     ]
     lines = lines or ["kinematics alone find no sensor fault"]
     # The declared equations say as much themselves.
-    return [*lines, *(f"kinematics: {note}" for note in kinematics.result.notes if note != LEVEL)]
+    return [
+        *lines,
+        kinematics.source,
+        *(f"kinematics: {note}" for note in kinematics.result.notes if note != LEVEL),
+    ]
 
 
 def finding_sentence(finding: SensorFinding, wording: Wording) -> str:

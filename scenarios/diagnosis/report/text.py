@@ -24,7 +24,6 @@ from scenarios.diagnosis.report.tables import (
 from scenarios.diagnosis.report.wording import (
     Wording,
     group_sentence,
-    noise_word,
     nothing_stands,
     parameter_text,
     probability_sentence,
@@ -120,10 +119,10 @@ MEMBER_TITLE = (
 )
 CANDIDATE_TITLE = "best candidates of each round of the search"
 CANDIDATE_LEGEND = (
-    "gain: increase of the log evidence when the candidate is added; with odds: gain plus the log "
-    "of its prior odds, above zero where the candidate is more probable than its absence; "
-    "linearised: gain from the linearised model, not fitted; like: changes the outputs in nearly "
-    "the same way; guard: catch-all term of no effect of the library, which is never named"
+    "gain: increase of the log evidence when the candidate is added; log odds: log posterior odds, "
+    "gain plus the log of its prior odds, above zero where the candidate is more probable than its "
+    "absence; linearised: gain from the linearised model, not fitted; like: changes the outputs in "
+    "nearly the same way; guard: catch-all term of no effect of the library, which is never named"
 )
 
 
@@ -308,7 +307,7 @@ def _error_phrase(tracing: Tracing) -> str:
     factor, unit = shown_in(channel_units(tracing.model).get(fell, ""), fell)
     old, new = short(factor * before[fell]), short(factor * after[fell])
     change = old if nothing_stands(d) else f"{old} -> {new}" if old != new else new
-    tail = f", {noise_word(d, fell)} {short(factor * floors[fell])}" if fell in floors else ""
+    tail = f", estimated sensor noise {short(factor * floors[fell])}" if fell in floors else ""
     word = CHANNELS.get(fell, fell) if is_of_aircraft(tracing.model) else fell
     return f"{word.replace(' ', '-')} error {change} {unit} on {where_predicted(tracing)}{tail}"
 

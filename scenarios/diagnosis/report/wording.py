@@ -36,7 +36,7 @@ def record_labels(tracing: Tracing) -> list[str]:
     return [record.name for record in tracing.records]
 
 
-FLOOR, ESTIMATED, RESIDUAL = "noise floor", "sensor noise (estimated)", "residual"
+SENSOR_NOISE, RESIDUAL = "sensor noise (estimated)", "residual"
 EQUAL = 1e-9  # relative, to which a residual is its noise
 
 
@@ -44,12 +44,7 @@ def noise_headings(d: Diagnosis) -> tuple[str, ...]:
     """Headings of what stands beside an error: the noise, and the residual of the fit where that is
     another number in any channel.
     """
-    return (RESIDUAL, ESTIMATED) if is_coloured(d) else (FLOOR,)
-
-
-def noise_word(d: Diagnosis, channel: str) -> str:
-    """What the noise of a channel is called."""
-    return ESTIMATED if _apart(d, channel, residual_levels(d)) else FLOOR
+    return (RESIDUAL, SENSOR_NOISE) if is_coloured(d) else (SENSOR_NOISE,)
 
 
 def is_coloured(d: Diagnosis) -> bool:

@@ -317,3 +317,19 @@ def test_a_degenerate_fit_is_no_result_and_says_what_to_do(
         any(Outcome.DEGENERATE.hint in warning for warning in content["warnings"])
         and "caution: degenerate" in told
     )
+
+
+@pytest.mark.long
+def test_the_next_command_names_the_record_to_hold_out(
+    flightid: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    flightid.done("simulate", "trace-delay", "--out", "flight.csv")
+    fit = ("--model", "rigid", "--vehicle", "flight_vehicle.toml")
+    one = " ".join(flightid.done("identify", "flight.csv", *fit).split())
+    assert "a second record (--validate) would check the diagnosis; next:" in one
+    both = flightid.done("identify", "flight.csv", "flight_validate.csv", *fit)
+    assert "a second record" not in " ".join(both.split())
+    command = f"flightid diagnose flight.csv {' '.join(fit)} --validate flight_validate.csv"
+    assert command in both
+    assert "q (pitch): not white over 25 lags" in " ".join(both.split())

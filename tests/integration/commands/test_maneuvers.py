@@ -95,6 +95,8 @@ def test_the_table_and_the_folder(flightid: CommandLine, folder: Path, tmp_path:
         (tmp_path / "found" / "maneuvers.json").read_text(), parse_constant=pytest.fail
     )
     first, second = (each for each in content["maneuvers"] if each["kind"] != "trim")
+    for each in content["maneuvers"]:
+        assert f"--from {each['from']:.9g} --to {each['to']:.9g}" in told
     assert (first["kind"], first["axis"], first["channel"], first["unit"]) == (
         "3-2-1-1",
         "pitch",

@@ -246,7 +246,25 @@ def test_a_file_that_ends_within_a_row_is_read_without_it(
     path.write_text(cut)
     assert "note: the file ends within row 2001, which is left out" in flightid.done("map", path)
     path.write_text(cut + "\n")
-    assert "row 2001: 3 cells under a header of 4" in flightid.done("map", path)
+    refused = flightid.refused("map", path)
+    assert "no channel can be read, so no map is drafted" in refused
+    assert "row 2001: 3 cells under a header of 4" in refused
+
+
+@pytest.mark.long
+def test_a_column_that_cannot_be_read_is_left_out_and_others_without_a_channel_are_named(
+    flightid: CommandLine, tmp_path: Path
+) -> None:
+    path = by_hand(tmp_path, flight())
+    first, second, *rows = path.read_text().splitlines()
+    channel = first.split(",")[-1]
+    spoilt = ",".join([*second.split(",")[:-1], "bad"])
+    lines = [f"{first},spare", f"{spoilt},1", *(f"{row},1" for row in rows)]
+    path.write_text("\n".join(lines) + "\n")
+    told = flightid.done("map", path)
+    assert "# Columns without a channel: spare." in told and "NOT USABLE" not in told
+    assert told.count("'bad' is not a number") == 1 and "left out: " in told
+    assert f"column {channel!r}" in told
 
 
 @pytest.mark.long

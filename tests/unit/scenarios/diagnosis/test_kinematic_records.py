@@ -142,7 +142,8 @@ def test_accelerations_serve_as_load_factors_and_a_bias_is_told_as_one(
     biased = kinematics_of(
         [misread(one, "p", lambda record: record["p"].values + 0.03)], SETTINGS["lateral"], LATERAL
     )
-    (line,) = kinematics_lines(biased, [], Wording())
+    line, source = kinematics_lines(biased, [], Wording())
+    assert source == f"kinematics were checked on {one.name}: fitted data alone"
     assert (
         "bias:p, p reads 1.7" in line
         and "deg/s too much" in line

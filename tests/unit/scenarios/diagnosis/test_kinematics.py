@@ -152,7 +152,8 @@ def test_only_sensor_effects_are_compared_and_others_found_are_told() -> None:
     assert lines == [
         "kinematics alone give sensor-delay:q 0.0400 +- 0.0040 s, the pitch rate is read 0.040 s "
         "late (delay or lag: these records cannot tell); "
-        "the diagnosis does not name it"
+        "the diagnosis does not name it",
+        "kinematics were checked on a.csv: fitted data alone",
     ]
     assert kinematics_lines(checked(), [], Wording())[0] == "kinematics alone find no sensor fault"
 
@@ -281,6 +282,21 @@ def test_of_too_many_records_those_of_spread_airspeeds_are_kept() -> None:
     assert [
         each.name for each in spread([replace(measured_record(), name=str(i)) for i in range(5)], 3)
     ] == ["0", "1", "2"]
+
+
+def test_an_equally_likely_fault_is_printed_with_its_size_and_the_records_are_named() -> None:
+    both = [
+        finding("sensor-delay:alpha", 0.058, 0.004, ("sensor-lag:alpha",)),
+        finding("sensor-lag:alpha", 0.057, 0.004, ("sensor-delay:alpha",), kind="lag"),
+    ]
+    (found,) = agreements(checked(both), [LATE])
+    assert "or, equally well, sensor-lag:alpha 0.0570 +- 0.0040 s: agrees" in found.sentence
+    kinematics = Kinematics(("a.csv", "b.csv"), checked(both).result, held_out=True)
+    assert kinematics.source == (
+        "kinematics were checked on a.csv and b.csv: fitted and held-out data together"
+    )
+    many = Kinematics(tuple(f"{n}.csv" for n in range(6)), None)
+    assert "0.csv, 1.csv, 2.csv, 3.csv and 2 more: fitted data alone" in many.source
 
 
 def test_what_differs_is_said_with_both_values() -> None:

@@ -196,3 +196,14 @@ def test_practice_vehicles(model: str) -> None:
             and set(vehicle.constants) == set(CONSTANTS[model])
             and len(vehicle.derivatives) > 8
         )
+
+
+def test_a_check_takes_a_file_with_the_airspeed_alone(tmp_path: Path) -> None:
+    path = tmp_path / "short.toml"
+    path.write_text('name = "bomber"\nairspeed = "200 m/s"\nvane_arm = 3.0\n')
+    vehicle = read_any_vehicle(path)
+    assert (vehicle.name, vehicle.model) == ("bomber", "")
+    assert vehicle.constants == {"airspeed": 200.0, "vane_arm": 3.0}
+    path.write_text("airspeed = -1.0\n")
+    with pytest.raises(DeclarationError, match="airspeed: value -1"):
+        read_any_vehicle(path)

@@ -85,7 +85,7 @@ def test_evidence_has_the_longest_bar_on_top_and_the_claimed_one_blue() -> None:
     assert {to_hex(bar.get_facecolor()) for bar in tops[:-1]} & {BLUE.lower()} == set()
     assert (
         figure.axes[1].get_title(loc="left")
-        == "round 2, beside sensor-lag:alpha; nothing more was needed"
+        == "round 2, added to sensor-lag:alpha; nothing more was needed"
     )
 
 
@@ -119,10 +119,10 @@ def test_evidence_says_beside_each_bar_why_it_was_not_chosen() -> None:
     rows = rows_of(figure)
     assert rows == {
         "input-delay": ["1539", "claimed"],
-        "vane-offset": ["1531", "brings less"],
-        "actuator-lag": ["1528", "like the claimed, less"],
+        "vane-offset": ["1531", "lower odds"],
+        "actuator-lag": ["1528", "like the claimed, lower odds"],
         "guard:lagged-loads": ["1400", "no effect of the library"],
-        "elastic-mode": ["800", "linearised: brings less"],
+        "elastic-mode": ["800", "linearised: lower odds"],
         "speed-variation": ["−4.0", "not needed"],
     }
     (panel,) = figure.axes

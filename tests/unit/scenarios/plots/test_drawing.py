@@ -22,7 +22,15 @@ from scenarios.plots.drawing import (
     draw_for_page,
     page_svg,
 )
-from scenarios.plots.style import MEASURED, finish, make_sheet, method_style, time_axis, y_label
+from scenarios.plots.style import (
+    MEASURED,
+    finish,
+    hide_bold_title,
+    make_sheet,
+    method_style,
+    time_axis,
+    y_label,
+)
 from scenarios.report.figure_formats import CAPTIONS, caption_of
 
 MOST = 3_000_000  # bytes of a page
@@ -167,7 +175,13 @@ def test_figures_of_a_page_are_drawn_once_and_in_every_format(tmp_path: FilePath
     drawn = draw_for_page(named, tmp_path, ("png",))
     assert calls == stems == [each.stem for each in drawn]
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(f"{s}.png" for s in stems)
-    assert [each.svg for each in drawn] == [page_svg(one(), stem) for stem in stems]
+    assert drawn[0].svg == page_svg(one(), "record")
+    # A title that the page has already is cut off, and its words stay in the description.
+    again = one()
+    cut = hide_bold_title(again)
+    assert cut > 0.0 and drawn[1].svg == page_svg(again, "fit", cut)
+    assert [each.svg.count(">records") for each in drawn] == [1, 0, 0]
+    assert all('aria-label="records' in each.svg for each in drawn)
 
 
 def test_numbers_that_are_read_keep_their_digits() -> None:

@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from scenarios.plots import style
-from scenarios.report.document import reproduction
+from scenarios.report.document import Prose, reproduction
 from scenarios.report.folder import rebuilt, write_page
 from scenarios.report.html import page_html, page_of
 from sim.errors import FlightidError
@@ -64,6 +64,13 @@ def test_text_of_users_is_no_markup() -> None:
     words = "".join(PARSED.text)
     assert words.count(HOSTILE) == 7  # title twice, kind, summary, warning, list, command
     assert len(PARSED.all("script")) == 1 and not PARSED.all("b")
+
+
+def test_words_between_backticks_are_code_and_stay_text() -> None:
+    blocks = (Prose("The record of `rigid`, and `<b>`"), *PAGE.sections[0].blocks)
+    first = replace(PAGE.sections[0], blocks=blocks)
+    made = page_html(replace(PAGE, sections=(first, *PAGE.sections[1:])))
+    assert "The record of <code>rigid</code>, and <code>&lt;b&gt;</code>." in made
 
 
 def test_nothing_comes_from_outside_and_only_the_own_script_runs() -> None:

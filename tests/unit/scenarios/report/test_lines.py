@@ -18,46 +18,42 @@ def whiteness(channel: str, p_value: float) -> ResidualTest:
     )
 
 
+MORE = "residual is more than noise (residual: measured minus predicted): "
 LATERAL = ("beta", "p", "r", "phi", "ny")
 
 
 @pytest.mark.parametrize(
     ("wrong", "expected"),
     [
-        (("r",), "in yaw (r not white); consistent with noise in side force and roll"),
+        (("r",), "r (yaw): not white; consistent with noise in side force and roll"),
         (
             ("p", "phi"),
-            "in roll (p not white, phi not white); consistent with noise in side force and yaw",
+            "p (roll): not white; phi (roll): not white; "
+            "consistent with noise in side force and yaw",
         ),
         (
             ("ny", "r"),
-            "in side force (ny not white); in yaw (r not white); consistent with noise in roll",
+            "ny (side force): not white; r (yaw): not white; consistent with noise in roll",
         ),
         (
             LATERAL,
-            "in side force (beta not white, ny not white); in roll (p not white, phi not white); "
-            "in yaw (r not white)",
+            "beta (side force): not white; ny (side force): not white; p (roll): not white; "
+            "phi (roll): not white; r (yaw): not white",
         ),
     ],
 )
 def test_the_axis_that_fails_is_named(wrong: tuple[str, ...], expected: str) -> None:
     told = line_of([whiteness(name, 1e-9 if name in wrong else 0.4) for name in LATERAL])
-    assert told == f"residual is more than noise: {expected}"
+    assert told == f"{MORE}{expected}"
 
 
 def test_one_axis_needs_no_name_and_a_test_of_all_outputs_has_none() -> None:
-    assert (
-        line_of([whiteness("altitude", 1e-9)]) == "residual is more than noise: altitude: not white"
-    )
-    assert (
-        line_of([whiteness("q", 1e-9), whiteness("theta", 0.5)])
-        == "residual is more than noise: q: not white"
-    )
+    assert line_of([whiteness("altitude", 1e-9)]) == f"{MORE}altitude: not white"
+    assert line_of([whiteness("q", 1e-9), whiteness("theta", 0.5)]) == f"{MORE}q: not white"
     size = ResidualTest("nis", "all", 9.0, 1e-9, "innovations are 2 times the size")
     told = line_of([whiteness("airspeed", 0.3), whiteness("q", 0.3), size])
     assert told == (
-        "residual is more than noise: all: innovations are 2 times the size; consistent with noise "
-        "in speed and pitch"
+        f"{MORE}all: innovations are 2 times the size; consistent with noise in speed and pitch"
     )
     assert (
         line_of([whiteness("q", 0.3)]) == "residual: consistent with noise (q p = 0.3)"

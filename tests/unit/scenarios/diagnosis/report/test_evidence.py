@@ -231,7 +231,7 @@ def test_a_candidate_has_its_gain_and_the_same_with_its_odds() -> None:
     assert row_of(scale)[2:] == ["3.1", "-2.0", "scale 1.0100 +- 0.0040", ""]
     assert row_of(vane)[4:] == ["", "linearised; like sensor-lag:alpha"]
     assert row_of(speed)[2:4] == ["-2.5", "-7.6"]
-    assert "with odds" in text and "linearised" in text
+    assert "log odds" in text and "linearised" in text
     named = row_of(replace(scale, within=("vane-offset",)))[1]
     assert named == "vane-offset + sensor-scale:alpha"
 

@@ -1,5 +1,5 @@
-"""'Noise floor' is said of white residuals only; else the estimated sensor noise and the residual
-stand apart, and bands show the former.
+"""Errors are compared with the estimated sensor noise; a residual that is not white has a column of
+its own, and bands show the noise.
 """
 
 from __future__ import annotations
@@ -33,11 +33,13 @@ def coloured(verdict: Verdict) -> Tracing:
     return replace(tracing, diagnosis=replace(tracing.diagnosis, residual_std=left))
 
 
-def test_a_white_residual_is_the_noise_floor() -> None:
+def test_a_white_residual_is_the_noise_and_has_no_column_of_its_own() -> None:
     told = diagnosis_text(tracing_of(Verdict.TRACED))
-    assert "noise floor" in told and "estimated" not in told
-    shown = errors_table(tracing_of(Verdict.TRACED).diagnosis, "")
-    assert shown.columns[-1].heading == "noise floor"
+    assert "estimated sensor noise" in told and "noise floor" not in told
+    headings = [
+        column.heading for column in errors_table(tracing_of(Verdict.TRACED).diagnosis, "").columns
+    ]
+    assert headings[-1] == "sensor noise (estimated)" and "residual" not in headings
 
 
 @pytest.mark.parametrize("verdict", [Verdict.PARTIAL, Verdict.UNEXPLAINED])

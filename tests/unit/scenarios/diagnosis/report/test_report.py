@@ -115,7 +115,7 @@ def test_page_of_a_partial_verdict_shows_how_the_evidence_is_spread_and_what_was
         and "Under " in words
         and "These data cannot tell them apart" in words
     )
-    assert "with odds" in words and "linearised" in words
+    assert "log odds" in words and "linearised" in words
     assert "Kinematics alone No record measures <alpha> and q together." in words
     # The figure stands in its section, once.
     places = [
