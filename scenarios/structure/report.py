@@ -188,10 +188,9 @@ def findings(found: FoundStructure) -> list[str]:
                 f"{axis}: stepwise regression and orthogonal functions disagree: only one of them "
                 f"chose {names}."
             )
-        weak = [step.term.text for step in each.steps if step.added and step.F < F_IN]
-        kept = [text for text in weak if text in {term.text for term in each.terms}]
-        if kept and found.options.method == STEPWISE:
-            names, verb = ", ".join(kept), "is" if len(kept) == 1 else "are"
+        if each.confounders:
+            names = ", ".join(term.text for term in each.confounders)
+            verb = "is" if len(each.confounders) == 1 else "are"
             told.append(
                 f"{axis}: {names} {verb} weak (F below {F_IN:g}) and kept, because the value of "
                 "another term depends on it."
