@@ -131,7 +131,8 @@ class Selection:
     Attributes
     ----------
     axis : its name. method : ``stepwise`` or ``orthogonal``. steps : in order.
-    terms, values, sigma : chosen, ``(n,)``. covariance : ``(n, n)``.
+    terms, values, sigma : chosen, ``(n,)``. covariance : ``(n, n)``. ratios : partial F ratio of
+        each beside all others, ``(n,)``.
     r2, held_out : of the chosen model. rms : of the residual. noise : rms of the noise that the
         sensors explain.
     lacking : terms that were not offered and would explain the residual, with their F ratios.
@@ -145,6 +146,7 @@ class Selection:
     values: np.ndarray
     sigma: np.ndarray
     covariance: np.ndarray
+    ratios: np.ndarray
     r2: float
     held_out: float
     rms: float
@@ -456,6 +458,7 @@ def select(
         table = dict(zip([terms[i] for i in chosen], values.tolist(), strict=True))
         noise_squares = _noise_squares(histories, axis, table)
     residuals = columns.residuals(rows, chosen, values)
+    losses, left = losses_of(products, chosen)
     covariance = columns.covariance(products, chosen, values, rows)
     even = np.diag(columns.covariance(products, chosen, values, rows, local=False))
     made_of = [_simpler(terms, i) for i in range(len(terms))]
@@ -472,6 +475,7 @@ def select(
         values,
         np.sqrt(np.diag(covariance)),
         covariance,
+        np.array([ratio_of(products, loss, left, len(chosen)) for loss in losses]),
         1.0 - sse / products.spread if products.spread > 0.0 else 0.0,
         held,
         rms,

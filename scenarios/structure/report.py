@@ -54,7 +54,9 @@ def structure_text(found: FoundStructure, width: int = WIDTH, details: str = BEL
     """What was found, for the terminal; ``details``: where the rest is kept."""
     lines = [*summary_lines(structure_summary(found, details), width), ""]
     lines += wrapped(
-        f"angular accelerations to {found.histories[0].bandwidth:.2g} Hz; {_method(found)}", width
+        f"bandwidth of angular accelerations {found.histories[0].bandwidth:.2g} Hz; "
+        f"{_method(found)}",
+        width,
     )
     lines += table_as_lines(summary_table(found), width, keys=1)
     if found.predicted:
@@ -129,18 +131,21 @@ def prediction_table(found: FoundStructure) -> Table:
 
 
 def terms_table(found: FoundStructure, axis: str) -> Table:
-    """Values of a coefficient's terms, the step in which each came, and its variance inflation."""
+    """Values of a coefficient's terms, the partial F ratio of each beside all others, what the step
+    reached in which it came, and its variance inflation.
+    """
     each, together = found.selections[axis], found.collinearity[axis]
     inflation = dict(zip(together.terms, together.inflation.tolist(), strict=True))
     steps = {step.term: step for step in each.steps if step.added}
     rows: list[list[Cell]] = []
-    for term, value, sigma in zip(each.terms, each.values, each.sigma, strict=True):
+    numbers = (each.terms, each.values, each.sigma, each.ratios)
+    for term, value, sigma, F in zip(*numbers, strict=True):
         step = steps.get(term)
         rows.append(
             [
                 "constant" if not term.factors else term.text,
                 estimate(float(value), float(sigma)),
-                formatted(step.F, ".3g", PURE) if step else "",
+                formatted(float(F), ".3g", PURE) if term.factors else "",
                 formatted(step.r2, ".4f", PURE) if step else "",
                 *_held(step.held_out if step else math.nan, found),
                 formatted(step.pse, ".3g", PURE) if step else "",
@@ -166,7 +171,7 @@ def _held(value: float, found: FoundStructure) -> tuple[Cell, ...]:
 
 
 def findings(found: FoundStructure) -> list[str]:
-    """Sentences: what is lacking, where methods differ, what goes together and the remedy."""
+    """Sentences: missing terms, differences of the methods, collinear terms and the remedy."""
     told = _surfaces_together(found)
     for axis, each in found.selections.items():
         if each.lacking:
@@ -178,22 +183,24 @@ def findings(found: FoundStructure) -> list[str]:
             )
         elif each.r2 < 0.9 and each.ratio > 3.0:
             told.append(
-                f"{axis}: the terms explain {100 * each.r2:.0f} % and the residual is "
-                f"{each.ratio:.1f} times the noise; offer further terms (--degree 3, --splines)."
+                f"{axis}: the terms explain {100 * each.r2:.0f} % of the variance, and the "
+                f"residual is {each.ratio:.1f} times the noise. Offer further terms (--degree 3, "
+                "--splines)."
             )
         rest = set(found.other[axis].terms) ^ set(each.terms)
         if rest:
             names = ", ".join(sorted(t.text for t in rest))
             told.append(
-                f"{axis}: stepwise regression and orthogonal functions disagree: only one of them "
-                f"chose {names}."
+                f"{axis}: stepwise regression and orthogonal functions chose different terms. Only "
+                f"one of them chose {names}."
             )
         if each.confounders:
             names = ", ".join(term.text for term in each.confounders)
             verb = "is" if len(each.confounders) == 1 else "are"
             told.append(
-                f"{axis}: {names} {verb} weak (F below {F_IN:g}) and kept, because the value of "
-                "another term depends on it."
+                f"{axis}: {names} {verb} weak (F below {F_IN:g} for coloured residuals). The model "
+                f"keeps {'it' if verb == 'is' else 'them'}, because values of other terms would "
+                "change without."
             )
     for axis, together in found.collinearity.items():
         index = float(together.indices[0]) if len(together.indices) else 1.0
@@ -209,7 +216,7 @@ def findings(found: FoundStructure) -> list[str]:
 
 
 def _surfaces_together(found: FoundStructure) -> list[str]:
-    """Sentences on surfaces whose movements no record tells apart."""
+    """Sentences on surfaces that move together in all records."""
     rows = {}
     for name in commanded(found.aircraft):
         parts = [h.samples[name] - np.mean(h.samples[name]) for h in found.histories]
@@ -217,8 +224,8 @@ def _surfaces_together(found: FoundStructure) -> list[str]:
         if np.any(row):
             rows[name] = row / np.sqrt(row @ row)
     return [
-        f"{one} and {other} move together (correlation {float(rows[one] @ rows[other]):.3f}): "
-        "their effects cannot be told apart; move one after the other."
+        f"{one} and {other} move together (correlation {float(rows[one] @ rows[other]):.3f}). "
+        "Their effects cannot be separated. Move one after the other."
         for one, other in combinations(rows, 2)
         if abs(float(rows[one] @ rows[other])) > TOGETHER
     ]

@@ -307,4 +307,4 @@ def test_a_term_that_others_depend_on_is_told() -> None:
     text = " ".join(
         structure_text(replace(found, selections={**found.selections, "CL": weak})).split()
     )
-    assert f"CL: {last.text} is weak (F below 20) and kept, because the value" in text
+    assert f"CL: {last.text} is weak (F below 20 for coloured residuals). The model keeps" in text
