@@ -28,7 +28,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,6 +41,21 @@ from ident.structure.products import (
 )
 
 NEGLIGIBLE = 1e-3  # probability over that of the likeliest model, below which one is left out
+CLEARLY_LARGER = 2.0  # standard deviation over that of the chosen model, above which it is told why
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """A model that differs from the chosen one by one term.
+
+    Attributes
+    ----------
+    added, removed : columns; None where none is. probability : among the models that were averaged.
+    """
+
+    added: int | None
+    removed: int | None
+    probability: float
 
 
 def averaged_covariance(
@@ -50,7 +65,7 @@ def averaged_covariance(
     even: np.ndarray,
     linear: Collection[int],
     made_of: Sequence[Collection[int]],
-) -> np.ndarray:
+) -> tuple[np.ndarray, Alternative | None]:
     """Covariance ``(n, n)`` of the chosen values over the models that explain the data as well.
 
     Parameters
@@ -62,7 +77,8 @@ def averaged_covariance(
 
     Returns
     -------
-    The same with each standard deviation as large as the models ask, and never smaller than before.
+    The same with each standard deviation as large as the models ask, and never smaller than before;
+    and the likeliest other model where some standard deviation is clearly larger than before.
     """
     chosen = list(chosen)
     products = replace(
@@ -75,7 +91,7 @@ def averaged_covariance(
     values, own = values_of(products, chosen), variance_of(products, chosen)
     movable = [i for i in chosen if products.terms[i].factors]
     if not movable:
-        return covariance
+        return covariance, None
     sse = losses_of(products, chosen)[1]
     n = float(products.counts.sum())
     white = sse / max(n - len(chosen), 1.0)
@@ -84,8 +100,9 @@ def averaged_covariance(
     likeliest = max(log for log, _ in models)
     models = [(log, model) for log, model in models if log > likeliest + math.log(NEGLIGIBLE)]
     shares = np.exp([log - likeliest for log, _ in models])
+    shares /= shares.sum()
     square = np.zeros(len(chosen))
-    for share, (_, model) in zip(shares / shares.sum(), models, strict=True):
+    for share, (_, model) in zip(shares, models, strict=True):
         at = {column: place for place, column in enumerate(model)}
         there = values_of(products, model)
         spread = variance_of(products, model)
@@ -97,7 +114,24 @@ def averaged_covariance(
             else:
                 square[place] += share * values[place] ** 2
     ratio = np.sqrt(np.maximum(square / np.maximum(np.diag(covariance), 1e-300), 1.0))
-    return np.asarray(covariance * np.outer(ratio, ratio))
+    other = _likeliest_other(shares, models, chosen) if ratio.max() > CLEARLY_LARGER else None
+    return np.asarray(covariance * np.outer(ratio, ratio)), other
+
+
+def _likeliest_other(
+    shares: np.ndarray, models: Sequence[tuple[float, list[int]]], chosen: Sequence[int]
+) -> Alternative | None:
+    """The likeliest of the models that is not the chosen one."""
+    others = [
+        (float(share), model)
+        for share, (_, model) in zip(shares, models, strict=True)
+        if set(model) != set(chosen)
+    ]
+    if not others:
+        return None
+    share, model = max(others)
+    added, removed = (sorted(a) for a in (set(model) - set(chosen), set(chosen) - set(model)))
+    return Alternative(added[0] if added else None, removed[0] if removed else None, share)
 
 
 def _neighbours(

@@ -28,7 +28,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.structure.averaging import averaged_covariance
+from ident.structure.averaging import Alternative, averaged_covariance
 from ident.structure.coefficients import Histories
 from ident.structure.products import (
     LARGE,
@@ -137,6 +137,8 @@ class Selection:
         sensors explain.
     lacking : terms that were not offered and would explain the residual, with their F ratios.
     confounders : weak terms that were chosen because the values of others depend on them.
+    alternative : terms added and removed in another model that makes standard deviations clearly
+        larger, and its probability.
     """
 
     axis: str
@@ -153,6 +155,7 @@ class Selection:
     noise: float
     lacking: tuple[tuple[Term, float, float], ...] = ()
     confounders: tuple[Term, ...] = ()
+    alternative: tuple[Term | None, Term | None, float] | None = None
 
     @property
     def table(self) -> dict[Term, float]:
@@ -462,7 +465,7 @@ def select(
     covariance = columns.covariance(products, chosen, values, rows)
     even = np.diag(columns.covariance(products, chosen, values, rows, local=False))
     made_of = [_simpler(terms, i) for i in range(len(terms))]
-    covariance = averaged_covariance(products, chosen, covariance, even, linear, made_of)
+    covariance, other = averaged_covariance(products, chosen, covariance, even, linear, made_of)
     sse = sum(float(e @ e) for e in residuals)
     n = float(products.counts.sum())
     noise = math.sqrt(noise_squares / n)
@@ -481,10 +484,16 @@ def select(
         rms,
         noise,
         confounders=tuple(terms[i] for i in chosen[strong:]),
+        alternative=None if other is None else _as_terms(other, terms),
     )
     if not further or rms < LARGE * noise:
         return found
     return _with_lacking(found, histories, further, products.spread)
+
+
+def _as_terms(other: Alternative, terms: Sequence[Term]) -> tuple[Term | None, Term | None, float]:
+    added, removed = (None if i is None else terms[i] for i in (other.added, other.removed))
+    return added, removed, other.probability
 
 
 def _noise_squares(histories: Sequence[Histories], axis: str, table: Mapping[Term, float]) -> float:

@@ -38,6 +38,7 @@ from scenarios.report.shared_tables import rows_table
 from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines, wrapped
 from scenarios.report.terminal import table_as_lines
 from scenarios.structure.study import FoundStructure
+from sim.aerodynamics import Term
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -194,13 +195,15 @@ def findings(found: FoundStructure) -> list[str]:
                 f"{axis}: stepwise regression and orthogonal functions chose different terms. Only "
                 f"one of them chose {names}."
             )
+        if each.alternative:
+            told.append(f"{axis}: {_other_model(*each.alternative)}")
         if each.confounders:
             names = ", ".join(term.text for term in each.confounders)
             verb = "is" if len(each.confounders) == 1 else "are"
             told.append(
                 f"{axis}: {names} {verb} weak (F below {F_IN:g} for coloured residuals). The model "
-                f"keeps {'it' if verb == 'is' else 'them'}, because values of other terms would "
-                "change without."
+                f"keeps {(them := 'it' if verb == 'is' else 'them')}, because the values of other "
+                f"terms depend on {them}."
             )
     for axis, together in found.collinearity.items():
         index = float(together.indices[0]) if len(together.indices) else 1.0
@@ -213,6 +216,21 @@ def findings(found: FoundStructure) -> list[str]:
             )
             told += [f"To separate {advice}." for advice in together.advice]
     return list(dict.fromkeys(told))
+
+
+def _other_model(added: Term | None, removed: Term | None, probability: float) -> str:
+    """Sentences on another model that explains the data as well."""
+    if added is None and removed is not None:
+        what = f"a model without {removed.text}"
+    elif removed is None and added is not None:
+        what = f"a model that also has {added.text}"
+    else:
+        assert added is not None and removed is not None
+        what = f"a model with {added.text} in the place of {removed.text}"
+    return (
+        f"{what} explains the data nearly as well (probability {100 * probability:.0f} %). The "
+        "standard deviations include this, those of identify do not. More maneuvers would decide."
+    )
 
 
 def _surfaces_together(found: FoundStructure) -> list[str]:

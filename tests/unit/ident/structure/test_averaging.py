@@ -31,7 +31,8 @@ def averaged(columns: np.ndarray, z: np.ndarray, chosen: list[int]) -> tuple[np.
     products = products_of([columns], [z], OFFERED)
     even = np.diag(covariance)
     made_of: list[list[int]] = [[], [], [], [], [1]]
-    found = averaged_covariance(products, chosen, covariance, even, LINEAR, made_of)
+    found, other = averaged_covariance(products, chosen, covariance, even, LINEAR, made_of)
+    assert other is None or 0.0 < other.probability <= 1.0
     return values, np.sqrt(even), np.sqrt(np.diag(found))
 
 
@@ -80,3 +81,18 @@ def test_intervals_hold_the_truth_where_a_weak_term_is_left_out() -> None:
         whole.append(error[1] < 2.0 * found[1])
     # 40 % and 76 %: models two terms away do not count, nor those that a search would choose.
     assert np.mean(plain) < 0.5 and np.mean(whole) > 0.7
+
+
+def test_the_model_that_makes_deviations_larger_is_named() -> None:
+    """The elevator took the place of alpha, with which it is nearly proportional."""
+    columns, z = data(0.995, 0.0)
+    part = columns[:, [0, 2, 3]]
+    values, square, *_ = np.linalg.lstsq(part, z, rcond=None)
+    covariance = float(square[0]) / 197 * np.linalg.inv(part.T @ part)
+    products = products_of([columns], [z], OFFERED)
+    made_of: list[list[int]] = [[], [], [], [], [1]]
+    found, other = averaged_covariance(
+        products, [0, 2, 3], covariance, np.diag(covariance), LINEAR, made_of
+    )
+    assert other is not None and (other.added, other.removed) == (1, 3)
+    assert other.probability > 0.5 and 2.0 * np.sqrt(found[2, 2]) > abs(values[2])
