@@ -1,4 +1,4 @@
-"""How far terms go together in the maneuvers, and the maneuver that would tell them apart.
+"""Collinearity of terms in the maneuvers, and the maneuver that would separate them.
 
 Variance inflation factors, correlations of pairs, and condition indices of the columns with the
 terms whose variances share one [1]_.
@@ -25,7 +25,7 @@ _SHARE = 0.5  # of a variance, that belongs to one index
 
 @dataclass(frozen=True, eq=False)
 class Collinearity:
-    """How far the chosen terms of a coefficient go together.
+    """Collinearity of the chosen terms of a coefficient.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class Collinearity:
     inflation : variance inflation factors, ``(n,)``. correlations : pairs of terms above
         ``HIGH_CORRELATION``. indices : condition indices of the columns at unit length, descending.
     groups : terms whose variances share a condition index above ``HIGH_INDEX``.
-    advice : maneuvers that would tell them apart, a sentence each.
+    advice : maneuvers that would separate them, a sentence each.
     """
 
     axis: str
@@ -48,7 +48,7 @@ class Collinearity:
 def collinearity_of(
     axis: str, terms: Sequence[Term], columns: np.ndarray, surfaces: Collection[str]
 ) -> Collinearity:
-    """How far terms go together in the maneuvers.
+    """Collinearity of terms in the maneuvers.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def collinearity_of(
 
 
 def _advice(terms: Sequence[Term], surfaces: Collection[str]) -> str:
-    """The maneuver that moves the terms apart."""
+    """The maneuver that would separate the terms."""
     signals = sorted(set().union(*(term.signals for term in terms)))
     moved = [name for name in signals if name in surfaces]
     flown = [name for name in signals if name not in surfaces]
@@ -107,14 +107,17 @@ def _advice(terms: Sequence[Term], surfaces: Collection[str]) -> str:
             "without correlation (orthogonal multisines)"
         )
     if moved and flown:
-        how = "short pulses beside long ones (3-2-1-1, sweep)"
-        return f"{told}: move {moved[0]} faster than {' and '.join(flown)} follow, {how}"
+        follow = "follows" if len(flown) == 1 else "follow"
+        return (
+            f"{told}: move {moved[0]} faster than {' and '.join(flown)} {follow}, by short and "
+            "long pulses in one maneuver (3-2-1-1) or by a sweep"
+        )
     if len(flown) > 1 and "alpha" in flown and "q" in flown:
-        return f"{told}: pull-ups and turns at several load factors, where q is held at its alpha"
+        return f"{told}: fly pull-ups and turns at several load factors"
     if {"beta", "p", "r"} & set(flown) and len(flown) > 1:
-        return f"{told}: steady sideslips and rolls (bank to bank) beside the rudder doublets"
+        return f"{told}: add steady sideslips and rolls (bank to bank) to the rudder doublets"
     if "mach" in flown:
         return f"{told}: repeat the maneuver at other airspeeds"
     if flown:
         return f"{told}: cover a larger range of {' and '.join(flown)}, as in a slow deceleration"
-    return f"{told}: larger deflections of {' and '.join(moved)}" if moved else ""
+    return f"{told}: use larger deflections of {' and '.join(moved)}" if moved else ""

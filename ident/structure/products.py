@@ -197,6 +197,12 @@ def values_of(products: Products, chosen: Sequence[int]) -> np.ndarray:
     return np.asarray(found.values / found.scale[found.chosen])
 
 
+def variance_of(products: Products, chosen: Sequence[int]) -> np.ndarray:
+    """Variances of the chosen values for white residuals of unit variance, ``(n,)``."""
+    found = normal_of(products, chosen)
+    return np.asarray(found.variance / found.scale[found.chosen] ** 2)
+
+
 def gains_of(products: Products, chosen: Sequence[int]) -> tuple[np.ndarray, float]:
     """Sum of squares that each further column would explain, ``(k,)``, and what is left now.
 
@@ -259,16 +265,24 @@ def covariance_of(
     *,
     local: bool = True,
 ) -> np.ndarray:
-    """Covariance ``(n, n)`` of the values with the autocorrelation of the residuals (Bartlett's
-    weights), as of one variance throughout, and where ``local`` as of residuals that are larger in
-    places, as where a noisy alpha turns a large lift into drag (White; Newey and West): the larger
-    of both.
+    """Covariance ``(n, n)`` of the values with the autocorrelation of the residuals, as of one
+    variance throughout, and where ``local`` as of residuals that are larger in places, as where a
+    noisy alpha turns a large lift into drag (White; Newey and West): the larger of both.
+
+    Lags are weighted by a trapezoid, 1 up to half of them [1]_: noise of angular accelerations is
+    weak at low frequencies, which Bartlett's triangle hides. The triangle serves where the
+    trapezoid leaves a variance that is not positive.
 
     Parameters
     ----------
     parts, residuals : ``(M, n)`` and ``(M,)`` by maneuver.
     drifts : ``(n,)`` by maneuver, mean of column times residual, by the noise of the signals.
     noise : ``(n, n)`` that the noise of the signals adds to the products of the columns.
+
+    References
+    ----------
+    .. [1] D. N. Politis and J. P. Romano, Bias-corrected nonparametric spectral estimation, Journal
+       of Time Series Analysis 16(1), 1995.
     """
     gram = sum(part.T @ part for part in parts)
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
@@ -277,17 +291,30 @@ def covariance_of(
     inverse, _ = clean_inverse(gram / outer, noise / outer)
     shifts: Any = np.zeros((len(parts), len(gram))) if drifts is None else drifts
     n, count = sum(len(e) for e in residuals), len(gram)
-    even, uneven = np.zeros((2, *inverse.shape))
     scores = [
         (X * e[:, None] - shift) / scale
         for X, e, shift in zip(parts, residuals, shifts, strict=True)
     ]
+    even: list[Any] = []
+    uneven: list[Any] = []
     for lag in range(min(_LAGS, min(len(e) for e in residuals) - 1) + 1):
-        weight = (0.5 if lag == 0 else 1.0 - lag / (_LAGS + 1.0)) * n / max(n - count, 1)
         together = sum(float(e[: len(e) - lag] @ e[lag:]) for e in residuals)
         pairs = [(X[: len(X) - lag] / scale, X[lag:] / scale) for X in parts]
-        even += weight * together / n * sum(a.T @ b for a, b in pairs)
-        uneven += weight * sum(each[: len(each) - lag].T @ each[lag:] for each in scores)
-    even, uneven = (inverse @ (each + each.T) @ inverse for each in (even, uneven))
-    larger = np.maximum(local * np.diag(uneven) / np.maximum(np.diag(even), 1e-300), 1.0)
-    return np.asarray(even * np.sqrt(np.outer(larger, larger)) / outer)
+        even.append(together / n * sum(a.T @ b for a, b in pairs))
+        uneven.append(sum(each[: len(each) - lag].T @ each[lag:] for each in scores))
+    freedom = n / max(n - count, 1)
+    one, other = (freedom * inverse @ _over_lags(each) @ inverse for each in (even, uneven))
+    larger = np.maximum(local * np.diag(other) / np.maximum(np.diag(one), 1e-300), 1.0)
+    return np.asarray(one * np.sqrt(np.outer(larger, larger)) / outer)
+
+
+def _over_lags(products: Sequence[np.ndarray]) -> np.ndarray:
+    """Weighted sum of ``(n, n)`` products by lag and their transposes."""
+    triangle = 1.0 - np.arange(len(products)) / (_LAGS + 1.0)
+    for weights in (np.minimum(2.0 * triangle, 1.0), triangle):
+        weights[0] = 0.5
+        half = np.tensordot(weights, np.array(products), 1)
+        whole = np.asarray(half + half.T)
+        if np.linalg.eigvalsh(whole)[0] > 0.0:
+            break
+    return whole

@@ -28,6 +28,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ident.structure.averaging import Alternative, averaged_covariance
 from ident.structure.coefficients import Histories
 from ident.structure.products import (
     LARGE,
@@ -130,10 +131,14 @@ class Selection:
     Attributes
     ----------
     axis : its name. method : ``stepwise`` or ``orthogonal``. steps : in order.
-    terms, values, sigma : chosen, ``(n,)``. covariance : ``(n, n)``.
+    terms, values, sigma : chosen, ``(n,)``. covariance : ``(n, n)``. ratios : partial F ratio of
+        each beside all others, ``(n,)``.
     r2, held_out : of the chosen model. rms : of the residual. noise : rms of the noise that the
         sensors explain.
     lacking : terms that were not offered and would explain the residual, with their F ratios.
+    confounders : weak terms that were chosen because the values of others depend on them.
+    alternative : terms added and removed in another model that makes standard deviations clearly
+        larger, and its probability.
     """
 
     axis: str
@@ -143,11 +148,14 @@ class Selection:
     values: np.ndarray
     sigma: np.ndarray
     covariance: np.ndarray
+    ratios: np.ndarray
     r2: float
     held_out: float
     rms: float
     noise: float
     lacking: tuple[tuple[Term, float, float], ...] = ()
+    confounders: tuple[Term, ...] = ()
+    alternative: tuple[Term | None, Term | None, float] | None = None
 
     @property
     def table(self) -> dict[Term, float]:
@@ -161,7 +169,12 @@ class Selection:
 
 
 def stepwise(
-    products: Products, f_in: float = F_IN, least: float = LEAST, *, hierarchical: bool = False
+    products: Products,
+    f_in: float = F_IN,
+    least: float = LEAST,
+    *,
+    first: Sequence[int] = (),
+    hierarchical: bool = False,
 ) -> tuple[list[int], list[SelectionStep]]:
     """Columns chosen by stepwise regression, and the steps.
 
@@ -170,12 +183,14 @@ def stepwise(
     products : the constant term's column, if offered, begins in the model.
     f_in : least partial F ratio of a term. least : share of the variance that it explains at least;
         while the residual is above ``LARGE`` times the noise, ``OF_RESIDUAL`` of it is enough.
+    first : columns that enter before the others, whatever they explain: two terms that mask each
+        other explain little alone. They leave as all terms do.
     hierarchical : a product enters after the linear terms of its symmetry, where they are offered.
     """
     above = _parents(products.terms, hierarchical)
-    chosen = [i for i, term in enumerate(products.terms) if not term.factors]
-    steps: list[SelectionStep] = []
+    chosen, steps = _entered(products, first)
     seen: set[frozenset[int]] = set()
+    chosen = _supported(products, chosen, steps, above, f_in, least)
     while frozenset(chosen) not in seen:
         seen.add(frozenset(chosen))
         gains, sse = gains_of(products, chosen)
@@ -188,20 +203,48 @@ def stepwise(
             continue
         chosen = [*chosen, best]
         steps.append(_step(products, chosen, best, True, F))
-        while len(chosen) > 2:
-            losses, sse = losses_of(products, chosen)
-            needed = _needed(products.terms, chosen, above)
-            losses = [
-                math.inf if i in needed else loss for i, loss in zip(chosen, losses, strict=True)
-            ]
-            worst = int(np.argmin(losses))
-            F = ratio_of(products, losses[worst], sse, len(chosen))
-            if f_in <= F and losses[worst] >= 0.5 * products.least_gain(least, sse):
-                break
-            gone = chosen[worst]
-            chosen = [i for i in chosen if i != gone]
-            steps.append(_step(products, chosen, gone, False, F))
+        chosen = _supported(products, chosen, steps, above, f_in, least)
     return chosen, steps
+
+
+def _entered(products: Products, first: Sequence[int]) -> tuple[list[int], list[SelectionStep]]:
+    """The constant and the columns ``first``, those that explain most before the others; without
+    those whose own part is mostly noise.
+    """
+    chosen = [i for i, term in enumerate(products.terms) if not term.factors]
+    steps: list[SelectionStep] = []
+    while True:
+        gains, sse = gains_of(products, chosen)
+        gains = np.where(np.isin(np.arange(len(gains)), first), gains, 0.0)
+        best = _best(gains) if len(gains) else -1
+        if best < 0 or not gains[best] > 0.0:
+            return chosen, steps
+        F = ratio_of(products, gains[best], sse - gains[best], len(chosen) + 1)
+        chosen = [*chosen, best]
+        steps.append(_step(products, chosen, best, True, F))
+
+
+def _supported(
+    products: Products,
+    chosen: list[int],
+    steps: list[SelectionStep],
+    above: Sequence[frozenset[int]],
+    f_in: float,
+    least: float,
+) -> list[int]:
+    """The chosen columns without those that explain too little; ``steps`` is continued."""
+    while len(chosen) > 2:
+        losses, sse = losses_of(products, chosen)
+        needed = _needed(products.terms, chosen, above)
+        losses = [math.inf if i in needed else loss for i, loss in zip(chosen, losses, strict=True)]
+        worst = int(np.argmin(losses))
+        F = ratio_of(products, losses[worst], sse, len(chosen))
+        if f_in <= F and losses[worst] >= 0.5 * products.least_gain(least, sse):
+            break
+        gone = chosen[worst]
+        chosen = [i for i in chosen if i != gone]
+        steps.append(_step(products, chosen, gone, False, F))
+    return chosen
 
 
 def _exchanged(
@@ -258,6 +301,13 @@ def _parents(terms: Sequence[Term], hierarchical: bool) -> list[frozenset[int]]:
     return [frozenset(at[each] for each in parents(term) if each in at) for term in terms]
 
 
+def _linear(terms: Sequence[Term], axis: str) -> list[int]:
+    """Columns of linear terms that the symmetry of the aircraft allows; Mach number is none, as it
+    hardly moves.
+    """
+    return [i for i, each in enumerate(terms) if is_linear(each, axis) and each.signals != {"mach"}]
+
+
 def _needed(
     terms: Sequence[Term], chosen: Sequence[int], above: Sequence[frozenset[int]]
 ) -> set[int]:
@@ -310,10 +360,7 @@ def _with_confounders(
     .. [1] R. M. Mickey and S. Greenland, The impact of confounder selection criteria on effect
        estimation, American Journal of Epidemiology 129(1), 1989.
     """
-    terms = products.terms
-    offered = [
-        i for i, term in enumerate(terms) if is_linear(term, axis) and term.signals != {"mach"}
-    ]
+    offered = _linear(products.terms, axis)
     while True:
         gains, _ = gains_of(products, chosen)
         values = values_of(products, chosen)
@@ -373,6 +420,7 @@ def select(
     columns: TermColumns | None = None,
     *,
     hierarchical: bool = False,
+    baseline: bool = False,
 ) -> Selection:
     """The terms of one coefficient.
 
@@ -382,6 +430,7 @@ def select(
     method : ``stepwise`` or ``orthogonal``. further : terms that are not offered, by which a
         residual is explained that is larger than the noise.
     columns : of ``terms`` where they are known. hierarchical : see ``stepwise``.
+    baseline : increments to a model that has the linear terms, which then need not enter first.
 
     Returns
     -------
@@ -396,19 +445,27 @@ def select(
     products = columns.products(histories, axis)
     rows = [h.coefficients[axis] for h in histories]
     noise_squares = _noise_squares(histories, axis, {})
+    linear = _linear(terms, axis)
     for _ in range(2):  # the noise of the signals is known when terms have values
         products = replace(products, noise=noise_squares)
         if method == STEPWISE:
-            chosen, steps = stepwise(products, hierarchical=hierarchical)
+            first = () if baseline else linear
+            chosen, steps = stepwise(products, first=first, hierarchical=hierarchical)
             chosen, steps = _without_weak(products, chosen, steps, columns, rows, hierarchical)
+            strong = len(chosen)
             chosen, steps = _with_confounders(products, chosen, steps, columns, rows, axis)
         else:
             chosen, steps = orthogonal(products)
+            strong = len(chosen)
         values, held = values_of(products, chosen), held_out_of(products, chosen)
         table = dict(zip([terms[i] for i in chosen], values.tolist(), strict=True))
         noise_squares = _noise_squares(histories, axis, table)
     residuals = columns.residuals(rows, chosen, values)
+    losses, left = losses_of(products, chosen)
     covariance = columns.covariance(products, chosen, values, rows)
+    even = np.diag(columns.covariance(products, chosen, values, rows, local=False))
+    made_of = [_simpler(terms, i) for i in range(len(terms))]
+    covariance, other = averaged_covariance(products, chosen, covariance, even, linear, made_of)
     sse = sum(float(e @ e) for e in residuals)
     n = float(products.counts.sum())
     noise = math.sqrt(noise_squares / n)
@@ -421,14 +478,22 @@ def select(
         values,
         np.sqrt(np.diag(covariance)),
         covariance,
+        np.array([ratio_of(products, loss, left, len(chosen)) for loss in losses]),
         1.0 - sse / products.spread if products.spread > 0.0 else 0.0,
         held,
         rms,
         noise,
+        confounders=tuple(terms[i] for i in chosen[strong:]),
+        alternative=None if other is None else _as_terms(other, terms),
     )
     if not further or rms < LARGE * noise:
         return found
     return _with_lacking(found, histories, further, products.spread)
+
+
+def _as_terms(other: Alternative, terms: Sequence[Term]) -> tuple[Term | None, Term | None, float]:
+    added, removed = (None if i is None else terms[i] for i in (other.added, other.removed))
+    return added, removed, other.probability
 
 
 def _noise_squares(histories: Sequence[Histories], axis: str, table: Mapping[Term, float]) -> float:

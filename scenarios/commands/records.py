@@ -413,9 +413,10 @@ def find_structure(
     print(structure_text(found, terminal_width(), details_in(out)), end="")
     if out is not None:
         names = " ".join(str(each) for each in request.records)
+        channels = "" if request.channels is None else f"--channels {request.channels} "
         print(
             f"refine: flightid identify {names} --model aircraft --vehicle {out / VEHICLE} "
-            "--out FIT"
+            f"{channels}--out FIT"
         )
         print(written_to(out))
 

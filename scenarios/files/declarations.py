@@ -404,7 +404,8 @@ def read_channel_map(
     "deg"}`` or ``elevator = {sum = ["a", "b"], scale = 0.5}``; with ``airspeed = false`` the record
     counts as one without that channel.
 
-    ``allowed``: all channels that there are.
+    ``allowed``: channels of the model. Further usual channels may be in the map, as in a draft that
+    ``flightid map`` wrote.
 
     Raises
     ------
@@ -413,7 +414,7 @@ def read_channel_map(
     """
     from scenarios.files.schemas import channel_map
 
-    schema = channel_map(tuple(allowed))
+    schema = channel_map(tuple(dict.fromkeys((*allowed, *CHANNEL_UNITS))))
     content, where = (path, "channels") if isinstance(path, Mapping) else (read_toml(path), path)
     chosen = checked(schema, content, where)
     entries = {

@@ -38,6 +38,7 @@ from scenarios.report.shared_tables import rows_table
 from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines, wrapped
 from scenarios.report.terminal import table_as_lines
 from scenarios.structure.study import FoundStructure
+from sim.aerodynamics import Term
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -54,7 +55,9 @@ def structure_text(found: FoundStructure, width: int = WIDTH, details: str = BEL
     """What was found, for the terminal; ``details``: where the rest is kept."""
     lines = [*summary_lines(structure_summary(found, details), width), ""]
     lines += wrapped(
-        f"angular accelerations to {found.histories[0].bandwidth:.2g} Hz; {_method(found)}", width
+        f"bandwidth of angular accelerations {found.histories[0].bandwidth:.2g} Hz; "
+        f"{_method(found)}",
+        width,
     )
     lines += table_as_lines(summary_table(found), width, keys=1)
     if found.predicted:
@@ -129,18 +132,21 @@ def prediction_table(found: FoundStructure) -> Table:
 
 
 def terms_table(found: FoundStructure, axis: str) -> Table:
-    """Values of a coefficient's terms, the step in which each came, and its variance inflation."""
+    """Values of a coefficient's terms, the partial F ratio of each beside all others, what the step
+    reached in which it came, and its variance inflation.
+    """
     each, together = found.selections[axis], found.collinearity[axis]
     inflation = dict(zip(together.terms, together.inflation.tolist(), strict=True))
     steps = {step.term: step for step in each.steps if step.added}
     rows: list[list[Cell]] = []
-    for term, value, sigma in zip(each.terms, each.values, each.sigma, strict=True):
+    numbers = (each.terms, each.values, each.sigma, each.ratios)
+    for term, value, sigma, F in zip(*numbers, strict=True):
         step = steps.get(term)
         rows.append(
             [
                 "constant" if not term.factors else term.text,
                 estimate(float(value), float(sigma)),
-                formatted(step.F, ".3g", PURE) if step else "",
+                formatted(float(F), ".3g", PURE) if term.factors else "",
                 formatted(step.r2, ".4f", PURE) if step else "",
                 *_held(step.held_out if step else math.nan, found),
                 formatted(step.pse, ".3g", PURE) if step else "",
@@ -166,7 +172,7 @@ def _held(value: float, found: FoundStructure) -> tuple[Cell, ...]:
 
 
 def findings(found: FoundStructure) -> list[str]:
-    """Sentences: what is lacking, where methods differ, what goes together and the remedy."""
+    """Sentences: missing terms, differences of the methods, collinear terms and the remedy."""
     told = _surfaces_together(found)
     for axis, each in found.selections.items():
         if each.lacking:
@@ -178,23 +184,26 @@ def findings(found: FoundStructure) -> list[str]:
             )
         elif each.r2 < 0.9 and each.ratio > 3.0:
             told.append(
-                f"{axis}: the terms explain {100 * each.r2:.0f} % and the residual is "
-                f"{each.ratio:.1f} times the noise; offer further terms (--degree 3, --splines)."
+                f"{axis}: the terms explain {100 * each.r2:.0f} % of the variance, and the "
+                f"residual is {each.ratio:.1f} times the noise. Offer further terms (--degree 3, "
+                "--splines)."
             )
         rest = set(found.other[axis].terms) ^ set(each.terms)
         if rest:
             names = ", ".join(sorted(t.text for t in rest))
             told.append(
-                f"{axis}: stepwise regression and orthogonal functions disagree: only one of them "
-                f"chose {names}."
+                f"{axis}: stepwise regression and orthogonal functions chose different terms. Only "
+                f"one of them chose {names}."
             )
-        weak = [step.term.text for step in each.steps if step.added and step.F < F_IN]
-        kept = [text for text in weak if text in {term.text for term in each.terms}]
-        if kept and found.options.method == STEPWISE:
-            names, verb = ", ".join(kept), "is" if len(kept) == 1 else "are"
+        if each.alternative:
+            told.append(f"{axis}: {_other_model(*each.alternative)}")
+        if each.confounders:
+            names = ", ".join(term.text for term in each.confounders)
+            verb = "is" if len(each.confounders) == 1 else "are"
             told.append(
-                f"{axis}: {names} {verb} weak (F below {F_IN:g}) and kept, because the value of "
-                "another term depends on it."
+                f"{axis}: {names} {verb} weak (F below {F_IN:g} for coloured residuals). The model "
+                f"keeps {(them := 'it' if verb == 'is' else 'them')}, because the values of other "
+                f"terms depend on {them}."
             )
     for axis, together in found.collinearity.items():
         index = float(together.indices[0]) if len(together.indices) else 1.0
@@ -209,8 +218,23 @@ def findings(found: FoundStructure) -> list[str]:
     return list(dict.fromkeys(told))
 
 
+def _other_model(added: Term | None, removed: Term | None, probability: float) -> str:
+    """Sentences on another model that explains the data as well."""
+    if added is None and removed is not None:
+        what = f"a model without {removed.text}"
+    elif removed is None and added is not None:
+        what = f"a model that also has {added.text}"
+    else:
+        assert added is not None and removed is not None
+        what = f"a model with {added.text} in the place of {removed.text}"
+    return (
+        f"{what} explains the data nearly as well (probability {100 * probability:.0f} %). The "
+        "standard deviations include this, those of identify do not. More maneuvers would decide."
+    )
+
+
 def _surfaces_together(found: FoundStructure) -> list[str]:
-    """Sentences on surfaces whose movements no record tells apart."""
+    """Sentences on surfaces that move together in all records."""
     rows = {}
     for name in commanded(found.aircraft):
         parts = [h.samples[name] - np.mean(h.samples[name]) for h in found.histories]
@@ -218,8 +242,8 @@ def _surfaces_together(found: FoundStructure) -> list[str]:
         if np.any(row):
             rows[name] = row / np.sqrt(row @ row)
     return [
-        f"{one} and {other} move together (correlation {float(rows[one] @ rows[other]):.3f}): "
-        "their effects cannot be told apart; move one after the other."
+        f"{one} and {other} move together (correlation {float(rows[one] @ rows[other]):.3f}). "
+        "Their effects cannot be separated. Move one after the other."
         for one, other in combinations(rows, 2)
         if abs(float(rows[one] @ rows[other])) > TOGETHER
     ]

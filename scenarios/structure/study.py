@@ -230,6 +230,7 @@ def structure_of(
             rest,
             known[key],
             hierarchical=options.hierarchical,
+            baseline=options.baseline,
         )
         selections[axis] = found
         others[axis] = select(histories, axis, terms, other_method, (), known[key])

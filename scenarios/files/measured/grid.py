@@ -339,20 +339,19 @@ def unread_topics(topics: Sequence[Topic], used: Sequence[int]) -> list[str]:
     """A sentence on topics that have the same columns as those that are read, as the sheets of
     several runs have.
     """
-    read = {topics[n].table.header for n in used}
-    others = [
-        topic.name for n, topic in enumerate(topics) if n not in used and topic.table.header in read
-    ]
-    shown = ", ".join(others[:6]) + (", ..." if len(others) > 6 else "")
-    have = "has" if len(others) == 1 else "have"
-    return (
-        [
-            f"{shown} {have} the same columns as {topics[used[0]].name} and "
-            f"{'is' if len(others) == 1 else 'are'} not read"
+    told = []
+    for at in used:
+        header = topics[at].table.header
+        others = [
+            topic.name
+            for n, topic in enumerate(topics)
+            if n not in used and topic.table.header == header
         ]
-        if others
-        else []
-    )
+        if others:
+            shown = ", ".join(others[:6]) + (", ..." if len(others) > 6 else "")
+            have, are = ("has", "is") if len(others) == 1 else ("have", "are")
+            told.append(f"{shown} {have} the same columns as {topics[at].name} and {are} not read")
+    return told
 
 
 def on_grid(

@@ -302,9 +302,9 @@ def test_a_term_that_others_depend_on_is_told() -> None:
     found = structure_of([record_of(1)], CURVED, StructureOptions())
     selection = found.selections["CL"]
     assert "is weak" not in structure_text(found).split("CL: ")[-1]
-    step = replace(selection.steps[-1], F=7.0, added=True, term=selection.terms[-1])
-    weak = replace(selection, steps=(*selection.steps[:-1], step))
+    last = selection.terms[-1]
+    weak = replace(selection, confounders=(last,))
     text = " ".join(
         structure_text(replace(found, selections={**found.selections, "CL": weak})).split()
     )
-    assert f"CL: {step.term.text} is weak (F below 20) and kept, because the value" in text
+    assert f"CL: {last.text} is weak (F below 20 for coloured residuals). The model keeps" in text
