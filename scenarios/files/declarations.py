@@ -414,8 +414,17 @@ def read_channel_map(
     """
     from scenarios.files.schemas import channel_map
 
-    schema = channel_map(tuple(dict.fromkeys((*allowed, *CHANNEL_UNITS))))
+    own = tuple(allowed)
+    names = tuple(dict.fromkeys((*own, *CHANNEL_UNITS)))
     content, where = (path, "channels") if isinstance(path, Mapping) else (read_toml(path), path)
+    unknown = next((key for key in content if key not in names), None)
+    if unknown is not None:
+        raise DeclarationError(
+            "there is no such key",
+            where=f"{where}, key {key_path([unknown])}",
+            remedy=closest(unknown, own),
+        )
+    schema = channel_map(names)
     chosen = checked(schema, content, where)
     entries = {
         field.alias or name: getattr(chosen, name) for name, field in schema.model_fields.items()

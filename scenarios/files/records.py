@@ -77,19 +77,17 @@ def read_with_notes(
     line of a CSV file is row 1, the first sample of a Parquet or MAT file is row 1.
 
     The rows from ``start`` to ``stop`` are one block in the order of the file. Each end is placed
-    where it contradicts the fewest time stamps: wrong stamps outside the block have no effect, and
-    a wrong stamp inside stays inside and is reported.
+    where it contradicts the fewest time stamps; wrong stamps inside are reported.
 
     Parameters
     ----------
     source : a file of any format of ``scenarios.files.formats``; or the file as it was read.
     model_inputs : inputs; each must be in the file, without a gap.
-    model_outputs : outputs; absent ones are left out, at least one must be in the file.
+    model_outputs : outputs; at least one must be in the file.
     channel_map : channel -> column, if headers are not channel names; None: the map of the file.
     start, stop : s; only the rows in between are read and checked.
-    optional : further channels, read as outputs if the file has them. With ``model_outputs``, an
-        optional column without a number counts as absent, and so does a header such as
-        ``airspeed_raw`` whose last word is no unit.
+    optional : further channels, read as outputs if the file has them. One without a number counts
+        as absent, and so does a header such as ``airspeed_raw`` whose last word is no unit.
     hold : behaviour of the inputs between samples; None: as in the sidecar, else ``PREVIOUS``.
     instead : output -> channel that is read, under its own name, if the file lacks that output.
     channel_units : SI unit of every known channel.

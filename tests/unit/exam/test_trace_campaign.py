@@ -33,7 +33,7 @@ def judged(
         seed=4,
         grade=Grade.RIGHT,
         scenario=SimpleNamespace(expect=SimpleNamespace(effects=accepted)),
-        flown=SimpleNamespace(hidden={name: {} for name in hidden}),
+        simulated=SimpleNamespace(hidden={name: {} for name in hidden}),
         tracing=SimpleNamespace(diagnosis=SimpleNamespace(verdict=Verdict.TRACED, effects=claims)),
         derivatives=[SimpleNamespace(name=f"CL_{n}", sigmas=size) for n, size in enumerate(sigmas)],
     )

@@ -361,7 +361,7 @@ def test_scenarios_give_the_same_marks() -> None:
     study: Any = SimpleNamespace(
         grade=Grade.AMBIGUOUS,
         scenario=SimpleNamespace(expect=SimpleNamespace(effects=(("vane-offset",),))),
-        flown=SimpleNamespace(hidden={"vane-offset": {"arm": 5.0}}, noise_std={"q": 0.002}),
+        simulated=SimpleNamespace(hidden={"vane-offset": {"arm": 5.0}}, noise_std={"q": 0.002}),
         tracing=SimpleNamespace(
             diagnosis=SimpleNamespace(
                 verdict=Verdict.AMBIGUOUS,
