@@ -149,7 +149,18 @@ class Search:
         old = self.visited.get(found.names)
         if old is None or found.weight > old.weight:
             self.visited[found.names] = found
+            self._set_aside_failed(found)
         return self.visited[found.names]
+
+    def _set_aside_failed(self, new: WeighedSet) -> None:
+        """Take sets out of the comparison that fit worse than a part of them, ``new`` or because of
+        it: their fits did not reach the optimum, since effects that are absent leave the part.
+        """
+        for one in [*self.visited.values()]:
+            for part, whole in ((one, new), (new, one)):
+                lost = part.fitted.fit.log_likelihood - whole.fitted.fit.log_likelihood
+                if part.names < whole.names and lost > CLEAR:
+                    self.visited[whole.names] = replace(whole, weight=-math.inf)
 
     def _weighed(self, fitted: FittedModel) -> WeighedSet:
         evidence, offset, covariance = evidence_of(fitted, self.context)
@@ -282,7 +293,9 @@ class Search:
         return other
 
     def weighed_by_own_odds(self, one: WeighedSet) -> WeighedSet:
-        """A fitted set with the prior odds of this search."""
+        """A fitted set with the prior odds of this search; one that was set aside remains so."""
+        if one.weight == -math.inf:
+            return one
         named = [effect for effect in one.fitted.effects if effect not in self.base]
         odds = log_odds(named, self.families, self.problem.named_by_kinematics)
         return replace(one, weight=one.evidence + odds)
@@ -441,7 +454,7 @@ class Search:
         """Keep for the report what was tried at a set."""
         number = len(self.steps) + 1
         within = tuple(sorted(parent.names))
-        for child in made:
+        for child in (each for each in made if each.weight > -math.inf):
             for effect in child.fitted.effects:
                 if child.names - parent.names == {effect.name}:
                     self.tried.append(
