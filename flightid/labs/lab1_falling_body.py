@@ -64,7 +64,7 @@ def _(mo):
     Later measurements then get too little weight to correct the early errors. At the end sigma, the root of the entry of $P$ that belongs to $\beta$,
     is nearly that of a filter with a good start, but the error of $\hat\beta$ is many times larger.
 
-    A second *pass* avoids this: the filter runs through the record again, now linearised about the estimate of the first pass.
+    A second *pass* avoids this: the filter runs through the record again and starts at the first estimate, with twenty times its sigma. With the original wide prior it would not help (`labs/falling-body.md`, part 4).
 
     *An honest sigma:* in 95 of 100 repetitions the interval of two standard deviations contains the true value. One run cannot show this; a **campaign** of many runs can.
     """)
@@ -192,8 +192,8 @@ def _(close, lab, page):
             lambda value: close(value, _at["altitude then"], 0.05),
             "Read the line that begins with `One fall`; the band in the figure shows it too.",
             "Above this altitude the air is so thin that the radar noise of 25 ft hides the drag. "
-            "In this first third of the record sigma falls only to a half; in the rest it falls "
-            "to a thousandth.",
+            "In this first third of the record sigma falls only to a half; at the end "
+            "it is a thousandth of its start.",
         ),
         "honest": page.Question(
             "Same sliders, 200 falls: how many of 100 intervals of two sigmas contain the true value?",

@@ -76,7 +76,7 @@ def _(mo):
     A rigid model that is fitted to a flexible aircraft can absorb this part of the bending. It then finds the condensed derivatives, not those of the rigid aircraft.
 
     *What it cannot absorb* is the lag of the structure, which needs time to bend, and its oscillation. The six derivatives take biased values that imitate the lag;
-    the rest of it appears in the residual, near the frequencies of the modes. The residual of a Kalman filter is called its *innovations*: measured minus predicted output. If the model is correct, the innovations are
+    the rest of it appears in the residual, below and near the frequencies of the modes, where the input has power. The residual of a Kalman filter is called its *innovations*: measured minus predicted output. If the model is correct, the innovations are
     white (uncorrelated), and they have the variance that the filter computes. The test of Ljung and Box checks the first property; the test of the normalised innovations squared (NIS) checks the second.
 
     *Process noise* is white noise of density $Q$ that the filter adds to $\dot q$: it tells the filter that its model is incomplete, and the reported sigmas grow. It is no model of a mode, though: the
@@ -228,8 +228,9 @@ def _(close, lab, page):
             page.choice(["CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de"]),
             lambda value: value == lab.worst(),
             "The last column.",
-            "The lag of the structure acts like negative damping. The error is only 6 % of the "
-            "value, but 23 sigmas: the sigmas contain the sensor noise, not the lag.",
+            "The lag of the structure acts like negative damping: C_mq is -31.2 instead of -33.1. "
+            "The error is only 6 % of the value, but 23 sigmas: the sigmas contain the sensor "
+            "noise, not the lag.",
         ),
         "seen": page.Question(
             "Lower the factor of the modal frequencies: 4, 3, 2, 1.5, 1. At which of these does a "
@@ -282,7 +283,8 @@ def _(mo):
     At a unit of 0.5 s the spectrum of the 3-2-1-1 has a gap at $2\pi / 0.5\,\text{s} = 12.57$ rad/s, the frequency of the first mode (lab 2 shows spectra). Shorter units excite
     the mode. Which of the biases grow with that, and does another test fail?
 
-    `flightid run flexibility-sweep` estimates the derivatives of fourteen such structures; `flightid run trace-elastic` adds the missing mode to the rigid model (lab 5 shows how).
+    `flightid run flexibility-sweep` estimates the derivatives of fourteen such structures; `flightid run trace-elastic` adds the missing mode to the rigid model of another flight, with alpha, q and nz (lab 5 shows how). The derivatives are then
+    hardly determined, because the mode and the derivatives explain the same motion.
     """)
     return
 

@@ -328,7 +328,8 @@ def study_summary(study: StudyResult, details: str = BELOW) -> Summary:
     leaves.
     """
     main, scenario = study.main, study.scenario
-    others = f" and {len(study.methods) - 1} more" if len(study.methods) > 1 else ""
+    further = len(study.methods) - 1
+    others = f"; {further} further method{'s' * (further > 1)} in the report" if further else ""
     errors = {row.name: row.sigmas for row in main.rows if row.sigmas is not None and row.std > 0.0}
     worst = max(errors, key=lambda name: abs(errors[name]), default="")
     outcome = main.result.estimate.outcome.value + (
