@@ -199,13 +199,14 @@ def _(close, lab, page):
             "zero: the records may not determine it.",
         ),
         "degree": page.Question(
-            "One maneuver of pulses, usual noise, Cl, degree 4. What shows that the terms cannot be "
-            "trusted?",
-            page.choice(["R²", "residual over noise", "VIF"]),
-            lambda value: value == "VIF",
-            "Compare all three with their values at degree 2.",
-            "`alpha^2*r` has a VIF of 29: since alpha hardly changes, `alpha^2*r` and `alpha*p` together "
-            "imitate p and beta. R² of the maneuver that is never fitted is 0.998 all the same.",
+            "One maneuver of pulses, usual noise, Cl, degree 4: many more terms are offered. How many "
+            "are chosen?",
+            page.number_field("terms"),
+            lambda value: value == lab.numbers(axis="Cl", maneuvers=1, degree=4)["terms"],
+            "Count the rows of the table.",
+            "The same six as at degree 2, all of them true. A term enters only if it lowers the "
+            "residual by more than chance, and linear terms enter first. With one maneuver no R² of "
+            "maneuvers left out checks this; the maneuver that is never fitted does (R² 0.999).",
         ),
     }
     answers = page.fields(questions)
