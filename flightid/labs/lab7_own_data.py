@@ -299,7 +299,7 @@ def _(mo):
     ## Questions
 
     1. The table: does the check of the sensors alone find the fault? In which sentence? Another fault fits the data as well: why is it improbable?
-    2. The table: run the diagnosis. By how many of its sigmas does each derivative change when the fault is part of the model (the last figure of section 5)? Which sigmas become smaller, and why?
+    2. The table: run the diagnosis. By how many of the sigmas before does each derivative change when the fault is part of the model (the numbers beside the last figure of section 5)? Which sigmas become smaller, and why?
     3. The table: set the unit of `alpha` in the channel map to `rad`. Which step refuses the record, and with which reason? What would have happened without that check?
     4. The log of ArduPilot: the check of the sensors finds no fault, but the identification warns. Which derivatives differ in sign from their starting values? What does the
        diagnosis find? Why can the check of the sensors not find it?

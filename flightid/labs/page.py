@@ -76,7 +76,8 @@ def plain(text: str) -> str:
 
 def command_line(line: str, what: str = "The same on the command line") -> Any:
     """A command that a student may copy."""
-    return mo.md(f"{what}:\n\n```sh\n{line}\n```")
+    note = "`methods=[]` leaves out the further methods of the scenario."
+    return mo.md(f"{what}:\n\n```sh\n{line}\n```\n\n{note if 'methods=[]' in line else ''}")
 
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> Any:
