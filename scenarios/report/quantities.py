@@ -20,7 +20,7 @@ from typing import NamedTuple
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 
-from ident.statistics.residuals import ResidualTest
+from ident.statistics.residuals import LEVEL, ResidualTest
 from ident.tracing.diagnosis import Quantity
 from scenarios.files.sources import escaped, styled_stream
 
@@ -274,7 +274,7 @@ def test_line(tests: Sequence[ResidualTest]) -> str:
         return (
             "residual: consistent with noise ("
             + "; ".join(f"{t.channel} p = {t.p_value:.2g}" for t in tests)
-            + ")"
+            + f"; a test fails below p = {LEVEL:g})"
             if tests
             else ""
         )
