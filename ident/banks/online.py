@@ -133,9 +133,9 @@ def online_bank(
     ----------
     system : compiled with ``online=True``, every noise level declared; its parameter ``name`` is
         held.
-    interval : usual time between rows, s; what is longer is cut into parts of at most one and a
-        half times that. A batch run takes the median of the whole record, and is equal where that
-        leads to the same parts.
+    interval : usual time between rows, s. A longer step is divided into parts of at most 1.5 times
+        this time. A batch run uses the median of the whole record; its results are the same where
+        the parts are the same.
     delays : increasing, s.
     gate : an innovation beyond so many standard deviations of the most likely filter is a spike,
         and the sample counts as missing for all filters; after ``LONGEST_SPIKE`` in a row it is

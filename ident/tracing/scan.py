@@ -250,15 +250,14 @@ def _leads(
         rows = [
             ready.whiten(r, np.moveaxis(part, 2, 0), slice(None)) for r, part in enumerate(parts)
         ]
-        W = np.concatenate(rows, axis=1).T
+        W = np.concatenate(rows, axis=1)
         mean, sigma = factors_prior(effect, probe, context)
-        B = ready.root.T @ W
-        gains, factors = closed_forms((W.T @ W - B.T @ B)[None], (W.T @ ready.e)[None], mean, sigma)
+        gains, factors = _gains(ready, W[None], slice(None), (mean, sigma))
         if _possible(effect, probe, factors[0]):
             own = np.full(len(sigma), -1)
             price = -math.log(len(usable))
             same, still = (probe,) * records, (0,) * records
-            out.append(Lead(effect, W, same, still, mean, sigma, own, price, float(gains[0])))
+            out.append(Lead(effect, W.T, same, still, mean, sigma, own, price, float(gains[0])))
     return sorted(out, key=lambda lead: -lead.gain)[:KEPT]
 
 
@@ -315,10 +314,13 @@ def _shifted_columns(
 
 
 def _gains(
-    ready: Prepared, W: np.ndarray, rows: np.ndarray, prior: tuple[np.ndarray, np.ndarray]
+    ready: Prepared,
+    W: np.ndarray,
+    rows: np.ndarray | slice,
+    prior: tuple[np.ndarray, np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Gains and factors (``closed_forms``) of whitened columns ``W (s, k, D)`` of some rows."""
-    inside = (W.reshape(-1, len(rows)) @ ready.root[rows]).reshape(*W.shape[:2], -1)
+    inside = (W.reshape(-1, W.shape[-1]) @ ready.root[rows]).reshape(*W.shape[:2], -1)
     grams = W @ W.swapaxes(1, 2) - inside @ inside.swapaxes(1, 2)
     return closed_forms(grams, W @ ready.e[rows], *prior)
 

@@ -68,7 +68,7 @@ class ExportedModel:
         Parameters
         ----------
         target : of ``--to``.
-        holds : what the format is for, as a sentence begins.
+        holds : first words of the error, on what the format can contain.
 
         Raises
         ------

@@ -134,7 +134,7 @@ def figure_fit(
     truth : its noise-free outputs are added, dashed.
     noise_std : by output; adds a band of two standard deviations of the measurement noise to the
         residual.
-    above : channels that stand by themselves above the outputs, such as inputs and airspeed.
+    above : channels drawn above the outputs, each in its own panel, such as inputs and airspeed.
 
     Angles in degrees. Raises ModelError when no response speaks of any output.
     """
