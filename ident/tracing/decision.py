@@ -13,7 +13,7 @@ from ident.tracing.diagnosis import Candidate, Step, Verdict
 from ident.tracing.evidence import Key, WeighedSet
 from ident.tracing.fitted_model import FittedModel
 from ident.tracing.problem import TraceProblem
-from ident.tracing.search import ALIKE, CLEAR, Search
+from ident.tracing.search import ALIKE, CLEAR, LEADERS, Search
 from ident.tracing.steady_search import (
     RIVAL,
     is_steady,
@@ -125,6 +125,7 @@ def decided(
     search: Search,
     discrepancy: Traceable | None = None,
     leaves_noise: LeavesNoise = nothing_held_out,
+    predicts_well: LeavesNoise = nothing_held_out,
 ) -> Decision:
     """The decision (``_decided``) without names that stand for a cause outside the library.
 
@@ -135,8 +136,9 @@ def decided(
     ----------
     search : without a discrepancy (``searched``). discrepancy : None decides without one.
     leaves_noise : whether what a fitted set leaves is noise, of data that were not fitted too.
+    predicts_well : whether a fitted set leaves hardly more than noise of data not fitted.
     """
-    decision = _decided(search, discrepancy, leaves_noise)
+    decision = _decided(search, discrepancy, leaves_noise, predicts_well)
     effects = {each.name: each for each in decision.best.effects}
     names = {each.name for each in decision.named}
     doubted = {
@@ -192,14 +194,19 @@ def _acts_when_quiet(decision: Decision, name: str) -> bool:
     return quiet_vuong(best.fitted, smaller.fitted, declared, interval) >= RIVAL
 
 
-def _decided(search: Search, discrepancy: Traceable | None, leaves_noise: LeavesNoise) -> Decision:
+def _decided(
+    search: Search,
+    discrepancy: Traceable | None,
+    leaves_noise: LeavesNoise,
+    predicts_well: LeavesNoise,
+) -> Decision:
     """Decide, with further searches beside a discrepancy where no set of effects leaves noise.
 
     General forms have no cause of their own: they are tried where nothing with one is named.
 
     Parameters
     ----------
-    search, discrepancy, leaves_noise : see ``decided``.
+    search, discrepancy, leaves_noise, predicts_well : see ``decided``.
     """
     problem, best = search.problem, search.best()
     if is_noise(best.fitted.fit):
@@ -208,7 +215,14 @@ def _decided(search: Search, discrepancy: Traceable | None, leaves_noise: Leaves
         general = _decided_with_general_forms(search, leaves_noise) if outside else None
         if general is not None:
             return general
-        if not found.named or leaves_noise(found.best):
+        if leaves_noise(found.best):
+            return found
+        predicting = _decided_by_prediction(search, leaves_noise)
+        if predicting is not None:
+            return predicting
+        if not found.named:
+            return replace(found, verdict=Verdict.UNEXPLAINED)
+        if predicts_well(found.best):
             return found
     if discrepancy is None:
         return _decided_with_general_forms(search, leaves_noise) or _unexplained(search, best)
@@ -226,6 +240,28 @@ def _decided(search: Search, discrepancy: Traceable | None, leaves_noise: Leaves
         or _decided_with_general_forms(search, leaves_noise)
         or beside
     )
+
+
+def _decided_by_prediction(search: Search, leaves_noise: LeavesNoise) -> Decision | None:
+    """The decision for the likeliest set that leaves noise of held-out data as well; None where
+    no set that is nearly as likely as the leading one does.
+
+    Likelier sets are set aside. What brings little to the fitted records may be what others need.
+    """
+    leading = sorted(search.visited.items(), key=lambda item: -item[1].weight)[: 2 * LEADERS]
+    failed: list[Key] = []
+    for key, one in leading:
+        if one.weight < leading[0][1].weight - CLEAR:
+            break
+        if is_noise(one.fitted.fit) and leaves_noise(one.fitted):
+            for other in failed:
+                search.visited[other] = replace(search.visited[other], weight=-math.inf)
+            found = _decided_under_white_noise(search, one, clear=-math.inf)
+            if found.named or leaves_noise(found.best):
+                return found
+            return replace(found, verdict=Verdict.UNEXPLAINED)
+        failed.append(key)
+    return None
 
 
 def _decided_with_small_misfit(
@@ -246,7 +282,8 @@ def _decided_with_small_misfit(
     if any(levels[name] > OVER_LEAST * least.get(name, math.inf) for name in left):
         return None
     found = _decided_under_white_noise(search, best, clear=math.inf)
-    return found if found.named else None
+    enough = _error_over_noise(found.best, fitted) <= SLIGHT  # without what brings little as well
+    return found if found.named and enough else None
 
 
 def _decided_with_general_forms(search: Search, leaves_noise: LeavesNoise) -> Decision | None:
@@ -513,7 +550,10 @@ def _decided_beside_discrepancy(white: Search, search: Search, best: WeighedSet)
     guards, root = search.problem.guards, search.root.fitted
     searches = (white, search)
     best, spread = _prefer_named_by_kinematics(search, *_drop_local_evidence(search, best))
-    named = [_with_shares(name, 1.0, _rivals(search, best, name), z) for name, z in spread.items()]
+    named = [
+        _with_shares(name, 1.0, _rivals(search, best, name) | _passing(white, best, name), z)
+        for name, z in spread.items()
+    ]
     if not named:
         return Decision(Verdict.UNEXPLAINED, root, root, (), (), searches)
     if guards & set(spread):
@@ -563,13 +603,35 @@ def _prefer_named_by_kinematics(
     return best, spread
 
 
+def _passing(white: Search, best: WeighedSet, name: str) -> dict[str, float]:
+    """Loads and gusts in passing that the search under white noise does not tell from rough air,
+    with their odds; none for another effect. Beside a discrepancy they are not offered.
+    """
+    (effect,) = [each for each in best.fitted.effects if each.name == name]
+    names = best.names & ({each.name for each in white.candidates} | white.base_names)
+    found = white.visited.get(frozenset(names))
+    if not isinstance(effect, NoiseEffect) or found is None:
+        return {}
+    events = {
+        each.name
+        for each in white.candidates
+        if each.traits.onset and each.station is not Station.SENSOR_PATH
+    }
+    rivals = _rivals(white, found, name, least=-math.inf)
+    return {other: odds for other, odds in rivals.items() if other in events}
+
+
 def _rivals(
-    search: Search, best: WeighedSet, name: str, clear: float = math.inf
+    search: Search,
+    best: WeighedSet,
+    name: str,
+    clear: float = math.inf,
+    least: float = 0.0,
 ) -> dict[str, float]:
     """Effects that Vuong's test does not tell from one, with their odds by its normal law.
 
-    Motion that any record may have may stand beside them or not. What is less likely by ``clear``
-    in the logarithm is told apart.
+    Motion that any record may have may stand beside them or not. Those count that are less likely
+    by more than ``least`` and less than ``clear`` in the logarithm.
     """
     from scipy.special import ndtr
 
@@ -582,7 +644,7 @@ def _rivals(
         if name in key or len(new) != 1 or not rest - usual <= key:
             continue
         z = vuong(best, other, search.context.interval)
-        if z < RIVAL and 0.0 < best.weight - other.weight < clear:
+        if z < RIVAL and least < best.weight - other.weight < clear:
             p, rival = float(ndtr(z)), next(iter(new))
             # The relations between the sensors rest on no equation of forces: they decide then.
             even = 1.0 if rival in search.problem.named_by_kinematics else 0.0

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ident.process_noise.filter_error import noise_levels
 from ident.statistics.residuals import LEVEL
 from ident.tracing.between_records import (
     RecordScatter,
@@ -15,6 +16,7 @@ from ident.tracing.between_records import (
 )
 from ident.tracing.decision import (
     CERTAIN,
+    SLIGHT,
     Decision,
     Named,
     decided,
@@ -202,13 +204,21 @@ class _HeldOutCheck:
         self.problem.progress("judging on data that were not fitted", 0.9)
         return not not_noise(residual_tests(*self.ended(fitted)).all, LEVEL)
 
+    def predicts_well(self, fitted: FittedModel) -> bool:
+        """Whether the set leaves hardly more than the noise of the fitted data in held-out data."""
+        best, out = self.ended(fitted)
+        if out.informed is None:
+            return not self.held.records
+        levels, found = noise_levels(best.fit), noise_levels(out.informed)
+        return all(std <= SLIGHT * levels[name] for name, std in found.items())
+
 
 def _decided(
     search: Search, discrepancy: Traceable | None, held: HeldOutData
 ) -> tuple[Decision, HeldOut]:
     """The decision, its set fitted to the end, and what that predicts of data not fitted."""
     against = _HeldOutCheck(search.problem, held)
-    decision = decided(search, discrepancy, against.leaves_noise)
+    decision = decided(search, discrepancy, against.leaves_noise, against.predicts_well)
     best, out = against.ended(decision.best)
     return replace(decision, best=best), out
 
