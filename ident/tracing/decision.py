@@ -125,7 +125,7 @@ def decided(
     search: Search,
     discrepancy: Traceable | None = None,
     leaves_noise: LeavesNoise = nothing_held_out,
-    predicts_well: LeavesNoise = nothing_held_out,
+    predicts_well: LeavesNoise | None = None,
 ) -> Decision:
     """The decision (``_decided``) without names that stand for a cause outside the library.
 
@@ -136,9 +136,10 @@ def decided(
     ----------
     search : without a discrepancy (``searched``). discrepancy : None decides without one.
     leaves_noise : whether what a fitted set leaves is noise, of data that were not fitted too.
-    predicts_well : whether a fitted set leaves hardly more than noise of data not fitted.
+    predicts_well : whether a fitted set leaves hardly more than noise of data not fitted; the same
+        as ``leaves_noise`` where it is left out.
     """
-    decision = _decided(search, discrepancy, leaves_noise, predicts_well)
+    decision = _decided(search, discrepancy, leaves_noise, predicts_well or leaves_noise)
     effects = {each.name: each for each in decision.best.effects}
     names = {each.name for each in decision.named}
     doubted = {
