@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ident.process_noise.filter_error import noise_levels
+from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.residuals import LEVEL
 from ident.tracing.between_records import (
     RecordScatter,
@@ -48,6 +49,11 @@ from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.record import Record
 
+FROZEN_WORSE = (
+    "with its values as fitted, the model predicts the held-out data no better; with values that "
+    "the fit leaves open what remains there is noise: fit these data as well before you predict "
+    "with the model"
+)
 ALTERNATIVES = 2  # named at most: fixed by the format of a diagnosis
 
 
@@ -253,6 +259,8 @@ def _judged(
         why = (worse.requirement.sentence if worse.requirement else worse.sentence,)
         claims = [replace(claim, claimed=False, reasons=why, probability={}) for claim in claims]
         cautions.append(worse)
+    elif decision.named and not has_process_noise(best.system) and _frozen_worse(held, out):
+        cautions.append(Caution(Concern.NO_IMPROVEMENT, FROZEN_WORSE))
     if verdict is Verdict.CONSISTENT and spikes:
         verdict = Verdict.TRACED
     return Judgement(verdict, best, out, (*spikes, *claims), tests, tuple(cautions))
@@ -267,6 +275,14 @@ def _of_guards(problem: TraceProblem, decision: Decision) -> list[Caution]:
     asked = f"the probability of {' and '.join(guards)}, outside the library,"
     requirement = Requirement(asked, most, 1.0 - CERTAIN, at_least=False)
     return [Caution(Concern.GUARD, what, requirement=requirement)]
+
+
+def _frozen_worse(held: HeldOutData, out: HeldOut) -> bool:
+    """Whether the fitted values by themselves predict held-out data no better than the declared
+    model's.
+    """
+    before, after = held.declared.frozen, out.frozen
+    return before is not None and after is not None and after.cost >= before.cost
 
 
 def _no_improvement(raised: float) -> Caution:
