@@ -248,12 +248,16 @@ def _decided_by_prediction(search: Search, leaves_noise: LeavesNoise) -> Decisio
     no set that is nearly as likely as the leading one does.
 
     Likelier sets are set aside. What brings little to the fitted records may be what others need.
+    Motion that any record may have is not taken for what is missing.
     """
     leading = sorted(search.visited.items(), key=lambda item: -item[1].weight)[: 2 * LEADERS]
+    usual = {each.name for each in search.problem.candidates if each.traits.background}
     failed: list[Key] = []
     for key, one in leading:
         if one.weight < leading[0][1].weight - CLEAR:
             break
+        if key & usual - leading[0][0]:
+            continue
         if is_noise(one.fitted.fit) and leaves_noise(one.fitted):
             for other in failed:
                 search.visited[other] = replace(search.visited[other], weight=-math.inf)
@@ -498,7 +502,9 @@ def _named(search: Search, best: WeighedSet, effect: Traceable, sets: Mapping[Ke
         for each in search.candidates
         if each.traits.guard or (each.traits.general and not effect.traits.general)
     }
-    for name, each in _rivals(search, best, effect.name, CLEAR).items():
+    # Motion that any record may have may stand in the place of a likelier effect of small gain.
+    least = -math.inf if effect.traits.background else 0.0
+    for name, each in _rivals(search, best, effect.name, CLEAR, least).items():
         if name not in formless:
             odds[name] = max(each, odds.get(name, 0.0))
     return _with_shares(effect.name, mine + sum(alike.values()), odds)
