@@ -592,16 +592,11 @@ def _prefer_named_by_kinematics(
     search: Search, best: WeighedSet, spread: dict[str, float]
 ) -> tuple[WeighedSet, dict[str, float]]:
     """Of effects that the records do not tell apart, those that the relations between the sensors
-    name: their prior odds are larger. They are fitted in the place of each member where they were
-    not. Also z of the members.
+    name: their prior odds are larger. Also z of the members.
     """
     known = search.problem.named_by_kinematics
     for name in sorted(set(spread) - known):
         rest = best.names - {name}
-        wanted = {other for other in known - rest if rest | {other} not in search.visited}
-        smaller = search.set_without(best, name) if wanted else None
-        if smaller is not None:
-            search.sets_with_replacement(smaller, wanted)
         rivals = [
             one
             for key, one in search.visited.items()
