@@ -31,9 +31,14 @@ from scenarios.files.writing import study_folder, write_json
 from scenarios.report.document import PURE, Cell, Column, Page, as_sentence, capital, now, section
 from scenarios.report.figure_formats import USUAL, Formats
 from scenarios.report.folder import write_page
-from scenarios.report.shared_tables import rows_table
 from scenarios.report.summary import details_in, terminal_width, written_to
-from scenarios.report.terminal import cell_text, heading_text, progress_bar, table_as_lines
+from scenarios.report.terminal import (
+    cell_text,
+    heading_text,
+    progress_bar,
+    rows_table,
+    table_as_lines,
+)
 from scenarios.tasks.study import Execution, Tell, stopped
 
 ROOT = 1  # of the seeds, where none is asked for and no scenario has one

@@ -22,8 +22,12 @@ from scenarios.preparation.plan import Request
 from scenarios.report.document import Cell, Number, counted, formatted
 from scenarios.studies.campaign_statistics import cramer_rao
 from scenarios.trials.planted.declaration import TraceFlight, true_vehicle
-from scenarios.trials.planted.flights import fly_trace, simulated_record, write_simulated
-from scenarios.trials.planted.schema import trace_scenario_of
+from scenarios.trials.planted.flights import (
+    fly_trace,
+    simulated_record,
+    trace_scenario_of,
+    write_simulated,
+)
 from sim.declaration.model import Model, Noise
 from sim.record import Record
 

@@ -181,17 +181,6 @@ def fitted(
     return None if fit is None else _as_model(planned, effects, layout, fit)
 
 
-def expected_sigmas(planned: Planned) -> dict[str, float]:
-    """Cramer-Rao bounds of the free parameters of the declared model: standard deviations that no
-    unbiased fit of the flight undercuts.
-
-    Initial states and biases are unknown beside them, as in a fit. Infinite where the flight
-    determines nothing of a parameter.
-    """
-    fit = simulated(planned).fit
-    return sigmas_of(fit)
-
-
 def sigmas_of(fit: Fit) -> dict[str, float]:
     """Standard deviations of the shared parameters by name, from the information of a fit or a
     simulation.

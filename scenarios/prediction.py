@@ -55,9 +55,8 @@ from scenarios.report.document import (
 )
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import figures, write_page
-from scenarios.report.shared_tables import FITS, NO_FIT, fit_cells, rows_table
 from scenarios.report.summary import WIDTH, wrapped
-from scenarios.report.terminal import table_as_lines
+from scenarios.report.terminal import FITS, NO_FIT, fit_cells, rows_table, table_as_lines
 from scenarios.tolerances import (
     ToleranceVerdict,
     read_tests,

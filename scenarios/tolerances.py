@@ -18,7 +18,7 @@ import numpy as np
 from scenarios.files.declarations import checked, closest, read_toml_source, toml_of
 from scenarios.files.units import to_si
 from scenarios.report.document import PURE, Cell, Column, Table, formatted
-from scenarios.report.shared_tables import rows_table
+from scenarios.report.terminal import rows_table
 from sim.errors import DeclarationError, RecordError
 from sim.record import Channel, Record
 

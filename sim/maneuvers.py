@@ -457,17 +457,6 @@ def least_peak_multisine(
     return Multisine(period, first.harmonics, amplitudes, turned, start, cycles)
 
 
-def peak_factor(multisine: Multisine) -> float:
-    """Largest magnitude over root mean square, of a sine the root of two."""
-    t = (
-        np.arange(_FINE * max(multisine.harmonics))
-        * multisine.period
-        / (_FINE * max(multisine.harmonics))
-    )
-    u = multisine._inside(t)
-    return float(np.max(np.abs(u)) / np.sqrt(np.mean(u**2)))
-
-
 def _first_zero(multisine: Multisine) -> float:
     """First upward zero of a multisine within its period, s, by bisection; it has zero mean, so
     there is one.

@@ -23,7 +23,7 @@ from ident.tracing.diagnosis import (
     Verdict,
 )
 from ident.tracing.result import not_noise
-from scenarios.diagnosis.tracing import Inputs, Tracing
+from scenarios.diagnosis.diagnose import Inputs, Tracing
 from scenarios.files.sources import InputFile
 from scenarios.files.vehicles import VehicleFile
 from scenarios.preparation.declared_model import model_of_file

@@ -23,8 +23,7 @@ from exam.random_cases.vehicles import (
 from exam.random_cases.vehicles import NOISE as OF_PAPERS
 from scenarios.studies.estimating import maneuvers_by_input, resting
 from scenarios.trials.planted.declaration import RecordPlan, TraceScenario, true_vehicle
-from scenarios.trials.planted.flights import started_file
-from scenarios.trials.planted.schema import trace_scenario_of
+from scenarios.trials.planted.flights import started_file, trace_scenario_of
 from sim.declaration.effect import Effect, full_name
 from sim.declaration.model import Equations, Model, Noise
 from sim.maneuvers import Maneuver

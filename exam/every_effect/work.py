@@ -26,8 +26,7 @@ from exam.scores.scored_flight import (
     plain_name,
     stated_by,
 )
-from scenarios.diagnosis.diagnose import diagnose_files
-from scenarios.diagnosis.tracing import Tracing
+from scenarios.diagnosis.diagnose import Tracing, diagnose_files
 from scenarios.tasks.work import Cell, Row, RowTable, Task
 from sim.declaration.proposal import RangedCurve
 

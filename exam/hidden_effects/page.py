@@ -18,7 +18,7 @@ from exam.repeated import Flown
 from exam.scores.page import scores_sections
 from scenarios.report.document import Page, as_sentence, capital, now, section
 from scenarios.report.figure_formats import Drawn
-from scenarios.report.shared_tables import rows_table
+from scenarios.report.terminal import rows_table
 from scenarios.trials.planted.declaration import TraceScenario
 
 

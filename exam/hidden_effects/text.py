@@ -19,9 +19,8 @@ from scenarios.files.writing import study_folder, write_json
 from scenarios.report.document import Cell, Column, Page
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import write_page
-from scenarios.report.shared_tables import rows_table
 from scenarios.report.summary import WIDTH
-from scenarios.report.terminal import table_as_lines
+from scenarios.report.terminal import rows_table, table_as_lines
 from scenarios.trials.planted.declaration import TraceScenario
 
 VERDICTS = (Column("verdict"), replace(SHARED[0], heading="flights"), *SHARED[1:])

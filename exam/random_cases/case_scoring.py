@@ -14,8 +14,8 @@ from exam.random_cases.kinds import KINDS
 from exam.random_cases.vehicles import NOISE, estimated
 from exam.scoring import same_fault
 from ident.tracing.diagnosis import Claim, Diagnosis, Verdict
+from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.report.evidence import warnings_of
-from scenarios.diagnosis.tracing import Tracing
 from sim.declaration.model import Model
 from sim.errors import DeclarationError, FlightidError, RecordError
 

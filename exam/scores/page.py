@@ -21,7 +21,7 @@ from exam.scores.text import CONCLUDED, NAMES, PARAMETERS, RIGHT, clean_sentence
 from scenarios.report.document import Prose, Section, as_sentence, capital, section
 from scenarios.report.figure_formats import Drawn, Formats
 from scenarios.report.folder import figures
-from scenarios.report.shared_tables import rows_table
+from scenarios.report.terminal import rows_table
 
 _RATES, _CONFUSION, _RELIABILITY, _COVERAGE = (
     "verdicts",

@@ -18,9 +18,8 @@ from exam.scores.tables import (
     rate_rows,
     said_rows,
 )
-from scenarios.report.shared_tables import rows_table
 from scenarios.report.summary import WIDTH, wrapped
-from scenarios.report.terminal import table_as_lines
+from scenarios.report.terminal import rows_table, table_as_lines
 
 RIGHT = (
     "rates of each verdict; right: what is hidden is named, or among the names of an ambiguous "

@@ -14,15 +14,14 @@ from exam.scores.tables import SHARED, share_cells
 from exam.scores.text import scores_blocks
 from exam.surrogates.campaign import Judged, by_derivative, by_effect, scores_of, shares
 from exam.surrogates.declaration import Surrogate
-from scenarios.diagnosis.report.content import bounded
+from scenarios.diagnosis.report.text import bounded
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json
 from scenarios.report.document import PURE, Cell, Column, Number, Page, counted
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import write_page
-from scenarios.report.shared_tables import rows_table
 from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines
-from scenarios.report.terminal import cell_text, table_as_lines
+from scenarios.report.terminal import cell_text, rows_table, table_as_lines
 
 SHARES = (Column("share"), *SHARED)
 EFFECTS = (

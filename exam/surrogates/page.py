@@ -27,7 +27,7 @@ from exam.surrogates.study import SurrogateStudy
 from exam.surrogates.text import against_nominal, flown_lines, hidden_text, score_text
 from scenarios.report.document import Bullets, Page, as_sentence, capital, now, section
 from scenarios.report.figure_formats import Drawn
-from scenarios.report.shared_tables import rows_table
+from scenarios.report.terminal import rows_table
 
 
 def scored_page(study: SurrogateStudy, page: Page) -> Page:

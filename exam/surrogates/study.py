@@ -15,8 +15,7 @@ from exam.scoring import same_fault
 from exam.surrogates.declaration import Causes, Surrogate
 from exam.surrogates.flights.flight import Flight, fly_surrogate, write_flight
 from ident.tracing.diagnosis import Claim, Quantity
-from scenarios.diagnosis.diagnose import diagnose_files
-from scenarios.diagnosis.tracing import Tracing
+from scenarios.diagnosis.diagnose import Tracing, diagnose_files
 from scenarios.preparation.plan import Request
 
 Progress = Callable[[str, float], None]

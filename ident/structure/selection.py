@@ -28,11 +28,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.structure.averaging import Alternative, averaged_covariance
 from ident.structure.coefficients import Histories
 from ident.structure.products import (
     LARGE,
+    Alternative,
     Products,
+    averaged_covariance,
     columns_of,
     covariance_of,
     gains_of,

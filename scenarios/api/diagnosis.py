@@ -37,8 +37,7 @@ from scenarios.api.shown import (
 )
 from scenarios.api.tables import in_python_words, told_in_python
 from scenarios.api.vehicle import Vehicle
-from scenarios.diagnosis.diagnose import diagnose_files
-from scenarios.diagnosis.tracing import Tracing
+from scenarios.diagnosis.diagnose import Tracing, diagnose_files
 from scenarios.report.figure_formats import formats_wanted
 from scenarios.survey import survey as surveying
 from scenarios.survey.files import write_survey
@@ -210,7 +209,7 @@ class Diagnosis:
         """Content of ``diagnosis.json``."""
         from datetime import UTC, datetime
 
-        from scenarios.diagnosis.report.content import diagnosis_content
+        from scenarios.diagnosis.report.text import diagnosis_content
 
         return diagnosis_content(self.details, datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"))
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from scenarios.compatibility.check import CompatibilityCheck
-    from scenarios.diagnosis.tracing import Tracing
+    from scenarios.diagnosis.diagnose import Tracing
     from scenarios.identification.identify import Identified
     from scenarios.maneuvers import FoundManeuvers
     from scenarios.responses.analysis import ResponseEstimates

@@ -85,8 +85,8 @@ def _identification(name: str, changes: Sequence[str]) -> Runner:
 
 
 def _trace(name: str, changes: Sequence[str]) -> Runner:
+    from scenarios.trials.planted.flights import trace_scenario_of
     from scenarios.trials.planted.report import trace_text, write_trace
-    from scenarios.trials.planted.schema import trace_scenario_of
     from scenarios.trials.planted.study import run_trace
 
     run = partial(run_trace, trace_scenario_of(*load_document(name, changes)))
@@ -365,8 +365,7 @@ def flown(name: str, seed: int | None, changes: Sequence[str]) -> Flight:
 
 
 def _flights_trace(name: str, seed: int | None, changes: Sequence[str]) -> Flight:
-    from scenarios.trials.planted.flights import fly_trace
-    from scenarios.trials.planted.schema import trace_scenario_of
+    from scenarios.trials.planted.flights import fly_trace, trace_scenario_of
 
     scenario = trace_scenario_of(*load_document(name, changes))
     with named_after(scenario_file(name)):
@@ -377,8 +376,7 @@ def _flights_trace(name: str, seed: int | None, changes: Sequence[str]) -> Fligh
 
 
 def _jsbsim(name: str, seed: int | None, changes: Sequence[str]) -> Flight:
-    from scenarios.trials.jsbsim.flight import fly_jsbsim
-    from scenarios.trials.jsbsim.schema import jsbsim_of
+    from scenarios.trials.jsbsim.flight import fly_jsbsim, jsbsim_of
 
     flight = jsbsim_of(*load_document(name, changes))
     with named_after(scenario_file(name)):

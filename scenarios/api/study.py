@@ -334,7 +334,7 @@ def changes_of(settings: Settings) -> list[str]:
     if settings is None:
         return []
     if isinstance(settings, Mapping):
-        from scenarios.files.library_vehicles import toml_value
+        from scenarios.files.aircraft_files import toml_value
 
         return [f"{key}={toml_value(value, key)}" for key, value in settings.items()]
     return [settings] if isinstance(settings, str) else list(settings)

@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from scenarios.api import tables as html
-from scenarios.files.declarations import read_toml_source, toml_of
-from scenarios.files.library_vehicles import (
+from scenarios.files.aircraft_files import (
     content_of_library,
     is_library_name,
     source_of_content,
     toml_text,
 )
+from scenarios.files.declarations import read_toml_source, toml_of
 from scenarios.files.sources import Source
 from sim.errors import DeclarationError
 

@@ -19,7 +19,6 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from scenarios.cli.model_commands import export, predict, structure
 from scenarios.cli.record_commands import (
     check,
     diagnose,
@@ -35,12 +34,15 @@ from scenarios.cli.study_commands import (
     compare,
     design,
     effects,
+    export,
     lab,
     list_,
     models,
+    predict,
     report,
     run,
     simulate,
+    structure,
     vehicles,
 )
 from scenarios.commands.failures import Stopped, each_validated

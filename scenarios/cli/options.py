@@ -42,6 +42,8 @@ MODEL_NAMES = (
     "multirotor",
     "aircraft",
 )
+METHOD_WORDS = ("stepwise", "orthogonal")  # of `structure`
+TARGETS = ("python", "fmu", "jsbsim", "dave-ml")  # of `export`
 METHOD_NAMES = ("output-error", "filter-error", "frequency-domain", "equation-error", "ekf", "ukf")
 
 
@@ -210,6 +212,9 @@ OwnModel = Annotated[
     valued(
         "--model", "FILE.py", "A model of your own flies instead of a scenario; its file is run."
     ),
+]
+StudyModel = Annotated[
+    Path | None, valued("--model", "FILE.py", "The study's own model, which is run.")
 ]
 TrueValues = Annotated[
     Path | None, valued("--vehicle", "V.toml", "With --model: true values; else those of its file.")

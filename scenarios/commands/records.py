@@ -14,9 +14,9 @@ from scenarios.files.writing import write_text
 from scenarios.identification.assessment import PLAIN, Options
 from scenarios.maneuvers import maneuvers_of, print_maneuvers
 from scenarios.prediction import PredictionRequest, predict_record, prediction_text
+from scenarios.preparation.declared_model import vehicle_text
 from scenarios.preparation.drafting import Draft, drafted, map_text, unused_words
 from scenarios.preparation.plan import Plan, Request, plan_of
-from scenarios.preparation.vehicle_drafts import vehicle_text
 from scenarios.report.figure_formats import Formats
 from scenarios.report.quantities import console, shown_in, unit_cell
 from scenarios.report.summary import (

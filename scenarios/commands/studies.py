@@ -62,8 +62,7 @@ def simulate_jsbsim(name: str, out: Path, seed: int | None, changes: Sequence[st
     """
     from scenarios.files.writing import files_together
     from scenarios.studies.catalogue import load_document, scenario_file
-    from scenarios.trials.jsbsim.flight import fly_jsbsim, write_jsbsim
-    from scenarios.trials.jsbsim.schema import jsbsim_of
+    from scenarios.trials.jsbsim.flight import fly_jsbsim, jsbsim_of, write_jsbsim
 
     flight = jsbsim_of(*load_document(name, changes))
     chosen = flight.seed if seed is None else seed
@@ -88,7 +87,7 @@ def simulate_jsbsim(name: str, out: Path, seed: int | None, changes: Sequence[st
 def simulate_trace(name: str, out: Path, seed: int | None, changes: Sequence[str]) -> list[Path]:
     """Write what the loop is given of a tracing scenario, as ``_write``; the files."""
     from scenarios.studies.catalogue import load_document, scenario_file
-    from scenarios.trials.planted.schema import trace_scenario_of
+    from scenarios.trials.planted.flights import trace_scenario_of
 
     return _write(trace_scenario_of(*load_document(name, changes)), scenario_file(name), out, seed)
 
@@ -100,8 +99,8 @@ def simulate_own(
     describes, as ``_write``; the files.
     """
     from scenarios.studies.catalogue import with_changes
+    from scenarios.trials.planted.flights import trace_scenario_of
     from scenarios.trials.planted.own_flight import trace_document
-    from scenarios.trials.planted.schema import trace_scenario_of
 
     document = with_changes(trace_document(asked), changes)
     return _write(

@@ -208,7 +208,7 @@ def watch_loop(
 ) -> None:
     """Follow a loop's signals to the end of the stream, margins every second; with a ``page`` serve
     it until Ctrl-C. ``band`` : Hz, of the broken-loop response; None for the usual one."""
-    from scenarios.watching.loop_page import print_loop_end, served_loop, write_loop
+    from scenarios.watching.show import print_loop_end, served_loop, write_loop
 
     refuse_page(port, page)
     watch = _prepared(record, None, None, channels, False, plan, ())

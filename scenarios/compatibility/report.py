@@ -53,9 +53,8 @@ from scenarios.report.document import (
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import figures, write_page
 from scenarios.report.quantities import console, number_text, shown_in, spaced
-from scenarios.report.shared_tables import fixed_table, levels_of_noise
 from scenarios.report.summary import BELOW, Summary, print_paragraph, print_summary
-from scenarios.report.terminal import show_blocks
+from scenarios.report.terminal import fixed_table, levels_of_noise, show_blocks
 
 if TYPE_CHECKING:
     from scenarios.plots.drawing import Named

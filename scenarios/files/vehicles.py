@@ -9,9 +9,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from scenarios.files.aircraft_files import model_of_file, read_model_file
+from scenarios.files.aircraft_files import model_of_file, read_model_file, vehicle_source
 from scenarios.files.declarations import checked, closest, toml_of
-from scenarios.files.library_vehicles import vehicle_source
 from scenarios.files.measured.columns import RecordFile, path_of
 from scenarios.files.sources import InputFile, Source
 from scenarios.files.user_models import (

@@ -61,17 +61,6 @@ from scenarios.report.quantities import (
     spaced,
     test_line,
 )
-from scenarios.report.shared_tables import (
-    FITS,
-    NO_FIT,
-    derived_table,
-    estimates_table,
-    fit_cells,
-    fixed_table,
-    levels_of_noise,
-    rows_table,
-    tests_table,
-)
 from scenarios.report.summary import (
     BELOW,
     Summary,
@@ -82,7 +71,19 @@ from scenarios.report.summary import (
     residual_phrase,
     result_phrase,
 )
-from scenarios.report.terminal import show_blocks, show_table
+from scenarios.report.terminal import (
+    FITS,
+    NO_FIT,
+    derived_table,
+    estimates_table,
+    fit_cells,
+    fixed_table,
+    levels_of_noise,
+    rows_table,
+    show_blocks,
+    show_table,
+    tests_table,
+)
 from scenarios.studies.published import Row
 
 # ---- What stands beside an estimate, for comparison.json
@@ -298,9 +299,7 @@ def _levels(found: IdentificationResult) -> dict[str, float | None]:
 
 
 def noise_phrase(found: IdentificationResult) -> str:
-    """``"sensor noise (estimated, 1 sigma): q 0.09 deg/s"``; empty where every residual is white,
-    and is the noise.
-    """
+    """``"sensor noise (estimated, 1 sigma): q 0.09 deg/s"``; empty if all residuals are white."""
     levels = []
     for name, level in _levels(found).items():
         if level is None:

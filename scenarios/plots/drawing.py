@@ -261,15 +261,6 @@ Named = tuple[str, Callable[[], Figure]]  # the stem of a figure's file, and wha
 _VECTOR: dict[Any, Any] = {"svg.hashsalt": "flightid", "svg.fonttype": "path", "pdf.fonttype": 42}
 
 
-def save_figures(figures: Iterable[Named], folder: Path, formats: Formats = USUAL) -> list[Path]:
-    """Draw each figure once and write ``folder/STEM.FORMAT`` in every format; the paths. The folder
-    must exist.
-    """
-    if not formats:
-        return []
-    return [path for stem, make in figures for path in save_figure(make(), folder, stem, formats)]
-
-
 def save_figure(figure: Figure, folder: Path, stem: str, formats: Formats = USUAL) -> list[Path]:
     """Write ``folder/stem.FORMAT`` in every format; the paths. The folder must exist."""
     paths = []

@@ -34,9 +34,8 @@ from scenarios.report.document import (
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import figures as page_figures
 from scenarios.report.folder import write_page
-from scenarios.report.shared_tables import rows_table
 from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines, wrapped
-from scenarios.report.terminal import table_as_lines
+from scenarios.report.terminal import rows_table, table_as_lines
 from scenarios.structure.study import FoundStructure
 from sim.aerodynamics import Term
 

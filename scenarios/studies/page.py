@@ -21,14 +21,14 @@ from scenarios.report.document import (
 from scenarios.report.figure_formats import Drawn
 from scenarios.report.folder import first_figure
 from scenarios.report.quantities import test_line
-from scenarios.report.shared_tables import (
+from scenarios.report.summary import levels_line
+from scenarios.report.terminal import (
     derived_table,
     estimates_table,
     fixed_table,
     levels_of_noise,
     tests_table,
 )
-from scenarios.report.summary import levels_line
 from scenarios.studies.comparison import (
     choice_lines,
     distance_text,

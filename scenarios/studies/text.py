@@ -29,7 +29,6 @@ from scenarios.report.quantities import (
     shown_in,
     test_line,
 )
-from scenarios.report.shared_tables import estimates_table
 from scenarios.report.summary import (
     BELOW,
     TEXT,
@@ -40,7 +39,7 @@ from scenarios.report.summary import (
     residual_phrase,
     result_phrase,
 )
-from scenarios.report.terminal import show_blocks, show_table
+from scenarios.report.terminal import estimates_table, show_blocks, show_table
 from scenarios.studies.comparison import (
     HEADING,
     choice_lines,

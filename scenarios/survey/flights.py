@@ -481,9 +481,8 @@ def diagnosed(flight: SurveyFlight, folder: Path, figures: Formats) -> dict[str,
     Raises FlightidError for anything that keeps the flight from being used.
     """
     from scenarios.diagnosis.diagnose import diagnose_files
-    from scenarios.diagnosis.report.content import quantities
     from scenarios.diagnosis.report.files import write_diagnosis
-    from scenarios.diagnosis.report.text import headline
+    from scenarios.diagnosis.report.text import headline, quantities
 
     started = time.perf_counter()
     tracing = diagnose_files(flight.request())

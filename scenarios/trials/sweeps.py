@@ -38,9 +38,8 @@ from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import figures as figure_blocks
 from scenarios.report.folder import write_page
 from scenarios.report.quantities import console, number_text
-from scenarios.report.shared_tables import estimates_table
 from scenarios.report.summary import BELOW, Summary, print_paragraph, print_summary
-from scenarios.report.terminal import show_blocks, show_table
+from scenarios.report.terminal import estimates_table, show_blocks, show_table
 from scenarios.responses.analysis import ResponseEstimates, ResponseOptions, responses_of
 from scenarios.responses.fitting import FitOptions
 from scenarios.responses.loops import MINUS, UNITS, loop_tables, margin_lines, margins_content

@@ -3,17 +3,22 @@
 The first rows are only collected: the noise levels, the trim and the start of two states are read
 off them, then they are filtered like all others. What the filter is given, spikes left out, is the
 record that a batch run would get.
+
+The figure with which the page of a stream begins: parameters while the stream arrived.
 """
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 import sys
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -42,6 +47,9 @@ from ident.banks.relinearised import (
 from scenarios.files.declarations import ColumnChoice
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.low_order import filter_system, less, noise_levels, trim_of
+from scenarios.report.document import Section, section
+from scenarios.report.figure_formats import USUAL
+from scenarios.report.folder import figures
 from scenarios.watching.reference import Reference, vehicle_to_watch
 from scenarios.watching.rows import (
     LOES,
@@ -482,3 +490,50 @@ def report(watch: Watch, faults: list[Fault]) -> None:
                     file=sys.stderr,
                 )
             watch.mended += 1
+
+
+STEM = "watched"
+
+
+def history_section(
+    folder: Path, history: str, content: Mapping[str, Any], title: str
+) -> tuple[Section, ...]:
+    """Draw ``watched`` into ``folder``; the section of a page that shows it.
+
+    ``history``: text of ``history.csv``, with columns ``NAME`` and ``NAME_std``. ``content``: of
+    ``comparison.json``, which names the parameters and the reference. Nothing where fewer than two
+    lines have an estimate.
+    """
+    time, courses = courses_of(history, content["parameters"])
+    if len(time) < 2 or not courses:
+        return ()
+    from scenarios.plots.drawing import draw_for_page
+    from scenarios.plots.estimates import figure_watched
+
+    reference = {
+        each["name"]: (each["reference"], each["reference_std"])
+        for each in (content.get("reference") or {}).get("differences", ())
+        if each.get("reference") is not None and each.get("reference_std") is not None
+    }
+    make = partial(figure_watched, time, courses, reference, title)
+    figure_files = draw_for_page([(STEM, make)], folder, USUAL)
+    return section("While the stream arrived", *figures(figure_files))
+
+
+def courses_of(
+    history: str, parameters: Mapping[str, Mapping[str, Any]]
+) -> tuple[np.ndarray, dict[str, tuple[str, np.ndarray, np.ndarray]]]:
+    """Times ``(N,)`` and by parameter its unit, values and standard deviations ``(N,)``, NaN where
+    a cell is empty; refined estimates where the history has them.
+    """
+    rows = list(csv.reader(io.StringIO(history)))
+    if len(rows) < 2:
+        return np.zeros(0), {}
+    table = np.array([[float(cell) if cell else np.nan for cell in row] for row in rows[1:]])
+    column = {name: table[:, i] for i, name in enumerate(rows[0])}
+    courses = {}
+    for name, each in parameters.items():
+        best = f"refined_{name}" if f"refined_{name}" in column else name
+        if best in column and f"{best}_std" in column and np.any(np.isfinite(column[best])):
+            courses[name] = str(each["unit"]), column[best], column[f"{best}_std"]
+    return column["time"], courses

@@ -38,11 +38,10 @@ from scenarios.report.document import (
     section,
 )
 from scenarios.report.folder import CONTENT, write_page
-from scenarios.report.shared_tables import derived_table, estimates_table, fixed_table
 from scenarios.report.summary import PAGE
+from scenarios.report.terminal import derived_table, estimates_table, fixed_table
 from scenarios.studies.comparison import DERIVED_UNITS, SCHEMA, estimate_content
 from scenarios.studies.published import Row
-from scenarios.watching.history_figure import history_section
 from scenarios.watching.reference import (
     WORDS,
     CrossValidation,
@@ -52,7 +51,7 @@ from scenarios.watching.reference import (
     usual_command,
 )
 from scenarios.watching.rows import OUTPUTS
-from scenarios.watching.session import STARTED, Session, WatchStep
+from scenarios.watching.session import STARTED, Session, WatchStep, history_section
 from scenarios.watching.spectral import METHOD, history_csv, last_estimate, spectral_content
 from sim.errors import DeclarationError, FlightidError
 from sim.record import Record

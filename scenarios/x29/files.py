@@ -27,8 +27,8 @@ from scenarios.report.document import (
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import first_figure, write_page
 from scenarios.report.quantities import as_text, number_text
-from scenarios.report.shared_tables import tests_table
 from scenarios.report.summary import HERE, residual_phrase
+from scenarios.report.terminal import tests_table
 from scenarios.studies.comparison import HEADING, SEE_PAPERS, bank_line, choice_lines
 from scenarios.x29.content import loop_comparison
 from scenarios.x29.declaration import printed_column

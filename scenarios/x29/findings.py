@@ -23,8 +23,7 @@ from scenarios.x29.declaration import (
 from scenarios.x29.estimating import LoopMethodResult, between_grid_points, of_refined
 from scenarios.x29.loop import FLIGHTS, has_equivalent, linear_sentence, targets
 from scenarios.x29.open_margins import margins_sentence
-from scenarios.x29.study import LoopStudy
-from scenarios.x29.verdicts import HALF_FRAME, verdicts
+from scenarios.x29.study import HALF_FRAME, LoopStudy, verdicts
 from sim.closed_loop.airframe import load_x29
 
 # ---- What NASA TM-101722's own numbers say

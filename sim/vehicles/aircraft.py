@@ -36,8 +36,8 @@ from sim.declaration.user_equations import OwnEquations
 from sim.declaration.user_model import own_model
 from sim.errors import DeclarationError, ModelError
 from sim.maths import G0, add_product, arctan, cos, interpolate, plus, sin, sqrt
-from sim.vehicles.aircraft_numbers import refuse_numbers
 from sim.vehicles.attitude import ATTITUDES, EULER, angular_accelerations
+from sim.vehicles.library import refuse_numbers
 
 NAME = "aircraft"
 BODY_AXES = ("CX", "CY", "CZ")  # force coefficients in body axes

@@ -60,7 +60,6 @@ ONE_A_FILE = ("sim/effects/", "scenarios/files/formats/")
 # added to it.
 SHORT_OF_ONE: frozenset[str] = frozenset(
     {
-        "sim/vehicles/aircraft_numbers.py",  # beside it aircraft.py would be too long
         "flightid/plot.py",
         "ident/tracing/declared.py",
     }

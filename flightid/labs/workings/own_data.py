@@ -227,8 +227,7 @@ def channel_rows(records: Sequence[flightid.Record]) -> list[list[str]]:
 @cache
 def _flown() -> SimulatedTrace:
     from scenarios.studies.catalogue import load_document
-    from scenarios.trials.planted.flights import fly_trace
-    from scenarios.trials.planted.schema import trace_scenario_of
+    from scenarios.trials.planted.flights import fly_trace, trace_scenario_of
 
     return fly_trace(trace_scenario_of(*load_document(EXAMPLE, SHORT)), 1)
 

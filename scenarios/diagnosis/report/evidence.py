@@ -14,8 +14,8 @@ from ident.statistics.residual_spectrum import autocovariance
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Quantity
 from ident.tracing.whiteness import FEWEST_SAMPLES, LARGEST, ResidualPart, residual_part
+from scenarios.diagnosis.diagnose import Tracing, overflow_sentence
 from scenarios.diagnosis.report.wording import nothing_stands
-from scenarios.diagnosis.tracing import Tracing, overflow_sentence
 from scenarios.files.user_models import is_of_aircraft
 from scenarios.report.quantities import CHANNELS, displayed, shown_in, spaced
 

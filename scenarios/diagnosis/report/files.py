@@ -23,11 +23,12 @@ from ident.tracing.diagnosis import (
     Quantity,
     Verdict,
 )
+from scenarios.diagnosis.diagnose import Tracing, kept_diagnosis
 from scenarios.diagnosis.opening import effort_sentence
 from scenarios.diagnosis.report import tables, text
-from scenarios.diagnosis.report.content import DECIDES, LARGEST, bounded, diagnosis_content
 from scenarios.diagnosis.report.evidence import evidence_sentences
 from scenarios.diagnosis.report.tables import kinematics_lines, levels_table, levels_title
+from scenarios.diagnosis.report.text import DECIDES, LARGEST, bounded, diagnosis_content
 from scenarios.diagnosis.report.wording import (
     DECLARED,
     as_declared,
@@ -37,7 +38,6 @@ from scenarios.diagnosis.report.wording import (
     probability_sentence,
     record_labels,
 )
-from scenarios.diagnosis.tracing import Tracing, kept_diagnosis
 from scenarios.files.user_models import channel_units
 from scenarios.files.writing import csv_text, study_folder, write_json, write_text
 from scenarios.kept import write_kept
@@ -67,7 +67,7 @@ from scenarios.report.document import Figure as PageFigure
 from scenarios.report.figure_formats import USUAL, Drawn, Formats
 from scenarios.report.folder import figures, write_page
 from scenarios.report.quantities import UNDETERMINED, determined
-from scenarios.report.shared_tables import p_value
+from scenarios.report.terminal import p_value
 from sim.declaration.proposal import GUARD
 
 if TYPE_CHECKING:

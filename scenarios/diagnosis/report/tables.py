@@ -14,6 +14,7 @@ from ident.compatibility.six_degrees.kinematics import LEVEL
 from ident.compatibility.trials import SensorFinding
 from ident.flying_qualities.levels import ModeLevel, mode_levels
 from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, Quantity
+from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.kinematics import (
     BIAS,
     PARAMETERS,
@@ -31,7 +32,6 @@ from scenarios.diagnosis.report.wording import (
     residual_levels,
     shown_table,
 )
-from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.declarations import CHANNEL_UNITS
 from scenarios.report.document import (
     BY_ROW,

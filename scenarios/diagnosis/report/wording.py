@@ -12,7 +12,7 @@ from types import MappingProxyType
 import numpy as np
 
 from ident.tracing.diagnosis import Claim, Diagnosis, ErrorFigures, Verdict
-from scenarios.diagnosis.tracing import Tracing
+from scenarios.diagnosis.diagnose import Tracing
 from scenarios.report.document import Table
 from scenarios.report.quantities import (
     CHANNELS,

@@ -10,12 +10,17 @@ from pathlib import Path
 from typing import Any
 
 from ident.tracing.diagnosis import Quantity
-from scenarios.diagnosis.report.content import bounded, positive, test_content
+from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.report.files import write_diagnosis, write_prediction
 from scenarios.diagnosis.report.tables import level_cell
-from scenarios.diagnosis.report.text import details_text, diagnosis_summary
+from scenarios.diagnosis.report.text import (
+    bounded,
+    details_text,
+    diagnosis_summary,
+    positive,
+    test_content,
+)
 from scenarios.diagnosis.report.wording import DECLARED, nothing_stands, shown_table
-from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.sources import versions
 from scenarios.files.user_models import channel_units
 from scenarios.files.writing import study_folder, write_json, write_record

@@ -34,8 +34,7 @@ from ident.tracing.predictive import Predicted, predict
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import FitLayout, FitSettings, Prior, lay_out
 from ident.whole_record.output_error import estimate_of
-from scenarios.diagnosis.diagnose import diagnose_files
-from scenarios.diagnosis.tracing import SPIKES, Tracing
+from scenarios.diagnosis.diagnose import SPIKES, Tracing, diagnose_files
 from scenarios.files.declarations import read_toml_source
 from scenarios.files.vehicles import ALSO_READ
 from scenarios.preparation.plan import Request

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from scenarios.studies.catalogue import load_document
-from scenarios.trials.planted.schema import trace_scenario_of
+from scenarios.trials.planted.flights import trace_scenario_of
 from scenarios.trials.planted.study import Grade, TraceStudy, run_trace
 
 NAME = "flow-separation"

@@ -17,9 +17,8 @@ from ident.whole_record.output_error import estimate_of
 from scenarios.studies.catalogue import load_document, scenario_names
 from scenarios.trials.planted import study as comparable
 from scenarios.trials.planted.declaration import TraceScenario, true_vehicle
-from scenarios.trials.planted.flights import fly_trace, write_simulated
+from scenarios.trials.planted.flights import fly_trace, trace_scenario_of, write_simulated
 from scenarios.trials.planted.report import trace_text, write_trace
-from scenarios.trials.planted.schema import trace_scenario_of
 from scenarios.trials.planted.study import (
     NOISE_FREE,
     Grade,

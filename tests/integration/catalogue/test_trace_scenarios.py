@@ -22,8 +22,7 @@ from scenarios.studies.catalogue import (
 from scenarios.studies.estimating import vehicle_model
 from scenarios.studies.schema import unit_of
 from scenarios.trials.planted.declaration import OWN, Expectation, TraceScenario, own_terms
-from scenarios.trials.planted.flights import fly_trace, write_simulated
-from scenarios.trials.planted.schema import trace_scenario_of
+from scenarios.trials.planted.flights import fly_trace, trace_scenario_of, write_simulated
 from scenarios.trials.planted.study import Grade, grade, run_trace
 from sim.declaration.model import Noise
 from sim.effects.library import effect_names

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.diagnosis.diagnose import diagnose_files
-from scenarios.diagnosis.tracing import Tracing
+from scenarios.diagnosis.diagnose import Tracing, diagnose_files
 from scenarios.files.vehicles import read_vehicle
 from scenarios.files.writing import write_record
 from scenarios.identification.identify import identify

@@ -19,8 +19,15 @@ from scenarios.x29.declaration import fly_loop, printed_column
 from scenarios.x29.estimating import run_over_seeds, set_up
 from scenarios.x29.files import write_loop
 from scenarios.x29.findings import bias_rows, not_identifiable, sentences
-from scenarios.x29.study import LoopStudy, loop_scenario, response_check, run_loop, starting_values
-from scenarios.x29.verdicts import HALF_FRAME, verdicts
+from scenarios.x29.study import (
+    HALF_FRAME,
+    LoopStudy,
+    loop_scenario,
+    response_check,
+    run_loop,
+    starting_values,
+    verdicts,
+)
 from sim.closed_loop.linear import EquivalentSystem, equivalent_system
 from sim.errors import DeclarationError
 from tests.integration.command_line import CommandLine

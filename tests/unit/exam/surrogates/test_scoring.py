@@ -36,7 +36,7 @@ from exam.surrogates.page import campaign_page
 from exam.surrogates.study import Naming, SurrogateStudy, acts, naming, scored
 from exam.surrogates.text import surrogate_text
 from ident.tracing.diagnosis import Claim, Prediction, Quantity, Verdict
-from scenarios.diagnosis.tracing import Tracing
+from scenarios.diagnosis.diagnose import Tracing
 from scenarios.studies.catalogue import scenario_kind
 from scenarios.tasks.study import Execution
 from scenarios.tasks.work import seed_of

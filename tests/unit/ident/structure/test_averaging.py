@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.structure.averaging import averaged_covariance
-from ident.structure.products import products_of
+from ident.structure.products import averaged_covariance, products_of
 from sim.aerodynamics import parse_term
 
 NAMES = ("alpha", "beta", "q", "elevator")

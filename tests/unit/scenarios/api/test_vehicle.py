@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import flightid as fid
-from scenarios.files.library_vehicles import toml_text
+from scenarios.files.aircraft_files import toml_text
 from scenarios.files.vehicles import read_vehicle
 from scenarios.preparation.declared_model import model_of_file
 from sim.vehicles.factory import model_of

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from ident.tracing.diagnosis import Diagnosis, Verdict
-from scenarios.diagnosis.diagnose import diagnose_files
+from scenarios.diagnosis.diagnose import Tracing, diagnose_files
 from scenarios.diagnosis.kinematics import Kinematics
 from scenarios.diagnosis.opening import candidates_for, read_effects
-from scenarios.diagnosis.tracing import Tracing
 from scenarios.files.declarations import ColumnChoice
 from scenarios.files.measured.columns import RecordFile
 from scenarios.files.vehicles import VehicleFile, read_vehicle

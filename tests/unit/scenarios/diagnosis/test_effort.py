@@ -10,12 +10,10 @@ import pytest
 
 from ident.tracing.diagnosis import Diagnosis, Verdict
 from ident.tracing.settings import EFFORTS, NORMAL, THOROUGH, TraceSettings
-from scenarios.diagnosis.diagnose import diagnose_files
+from scenarios.diagnosis.diagnose import Tracing, diagnose_files
 from scenarios.diagnosis.kinematics import Kinematics
 from scenarios.diagnosis.opening import effort_sentence, settings_of
-from scenarios.diagnosis.report.content import diagnosis_content
-from scenarios.diagnosis.report.text import diagnosis_text
-from scenarios.diagnosis.tracing import Tracing
+from scenarios.diagnosis.report.text import diagnosis_content, diagnosis_text
 from scenarios.preparation.plan import Request
 from sim.errors import DeclarationError
 from sim.record import Record

@@ -21,7 +21,7 @@ from scenarios.watching.loop_margins import (
     margins_of,
     take,
 )
-from scenarios.watching.loop_page import FollowLoop
+from scenarios.watching.show import FollowLoop
 from sim.closed_loop.airframe import load_x29
 from sim.closed_loop.linear import loop_test, margins
 from sim.errors import DeclarationError

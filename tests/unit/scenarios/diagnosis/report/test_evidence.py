@@ -22,7 +22,6 @@ from ident.tracing.diagnosis import (
     Quantity,
     Verdict,
 )
-from scenarios.diagnosis.report.content import diagnosis_content
 from scenarios.diagnosis.report.evidence import (
     apart_text,
     by_record_text,
@@ -31,7 +30,7 @@ from scenarios.diagnosis.report.evidence import (
 )
 from scenarios.diagnosis.report.files import REPLICATION_NOTE, diagnosis_page
 from scenarios.diagnosis.report.tables import SIGMA_NOTE, candidates_table, member_tables
-from scenarios.diagnosis.report.text import diagnosis_text, headline
+from scenarios.diagnosis.report.text import diagnosis_content, diagnosis_text, headline
 from scenarios.diagnosis.report.wording import Wording, group_sentence
 from scenarios.files.writing import json_text
 from scenarios.report.html import page_html

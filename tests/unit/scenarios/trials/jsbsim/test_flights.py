@@ -15,7 +15,7 @@ from pydantic_core import PydanticUndefined
 
 from scenarios.files.vehicles import read_vehicle
 from scenarios.studies.catalogue import load_document
-from scenarios.trials.jsbsim import schema
+from scenarios.trials.jsbsim import flight as flights
 from scenarios.trials.jsbsim.declaration import (
     CONDITIONS,
     OUTPUTS,
@@ -23,9 +23,14 @@ from scenarios.trials.jsbsim.declaration import (
     package_folder,
     surfaces_of,
 )
-from scenarios.trials.jsbsim.flight import JsbsimTruth, fly_jsbsim, vehicle_text, write_jsbsim
+from scenarios.trials.jsbsim.flight import (
+    JsbsimTruth,
+    fly_jsbsim,
+    jsbsim_of,
+    vehicle_text,
+    write_jsbsim,
+)
 from scenarios.trials.jsbsim.machine import Condition, JsbsimSignals, fly
-from scenarios.trials.jsbsim.schema import jsbsim_of
 from sim.errors import DeclarationError
 from sim.record import Record
 
@@ -210,7 +215,7 @@ def test_keys_and_defaults_are_documented() -> None:
     documented = {key.strip().strip("`"): default.strip() for key, default, *_ in rows}
     assert documented == {
         field.alias or name: shown(field.default)
-        for name, field in schema._Jsbsim.model_fields.items()
+        for name, field in flights._Jsbsim.model_fields.items()
     }
 
 
