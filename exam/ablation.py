@@ -266,7 +266,7 @@ def command_without(arguments: Sequence[str]) -> None:
             flightid(command)
         finally:
             if name == ALL:
-                Path(file).write_text(json.dumps(sorted(acted)), encoding="utf-8")
+                Path(file).write_text(json.dumps(sorted(acted)), encoding="utf-8", newline="\n")
 
 
 # ---- Cases
@@ -344,7 +344,7 @@ def ablate(arguments: Sequence[str] | None = None) -> int:
             for case, row in zip(cases, pool.map(examined, cases), strict=True):
                 rows.append(row)
                 line = json.dumps({"case": getattr(case, "name", case), "answers": row})
-                with (asked.out / LINES).open("a", encoding="utf-8") as file:
+                with (asked.out / LINES).open("a", encoding="utf-8", newline="\n") as file:
                     file.write(line + "\n")
         print(table(rows))
         write_text(asked.out / "table.md", table(rows) + "\n")

@@ -23,8 +23,8 @@ import numpy as np
 
 from ident.statistics.intervals import inverse_information
 from ident.tracing.context import search_context
-from ident.tracing.decision import CERTAIN
 from ident.tracing.fitted_model import FittedModel, added_parameters, is_event, known_beforehand
+from ident.tracing.names import CERTAIN
 from ident.tracing.priors import FEWEST, ODDS
 from ident.tracing.scan import PLACES, starts_at
 from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records, without_sensitivities

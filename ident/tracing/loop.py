@@ -16,10 +16,8 @@ from ident.tracing.between_records import (
     scatter_between_records,
 )
 from ident.tracing.decision import (
-    CERTAIN,
     SLIGHT,
     Decision,
-    Named,
     decided,
     searched,
 )
@@ -37,6 +35,7 @@ from ident.tracing.diagnosis import (
 )
 from ident.tracing.fitted_model import FittedModel, quantities, records_of
 from ident.tracing.held_out import HeldOut, HeldOutData, predicted_by
+from ident.tracing.names import CERTAIN, Named
 from ident.tracing.predictive import predictive_gains
 from ident.tracing.priors import FEWEST, ODDS
 from ident.tracing.problem import TraceProblem, no_progress

@@ -18,12 +18,12 @@ from ident.tracing.decision import (
     _other_forms,
     _prefer_named_by_kinematics,
     decided,
-    probabilities,
     searched,
 )
 from ident.tracing.diagnosis import Verdict
 from ident.tracing.evidence import WeighedSet
 from ident.tracing.loop import diagnose
+from ident.tracing.names import probabilities
 from ident.tracing.problem import TraceProblem
 from ident.tracing.search import CLEAR, Search
 from ident.tracing.steady_search import quiet_vuong, vuong
