@@ -202,17 +202,6 @@ class Overflows:
         return counting
 
 
-def overflow_sentence(count: int) -> str:
-    """One line on what was left out; empty where nothing was."""
-    if count == 0:
-        return ""
-    several = f"{count} computations" if count > 1 else "one computation"
-    return (
-        f"{several} of the search left the range of numbers: what they would have shown is left "
-        "out; look for wild samples and wrong units"
-    )
-
-
 DIGITS = 4  # of every number that is asked: what is printed is what was designed with
 # s of a flight: with less there is no room, with more a design could take longer than the diagnosis
 SHORTEST, LONGEST = 10.0, 20.0
