@@ -355,15 +355,39 @@ def of_all_controls(form: type[Form], **pseudo_control: float) -> tuple[Form, ..
     return (form(), stick, *lateral, form(label="elevator", speed="reference_airspeed"))
 
 
-# ---- What effects with a size on one input share
+# ---- What effects on one input, and effects on one channel, share
+
+
+class OfInput:
+    """An effect on one recorded input, named after its ``family`` and the label of the input."""
+
+    signal: str
+    label: str
+    family: ClassVar[str]
+    station: ClassVar[Station] = Station.INPUT_PATH
+
+    @property
+    def name(self) -> str:
+        return labelled(self.family, self.label)
+
+
+class OfChannel:
+    """An effect on one output channel, named after its ``family`` and the channel."""
+
+    channel: str
+    family: ClassVar[str]
+    station: ClassVar[Station] = Station.SENSOR_PATH
+
+    @property
+    def name(self) -> str:
+        return f"{self.family}:{self.channel}"
 
 
 @dataclass(frozen=True)
-class SizedOnInput:
+class SizedOnInput(OfInput):
     """An effect on an input whose one parameter has a size in the unit of that input.
 
-    A subclass has ``family``, its name without a label, and ``of_peak``, the typical value as a
-    share of the input's peak.
+    A subclass has ``of_peak``, the typical value as a share of the input's peak.
 
     Attributes
     ----------
@@ -378,13 +402,7 @@ class SizedOnInput:
     label: str = ""
     sized: bool = True
 
-    station: ClassVar[Station] = Station.INPUT_PATH
-    family: ClassVar[str]
     of_peak: ClassVar[float]
-
-    @property
-    def name(self) -> str:
-        return labelled(self.family, self.label)
 
     def fitted_to(self, context: SearchContext) -> Self:
         """The same; where nothing is known of the input's unit, of a size that its record asks

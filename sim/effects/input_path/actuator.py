@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.declaration.effect import Parameter, Regularity, Signal, Station
+from sim.declaration.effect import Parameter, Regularity, Signal
 from sim.declaration.model import Equations
 from sim.declaration.proposal import (
     Probe,
@@ -23,11 +23,11 @@ from sim.declaration.proposal import (
 )
 from sim.effects.instances import (
     MANY_SIZES,
+    OfInput,
     SizedOnInput,
     all_labelled,
     for_inputs,
     has_size,
-    labelled,
     sized,
 )
 from sim.maths import (
@@ -47,7 +47,7 @@ USUAL_OF_ENGINES = 1.0  # s: turbofans from near idle take longer, propellers ar
 
 
 @dataclass(frozen=True)
-class ActuatorLag:
+class ActuatorLag(OfInput):
     """The surface y follows the recorded command u as y_dot = (u - y)/time_constant, settled at the
     start.
 
@@ -61,7 +61,7 @@ class ActuatorLag:
     label: str = ""
     own_name: str = ""
 
-    station: ClassVar[Station] = Station.INPUT_PATH
+    family: ClassVar[str] = "actuator-lag"
     rank: ClassVar[int] = 40
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("time_constant", 0.08, "s", bounds=(0.0, 5.0)),
@@ -77,10 +77,6 @@ class ActuatorLag:
         "fast can, since a delay lets them pass as steps. "
         "Large and small steps take the same time, unlike with a rate limit."
     )
-
-    @property
-    def name(self) -> str:
-        return labelled("actuator-lag", self.label)
 
     @property
     def aliases(self) -> tuple[str, ...]:
@@ -152,7 +148,7 @@ NEAR = 1e-3  # of the squared angle, below which four terms of a series are exac
 
 
 @dataclass(frozen=True)
-class ActuatorSecondOrder:
+class ActuatorSecondOrder(OfInput):
     """The surface d follows the recorded command u as d_ddot = frequency^2 (u - d) - 2 damping
     frequency d_dot, settled at the start.
 
@@ -167,7 +163,7 @@ class ActuatorSecondOrder:
     unit: str = "rad"
     label: str = ""
 
-    station: ClassVar[Station] = Station.INPUT_PATH
+    family: ClassVar[str] = "actuator-second-order"
     rank: ClassVar[int] = 40
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("frequency", 20.0, "rad/s", bounds=(0.5, UNLIMITED)),
@@ -184,10 +180,6 @@ class ActuatorSecondOrder:
         "large with little damping, too small with much. "
         "Steps sampled fast show which it is, a slow record does not."
     )
-
-    @property
-    def name(self) -> str:
-        return labelled("actuator-second-order", self.label)
 
     @property
     def aliases(self) -> tuple[str, ...]:
