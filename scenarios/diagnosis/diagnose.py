@@ -14,8 +14,15 @@ from typing import Any, Protocol
 import numpy as np
 
 from ident.flying_qualities.levels import FlightPhase
-from ident.tracing.diagnosis import Claim, Data, Diagnosis, Prediction, Verdict
-from ident.tracing.settings import NORMAL, TraceSettings
+from ident.tracing.diagnosis import (
+    NORMAL,
+    Claim,
+    Data,
+    Diagnosis,
+    Prediction,
+    TraceSettings,
+    Verdict,
+)
 from scenarios.diagnosis.kinematics import OF_MODEL, Kinematics, kinematics_of_files
 from scenarios.diagnosis.opening import (
     InputReading,
