@@ -35,6 +35,7 @@ from ident.whole_record.layout import (
     LaidOut,
     Standardised,
     WeightedResiduals,
+    WithoutUnknowns,
     lay_out,
 )
 from ident.whole_record.linearise import Linearisation
@@ -49,7 +50,7 @@ from sim.record import Channel, Record
 
 
 @dataclass(frozen=True, eq=False)
-class KnownLevels:
+class KnownLevels(WithoutUnknowns):
     """Independent Gaussian noise of known ``variance (m,)``: the cost is half the sum of the
     weighted squares.
 
@@ -57,13 +58,6 @@ class KnownLevels:
     """
 
     variance: np.ndarray
-    names: tuple[str, ...] = ()
-
-    @property
-    def start(self) -> np.ndarray:
-        return np.zeros(0)
-
-    low = high = start
 
     def weight_residuals(
         self,
@@ -83,20 +77,6 @@ class KnownLevels:
         return WeightedResiduals(
             tuple(residuals), tuple(line.jacobian for line in lines), self.variance, cost, filters
         )
-
-    def covariance_terms(
-        self,
-        layout: LaidOut,
-        theta: np.ndarray,
-        lines: Sequence[Linearisation],
-        weighted: WeightedResiduals,
-    ) -> tuple[np.ndarray, np.ndarray] | None:
-        """None: the variances are known."""
-        return None
-
-    def step_bounds(self, layout: LaidOut, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The bounds of the layout."""
-        return layout.low, layout.high
 
 
 # ---- A flight that is planned

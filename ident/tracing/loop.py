@@ -30,6 +30,7 @@ from ident.tracing.diagnosis import (
     Data,
     Diagnosis,
     Requirement,
+    TraceSettings,
     Trained,
     Verdict,
 )
@@ -41,7 +42,6 @@ from ident.tracing.priors import FEWEST, ODDS
 from ident.tracing.problem import TraceProblem, no_progress
 from ident.tracing.result import After, Before, Judgement, not_noise, reported, residual_tests
 from ident.tracing.search import Search
-from ident.tracing.settings import TraceSettings
 from ident.tracing.wrong_samples import measured_masks, spike_claims
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.model import Model

@@ -8,11 +8,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ident.tracing.diagnosis import Claim, Diagnosis, ErrorFigures, Verdict
-from scenarios.diagnosis.diagnose import Tracing
 from scenarios.report.document import Table
 from scenarios.report.quantities import (
     CHANNELS,
@@ -24,6 +24,9 @@ from scenarios.report.quantities import (
     with_sigma,
 )
 from sim.declaration.proposal import Traits
+
+if TYPE_CHECKING:
+    from scenarios.diagnosis.diagnose import Tracing
 
 
 def kind_of_predicted(d: Diagnosis) -> str:
