@@ -224,7 +224,7 @@ def _(close, lab, page):
             "Bending takes away part of the static stability. With the factor at 0.5 it takes away 71 %.",
         ),
         "worst": page.Question(
-            "The error of which derivative, estimate minus condensed value, is the most sigmas?",
+            "Which derivative has the largest error in sigmas (estimate minus condensed value)?",
             page.choice(["CL_alpha", "CL_q", "CL_de", "Cm_alpha", "Cm_q", "Cm_de"]),
             lambda value: value == lab.worst(),
             "The last column.",
@@ -257,12 +257,15 @@ def _(close, lab, page):
                 [
                     "the model",
                     "the estimates, which are now the rigid aircraft's",
-                    "mostly the sigmas, which now contain what the model lacks",
+                    "mostly the sigmas, which now allow for what the model lacks",
                 ]
             ),
             lambda value: value is not None and value.startswith("mostly the sigmas"),
             "Compare the sigma of C_mq at process noise 0 and 0.3, and how far its estimate moved.",
-            "To correct the model, add the mode: `flightid run flexible-ac1-first-mode`.",
+            "The sigma of C_mq becomes fourteen times larger. Its estimate even moves away from the "
+            "condensed value (from -31.2 to -30.7; condensed -33.1), that of C_Lq towards it (from "
+            "-22.0 to -17.5; condensed -16.2). To correct the model, add the mode: "
+            "`flightid run flexible-ac1-first-mode`.",
         ),
     }
     answers = page.fields(questions)

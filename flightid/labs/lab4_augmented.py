@@ -111,8 +111,9 @@ def _(controls, figure_fit, mo, page, response_of, seed, study):
                     page.sliders(controls),
                     seed,
                     mo.md(
-                        "Airframe S resembles the X-29's simulation, airframe F its flight, both as "
-                        "published in NASA TM-101722."
+                        "Airframe S resembles the X-29 as simulated, airframe F the X-29 as flown "
+                        "(NASA TM-101722). The last column of the table is an equivalent system that was "
+                        "fitted, without noise, to the frequency response of the whole loop below."
                     ),
                 ],
                 _figure,
@@ -163,7 +164,7 @@ def _(command, controls, lab, mo, page, seed):
                     "unit",
                     "from the record",
                     "sigma",
-                    "from the loop's frequency response",
+                    "from the frequency response",
                 ],
                 _rows,
             ),
@@ -222,7 +223,7 @@ def _(figure_bode, lab, np, page, study):
 def _(close, lab, page):
     questions = {
         "doubles": page.Question(
-            "Airframe F. If the computer stopped, in what time would a disturbance double, in ms?",
+            "Airframe F without its control law (the computer has stopped): in what time does a disturbance double, in ms?",
             page.number_field("ms"),
             lambda value: close(value, 1000 * lab.numbers()["doubles in"], 0.03),
             "Read the line above the table; it is in seconds.",
@@ -239,8 +240,8 @@ def _(close, lab, page):
             "surfaces must be recorded too.",
         ),
         "level": page.Question(
-            "Which Level has airframe F by its equivalent *delay* (not lag and delay together) in "
-            "MIL-F-8785C?",
+            "Which Level does the equivalent *delay* of airframe F have in MIL-F-8785C? Take the delay "
+            "alone, without the lag.",
             page.choice(["Level 1", "Level 2", "Level 3"]),
             lambda value: value == lab.level_of_delay(),
             "Read the delay in the table; its bounds are in the theory.",

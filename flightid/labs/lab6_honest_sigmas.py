@@ -51,7 +51,7 @@ def _(mo):
 
     $$ \dot x = f(x, u) + w , \quad \operatorname{E} w w^T = Q\,\delta(t - t') , \qquad z_k = h(x_k) + v_k , \quad \operatorname{E} v v^T = R . $$
 
-    If $R$ is wrong by a factor, sigma is wrong by its root; the slider scales $\sqrt R$, so that sigma changes by the slider's factor. If forces act that the estimator does not assume, the residual becomes **coloured**: each
+    If $R$ is wrong by a factor, sigma is wrong by the square root of this factor. The slider scales $\sqrt R$, so sigma changes by the slider's factor. If forces act that the estimator does not assume, the residual becomes **coloured**: each
     sample resembles the one before, and $n$ samples contain
     less information than $n$ independent ones. An estimator that counts them as independent reports sigmas that are too small.
 
@@ -108,8 +108,8 @@ def _(controls, figure_scatter, lab, many, mo, page, runs):
                     mo.md(
                         "With process noise, every run is a flight of its own: fifty take a few "
                         "seconds. "
-                        "The estimator `output error` assumes no process noise, so the third slider "
-                        "has no effect on it."
+                        "The estimator `output error` has no process noise, so the third slider "
+                        "does not change its result."
                     ),
                 ],
                 _figure,
@@ -156,7 +156,8 @@ def _(command, controls, lab, mo, page, runs):
                 f"All six derivatives together: **{100 * many.pooled.within_two:.0f} %** of the "
                 "2-sigma intervals contain the true value (95 % interval "
                 f"{100 * _low:.0f} to {100 * _high:.0f} %; honest sigmas: 95 %); "
-                f"scatter over reported sigma **{many.pooled.scatter:.2f}**."
+                f"standard deviation of all errors, each divided by the sigma of its run: "
+                f"**{many.pooled.scatter:.2f}** (honest sigmas: 1)."
             ),
             page.command_line(
                 command("campaign", lab.SCENARIO, asked, "--runs", str(runs.value), "--seed", "1")

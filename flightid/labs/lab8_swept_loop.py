@@ -128,7 +128,7 @@ def _(command, controls, lab, mo, page):
             page.table(["quantity", "unit", "true", "estimate ± σ", "error, σ"], _rows),
             mo.md(
                 "`inv T roll` is 1/T of the roll mode. `gain increase` is the gain margin; `delay "
-                "margin` is the further delay at which the loop would become unstable. `distance` is "
+                "margin` is the further delay at which the loop becomes unstable. `distance` is "
                 "the smallest distance from -1; the figure below shows it in dB."
             ),
             page.command_line(command("run", lab.SCENARIO, asked)),
