@@ -44,12 +44,21 @@ def _(mo):
     the mean $\hat x$ and the
     covariance $P$ along,
 
-    $$ \dot{\hat x} = f(\hat x) , \qquad P \leftarrow \Phi P \Phi^T , \qquad \Phi \approx I + F\,\Delta t + \tfrac12 (F\,\Delta t)^2, \qquad
-    F = \left.\frac{\partial f}{\partial x}\right|_{\hat x} , $$
+    $$ \dot{\hat x} = f(\hat x) , $$
+
+    $$ P \leftarrow \Phi P \Phi^T , $$
+
+    $$ \Phi \approx I + F\,\Delta t + \tfrac12 (F\,\Delta t)^2 , $$
+
+    $$ F = \left.\frac{\partial f}{\partial x}\right|_{\hat x} , $$
 
     and at a sample $z$ with noise variance $R$ it weighs prediction against measurement. The matrix $H = (1, 0, 0)$ takes the measured altitude from the state; $K$ is the gain:
 
-    $$ K = P H^T (H P H^T + R)^{-1} , \qquad \hat x \leftarrow \hat x + K (z - H \hat x) , \qquad P \leftarrow (I - K H) P . $$
+    $$ K = P H^T (H P H^T + R)^{-1} , $$
+
+    $$ \hat x \leftarrow \hat x + K (z - H \hat x) , $$
+
+    $$ P \leftarrow (I - K H) P . $$
 
     *Where the information is.* The altitude contains information about $\beta$ only through one entry of $F$,
 

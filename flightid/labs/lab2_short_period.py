@@ -43,8 +43,9 @@ def _(mo):
     After a short deflection of the elevator $\delta_e$ an aircraft oscillates in angle of attack $\alpha$ and pitch rate $q$ before its speed has time to change. This
     oscillation is the **short period**. For small deviations from trim, with $q$ made non-dimensional by $\bar c / 2V$,
 
-    $$ \dot\alpha = q - \frac{\rho V S}{2m}\Big(C_{L_\alpha}\alpha + C_{L_q}\tfrac{\bar c}{2V} q + C_{L_{\delta_e}}\delta_e\Big), \qquad
-       \dot q = \frac{\rho V^2 S \bar c}{2 I_y}\Big(C_{m_\alpha}\alpha + C_{m_q}\tfrac{\bar c}{2V} q + C_{m_{\delta_e}}\delta_e\Big) . $$
+    $$ \dot\alpha = q - \frac{\rho V S}{2m}\Big(C_{L_\alpha}\alpha + C_{L_q}\tfrac{\bar c}{2V} q + C_{L_{\delta_e}}\delta_e\Big) , $$
+
+    $$ \dot q = \frac{\rho V^2 S \bar c}{2 I_y}\Big(C_{m_\alpha}\alpha + C_{m_q}\tfrac{\bar c}{2V} q + C_{m_{\delta_e}}\delta_e\Big) . $$
 
     Here $V$ is the airspeed, $\rho$ the air density, $S$ the wing area, $\bar c$ the mean chord, $m$ the mass and $I_y$ the moment of inertia in pitch.
 

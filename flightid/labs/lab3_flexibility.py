@@ -60,13 +60,19 @@ def _(mo):
 
     The dots stand for similar terms with $\dot\eta_j$. In turn each mode changes the lift and the moment:
 
-    $$ C_L = C_{L_\alpha}\alpha + C_{L_q}\tfrac{\bar c}{2V} q + C_{L_\delta}\delta_e + \sum_i \big( C_{L_{\eta_i}}\eta_i + C_{L_{\dot\eta_i}}\tfrac{\bar c}{2V}\dot\eta_i \big) ,
-    \qquad C_m \ \text{likewise.} $$
+    $$ C_L = C_{L_\alpha}\alpha + C_{L_q}\tfrac{\bar c}{2V} q + C_{L_\delta}\delta_e + \sum_i \big( C_{L_{\eta_i}}\eta_i + C_{L_{\dot\eta_i}}\tfrac{\bar c}{2V}\dot\eta_i \big) , $$
+
+    and the moment $C_m$ likewise.
 
     *A stiff structure follows its loads at once.* With $\dot\eta = \ddot\eta = 0$ the equations of the modes become a linear system,
 
-    $$ A\,\eta = b_\alpha\,\alpha + b_q \tfrac{\bar c}{2V} q + b_\delta\,\delta_e , \qquad
-    A_{ij} = \omega_i^2\,[i = j] - k_i\, C^{\eta_i}_{\eta_j} , \qquad b_{\alpha,i} = k_i\, C^{\eta_i}_\alpha , \qquad k_i = \frac{\rho V^2 S \bar c}{2 M_i} , $$
+    $$ A\,\eta = b_\alpha\,\alpha + b_q \tfrac{\bar c}{2V} q + b_\delta\,\delta_e , $$
+
+    $$ A_{ij} = \omega_i^2\,[i = j] - k_i\, C^{\eta_i}_{\eta_j} , $$
+
+    $$ b_{\alpha,i} = k_i\, C^{\eta_i}_\alpha , $$
+
+    $$ k_i = \frac{\rho V^2 S \bar c}{2 M_i} , $$
 
     where $[i = j]$ is 1 on the diagonal of $A$ and 0 elsewhere; $b_q$ and $b_\delta$ are formed like $b_\alpha$. So $\eta$ is proportional to $\alpha$, $q$ and $\delta_e$, and lift and moment depend on these three
     alone, as on a rigid aircraft, but with other derivatives. These are called **condensed** (also quasi-static, or elastic equivalents):

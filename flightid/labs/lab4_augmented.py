@@ -48,8 +48,11 @@ def _(mo):
     The pilot notices none of these states: the **stick** $\delta_p$ moves, and the aircraft answers with a short period, slightly late. The **low-order equivalent system** (LOES)
     has a short period and a delay, and nothing else. Its input $\delta$ is the stick behind a first-order lag:
 
-    $$ \dot\delta = \tfrac1\tau\big(\delta_p(t - t_d) - \delta\big) + \delta_0 , \qquad
-       \dot\alpha = L_\alpha\alpha + L_q q + L_\delta\delta + L_0 , \qquad \dot q = M_\alpha\alpha + M_q q + M_\delta\delta + M_0 , $$
+    $$ \dot\delta = \tfrac1\tau\big(\delta_p(t - t_d) - \delta\big) + \delta_0 , $$
+
+    $$ \dot\alpha = L_\alpha\alpha + L_q q + L_\delta\delta + L_0 , $$
+
+    $$ \dot q = M_\alpha\alpha + M_q q + M_\delta\delta + M_0 , $$
 
     with the time constant $\tau$ of the lag and a pure delay $t_d$. These are eight parameters, and three constants for biases ($L_0$, $M_0$, $\delta_0$), in place of thirty states. The transfer function from stick to
     pitch rate is

@@ -37,8 +37,11 @@ def _(mo):
     if the flight is repeated with other noise, the estimates will scatter by $\hat\sigma$ about the true value $\theta$. A
     **campaign** of $N$ runs tests this prediction. With the error $e_i = \hat\theta_i - \theta$ of run $i$,
 
-    $$ \text{bias} = \frac1N\sum e_i , \qquad \text{scatter} = \Big(\tfrac{1}{N-1}\sum (e_i - \bar e)^2\Big)^{1/2} , \qquad
-       \text{coverage} = \frac1N\,\#\{\, |e_i| \le 2\hat\sigma_i \,\} . $$
+    $$ \text{bias} = \frac1N\sum e_i , $$
+
+    $$ \text{scatter} = \Big(\tfrac{1}{N-1}\sum (e_i - \bar e)^2\Big)^{1/2} , $$
+
+    $$ \text{coverage} = \frac1N\,\#\{\, |e_i| \le 2\hat\sigma_i \,\} . $$
 
     For honest sigmas, scatter / sigma is 1 and the coverage is 95 %. $N$ runs determine the coverage of one parameter only with a standard deviation of $\sqrt{0.95 \cdot
     0.05/N}$: 3 % at 50 runs.
@@ -49,7 +52,9 @@ def _(mo):
     *What an estimator assumes.* A Kalman filter weighs the data by two assumed covariances: $R$ of the sensor noise $v$, and $Q$ of the **process noise** $w$, which stands for
     disturbances that act on the states, such as turbulence:
 
-    $$ \dot x = f(x, u) + w , \quad \operatorname{E} w w^T = Q\,\delta(t - t') , \qquad z_k = h(x_k) + v_k , \quad \operatorname{E} v v^T = R . $$
+    $$ \dot x = f(x, u) + w , \quad \operatorname{E} w w^T = Q\,\delta(t - t') , $$
+
+    $$ z_k = h(x_k) + v_k , \quad \operatorname{E} v v^T = R . $$
 
     If $R$ is wrong by a factor, sigma is wrong by the square root of this factor. The slider scales $\sqrt R$, so sigma changes by the slider's factor. If forces act that the estimator does not assume, the residual becomes **coloured**: each
     sample resembles the one before, and $n$ samples contain
@@ -58,8 +63,9 @@ def _(mo):
     *Two remedies.* With the right $Q$ the filter weighs the data correctly: sigma *and* estimate improve. The other remedy keeps the estimate and corrects its
     sigma for the colour of the residual, as output error does here. The correction contains the autocorrelation $\mathcal{R}_{vv}(i-j)$ of the residual between samples $i$ and $j$, and the sensitivities $S_i$ of the outputs:
 
-    $$ \operatorname{cov}\hat\theta = M^{-1} \Big[ \sum_{i,j} S_i^T R^{-1}\,\mathcal{R}_{vv}(i-j)\,R^{-1} S_j \Big] M^{-1} ,
-    \qquad M = \sum_i S_i^T R^{-1} S_i . $$
+    $$ \operatorname{cov}\hat\theta = M^{-1} \Big[ \sum_{i,j} S_i^T R^{-1}\,\mathcal{R}_{vv}(i-j)\,R^{-1} S_j \Big] M^{-1} , $$
+
+    $$ M = \sum_i S_i^T R^{-1} S_i . $$
     """)
     return
 

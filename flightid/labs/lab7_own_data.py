@@ -36,7 +36,9 @@ def _(mo):
 
     *1. Check of the sensors by kinematics.* Angle of attack $\alpha$, pitch rate $q$ and load factor $n_z$ depend on each other, whatever the aerodynamics are. For small deviations from trim,
 
-    $$ \dot\alpha = q - \frac{g_0}{V}\,(n_z - n_{z0}) , \qquad \alpha_m = (1 + k_\alpha)\,\alpha - \frac{d}{V}\, q + b_\alpha , $$
+    $$ \dot\alpha = q - \frac{g_0}{V}\,(n_z - n_{z0}) , $$
+
+    $$ \alpha_m = (1 + k_\alpha)\,\alpha - \frac{d}{V}\, q + b_\alpha , $$
 
     with the true airspeed $V$, the standard gravity $g_0$ (9.81 m/s²), and the load factor $n_{z0}$ in trim: 1, or 0 if the sensor records changes from trim. $\alpha_m$ is what the vane
     measures: it has a scale error $k_\alpha$ and a bias $b_\alpha$, and it sits the arm $d$ ahead of the centre of gravity. The check

@@ -43,7 +43,8 @@ def _(mo):
     *Noise runs round the loop.* Gyro noise and turbulence enter $f$, and from there $e$. Let $S_{fe}$ be the cross spectrum of $f$ and $e$, and $S_{ee}$ the power spectrum of $e$. The **direct** estimate
     $\hat L = S_{fe}/S_{ee}$ then mixes two values:
 
-    $$ L \ \text{(if there were only the sweep)} \quad\text{and}\quad -1 \ \text{(if there were only noise: } r = 0, \text{ so } e = -f\text{)} . $$
+    - $L$, which it gives where the sweep is much larger than the noise,
+    - $-1$, which it gives where the noise is much larger than the sweep (with $r = 0$, $e = -f$).
 
     The **joint** estimate relates both signals to the sweep, which contains no noise: $\hat L = S_{fr}/S_{er}$.
 

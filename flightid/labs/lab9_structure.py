@@ -44,7 +44,9 @@ def _(mo):
     **Stepwise regression** adds terms one after the other. $F$ of a term is the sum of squares that it explains, divided by the variance of the residual. At each step the term with the largest $F$ enters, if $F > 20$; terms whose $F$ has fallen below 20 leave. A linear term of small $F$ stays if
     the value of another term depends on it. Two further numbers show whether the last terms improve the model, with the samples $k = 1 \dots N$:
 
-    $$ \text{PSE} = \frac{1}{N}\sum_k (z_k - \hat z_k)^2 + \sigma^2_{max}\,\frac{n}{N} , \qquad R^2_{\text{left out}} = 1 - \frac{\sum_k (z_k - \hat z_k^{(-m)})^2}{\sum_k (z_k - \bar z)^2} . $$
+    $$ \text{PSE} = \frac{1}{N}\sum_k (z_k - \hat z_k)^2 + \sigma^2_{max}\,\frac{n}{N} , $$
+
+    $$ R^2_{\text{left out}} = 1 - \frac{\sum_k (z_k - \hat z_k^{(-m)})^2}{\sum_k (z_k - \bar z)^2} . $$
 
     The **predicted squared error** (PSE) adds a penalty for each of the $n$ terms, with the variance $\sigma^2_{max}$ of $z$. The second number, **R² left out**, leaves out each
     maneuver $m$ in turn and predicts it by a model from the others, $\hat z^{(-m)}$.

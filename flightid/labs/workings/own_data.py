@@ -96,6 +96,8 @@ delay = 0.01
 """
 # where uploaded files lie, which says nothing to who uploaded them
 _SCRATCH = re.compile(rf"\S*/{PREFIX}[^/\s]+/")
+# digits that only rounding leaves
+_LONG = re.compile(r"\b\d+\.\d{10,}\b")
 # a function of Python has read the vehicle file, so that its name is not in the command
 _WITHOUT_VEHICLE = re.compile(r"(\bflightid diagnose .* --model \S+)(?! --vehicle)(?=\s|$)")
 
@@ -117,7 +119,8 @@ def vehicle_text(model: str, source: str = TABLE) -> str:
     import flightid
 
     if model == "rigid":
-        return recorder_log.vehicle_text() if source == LOG else _flown().vehicle_file
+        text = recorder_log.vehicle_text() if source == LOG else _flown().vehicle_file
+        return _LONG.sub(lambda found: f"{float(found[0]):.10g}", text)
     texts = {"loes": LOES, "multirotor": MULTIROTOR}
     return texts[model] if model in texts else flightid.vehicle(VEHICLES[model]).to_toml()
 
