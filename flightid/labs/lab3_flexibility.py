@@ -161,10 +161,7 @@ def _(command, controls, lab, mo, page, sigmas_off):
         ]
         for row in study.main.rows
     ]
-    _tests = "; ".join(
-        f"{test.channel or 'all'} ({test.name}): {'passed' if test.passed else '**failed**'}"
-        for test in study.main.tests
-    )
+    _tests = page.tests_of(study.main.tests)
     mo.vstack(
         [
             page.table(

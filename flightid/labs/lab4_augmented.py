@@ -149,10 +149,7 @@ def _(command, controls, lab, mo, page, seed):
         f"{level.level}"
         for level in study.levels
     )
-    _tests = "; ".join(
-        f"{test.channel or 'all'} ({test.name}): {'passed' if test.passed else '**failed**'}"
-        for test in study.found.tests
-    )
+    _tests = page.tests_of(study.found.tests)
     mo.vstack(
         [
             mo.md(
@@ -178,7 +175,7 @@ def _(command, controls, lab, mo, page, seed):
                 f"**{1000 * lab.quality(study, 'total_delay'):.0f} ms**. Flying qualities by "
                 f"MIL-F-8785C, class IV (fighters), category {lab.CATEGORY} (rapid maneuvers): "
                 f"{_judged}. Tests of the "
-                f"residual: {_tests}."
+                f"residual (Ljung-Box tests whiteness, as in lab 3): {_tests}."
             ),
             page.command_line(
                 command(

@@ -41,8 +41,9 @@ def _(mo):
     The model of a coefficient is a sum $z = \theta_0 + \sum_j \theta_j\, t_j$ of **terms** $t_j$: signals ($\alpha$, $\hat q = q \bar c / 2V$, $\delta_e$, ...) and
     their products. Which terms does it need? With eight signals there are 44 terms up to the second degree: 8 signals, 8 squares, 28 products.
 
-    **Stepwise regression** adds terms one after the other. $F$ of a term is the sum of squares that it explains, divided by the variance of the residual. At each step the term with the largest $F$ enters, if $F > 20$; terms whose $F$ has fallen below 20 leave. A linear term of small $F$ stays if
-    the value of another term depends on it. Two further numbers show whether the last terms improve the model, with the samples $k = 1 \dots N$:
+    **Stepwise regression** adds terms one after the other. $F$ of a term is the sum of squares that it explains, divided by the variance of the residual. Linear terms enter first, whatever their $F$: two terms that mask each other both have a
+    small $F$ alone. Those whose $F$ is below 20 then leave. From there on the term with the largest $F$ enters, if $F > 20$, and terms whose $F$ has fallen below 20 leave. At the end a linear term of small $F$ returns
+    if the value of another term depends on it. The column `step` of the table says when a term entered; the steps that are missing there belong to terms that left again. Two further numbers show whether the last terms improve the model, with the samples $k = 1 \dots N$:
 
     $$ \text{PSE} = \frac{1}{N}\sum_k (z_k - \hat z_k)^2 + \sigma^2_{max}\,\frac{n}{N} , $$
 
@@ -207,7 +208,7 @@ def _(close, lab, page):
             lambda value: value == lab.numbers(axis="Cl", maneuvers=1, degree=4)["terms"],
             "Count the rows of the table.",
             "The same six as at degree 2, all of them true. A term enters only if it lowers the "
-            "residual by more than chance, and linear terms enter first. With one maneuver no R² of "
+            "residual by more than chance. With one maneuver no R² of "
             "maneuvers left out checks this; the maneuver that is never fitted does (R² 0.999).",
         ),
     }
