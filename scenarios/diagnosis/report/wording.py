@@ -175,7 +175,7 @@ def sentence(claim: Claim, wording: Wording) -> str:
 
 def group_sentence(claim: Claim, wording: Wording) -> str:
     """The sentence of an effect with what else it may be: ``"the pitch rate is read 0.06 s late
-    (lag or delay: these records cannot tell)"``.
+    (lag or delay: both fit these data equally well)"``.
     """
     if not claim.alternatives:
         return sentence(claim, wording)
@@ -190,7 +190,10 @@ def group_sentence(claim: Claim, wording: Wording) -> str:
         for name, traits in zip(names, known, strict=True)
     ]
     told = told.removesuffix(f" ({members[0]})")  # "(break-out)" once is enough
-    return f"{told} ({', '.join(members[:-1])} or {members[-1]}: these records cannot tell)"
+    count = "both" if len(members) == 2 else "all"
+    return (
+        f"{told} ({', '.join(members[:-1])} or {members[-1]}: {count} fit these data equally well)"
+    )
 
 
 def _told(claim: Claim, wording: Wording, templates: Sequence[str]) -> str:
