@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from scenarios.files.declarations import CHANNEL_UNITS
 from sim.errors import DeclarationError
+from sim.record import time_span
 
 if TYPE_CHECKING:
     from ident.flying_qualities.levels import FlightPhase
@@ -168,7 +169,7 @@ def _segments(starts: list[float], stops: list[float]) -> tuple[Segment, ...]:
     ordered = sorted(zip(starts, stops, strict=True))
     for (start, stop), (later, end) in pairwise(ordered):
         if later < stop:
-            what = f"the segments {start:g} to {stop:g} s and {later:g} to {end:g} s overlap"
+            what = f"the segments {time_span(start, stop)} and {time_span(later, end)} overlap"
             raise DeclarationError(
                 what, where="--from, --to", remedy="give segments that do not overlap"
             )
@@ -278,7 +279,7 @@ class Part:
     @property
     def sentence(self) -> str:
         """Name of the part in messages, ``"maneuver 3 (pitch-doublet-1), 119.2 to 127.5 s"``."""
-        return f"maneuver {self.number} ({self.name}), {self.start:g} to {self.stop:g} s"
+        return f"maneuver {self.number} ({self.name}), {time_span(self.start, self.stop)}"
 
 
 @dataclass(frozen=True)
@@ -356,7 +357,7 @@ def chosen_parts(parts: DeclaredParts, requested: Sequence[str | int]) -> tuple[
         if other.start < one.stop:
             what = (
                 f"maneuvers {one.number} and {other.number} overlap ({one.start:g} to {one.stop:g} "
-                f"s, {other.start:g} to {other.stop:g} s)"
+                f"s, {time_span(other.start, other.stop)})"
             )
             raise DeclarationError(
                 what,

@@ -14,7 +14,7 @@ from scenarios.files.declarations import STICK
 from scenarios.preparation.plan import MEASURED_MOTION
 from sim.declaration.model import Model
 from sim.errors import RecordError
-from sim.record import Channel, Record
+from sim.record import Channel, Record, instant
 
 # ---- Long records that are almost all cruise
 
@@ -260,8 +260,8 @@ def split_off(records: Sequence[Record], model: Model) -> Split:
         (*others, first),
         held_out,
         cut,
-        f"no --validate: the last part of {last.name}, from {cut:g} s on, is not fitted but "
-        "predicted",
+        f"no --validate: the last part of {last.name}, from {instant(cut, 6)} s on, is not fitted "
+        "but predicted",
     )
 
 
@@ -312,8 +312,8 @@ def hold_out(record: Record) -> tuple[Record, Record]:
     ]
     if steered and not any(moves(first[name]) for name in steered):
         what = (
-            f"no control moves before {record.time[cut]:g} s, where its last part would be held "
-            "out: the rest says nothing of a model"
+            f"no control moves before {instant(record.time[cut], 6)} s, where its last part would "
+            "be held out: the rest says nothing of a model"
         )
         raise RecordError(what, where=record.name, remedy=_REMEDY)
     return first, held_out
