@@ -9,7 +9,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from scenarios.files.aircraft_files import model_of_file, read_model_file, vehicle_source
+from scenarios.files.aircraft_files import (
+    model_of_file,
+    read_model_file,
+    vehicle_source,
+    with_plain_terms,
+)
 from scenarios.files.declarations import checked, closest, toml_of
 from scenarios.files.measured.columns import RecordFile, path_of
 from scenarios.files.sources import InputFile, Source
@@ -282,8 +287,8 @@ def read_any_vehicle(path: str | Path | Source) -> VehicleFile:
 
     source = vehicle_source(path)
     content = toml_of(source)
-    if "aerodynamics" in content:
-        return aircraft_vehicle(source)
+    if "aerodynamics" in content or content.get("model") == AIRCRAFT:
+        return aircraft_vehicle(with_plain_terms(source))
     if "density_scale_height" in content or "air_density_reference" in content:
         raise DeclarationError(
             "this is a falling body's file, without an airspeed",
@@ -368,7 +373,14 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
 
 
 def _refuse_other_model(content: Mapping[str, Any], model: str, path: Path) -> None:
-    """Raise DeclarationError for a file whose keys belong to another model."""
+    """Raise DeclarationError for a file that names another model, or whose keys belong to one."""
+    named = content.get("model")
+    if isinstance(named, str) and named in MODELS and named != model:
+        raise DeclarationError(
+            f"this vehicle file is for the {named} model (key model), not for {model}",
+            where=str(path),
+            remedy=f"name a file for {model}, or the model {named}",
+        )
     for other, keys in _WRITTEN_FOR.items():
         if all(key in content for key in keys) and model not in _READERS.get(other, (other,)):
             raise DeclarationError(

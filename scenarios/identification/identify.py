@@ -90,6 +90,7 @@ from scenarios.preparation.plan import (
 from scenarios.preparation.plausibility import (
     cruise_caution,
     refuse_still,
+    refuse_too_few,
     refuse_unpredictable,
     refuse_unrelated_records,
 )
@@ -477,6 +478,7 @@ def _identified(
     )
     refuse_unrelated_records(ready.fitted, ready.validation)
     refuse_still(ready.fitted, ready.model)
+    refuse_too_few(ready.fitted, ready.model)
     refuse_unfit_records(ready.fitted, ready.model)
     refuse_unpredictable(ready.predicted, ready.model)
     trusted = plan.trusted or method == FREQUENCY

@@ -253,14 +253,16 @@ def reading_options(request: Request, *, opening: bool = False, rate: bool = Tru
 
 
 def column_choices(
-    request: Request, allowed: Iterable[str] = CHANNEL_UNITS
+    request: Request, allowed: Iterable[str] = CHANNEL_UNITS, *, surfaces: bool = False
 ) -> Mapping[str, ColumnChoice] | None:
-    """The channel map that a request names, of the channels ``allowed``, read now; None where it
-    names none. Raises DeclarationError.
+    """The channel map that a request names, of the channels ``allowed``, with ``surfaces`` those
+    of any name as well, read now; None where it names none. Raises DeclarationError.
     """
     from scenarios.files.declarations import read_channel_map
 
-    return read_channel_map(request.channels, allowed) if request.channels is not None else None
+    if request.channels is None:
+        return None
+    return read_channel_map(request.channels, allowed, surfaces=surfaces)
 
 
 FILE = "maneuvers.toml"

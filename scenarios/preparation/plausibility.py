@@ -11,6 +11,7 @@ import numpy as np
 from ident.maneuver_detection import AXES, FlightSignals, active_share
 from ident.statistics.noise_levels import robust_sigma_about_zero
 from scenarios.files.declarations import STICK
+from scenarios.preparation.declared_model import outputs_with_bias
 from scenarios.preparation.plan import MEASURED_MOTION
 from sim.declaration.model import Model
 from sim.errors import RecordError
@@ -98,6 +99,35 @@ def refuse_still(records: Sequence[Record], model: Model) -> None:
         what = (
             f"neither the {' nor the '.join(controls)} nor any output moves above its noise: "
             "nothing shows what the aircraft does"
+        )
+        raise RecordError(what, where=_names(records), remedy=MANEUVER)
+
+
+def refuse_too_few(records: Sequence[Record], model: Model) -> None:
+    """Nothing where records have more samples than a fit of the model has unknowns.
+
+    Raises
+    ------
+    RecordError : fewer samples of outputs than parameters, initial states and biases.
+    """
+    names = [signal.name for signal in model.equations.outputs]
+    biased = 0
+    for record in records:
+        measured = [name for name in names if name in record.output_names]
+        biased += len(outputs_with_bias(model, measured))
+    free = [name for name in model.parameters.free_names if not name.startswith("bias_")]
+    counts = len(free), len(records) * len(model.initial), biased
+    rows = sum(map(len, records))
+    samples = sum(
+        int(np.count_nonzero(channel.valid))
+        for record in records
+        for channel in record.outputs
+        if channel.name in names
+    )
+    if samples <= sum(counts):
+        what = (
+            f"{rows} rows with {samples} samples of outputs are too few for {sum(counts)} unknowns "
+            "({} parameters, {} initial states, {} biases)".format(*counts)
         )
         raise RecordError(what, where=_names(records), remedy=MANEUVER)
 

@@ -22,14 +22,14 @@ from ident.structure.coefficients import (
 from ident.structure.collinearity import Collinearity, collinearity_of
 from ident.structure.products import columns_of, noise_columns
 from ident.structure.selection import ORTHOGONAL, STEPWISE, Selection, TermColumns, select
-from scenarios.files.aircraft_files import AXES, read_aircraft
+from scenarios.files.aircraft_files import AXES, read_aircraft, with_plain_terms
 from scenarios.files.declarations import closest, read_toml_source, toml_of
 from scenarios.files.measured.columns import (
     RecordFile,
     read_record_files,
     refuse_twice,
 )
-from scenarios.files.sources import InputFile, Source
+from scenarios.files.sources import InputFile
 from scenarios.files.vehicles import BESIDE
 from scenarios.preparation.declared_model import (
     BETTER,
@@ -232,18 +232,6 @@ def _linear_residuals(histories: Sequence[Histories], terms: Sequence[Term]) -> 
         scaled = columns / np.where(size > 0.0, size, 1.0)
         rows.append(measured - scaled @ np.linalg.lstsq(scaled, measured, rcond=1e-10)[0])
     return np.split(np.array(rows), ends, axis=1)
-
-
-def with_plain_terms(source: Source) -> Source:
-    """A vehicle file without terms, with a constant for each coefficient."""
-    content = toml_of(source)
-    table = content.get("aerodynamics", {})
-    if not isinstance(table, dict):
-        return source
-    wind = {"CD", "CL"} & set(table)
-    axes = ("CD", "CY", "CL", *MOMENTS) if wind else ("CX", "CY", "CZ", *MOMENTS)
-    further = "".join(f'\n[aerodynamics.{a}]\n"1" = 0.0\n' for a in axes if a not in table)
-    return replace(source, content=source.content + further.encode()) if further else source
 
 
 def _prepared(
