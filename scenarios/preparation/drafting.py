@@ -69,6 +69,14 @@ GAPS = 0.02  # share of the steps of a clock that may be gaps
 NO_MEASUREMENT = re.compile(r"setpoint|_sp\b|status|innov|target|reference|command")
 
 
+# channels that a draft calls missing, by the model that is nearest
+WANTED = {
+    "multirotor": (*COMMANDS, "p", "q", "r", "az"),
+    "lateral": ("aileron", "rudder", "beta", "p", "r", "phi"),
+    "": ("elevator", "aileron", "rudder", "alpha", "beta", "q"),
+}
+
+
 @dataclass(frozen=True)
 class Guess:
     """A channel of the draft.
@@ -126,6 +134,15 @@ class Draft:
     unused: tuple[str, ...]
     model: str
     clockless: bool = False
+
+    @property
+    def nearest(self) -> str:
+        """The model that the channels fit; where none does, the one whose outputs they are."""
+        found = {guess.channel for guess in self.guesses if not guess.fault}
+        sideways = found & {"p", "r", "beta", "phi", "ay", "ny"}
+        if self.model or not sideways or found & {"elevator", "q", "alpha", "nz", "az"}:
+            return self.model
+        return "lateral"
 
 
 def drafted(file: RecordFile, rate: float | None = None) -> Draft:
@@ -201,23 +218,18 @@ def map_text(draft: Draft) -> str:
             if guess.fault
             else f"{guess.channel} = {entry}  # {guess.reason}"
         )
-    wanted = (
-        (*COMMANDS, "p", "q", "r", "az")
-        if draft.model == "multirotor"
-        else ("elevator", "aileron", "rudder", "alpha", "beta", "q")
-    )
+    wanted = WANTED.get(draft.nearest, WANTED[""])
     missing = [name for name in wanted if name not in {guess.channel for guess in draft.guesses}]
     if missing:
         lines.append(f"# Not found: {', '.join(missing)}. A line is such as")
         example = (
             "(RCOU.C1 - 1500) / 500"
             if draft.model == "multirotor"
-            else "0.5*(elevon_left + elevon_right)"
+            else f"0.5*(elevon_left {'-' if draft.nearest == 'lateral' else '+'} elevon_right)"
         )
         unit = "" if draft.model == "multirotor" else ', unit = "deg"'
-        lines.append(
-            f'# {missing[0] if unit == "" else "elevator"} = {{column = "{example}"{unit}}}'
-        )
+        place = missing[0] if unit == "" or draft.nearest == "lateral" else "elevator"
+        lines.append(f'# {place} = {{column = "{example}"{unit}}}')
     if draft.unused:
         lines += textwrap.wrap(
             f"{unused_words(draft)}.",
