@@ -108,8 +108,26 @@ def test_an_archive_of_two_files_is_refused_with_their_names(tmp_path: Path) -> 
     with zipfile.ZipFile(tmp_path / "record.zip", "w") as archive:
         for name in ("one.csv", "two.csv"):
             archive.writestr(name, "time,alpha\n0,0\n")
-    with pytest.raises(RecordError, match=r"the archive holds 2 files \(one.csv, two.csv\)"):
+    with pytest.raises(
+        RecordError, match=r"the archive holds 2 files \(one.csv, two.csv\); some have the same"
+    ):
         read_record_file(tmp_path / "record.zip")
+
+
+def test_an_archive_with_a_file_for_each_channel_is_one_log(tmp_path: Path) -> None:
+    import zipfile
+
+    with zipfile.ZipFile(tmp_path / "flight.zip", "w") as archive:
+        for name, column, step in (("vane", "alpha [deg]", 1), ("gyro", "q [deg/s]", 3)):
+            rows = [f"{t:.2f},{9.0 * a:.6f}" for t, a in zip(TIME, ALPHA, strict=True)][::step]
+            archive.writestr(f"channels/{name}.csv", "\n".join([f"t,{column}", *rows]))
+    file = read_record_file(tmp_path / "flight.zip")
+    assert [topic.name for topic in file.topics] == ["vane", "gyro"]
+    draft = drafted(file)
+    chosen = {name: choice(draft, name) for name in ("alpha", "q")}
+    record = read_with_notes(file, (), ["alpha", "q"], chosen)[0]
+    assert int(record["alpha"].valid.sum()) == 58 and int(record["q"].valid.sum()) == 20
+    assert record["alpha"].values[30] == pytest.approx(np.deg2rad(9.0 * ALPHA[30]), abs=1e-7)
 
 
 @pytest.mark.parametrize(
