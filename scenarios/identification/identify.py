@@ -58,6 +58,7 @@ from scenarios.identification.conditions import (
     failed,
     in_rough_air,
     made_by_inputs,
+    record_cautions,
     sigma_cautions,
     with_weight_if_needed,
     without_theta,
@@ -79,6 +80,7 @@ from scenarios.preparation.declared_model import (
     model_of_file,
     outputs_with_bias,
     step_for,
+    with_hold,
 )
 from scenarios.preparation.plan import (
     BY_HAND,
@@ -165,6 +167,17 @@ def identify(
     def fit(each: Model) -> tuple[System, Estimate]:
         return estimated_by(records, each, outputs, method, settings, options)
 
+    def alone(one: Record) -> tuple[Estimate, tuple[ResidualTest, ...]]:
+        own = _measured(model, [one])
+        own_model = bounded.with_biases([name for name in sensors if name in own])
+        # All records together may have been read with the wrong hold, as they contradict.
+        readings = [[one], with_hold([one], opposite(one.hold))] if one.inputs else [[one]]
+        tried = []
+        for some in readings:
+            _, found = estimated_by(some, own_model, own, method, settings, options)
+            tried.append((found, _tests(some, found)))
+        return max(tried, key=lambda each: sum(test.passed for test in each[1]))
+
     bounded, system, estimate, at_bounds = within_bounds(biased, fit, kept=method not in FILTERS)
     tests = _tests(records, estimate)
     by_data = estimate
@@ -193,6 +206,7 @@ def identify(
         notes=(*(note for note in (said, estimate.message) if note), *_laid_down(vehicle, model)),
         cautions=(
             *cautions,
+            *(record_cautions(records, tests, alone) if method in SIMULATED else ()),
             *cautions_of(vehicle, estimate, rows),
             *sigma_cautions(records, by_data, compiled, tests, [PATH]),
             *considered_sentences(considered),
