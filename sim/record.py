@@ -241,3 +241,8 @@ def refuse_beyond_measure(record: Record, names: Sequence[str], largest: float) 
                 where=f"{record.name}, channel {name} at {record.time[wrong[0]]:g} s",
                 remedy="leave the cell empty where the sample is missing",
             )
+
+
+def extent(record: Record) -> str:
+    """How long a record is, ``"851 samples, 0 to 17 s"``."""
+    return f"{len(record)} samples, {time_span(record.time[0], record.time[-1])}"

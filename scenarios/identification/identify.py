@@ -167,16 +167,12 @@ def identify(
     def fit(each: Model) -> tuple[System, Estimate]:
         return estimated_by(records, each, outputs, method, settings, options)
 
-    def alone(one: Record) -> tuple[Estimate, tuple[ResidualTest, ...]]:
+    def alone(one: Record) -> tuple[Estimate, Sequence[ResidualTest]]:
         own = _measured(model, [one])
-        own_model = bounded.with_biases([name for name in sensors if name in own])
-        # All records together may have been read with the wrong hold, as they contradict.
-        readings = [[one], with_hold([one], opposite(one.hold))] if one.inputs else [[one]]
-        tried = []
-        for some in readings:
-            _, found = estimated_by(some, own_model, own, method, settings, options)
-            tried.append((found, _tests(some, found)))
-        return max(tried, key=lambda each: sum(test.passed for test in each[1]))
+        each = bounded.with_biases([name for name in sensors if name in own])
+        return _best_alone(
+            one, lambda some: estimated_by(some, each, own, method, settings, options)[1]
+        )
 
     bounded, system, estimate, at_bounds = within_bounds(biased, fit, kept=method not in FILTERS)
     tests = _tests(records, estimate)
@@ -383,6 +379,17 @@ def _intervals(
         delays=delays_of(model),
         band=options.band,
     )
+
+
+def _best_alone(
+    record: Record, fit: Callable[[Sequence[Record]], Estimate]
+) -> tuple[Estimate, Sequence[ResidualTest]]:
+    """The estimate from one record and its tests, by the hold that leaves more noise: records that
+    contradict each other may have been read with the wrong one.
+    """
+    readings = [[record], *([with_hold([record], opposite(record.hold))] if record.inputs else [])]
+    tried = [(found := fit(some), _tests(some, found)) for some in readings]
+    return max(tried, key=lambda each: sum(test.passed for test in each[1]))
 
 
 def _tests(records: Sequence[Record], estimate: Estimate) -> tuple[ResidualTest, ...]:

@@ -35,28 +35,6 @@ SPELT = {
     "deg": "deg", "rad": "rad", "ktas": "kt", "kts": "kt", "ft": "ft", "ftmsl": "ft", "degs": "deg/s", "rads": "rad/s", "g": "g",  # noqa: E501
     "dps": "deg/s", "rps": "rad/s", "fps": "ft/s", "fps2": "ft/s2", "mps": "m/s", "mps2": "m/s2", "psf": "lbf/ft2",  # noqa: E501
 }  # fmt: skip
-UNIT_WORDS = (
-    "deg",
-    "rad",
-    "degs",
-    "rads",
-    "ms",
-    "ms2",
-    "kt",
-    "kts",
-    "ktas",
-    "kias",
-    "ft",
-    "m",
-    "g",
-    "dps",
-    "rps",
-    "fps",
-    "fps2",
-    "mps",
-    "mps2",
-    "psf",
-)
 # an unlabelled angle or rate that moves further is more likely to be in degrees
 BEYOND = {"rad": 1.6, "rad/s": 8.0}
 # what most samples of a channel do not exceed, whatever flies: a record beyond is not read as it is
@@ -335,7 +313,10 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
         for topic in topics:
             if len(topics) > 1 and NO_MEASUREMENT.search(topic.name.lower()):
                 continue
-            cells, spelt = topic.table.header, (rank, *(f"{rank}{word}" for word in UNIT_WORDS))
+            cells, spelt = (
+                topic.table.header,
+                (rank, *(f"{rank}{word}" for word in _recorder_names()["unit_words"])),
+            )
             named = [
                 n for n in range(len(cells)) if _letters_and_digits(split_at(cells, n)[0]) in spelt
             ]

@@ -60,7 +60,7 @@ from scenarios.report.document import Table
 from scenarios.report.quantities import CHANNELS, shown_in, value_text
 from scenarios.report.summary import BELOW, WIDTH, Summary, residual_phrase, summary_lines, wrapped
 from scenarios.report.terminal import table_as_lines
-from sim.record import instant, time_span
+from sim.record import extent, instant
 
 if TYPE_CHECKING:
     from scenarios.diagnosis.diagnose import Tracing
@@ -168,9 +168,7 @@ def wording_of(tracing: Tracing) -> Wording:
 
 def subject(tracing: Tracing) -> str:
     """Which vehicle, model and records this is about, in one line."""
-    fitted = ", ".join(
-        f"{r.name} ({len(r)} samples, {time_span(r.time[0], r.time[-1])})" for r in tracing.records
-    )
+    fitted = ", ".join(f"{r.name} ({extent(r)})" for r in tracing.records)
     return f"{tracing.vehicle.name}, {tracing.vehicle.model} model: {fitted}"
 
 

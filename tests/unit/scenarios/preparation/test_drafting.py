@@ -12,8 +12,8 @@ import pytest
 from scenarios.files.declarations import ColumnChoice
 from scenarios.files.measured.columns import RecordFile, read_record_file
 from scenarios.files.records import read_with_notes
-from scenarios.preparation.drafting import Draft, drafted, map_text
 from scenarios.preparation.declared_model import vehicle_text
+from scenarios.preparation.drafting import Draft, drafted, map_text
 from sim.errors import RecordError
 
 TIME = 0.02 * np.arange(60)
