@@ -12,7 +12,6 @@ import json
 import math
 import os
 from collections.abc import Collection, Mapping
-from dataclasses import replace
 from functools import cache
 from importlib.resources import as_file, files
 from itertools import pairwise
@@ -65,18 +64,6 @@ if TYPE_CHECKING:
 AXES = tuple(dict.fromkeys((*BODY_AXES, *WIND_AXES, *MOMENTS)))
 SURFACE_UNITS = ("rad", "1")
 START = {"airspeed": "m/s", "trim_alpha": "rad", "trim_theta": "rad"}
-
-
-def with_plain_terms(source: Source) -> Source:
-    """A vehicle file without terms, with a constant for each coefficient."""
-    content = toml_of(source)
-    table = content.get("aerodynamics", {})
-    if not isinstance(table, dict):
-        return source
-    wind = {"CD", "CL"} & set(table)
-    axes = ("CD", "CY", "CL", *MOMENTS) if wind else ("CX", "CY", "CZ", *MOMENTS)
-    further = "".join(f'\n[aerodynamics.{a}]\n"1" = 0.0\n' for a in axes if a not in table)
-    return replace(source, content=source.content + further.encode()) if further else source
 
 
 @cache

@@ -13,7 +13,6 @@ from scenarios.files.aircraft_files import (
     model_of_file,
     read_model_file,
     vehicle_source,
-    with_plain_terms,
 )
 from scenarios.files.declarations import checked, closest, toml_of
 from scenarios.files.measured.columns import RecordFile, path_of
@@ -30,6 +29,7 @@ from scenarios.files.user_models import (
 )
 from sim.declaration.model import Model
 from sim.errors import DeclarationError
+from sim.vehicles.aircraft import MOMENTS
 from sim.vehicles.factory import ABOVE_ZERO, FAMILIES
 
 MODELS = (
@@ -212,6 +212,18 @@ def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
         text=text,
     )
     return vehicle if source is None else _with_uncertainty(vehicle, source)
+
+
+def with_plain_terms(source: Source) -> Source:
+    """A vehicle file without terms, with a constant for each coefficient."""
+    content = toml_of(source)
+    table = content.get("aerodynamics", {})
+    if not isinstance(table, dict):
+        return source
+    wind = {"CD", "CL"} & set(table)
+    axes = ("CD", "CY", "CL", *MOMENTS) if wind else ("CX", "CY", "CZ", *MOMENTS)
+    further = "".join(f'\n[aerodynamics.{a}]\n"1" = 0.0\n' for a in axes if a not in table)
+    return replace(source, content=source.content + further.encode()) if further else source
 
 
 def aircraft_vehicle(source: Source) -> VehicleFile:

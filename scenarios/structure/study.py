@@ -22,7 +22,7 @@ from ident.structure.coefficients import (
 from ident.structure.collinearity import Collinearity, collinearity_of
 from ident.structure.products import columns_of, noise_columns
 from ident.structure.selection import ORTHOGONAL, STEPWISE, Selection, TermColumns, select
-from scenarios.files.aircraft_files import AXES, read_aircraft, with_plain_terms
+from scenarios.files.aircraft_files import AXES, read_aircraft
 from scenarios.files.declarations import closest, read_toml_source, toml_of
 from scenarios.files.measured.columns import (
     RecordFile,
@@ -30,7 +30,7 @@ from scenarios.files.measured.columns import (
     refuse_twice,
 )
 from scenarios.files.sources import InputFile
-from scenarios.files.vehicles import BESIDE
+from scenarios.files.vehicles import BESIDE, with_plain_terms
 from scenarios.preparation.declared_model import (
     BETTER,
     held_by_computer,
