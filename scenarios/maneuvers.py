@@ -21,7 +21,7 @@ from ident.maneuver_detection import (
     active_share,
     find_maneuvers,
 )
-from scenarios.files.declarations import ColumnChoice
+from scenarios.files.declarations import CHANNEL_UNITS, ColumnChoice
 from scenarios.files.measured.columns import RecordFile, opened, with_names
 from scenarios.files.records import read_record, refuse_rate
 from scenarios.files.sources import InputFile, versions
@@ -109,7 +109,8 @@ class FoundManeuvers:
     outputs, where samples may be missing. maneuvers : in the order of their times. active : share
     of the time in which an input moves beyond its rest level. path : of the file, None where the
     record is in memory. simulated : a program made it. unread : columns that look like channels and
-    were not read, by channel: a channel map names them.
+    were not read, by channel: a channel map names them. surfaces : of the channel map that are no
+    control of the search.
     """
 
     identity: InputFile
@@ -119,6 +120,7 @@ class FoundManeuvers:
     path: Path | None = None
     simulated: bool = False
     unread: Mapping[str, str] = field(default_factory=dict)
+    surfaces: tuple[str, ...] = ()
 
     @property
     def parts(self) -> DeclaredParts:
@@ -135,6 +137,13 @@ class FoundManeuvers:
             if inputs
             else [f"no input is recorded ({', '.join(CONTROLS)}): turns alone are found"]
         )
+        if self.surfaces:
+            missing = [name for name in CONTROLS if name not in inputs]
+            cautions.append(
+                f"{', '.join(self.surfaces)}: not searched; add the control that they make to the "
+                f"channel map ({' or '.join(missing or CONTROLS)}), such as elevator = "
+                '"0.5*(COLUMN_LEFT + COLUMN_RIGHT)"'
+            )
         moves = [each for each in self.maneuvers if each.found.kind != "trim"]
         if inputs and not moves:
             cautions.append(
@@ -186,6 +195,7 @@ def maneuvers_of(
         path,
         file.sidecar.simulated,
         _unread(file, record) if channels is None else {},
+        tuple(name for name in channels or () if name not in CHANNEL_UNITS),
     )
 
 

@@ -69,7 +69,7 @@ from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
 from sim.declaration.proposal import Traceable
 from sim.errors import DeclarationError, RecordError
-from sim.record import Hold, Record
+from sim.record import Hold, Record, extent
 
 if TYPE_CHECKING:
     from scenarios.plots.drawing import Named
@@ -519,7 +519,7 @@ def prediction_page(found: PredictionResult, drawn: Sequence[Drawn] = ()) -> Pag
 
 def _samples(found: PredictionResult) -> str:
     record = found.record
-    return f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s"
+    return f"{record.name}: {extent(record)}"
 
 
 # ---- The folder of a prediction: time histories, a figure, and the JSON last

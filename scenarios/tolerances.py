@@ -20,7 +20,7 @@ from scenarios.files.units import to_si
 from scenarios.report.document import PURE, Cell, Column, Table, formatted
 from scenarios.report.terminal import rows_table
 from sim.errors import DeclarationError, RecordError
-from sim.record import Channel, Record
+from sim.record import Channel, Record, instant
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -255,7 +255,7 @@ def tolerance_table(verdicts: Sequence[ToleranceVerdict], record: Record) -> Tab
                     f"  {channel.name}",
                     "",
                     f"+-{each.tolerance.text}{share}",
-                    f"{error:+.3g} {unit} at {record.time[each.worst]:.4g} s",
+                    f"{error:+.3g} {unit} at {instant(record.time[each.worst])} s",
                     formatted(100.0 * each.inside, ".1f", PURE),
                     _word(each.passed),
                 ]

@@ -15,6 +15,20 @@ from sim.errors import RecordError
 MOST_MEASURED = 1e6  # rad, rad/s, m/s or g: nothing that flies has more
 
 
+def instant(time: float, digits: int = 4) -> str:
+    """A time of a record (s) for a sentence: ``digits`` of it, and hundredths of a second where a
+    clock of the day or of the epoch would lose them.
+    """
+    if not 10.0 ** (digits - 1) <= abs(time) < 1e11:
+        return f"{time:.{digits}g}"
+    return f"{time:.2f}".rstrip("0").rstrip(".")
+
+
+def time_span(begin: float, end: float, digits: int = 6) -> str:
+    """Two times of a record (s) for a sentence, ``"0 to 12.5 s"``; ``digits`` as of ``instant``."""
+    return f"{instant(begin, digits)} to {instant(end, digits)} s"
+
+
 class Hold(Enum):
     """How an input behaves between two samples."""
 
@@ -184,7 +198,7 @@ class Record:
         if stop is not None:
             keep &= self.time <= stop
         if np.count_nonzero(keep) < 2:
-            span = f"{self.time[0]:g} to {self.time[-1]:g} s"
+            span = time_span(self.time[0], self.time[-1])
             raise RecordError(
                 f"fewer than two rows between {start} and {stop} s",
                 where=self.name,
@@ -227,3 +241,8 @@ def refuse_beyond_measure(record: Record, names: Sequence[str], largest: float) 
                 where=f"{record.name}, channel {name} at {record.time[wrong[0]]:g} s",
                 remedy="leave the cell empty where the sample is missing",
             )
+
+
+def extent(record: Record) -> str:
+    """How long a record is, ``"851 samples, 0 to 17 s"``."""
+    return f"{len(record)} samples, {time_span(record.time[0], record.time[-1])}"

@@ -10,7 +10,8 @@ are linear in their parameters, f = f_0 + sum_j theta_j f_j, this is a regressio
 a constant for each equation takes up biases and what the trim leaves. Departures from Morelli's
 form:
 
-- integrals by Hermite and Simpson, exact to fourth order for inputs that are held;
+- integrals by Hermite and Simpson, exact to fourth order for inputs that are held or linear between
+  samples;
 - sensor noise in the regressors lowers the estimate; its share of the normal matrix, known from the
   noise of the samples, is taken off (Soderstrom, "Errors-in-Variables Methods in System
   Identification", Springer 2018, chapter 5);
@@ -36,6 +37,7 @@ from ident.estimate import LARGEST
 from sim.declaration.model import System
 from sim.errors import ModelError
 from sim.maths import COMPLEX_STEP, complex_step_jacobian
+from sim.record import Hold
 
 LOW = 0.1  # Hz, as Morelli's: above slow drifts
 HIGH = 2.0  # Hz, as Morelli's: below structural modes
@@ -62,6 +64,7 @@ class OnlineEquations:
     omega : rad/s, ``(F,)``, evenly spaced.
     unmixed : ``(n, n)``, states from their outputs: a vane ahead of the centre of gravity reads the
         pitch rate as well.
+    hold : behaviour of the inputs between rows.
     """
 
     system: System
@@ -72,6 +75,7 @@ class OnlineEquations:
     sources: tuple[int, ...]
     omega: np.ndarray
     unmixed: np.ndarray
+    hold: Hold = Hold.PREVIOUS
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -270,7 +274,7 @@ def advance(
     Parameters
     ----------
     time : s, ``(N,)``, increasing.
-    inputs : ``(r, N)``, held.
+    inputs : ``(r, N)``, held or linear between rows as ``equations`` say.
     outputs : ``(m, N)`` in the System's order, NaN where a sample is missing; a row without one of
         the states is bridged.
     values : the last estimate of the parameters, for the curvature within a step; None for the
@@ -286,40 +290,49 @@ def advance(
     there = np.all(np.isfinite(x), axis=0)
     if not there.any():
         return sums
-    mean = _means_between(time, inputs, there)
+    linear = equations.hold is Hold.LINEAR
+    mean = _means_between(time, inputs, there, linear=linear)
     begun = sums.x is not None and sums.u is not None
     times = np.concatenate([[sums.time] if begun else [], time[there]])
     states = np.concatenate(
         [sums.x[:, None] if sums.x is not None else np.zeros((n, 0)), x[:, there]], axis=1
     )
-    held = np.concatenate(
-        [sums.u[:, None] if sums.u is not None else np.zeros((len(inputs), 0)), mean], axis=1
-    )
+    before = sums.u[:, None] if sums.u is not None else np.zeros((len(inputs), 0))
+    u = np.concatenate([before, inputs[:, there] if linear else mean], axis=1)
+    within = np.repeat(u[None, :, :-1], 3, axis=0)
+    if linear and times.size > 1:
+        # The middle gives Simpson's rule the mean over rows that are bridged.
+        means = np.concatenate([0.5 * (before + u[:, 1:2]) if begun else before, mean], axis=1)
+        middle = 1.5 * means[:, : times.size - 1] - 0.25 * (u[:, :-1] + u[:, 1:])
+        within = np.array([u[:, :-1], middle, u[:, 1:]])
     points = Points(equations, values)
-    out = _with_steps(equations, sums, points, times, states, held)
+    out = _with_steps(equations, sums, points, times, states, within)
     out = _with_readings(
         equations, out, points, time[there], x[:, there], inputs[:, there], outputs[:, there]
     )
     came = np.concatenate([x, outputs[list(equations.readings)]])[:, there]
-    out = _with_noise(equations, out, points, times, states, held, came)
+    out = _with_noise(equations, out, points, times, states, u, came)
     kept = np.concatenate([sums.recent, came], axis=1)[:, -3:]
     return replace(
         out,
         rows=out.rows + int(there.sum()),
         time=float(times[-1]),
         x=states[:, -1],
-        u=held[:, -1],
+        u=u[:, -1],
         recent=kept,
         first=sums.first if begun else float(times[0]),
     )
 
 
-def _means_between(time: np.ndarray, inputs: np.ndarray, there: np.ndarray) -> np.ndarray:
+def _means_between(
+    time: np.ndarray, inputs: np.ndarray, there: np.ndarray, *, linear: bool
+) -> np.ndarray:
     """Inputs from each row that counts to the next, means over rows that are bridged; ``(r,
     K)``.
     """
     at = np.flatnonzero(there)
-    gained = np.cumsum(inputs[:, :-1] * np.diff(time), axis=1)
+    steps = 0.5 * (inputs[:, :-1] + inputs[:, 1:]) if linear else inputs[:, :-1]
+    gained = np.cumsum(steps * np.diff(time), axis=1)
     whole = np.concatenate([np.zeros((len(inputs), 1)), gained], axis=1)
     spans = np.diff(time[at])
     between = np.diff(whole[:, at], axis=1) / spans
@@ -364,19 +377,28 @@ def _with_steps(
     points: Points,
     times: np.ndarray,
     states: np.ndarray,
-    held: np.ndarray,
+    within: np.ndarray,
 ) -> Sums:
-    """Sums with the increments of the states between the rows, and the integrals of their rates."""
+    """Sums with the increments of the states between the rows, and the integrals of their rates.
+
+    ``within`` : ``(3, r, N - 1)``, inputs at the beginning, the middle and the end of each step.
+    """
     if times.size < 2:
         return sums
     step = np.diff(times)
-    first, last, u = states[:, :-1], states[:, 1:], held[:, :-1]
-    begin_, end = points.rate(times[:-1], first, u), points.rate(times[1:], last, u)
+    first, last = states[:, :-1], states[:, 1:]
+    begin_ = points.rate(times[:-1], first, within[0])
+    end = points.rate(times[1:], last, within[2])
     middle = 0.5 * (first + last) + 0.125 * step * (begin_ - end)
     f = equations.system.f
     parts = [
         points.of(f, t, x, u)
-        for t, x in ((times[:-1], first), (times[:-1] + 0.5 * step, middle), (times[1:], last))
+        for t, x, u in zip(
+            (times[:-1], times[:-1] + 0.5 * step, times[1:]),
+            (first, middle, last),
+            within,
+            strict=True,
+        )
     ]
     known, slopes = (
         sum(w * part[k] for w, part in zip((1.0, 4.0, 1.0), parts, strict=True)) * step / 6.0
@@ -388,7 +410,7 @@ def _with_steps(
             what, where="equation error on line", remedy="check units and start values"
         )
     if not np.any(sums.apart):
-        _refuse_bent(equations, times[:-1], first, u)
+        _refuse_bent(equations, times[:-1], first, within[0])
     rows = list(equations.states)
     turns = np.exp(-1j * np.outer(times[:-1], equations.omega))
     spaced = equations.omega[1] - equations.omega[0]
@@ -444,7 +466,7 @@ def _with_noise(
     points: Points,
     times: np.ndarray,
     states: np.ndarray,
-    held: np.ndarray,
+    inputs: np.ndarray,
     came: np.ndarray,
 ) -> Sums:
     """Sums with the noise of the new samples ``came`` ``(n + m, N)``, by their third differences,
@@ -459,7 +481,7 @@ def _with_noise(
             noise[k] += finite.size * _NORMAL * float(np.median(np.abs(finite))) / math.sqrt(_THIRD)
             counted[k] += finite.size
     system, n = equations.system, len(equations.system.states)
-    at, x, u = times[-1:], states[:, -1:], held[:, -1:]
+    at, x, u = times[-1:], states[:, -1:], inputs[:, -1:]
     noisy = sums.noisy.copy()
     step = float(np.median(np.diff(times))) if times.size > 1 else 0.0
 

@@ -28,6 +28,7 @@ from ident.recording.series import (
     shown,
 )
 from ident.statistics.noise_levels import robust_sigma_about_zero
+from sim.record import instant
 
 # ---- Flat extremes
 
@@ -280,8 +281,8 @@ def _zero_steps_finding(series: Series, row: int, size: float) -> RecordFinding:
     time = float(series.time[min(int(np.searchsorted(series.rows, row)), len(series.time) - 1)])
     load = ", or a load did that nothing recorded" if series.name in ("nz", "az") else ""
     text = (
-        f"jumps by {shown(size, series.unit)} at {time:.4g} s and stays, while no input and no "
-        f"other channel jumps: its zero stepped{load}"
+        f"jumps by {shown(size, series.unit)} at {instant(time)} s and stays, while no input and "
+        f"no other channel jumps: its zero stepped{load}"
     )
     numbers = {"time": FindingQuantity(time, "s"), "step": FindingQuantity(size, series.unit)}
     remedy = "give the parts before and after as segments, --from and --to in pairs"

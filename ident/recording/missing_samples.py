@@ -25,7 +25,7 @@ from ident.recording.series import (
     exact_step,
     runs_of,
 )
-from sim.record import Record
+from sim.record import Record, instant, time_span
 
 # ---- Values that stand for no measurement: runs of exact zeros, and a fill value such as -999
 
@@ -64,7 +64,7 @@ def _finding(
 ) -> RecordFinding:
     times = tuple((float(series.time[b]), float(series.time[e - 1])) for b, e in runs)
     samples = int(sum(e - b for b, e in runs))
-    first = ", ".join(f"{begin:.4g} s" for begin, _ in times[:3])
+    first = ", ".join(f"{instant(begin)} s" for begin, _ in times[:3])
     text = (
         f"has {samples} sample(s) that are {word}, at "
         f"{first}{' and so on' if len(times) > 3 else ''}, while it is elsewhere before and after"
@@ -195,7 +195,7 @@ def _rows_finding(
     steps = np.diff(record.time)
     times = tuple((float(record.time[gap]), float(record.time[gap + 1])) for gap in gaps)
     rows = int(np.sum(np.round(np.minimum(steps[gaps], MOST * usual) / usual) - 1))
-    places = ", ".join(f"{begin:.4g} to {end:.4g} s" for begin, end in times[:3])
+    places = ", ".join(f"{time_span(begin, end, 4)}" for begin, end in times[:3])
     text = (
         f"misses about {rows} row(s) "
         f"{word + ' ' if word else ''}({places}{' and so on' if len(times) > 3 else ''})"
@@ -451,7 +451,7 @@ def _moving(others: Sequence[Series], begin: float, end: float) -> bool:
 
 
 def _between(times: Sequence[tuple[float, float]]) -> str:
-    first = ", ".join(f"{begin:.4g} to {end:.4g} s" for begin, end in times[:3])
+    first = ", ".join(f"{time_span(begin, end, 4)}" for begin, end in times[:3])
     return f"from {first}{' and so on' if len(times) > 3 else ''}"
 
 

@@ -10,7 +10,7 @@ from enum import Enum
 import numpy as np
 
 from ident.statistics.noise_levels import ROBUST, robust_sigma_about_zero
-from sim.record import Channel, Record
+from sim.record import Channel, Record, time_span
 
 # ---- What the raw columns of a record show: one finding, and how certain it is
 
@@ -537,7 +537,7 @@ def _between_parts(
     low, high = max(pairs, key=lambda pair: pair[1].level / pair[0].level)
     text = "has noise that changes along the record: "
     text += ", ".join(
-        f"{shown(one.level, series.unit)} from {one.times[0]:.4g} to {one.times[1]:.4g} s"
+        f"{shown(one.level, series.unit)} from {time_span(one.times[0], one.times[1], 4)}"
         for one in (low, high)
     )
     numbers = {

@@ -299,11 +299,8 @@ def find_maneuvers(
     """
     chosen = choices_of(channels)
     plan = plan_from(None, None, None, rate, None, False, columns)
-    return Maneuvers(
-        maneuvers.maneuvers_of(
-            file_of(record), read_channel_map(chosen) if chosen is not None else None, plan
-        )
-    )
+    choices = read_channel_map(chosen, surfaces=True) if chosen is not None else None
+    return Maneuvers(maneuvers.maneuvers_of(file_of(record), choices, plan))
 
 
 # ---- response in Python: frequency responses of any record

@@ -30,7 +30,7 @@ from scenarios.files.measured.columns import RecordFile
 from scenarios.files.records import refuse_without_clock, window_of
 from sim import record as sim_record
 from sim.errors import RecordError
-from sim.record import Hold
+from sim.record import Hold, time_span
 
 if TYPE_CHECKING:
     import control
@@ -123,7 +123,7 @@ class Record:
 
     def _repr_html_(self) -> str:
         try:
-            span = f"{len(self)} samples, {self.time[0]:g} to {self.time[-1]:g} s"
+            span = f"{len(self)} samples, {time_span(self.time[0], self.time[-1])}"
         except RecordError as error:
             span = str(error)
         rows = [[name, self.units[name], *self._span_of(name)] for name in self.names]

@@ -31,7 +31,7 @@ from scenarios.files.records import column_of, raw_column, read_record, window_o
 from scenarios.files.sources import InputFile
 from scenarios.preparation.plan import plan_of
 from sim.errors import DeclarationError, RecordError
-from sim.record import Hold, Record
+from sim.record import Hold, Record, instant
 from sim.record import Record as SimRecord
 
 if TYPE_CHECKING:
@@ -318,7 +318,8 @@ def rows_of_file(file: RecordFile, start: float | None, stop: float | None) -> R
     Raises RecordError where there is no such row.
     """
     time, rows = window_of(file, start, stop)
-    span = f"{time[0] if start is None else start:g}-{time[-1] if stop is None else stop:g} s"
+    ends = (time[0] if start is None else start, time[-1] if stop is None else stop)
+    span = f"{instant(ends[0], 6)}-{instant(ends[1], 6)} s"
     label = f"{file.identity.name}[{span}]"
     old = file.table
     ragged = {

@@ -17,6 +17,7 @@ from scenarios.cli.options import (
     Cluster,
     Columns,
     Figures,
+    Held,
     Model,
     NoFigures,
     Out,
@@ -552,6 +553,7 @@ def watch(
     page: WatchPage = False,
     port: WatchPort = None,
     band: WatchBand = None,
+    hold: Held = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -560,7 +562,7 @@ def watch(
     from scenarios.commands.watch import watch_loop, watch_stream
     from scenarios.watching.loop_margins import MAIN, loop_names
 
-    plan = plan_of(rate=rate, columns=columns)
+    plan = plan_of(rate=rate, columns=columns, hold=hold)
     _refuse_mixed_watch(
         model, margins, [*(inputs or ()), *(outputs or ()), *([excitation] if excitation else [])]
     )

@@ -156,7 +156,8 @@ def search_record(
     """Read, search, write the folder, print."""
     from scenarios.files.declarations import read_channel_map
 
-    found = maneuvers_of(record, read_channel_map(channels) if channels is not None else None, plan)
+    choices = read_channel_map(channels, surfaces=True) if channels is not None else None
+    found = maneuvers_of(record, choices, plan)
     if out is not None:
         from scenarios.maneuvers import write_maneuvers
 

@@ -103,6 +103,12 @@ def watch_stream(
         )
     needed = tuple(PAPER_START) if model == LOW_ORDER else ()
     watch = _prepared(record, vehicle, reference, channels, refine, plan, needed)
+    if model == LOW_ORDER and watch.hold is Hold.LINEAR:
+        raise RecordError(
+            "its inputs are linear between samples",
+            where=record,
+            remedy="the filters of loes hold them; use flightid identify",
+        )
     watch.omega = _frequencies(band)
     if out is not None and record != PIPE:
         refuse_overwriting(Path(record), out)
@@ -211,6 +217,10 @@ def watch_loop(
     from scenarios.watching.show import print_loop_end, served_loop, write_loop
 
     refuse_page(port, page)
+    if plan is not None and plan.hold is not None:
+        raise DeclarationError(
+            "margins use no input between samples", where="--hold", remedy="leave it out"
+        )
     watch = _prepared(record, None, None, channels, False, plan, ())
     watch.signals = names.signals
     if out is not None and record != PIPE:
@@ -274,7 +284,7 @@ def _begun(watch: Watch, vehicle: VehicleFile) -> SpectralSession | None:
         for name, column in zip(watch.signals.outputs, columns, strict=True)
         if column is not None
     ]
-    return spectral_session(vehicle, watch.name, outputs, watch.omega)
+    return spectral_session(vehicle, watch.name, outputs, watch.omega, watch.hold)
 
 
 def _page(watch: Watch, port: int | None) -> AbstractContextManager[Follow]:
@@ -306,19 +316,27 @@ def _prepared(
 
     known = read_reference(reference, needed) if reference is not None else None
     choices = read_channel_map(channels) if channels is not None else None
-    names, rate = (plan.columns, plan.rate) if plan is not None else ((), None)
+    names, rate, hold = (
+        (plan.columns, plan.rate, plan.hold) if plan is not None else ((), None, None)
+    )
     if record == PIPE:
         return Watch(
-            "standard input", vehicle, known, choices, {}, refine, columns=names, rate=rate
+            "standard input",
+            vehicle,
+            known,
+            choices,
+            {},
+            refine,
+            columns=names,
+            rate=rate,
+            hold=hold,
         )
     sidecar = read_sidecar(Path(record))
-    if sidecar.hold is not Hold.PREVIOUS:
-        raise RecordError(
-            "its inputs are linear between samples",
-            where=record,
-            remedy="a stream holds them; use flightid identify",
-        )
-    return Watch(record, vehicle, known, choices, sidecar.units, refine, sidecar.file, names, rate)
+    if hold is None and sidecar.says_hold:
+        hold = sidecar.hold
+    return Watch(
+        record, vehicle, known, choices, sidecar.units, refine, sidecar.file, names, rate, hold
+    )
 
 
 @contextmanager

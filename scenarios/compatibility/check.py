@@ -140,7 +140,7 @@ def check_files(request: Request) -> CompatibilityCheck:
     chosen = request.vehicle if request.vehicle is not None else beside
     declared = read_any_vehicle(chosen) if chosen is not None else None
     settings = settings_of(declared) if declared is not None else CompatibilitySettings()
-    choices, plan = column_choices(request), request.plan
+    choices, plan = column_choices(request, surfaces=True), request.plan
     files = read_record_files(request.records)
     read = [
         record_to_check(file, segment, plan, choices, declared)

@@ -55,6 +55,7 @@ from scenarios.report.folder import figures, write_page
 from scenarios.report.quantities import console, number_text, shown_in, spaced
 from scenarios.report.summary import BELOW, Summary, print_paragraph, print_summary
 from scenarios.report.terminal import fixed_table, levels_of_noise, show_blocks
+from sim.record import extent
 
 if TYPE_CHECKING:
     from scenarios.plots.drawing import Named
@@ -104,7 +105,7 @@ def print_check(
     for record in check.records:
         print_paragraph(
             out,
-            f"{record.name}: {len(record)} samples, {record.time[0]:g} to {record.time[-1]:g} s",
+            f"{record.name}: {extent(record)}",
             indent=0,
         )
     for line in (*(f"warning: {doubt}" for doubt in check.look.doubts), *record_lines(check.look)):
@@ -404,9 +405,7 @@ def _page_estimates(check: CompatibilityCheck) -> list[Block]:
 
 def _made(check: CompatibilityCheck) -> list[Block]:
     settings = check.settings
-    parts = tuple(
-        f"{r.name}: {len(r)} samples, {r.time[0]:g} to {r.time[-1]:g} s" for r in check.records
-    )
+    parts = tuple(f"{r.name}: {extent(r)}" for r in check.records)
     relations = tuple((name, ", ".join(joined)) for name, joined in check.result.relations.items())
     held = {"gravity": (settings.gravity, "m/s2"), "vane_arm": (settings.vane_arm, "m")}
     held |= {"airspeed": (settings.airspeed, "m/s")} if settings.airspeed is not None else {}

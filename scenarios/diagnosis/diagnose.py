@@ -23,7 +23,13 @@ from ident.tracing.diagnosis import (
     TraceSettings,
     Verdict,
 )
-from scenarios.diagnosis.kinematics import OF_MODEL, Kinematics, kinematics_of_files
+from scenarios.diagnosis.kinematics import (
+    CLOCK,
+    OF_MODEL,
+    Kinematics,
+    kinematics_of_files,
+    right_clock,
+)
 from scenarios.diagnosis.opening import (
     InputReading,
     Opened,
@@ -381,6 +387,9 @@ def diagnose_files(
     settings = replace(usual, max_step=step_for(posed.model, posed.records, usual.max_step))
     own, of_effects = own_effects(request.effects, posed.model)
     candidates, guards = candidates_for(posed.model, own), _guards(posed.model)
+    if said := right_clock(posed.measured):
+        candidates = tuple(each for each in candidates if each.name != CLOCK)
+        posed = replace(posed, notes=(*posed.notes, said))
     run = (overflows := Overflows()).counted(trace or _loop(posed.model))
     study = _Study(request, opened, of_effects, candidates, settings, overflows)
 

@@ -18,8 +18,9 @@ from ident.compatibility.trials import (
     SensorEstimate,
     SensorFinding,
 )
+from ident.statistics.residual_spectrum import effective_share
 from ident.tracing.diagnosis import Claim, Quantity
-from scenarios.report.quantities import with_sigma
+from scenarios.report.quantities import number_text, with_sigma
 from sim.errors import FlightidError
 from sim.record import Record
 
@@ -553,4 +554,47 @@ def _could_not(error: Exception) -> str:
     return (
         "the kinematics could not be checked: "
         f"{str(error).splitlines()[0] if str(error) else type(error).__name__}"
+    )
+
+
+CLOCK = "time-base"  # the effect of a clock that is too fast or too slow
+SURE = 0.005  # largest sigma of the slope of attitude against the integral of the rate
+FEWEST = 50  # samples of attitude and of rate
+RIGHT = 3.0  # sigmas of that slope from one, within which the clock is right
+
+
+def right_clock(records: Sequence[Record]) -> str:
+    """A sentence where a measured pitch attitude is the integral of the measured pitch rate over
+    the record's own time, which a wrong clock does not leave so; else empty.
+    """
+    parts = []
+    for record in records:
+        if not {"theta", "q"} <= set(record.output_names):
+            return ""
+        theta, q = record["theta"], record["q"]
+        known = theta.valid
+        if np.count_nonzero(known) < FEWEST or np.count_nonzero(q.valid) < FEWEST:
+            return ""
+        rate = np.interp(record.time, record.time[q.valid], q.values[q.valid])
+        steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(record.time)
+        since = record.time[known] - record.time[0]
+        # A bias of the rate is a trend, a bias of the attitude a constant.
+        trend = np.column_stack([np.ones(len(since)), since])
+        both = np.column_stack([np.append(0.0, np.cumsum(steps))[known], theta.values[known]])
+        parts.append(both - trend @ np.linalg.lstsq(trend, both, rcond=None)[0])
+    if not parts:
+        return ""
+    x, y = np.concatenate(parts).T
+    size = float(x @ x)
+    slope = float(x @ y) / size if size > 0.0 else 0.0
+    rows = [(each[:, 1] - slope * each[:, 0])[None] for each in parts]
+    share = effective_share(rows, [np.ones(row.shape, dtype=bool) for row in rows])
+    residual = np.concatenate(rows, axis=1)
+    std = float(np.std(residual)) / math.sqrt(max(size * share, 1e-300))
+    if std > SURE or abs(slope - 1.0) > RIGHT * std:
+        return ""
+    told = f"{number_text(slope, std)} +- {number_text(std, std)}"
+    return (
+        f"the measured pitch attitude is {told} times "
+        f"the integral of the pitch rate: the clock is right, and {CLOCK} is no candidate"
     )

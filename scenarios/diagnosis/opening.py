@@ -327,7 +327,8 @@ class Posed:
     hold their names and hashes.
 
     ``parted``: records that are predicted, each with the number of its parts in ``predicted``; none
-    where something is held out of ``records``.
+    where something is held out of ``records``. ``measured``: the fitted records with all that
+    they measure.
     """
 
     model: Model
@@ -340,6 +341,7 @@ class Posed:
     doubts: tuple[str, ...]
     look: RecordCheck
     parted: tuple[Parted, ...] = ()
+    measured: tuple[Record, ...] = ()
 
 
 def opened_files(request: Request, vehicle: Path | Source | None) -> Opened:
@@ -392,6 +394,7 @@ def posed_for(opened: Opened, plan: Plan) -> Posed:
         ready.doubts,
         ready.look,
         ready.parted,
+        tuple(ready.measured),
     )
 
 

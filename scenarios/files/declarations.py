@@ -395,7 +395,10 @@ class ColumnChoice:
 
 
 def read_channel_map(
-    path: str | Path | Mapping[str, Any], allowed: Iterable[str] = CHANNEL_UNITS
+    path: str | Path | Mapping[str, Any],
+    allowed: Iterable[str] = CHANNEL_UNITS,
+    *,
+    surfaces: bool = False,
 ) -> dict[str, ColumnChoice]:
     """Channel name -> column, from a TOML file or as a mapping.
 
@@ -405,7 +408,8 @@ def read_channel_map(
     counts as one without that channel.
 
     ``allowed``: channels of the model. Further usual channels may be in the map, as in a draft that
-    ``flightid map`` wrote.
+    ``flightid map`` wrote. ``surfaces``: so may surfaces of any name, as in a map for the
+    model ``aircraft``.
 
     Raises
     ------
@@ -417,7 +421,10 @@ def read_channel_map(
     own = tuple(allowed)
     names = tuple(dict.fromkeys((*own, *CHANNEL_UNITS)))
     content, where = (path, "channels") if isinstance(path, Mapping) else (read_toml(path), path)
-    unknown = next((key for key in content if key not in names), None)
+    further = [key for key in content if key not in names]
+    if surfaces:
+        names += tuple(key for key in further if _may_be_surface(key, names))
+    unknown = next((key for key in further if key not in names), None)
     if unknown is not None:
         raise DeclarationError(
             "there is no such key",
@@ -430,6 +437,13 @@ def read_channel_map(
         field.alias or name: getattr(chosen, name) for name, field in schema.model_fields.items()
     }
     return {name: _choice(entry) for name, entry in entries.items() if entry is not None}
+
+
+def _may_be_surface(key: str, known: Iterable[str]) -> bool:
+    """Whether a key of a channel map names a surface rather than a channel that is misspelt."""
+    if any(key.startswith(f"{name}_") or key.endswith(f"_{name}") for name in known):
+        return True
+    return not difflib.get_close_matches(key.lower(), list(known), n=1, cutoff=0.8)
 
 
 def _choice(entry: ColumnEntry) -> ColumnChoice:

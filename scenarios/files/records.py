@@ -29,7 +29,7 @@ from scenarios.files.measured.derived import with_derived
 from scenarios.files.measured.grid import clock_of, clock_place, leaps, stated_unit
 from scenarios.files.units import to_si
 from sim.errors import RecordError
-from sim.record import Channel, Hold, Record
+from sim.record import Channel, Hold, Record, time_span
 
 P = ParamSpec("P")
 
@@ -390,7 +390,7 @@ def _time(
     finite = time[np.isfinite(time)]
     if cut.size == 0:
         span = (
-            f"the record covers {finite.min():g} to {finite.max():g} s"
+            f"the record covers {time_span(finite.min(), finite.max())}"
             if finite.size
             else "no row of the record has a time"
         )

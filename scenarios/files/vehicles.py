@@ -9,7 +9,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from scenarios.files.aircraft_files import model_of_file, read_model_file, vehicle_source
+from scenarios.files.aircraft_files import (
+    model_of_file,
+    read_model_file,
+    vehicle_source,
+)
 from scenarios.files.declarations import checked, closest, toml_of
 from scenarios.files.measured.columns import RecordFile, path_of
 from scenarios.files.sources import InputFile, Source
@@ -25,6 +29,7 @@ from scenarios.files.user_models import (
 )
 from sim.declaration.model import Model
 from sim.errors import DeclarationError
+from sim.vehicles.aircraft import MOMENTS
 from sim.vehicles.factory import ABOVE_ZERO, FAMILIES
 
 MODELS = (
@@ -209,6 +214,18 @@ def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
     return vehicle if source is None else _with_uncertainty(vehicle, source)
 
 
+def with_plain_terms(source: Source) -> Source:
+    """A vehicle file without terms, with a constant for each coefficient."""
+    content = toml_of(source)
+    table = content.get("aerodynamics", {})
+    if not isinstance(table, dict):
+        return source
+    wind = {"CD", "CL"} & set(table)
+    axes = ("CD", "CY", "CL", *MOMENTS) if wind else ("CX", "CY", "CZ", *MOMENTS)
+    further = "".join(f'\n[aerodynamics.{a}]\n"1" = 0.0\n' for a in axes if a not in table)
+    return replace(source, content=source.content + further.encode()) if further else source
+
+
 def aircraft_vehicle(source: Source) -> VehicleFile:
     """A file of the model ``aircraft``. Raises DeclarationError as ``vehicle_of``."""
     name, model, laid_down = model_of_file(source)
@@ -282,8 +299,8 @@ def read_any_vehicle(path: str | Path | Source) -> VehicleFile:
 
     source = vehicle_source(path)
     content = toml_of(source)
-    if "aerodynamics" in content:
-        return aircraft_vehicle(source)
+    if "aerodynamics" in content or content.get("model") == AIRCRAFT:
+        return aircraft_vehicle(with_plain_terms(source))
     if "density_scale_height" in content or "air_density_reference" in content:
         raise DeclarationError(
             "this is a falling body's file, without an airspeed",
@@ -368,7 +385,14 @@ def vehicle_of(source: Source, model: str) -> VehicleFile:
 
 
 def _refuse_other_model(content: Mapping[str, Any], model: str, path: Path) -> None:
-    """Raise DeclarationError for a file whose keys belong to another model."""
+    """Raise DeclarationError for a file that names another model, or whose keys belong to one."""
+    named = content.get("model")
+    if isinstance(named, str) and named in MODELS and named != model:
+        raise DeclarationError(
+            f"this vehicle file is for the {named} model (key model), not for {model}",
+            where=str(path),
+            remedy=f"name a file for {model}, or the model {named}",
+        )
     for other, keys in _WRITTEN_FOR.items():
         if all(key in content for key in keys) and model not in _READERS.get(other, (other,)):
             raise DeclarationError(

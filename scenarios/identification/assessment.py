@@ -33,7 +33,7 @@ from scenarios.report.document import BY_ROW, SIGMAS, Column, Table, estimate, f
 from scenarios.studies.published import Row
 from sim.declaration.model import Model, System
 from sim.errors import DeclarationError
-from sim.record import Channel, Hold, Record
+from sim.record import Channel, Hold, Record, instant
 
 # ---- Parameters that end at a bound, and parameters that follow others
 
@@ -310,7 +310,7 @@ def with_outliers(
 
 def _seen(record: Record, name: str, mask: np.ndarray) -> HandledFinding:
     times, count = record.time[mask].tolist(), int(np.count_nonzero(mask))
-    places = ", ".join(f"{time:.4g} s" for time in times[:PLACES]) + (
+    places = ", ".join(f"{instant(time)} s" for time in times[:PLACES]) + (
         " and so on" if count > PLACES else ""
     )
     channel = record[name]

@@ -9,7 +9,7 @@ of the records: in a tunnel, on a rig or in a simulation at constant speed they 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -299,6 +299,55 @@ FILTER_ERROR = (1.15, 0.92)
 LOST_ROWS: Mapping[str, float] = {"equation-error": 0.1, "output-error": 0.05}
 LONGER = 1.5  # times the usual interval: between that of one sample and of two
 INTENSITY = "gust-turbulence.sigma"
+
+
+MOST_ALONE = 8  # records that are fitted each by itself
+DIFFERENT = 5.0  # sigmas by which a parameter differs between two records
+MOST_NAMED = 3  # parameters that are named as different
+
+
+def record_cautions(
+    records: Sequence[Record],
+    tests: Sequence[ResidualTest],
+    alone: Callable[[Record], tuple[Estimate, Sequence[ResidualTest]]],
+) -> tuple[str, ...]:
+    """A sentence where each record by itself leaves noise, but all together do not: they are not of
+    one aircraft in one condition.
+
+    ``tests`` : of the fit to all records. ``alone`` : the estimate from one record, and its tests.
+    """
+    if not 2 <= len(records) <= MOST_ALONE or all(test.passed for test in tests):
+        return ()
+    found: list[Estimate] = []
+    for record in records:
+        estimate, own = alone(record)
+        if estimate.outcome is not Outcome.CONVERGED or not all(test.passed for test in own):
+            return ()
+        found.append(estimate)
+    apart = []
+    for name in found[0].names:
+        if name.startswith("bias_") or not all(name in each.names for each in found):
+            continue
+        low, high = (
+            choose(range(len(found)), key=lambda k: found[k].value(name)) for choose in (min, max)
+        )
+        sigma = math.hypot(found[low].sigma(name), found[high].sigma(name))
+        distance = (found[high].value(name) - found[low].value(name)) / max(sigma, 1e-300)
+        if distance > DIFFERENT:
+            values = ", ".join(
+                f"{number_text(found[k].value(name), found[k].sigma(name))} +- "
+                f"{number_text(found[k].sigma(name), found[k].sigma(name))} in {records[k].name}"
+                for k in sorted((low, high))
+            )
+            apart.append((distance, f"{name} {values}"))
+    if not apart:
+        return ()
+    shown = "; ".join(text for _, text in sorted(apart, reverse=True)[:MOST_NAMED])
+    return (
+        "the records contradict each other: each by itself leaves noise alone, all together do not "
+        f"({shown}). Identify records of different aircraft, loadings or flight conditions "
+        "separately, and check the sensors between the flights",
+    )
 
 
 def sigma_cautions(

@@ -58,6 +58,7 @@ from scenarios.identification.conditions import (
     failed,
     in_rough_air,
     made_by_inputs,
+    record_cautions,
     sigma_cautions,
     with_weight_if_needed,
     without_theta,
@@ -79,6 +80,7 @@ from scenarios.preparation.declared_model import (
     model_of_file,
     outputs_with_bias,
     step_for,
+    with_hold,
 )
 from scenarios.preparation.plan import (
     BY_HAND,
@@ -90,6 +92,7 @@ from scenarios.preparation.plan import (
 from scenarios.preparation.plausibility import (
     cruise_caution,
     refuse_still,
+    refuse_too_few,
     refuse_unpredictable,
     refuse_unrelated_records,
 )
@@ -164,6 +167,13 @@ def identify(
     def fit(each: Model) -> tuple[System, Estimate]:
         return estimated_by(records, each, outputs, method, settings, options)
 
+    def alone(one: Record) -> tuple[Estimate, Sequence[ResidualTest]]:
+        own = _measured(model, [one])
+        each = bounded.with_biases([name for name in sensors if name in own])
+        return _best_alone(
+            one, lambda some: estimated_by(some, each, own, method, settings, options)[1]
+        )
+
     bounded, system, estimate, at_bounds = within_bounds(biased, fit, kept=method not in FILTERS)
     tests = _tests(records, estimate)
     by_data = estimate
@@ -192,6 +202,7 @@ def identify(
         notes=(*(note for note in (said, estimate.message) if note), *_laid_down(vehicle, model)),
         cautions=(
             *cautions,
+            *(record_cautions(records, tests, alone) if method in SIMULATED else ()),
             *cautions_of(vehicle, estimate, rows),
             *sigma_cautions(records, by_data, compiled, tests, [PATH]),
             *considered_sentences(considered),
@@ -370,6 +381,17 @@ def _intervals(
     )
 
 
+def _best_alone(
+    record: Record, fit: Callable[[Sequence[Record]], Estimate]
+) -> tuple[Estimate, Sequence[ResidualTest]]:
+    """The estimate from one record and its tests, by the hold that leaves more noise: records that
+    contradict each other may have been read with the wrong one.
+    """
+    readings = [[record], *([with_hold([record], opposite(record.hold))] if record.inputs else [])]
+    tried = [(found := fit(some), _tests(some, found)) for some in readings]
+    return max(tried, key=lambda each: sum(test.passed for test in each[1]))
+
+
 def _tests(records: Sequence[Record], estimate: Estimate) -> tuple[ResidualTest, ...]:
     """Tests of the residuals of all records, one after the other."""
     measured = [each.output_array(estimate.output_names) for each in records]
@@ -477,6 +499,7 @@ def _identified(
     )
     refuse_unrelated_records(ready.fitted, ready.validation)
     refuse_still(ready.fitted, ready.model)
+    refuse_too_few(ready.fitted, ready.model)
     refuse_unfit_records(ready.fitted, ready.model)
     refuse_unpredictable(ready.predicted, ready.model)
     trusted = plan.trusted or method == FREQUENCY

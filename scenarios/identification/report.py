@@ -85,6 +85,7 @@ from scenarios.report.terminal import (
     tests_table,
 )
 from scenarios.studies.published import Row
+from sim.record import extent
 
 # ---- What stands beside an estimate, for comparison.json
 
@@ -569,8 +570,7 @@ def _evidence(found: IdentificationResult) -> list[Block]:
 
 
 def _made(found: IdentificationResult) -> list[Block]:
-    records = (found.record, *found.others)
-    parts = tuple(f"{r.name}: {len(r)} samples, {r.time[0]:g} to {r.time[-1]:g} s" for r in records)
+    parts = tuple(f"{r.name}: {extent(r)}" for r in (found.record, *found.others))
     notes = tuple(as_sentence(note) for note in found.notes)
     blocks: list[Block] = [Bullets(parts), Bullets(notes)]
     blocks += [Prose(as_sentence(f"engine: {found.engine['sentence']}"))] if found.engine else []

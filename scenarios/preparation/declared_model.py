@@ -398,7 +398,7 @@ def vehicle_text(draft: Draft) -> str:
     """A draft of the vehicle file for the model that the channels fit; the numbers that the record
     does not have stand as comments.
     """
-    model = draft.model or "rigid"
+    model = draft.nearest or "rigid"
     if model == "ballistic":
         return _BALLISTIC.format(name=quoted(draft.file.path.stem))
     if model == "multirotor":

@@ -35,28 +35,6 @@ SPELT = {
     "deg": "deg", "rad": "rad", "ktas": "kt", "kts": "kt", "ft": "ft", "ftmsl": "ft", "degs": "deg/s", "rads": "rad/s", "g": "g",  # noqa: E501
     "dps": "deg/s", "rps": "rad/s", "fps": "ft/s", "fps2": "ft/s2", "mps": "m/s", "mps2": "m/s2", "psf": "lbf/ft2",  # noqa: E501
 }  # fmt: skip
-UNIT_WORDS = (
-    "deg",
-    "rad",
-    "degs",
-    "rads",
-    "ms",
-    "ms2",
-    "kt",
-    "kts",
-    "ktas",
-    "kias",
-    "ft",
-    "m",
-    "g",
-    "dps",
-    "rps",
-    "fps",
-    "fps2",
-    "mps",
-    "mps2",
-    "psf",
-)
 # an unlabelled angle or rate that moves further is more likely to be in degrees
 BEYOND = {"rad": 1.6, "rad/s": 8.0}
 # what most samples of a channel do not exceed, whatever flies: a record beyond is not read as it is
@@ -67,6 +45,14 @@ EVEN = 1e-3  # of the step, by which the steps of a clock may differ
 GAPS = 0.02  # share of the steps of a clock that may be gaps
 # topics that hold no measured motion
 NO_MEASUREMENT = re.compile(r"setpoint|_sp\b|status|innov|target|reference|command")
+
+
+# channels that a draft calls missing, by the model that is nearest
+WANTED = {
+    "multirotor": (*COMMANDS, "p", "q", "r", "az"),
+    "lateral": ("aileron", "rudder", "beta", "p", "r", "phi"),
+    "": ("elevator", "aileron", "rudder", "alpha", "beta", "q"),
+}
 
 
 @dataclass(frozen=True)
@@ -126,6 +112,15 @@ class Draft:
     unused: tuple[str, ...]
     model: str
     clockless: bool = False
+
+    @property
+    def nearest(self) -> str:
+        """The model that the channels fit; where none does, the one whose outputs they are."""
+        found = {guess.channel for guess in self.guesses if not guess.fault}
+        sideways = found & {"p", "r", "beta", "phi", "ay", "ny"}
+        if self.model or not sideways or found & {"elevator", "q", "alpha", "nz", "az"}:
+            return self.model
+        return "lateral"
 
 
 def drafted(file: RecordFile, rate: float | None = None) -> Draft:
@@ -201,23 +196,18 @@ def map_text(draft: Draft) -> str:
             if guess.fault
             else f"{guess.channel} = {entry}  # {guess.reason}"
         )
-    wanted = (
-        (*COMMANDS, "p", "q", "r", "az")
-        if draft.model == "multirotor"
-        else ("elevator", "aileron", "rudder", "alpha", "beta", "q")
-    )
+    wanted = WANTED.get(draft.nearest, WANTED[""])
     missing = [name for name in wanted if name not in {guess.channel for guess in draft.guesses}]
     if missing:
         lines.append(f"# Not found: {', '.join(missing)}. A line is such as")
         example = (
             "(RCOU.C1 - 1500) / 500"
             if draft.model == "multirotor"
-            else "0.5*(elevon_left + elevon_right)"
+            else f"0.5*(elevon_left {'-' if draft.nearest == 'lateral' else '+'} elevon_right)"
         )
         unit = "" if draft.model == "multirotor" else ', unit = "deg"'
-        lines.append(
-            f'# {missing[0] if unit == "" else "elevator"} = {{column = "{example}"{unit}}}'
-        )
+        place = missing[0] if unit == "" or draft.nearest == "lateral" else "elevator"
+        lines.append(f'# {place} = {{column = "{example}"{unit}}}')
     if draft.unused:
         lines += textwrap.wrap(
             f"{unused_words(draft)}.",
@@ -323,7 +313,10 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
         for topic in topics:
             if len(topics) > 1 and NO_MEASUREMENT.search(topic.name.lower()):
                 continue
-            cells, spelt = topic.table.header, (rank, *(f"{rank}{word}" for word in UNIT_WORDS))
+            cells, spelt = (
+                topic.table.header,
+                (rank, *(f"{rank}{word}" for word in _recorder_names()["unit_words"])),
+            )
             named = [
                 n for n in range(len(cells)) if _letters_and_digits(split_at(cells, n)[0]) in spelt
             ]

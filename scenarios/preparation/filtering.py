@@ -12,7 +12,7 @@ from scenarios.files.sources import LARGEST
 from scenarios.preparation.plan import Plan, Segment
 from sim.errors import RecordError
 from sim.propagation import MOST_STEPS
-from sim.record import Channel, Hold, Record
+from sim.record import Channel, Hold, Record, instant, time_span
 
 # Of 767 simulated records at 10 to 400 Hz, even or with jitter of a quarter of a step, none is
 # split; of 379 that lost up to a tenth of their rows at random one is.
@@ -144,7 +144,7 @@ def split_at_gaps(
     long_spans = [span for span in spans if span[1] - span[0] >= FEWEST] or spans
     parts = tuple(_rows(record, begin, end) for begin, end in long_spans)
     t = record.time
-    shown = [f"{t[position]:.4g} to {t[position + 1]:.4g} s" for position in after[:3]]
+    shown = [f"{time_span(t[position], t[position + 1], 4)}" for position in after[:3]]
     more = f" and {after.size - 3} more" if after.size > 3 else ""
     dropped = len(ends) - 1 - len(long_spans)
     left = (
@@ -165,7 +165,7 @@ def _rows(record: Record, begin: int, end: int) -> Record:
     part = replace(record, outputs=measured).window(
         float(record.time[begin]), float(record.time[end - 1])
     )
-    return replace(part, name=f"{record.name}[{part.time[0]:.4g}-{part.time[-1]:.4g} s]")
+    return replace(part, name=f"{record.name}[{instant(part.time[0])}-{instant(part.time[-1])} s]")
 
 
 ORDER = 4
@@ -352,4 +352,9 @@ def _near_gaps(valid: np.ndarray, reach: int) -> np.ndarray:
 
 def named(name: str, segment: Segment, *, several: bool) -> str:
     """``record.csv``, or ``record.csv[10-25 s]`` where a record gives several parts."""
-    return f"{name}[{segment.start:g}-{segment.stop:g} s]" if several else name
+    if not several:
+        return name
+    start, stop = (
+        f"{each}" if each is None else instant(each, 6) for each in (segment.start, segment.stop)
+    )
+    return f"{name}[{start}-{stop} s]"

@@ -27,7 +27,7 @@ from sim.effects.disturbance.airspeed import Phugoid
 from sim.effects.library import applies
 from sim.errors import RecordError
 from sim.maths import G0
-from sim.record import Channel, Hold, Record
+from sim.record import Channel, Hold, Record, instant
 
 # ---- What a measured record needs before it is fitted: inputs about their trim
 
@@ -246,16 +246,24 @@ def with_flow(
     if all(flow is None for flow in flows):
         return model, [without_flow(record) for record in records]
     has_density = any(flow is not None and flow.density is not None for flow in flows)
-    names = [SPEED, *([DENSITY] if has_density else []), *([LIFT] if weight else [])]
+    wider = with_flow_inputs(model, density=has_density, weight=weight)
+    added = wider.equations.inputs[len(model.equations.inputs) :]
+    return wider, [
+        _carrying(record, flow, model, added) for record, flow in zip(records, flows, strict=True)
+    ]
+
+
+def with_flow_inputs(model: Model, *, density: bool, weight: bool = True) -> Model:
+    """The model with changes of airspeed, of air density, and of the lift that carries the weight
+    as further inputs.
+    """
+    names = [SPEED, *([DENSITY] if density else []), *([LIFT] if weight else [])]
     ports = {port.name: port for port in model.equations.ports}
     added = tuple(
         Signal(name, ports[name].unit, f"recorded: {ports[name].meaning}") for name in names
     )
     equations: Any = model.equations
-    wider = replace(model, equations=replace(equations, inputs=(*equations.inputs, *added)))
-    return wider, [
-        _carrying(record, flow, model, added) for record, flow in zip(records, flows, strict=True)
-    ]
+    return replace(model, equations=replace(equations, inputs=(*equations.inputs, *added)))
 
 
 def measured_flow(record: Record, model: Model) -> Flow | None:
@@ -350,24 +358,48 @@ def _far(means: Mapping[str, float], model: Model, name: str) -> tuple[str, str,
 
 
 def _carrying(record: Record, flow: Flow | None, model: Model, added: Sequence[Signal]) -> Record:
-    p, n = model.parameters, len(record)
-    speed0 = p["airspeed"].value
-    flow = flow or Flow(np.full(n, speed0), None)
-    air = p["air_density"].value if "air_density" in p else 1.0
-    density = flow.density if flow.density is not None else np.full(n, air)
-    pressure = 0.5 * density * flow.speed**2
-    resting = pressure[: max(1, int(np.searchsorted(record.time, record.time[0] + BEGINNING)))]
-    level = float(np.mean(resting))
-    if "mass" in p and "wing_area" in p:
-        lift = p["mass"].value * G0 / p["wing_area"].value * (1.0 / level - 1.0 / pressure)
-    else:  # a dimensional lift is a rate of the angle of attack
-        lift = -p["gravity"].value / flow.speed * (pressure / level - 1.0)
-    rows = {SPEED: flow.speed - speed0, DENSITY: density - air, LIFT: lift}
+    flow = flow or Flow(np.full(len(record), model.parameters["airspeed"].value), None)
+    rows = flow_rows(flow, model, pressure_at_rest(record.time, flow, model))
     inputs = tuple(
         Channel.of(signal.name, signal.unit, interval_means(rows[signal.name], record.hold))
         for signal in added
     )
     return replace(without_flow(record), inputs=(*record.inputs, *inputs))
+
+
+def pressure_at_rest(time: np.ndarray, flow: Flow, model: Model) -> float:
+    """Mean dynamic pressure (Pa) at the beginning, where the lift carries the weight; with a model
+    without an air density divided by that.
+    """
+    resting = _pressure(flow, model)[: max(1, int(np.searchsorted(time, time[0] + BEGINNING)))]
+    return float(np.mean(resting))
+
+
+def _pressure(flow: Flow, model: Model) -> np.ndarray:
+    return np.asarray(0.5 * _density(flow, model) * flow.speed**2)
+
+
+def _density(flow: Flow, model: Model) -> np.ndarray:
+    p = model.parameters
+    declared = p["air_density"].value if "air_density" in p else 1.0
+    return flow.density if flow.density is not None else np.full(len(flow.speed), declared)
+
+
+def flow_rows(flow: Flow, model: Model, level: float) -> dict[str, np.ndarray]:
+    """Values of the inputs of ``with_flow_inputs``, ``(N,)`` each; ``level``: the pressure at
+    which the lift carries the weight.
+    """
+    p, pressure = model.parameters, _pressure(flow, model)
+    if "mass" in p and "wing_area" in p:
+        lift = p["mass"].value * G0 / p["wing_area"].value * (1.0 / level - 1.0 / pressure)
+    else:  # a dimensional lift is a rate of the angle of attack
+        lift = -p["gravity"].value / flow.speed * (pressure / level - 1.0)
+    air = p["air_density"].value if "air_density" in p else 1.0
+    return {
+        SPEED: flow.speed - p["airspeed"].value,
+        DENSITY: _density(flow, model) - air,
+        LIFT: lift,
+    }
 
 
 def interval_means(values: np.ndarray, hold: Hold) -> np.ndarray:
@@ -399,7 +431,7 @@ def _smooth(record: Record, channel: Channel) -> np.ndarray:
         at = float(time[int(np.argmax(values <= 0.0))])
         remedy = "leave the column out, or cut the record there with --from and --to"
         raise RecordError(
-            f"{channel.name} is not above zero at {at:g} s",
+            f"{channel.name} is not above zero at {instant(at, 6)} s",
             where=f"{record.name}, channel {channel.name}",
             remedy=remedy,
         )

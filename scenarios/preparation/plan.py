@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from scenarios.files.declarations import CHANNEL_UNITS
 from sim.errors import DeclarationError
+from sim.record import time_span
 
 if TYPE_CHECKING:
     from ident.flying_qualities.levels import FlightPhase
@@ -168,7 +169,7 @@ def _segments(starts: list[float], stops: list[float]) -> tuple[Segment, ...]:
     ordered = sorted(zip(starts, stops, strict=True))
     for (start, stop), (later, end) in pairwise(ordered):
         if later < stop:
-            what = f"the segments {start:g} to {stop:g} s and {later:g} to {end:g} s overlap"
+            what = f"the segments {time_span(start, stop)} and {time_span(later, end)} overlap"
             raise DeclarationError(
                 what, where="--from, --to", remedy="give segments that do not overlap"
             )
@@ -252,14 +253,16 @@ def reading_options(request: Request, *, opening: bool = False, rate: bool = Tru
 
 
 def column_choices(
-    request: Request, allowed: Iterable[str] = CHANNEL_UNITS
+    request: Request, allowed: Iterable[str] = CHANNEL_UNITS, *, surfaces: bool = False
 ) -> Mapping[str, ColumnChoice] | None:
-    """The channel map that a request names, of the channels ``allowed``, read now; None where it
-    names none. Raises DeclarationError.
+    """The channel map that a request names, of the channels ``allowed``, with ``surfaces`` those
+    of any name as well, read now; None where it names none. Raises DeclarationError.
     """
     from scenarios.files.declarations import read_channel_map
 
-    return read_channel_map(request.channels, allowed) if request.channels is not None else None
+    if request.channels is None:
+        return None
+    return read_channel_map(request.channels, allowed, surfaces=surfaces)
 
 
 FILE = "maneuvers.toml"
@@ -278,7 +281,7 @@ class Part:
     @property
     def sentence(self) -> str:
         """Name of the part in messages, ``"maneuver 3 (pitch-doublet-1), 119.2 to 127.5 s"``."""
-        return f"maneuver {self.number} ({self.name}), {self.start:g} to {self.stop:g} s"
+        return f"maneuver {self.number} ({self.name}), {time_span(self.start, self.stop)}"
 
 
 @dataclass(frozen=True)
@@ -356,7 +359,7 @@ def chosen_parts(parts: DeclaredParts, requested: Sequence[str | int]) -> tuple[
         if other.start < one.stop:
             what = (
                 f"maneuvers {one.number} and {other.number} overlap ({one.start:g} to {one.stop:g} "
-                f"s, {other.start:g} to {other.stop:g} s)"
+                f"s, {time_span(other.start, other.stop)})"
             )
             raise DeclarationError(
                 what,

@@ -11,10 +11,11 @@ import numpy as np
 from ident.maneuver_detection import AXES, FlightSignals, active_share
 from ident.statistics.noise_levels import robust_sigma_about_zero
 from scenarios.files.declarations import STICK
+from scenarios.preparation.declared_model import outputs_with_bias
 from scenarios.preparation.plan import MEASURED_MOTION
 from sim.declaration.model import Model
 from sim.errors import RecordError
-from sim.record import Channel, Record
+from sim.record import Channel, Record, instant
 
 # ---- Long records that are almost all cruise
 
@@ -98,6 +99,35 @@ def refuse_still(records: Sequence[Record], model: Model) -> None:
         what = (
             f"neither the {' nor the '.join(controls)} nor any output moves above its noise: "
             "nothing shows what the aircraft does"
+        )
+        raise RecordError(what, where=_names(records), remedy=MANEUVER)
+
+
+def refuse_too_few(records: Sequence[Record], model: Model) -> None:
+    """Nothing where records have more samples than a fit of the model has unknowns.
+
+    Raises
+    ------
+    RecordError : fewer samples of outputs than parameters, initial states and biases.
+    """
+    names = [signal.name for signal in model.equations.outputs]
+    biased = 0
+    for record in records:
+        measured = [name for name in names if name in record.output_names]
+        biased += len(outputs_with_bias(model, measured))
+    free = [name for name in model.parameters.free_names if not name.startswith("bias_")]
+    counts = len(free), len(records) * len(model.initial), biased
+    rows = sum(map(len, records))
+    samples = sum(
+        int(np.count_nonzero(channel.valid))
+        for record in records
+        for channel in record.outputs
+        if channel.name in names
+    )
+    if samples <= sum(counts):
+        what = (
+            f"{rows} rows with {samples} samples of outputs are too few for {sum(counts)} unknowns "
+            "({} parameters, {} initial states, {} biases)".format(*counts)
         )
         raise RecordError(what, where=_names(records), remedy=MANEUVER)
 
@@ -260,8 +290,8 @@ def split_off(records: Sequence[Record], model: Model) -> Split:
         (*others, first),
         held_out,
         cut,
-        f"no --validate: the last part of {last.name}, from {cut:g} s on, is not fitted but "
-        "predicted",
+        f"no --validate: the last part of {last.name}, from {instant(cut, 6)} s on, is not fitted "
+        "but predicted",
     )
 
 
@@ -312,8 +342,8 @@ def hold_out(record: Record) -> tuple[Record, Record]:
     ]
     if steered and not any(moves(first[name]) for name in steered):
         what = (
-            f"no control moves before {record.time[cut]:g} s, where its last part would be held "
-            "out: the rest says nothing of a model"
+            f"no control moves before {instant(record.time[cut], 6)} s, where its last part would "
+            "be held out: the rest says nothing of a model"
         )
         raise RecordError(what, where=record.name, remedy=_REMEDY)
     return first, held_out

@@ -19,7 +19,7 @@ from sim.declaration.model import Model
 from sim.errors import RecordError
 from sim.maths import G0
 from sim.propagation import MOST_STEPS
-from sim.record import Channel, Record
+from sim.record import Channel, Record, instant, time_span
 
 # ---- What is done about what the raw columns show
 
@@ -144,10 +144,8 @@ def _refuse_endless(record: Record) -> None:
         usual = float(np.median(np.diff(record.time)))
         span = float(record.time[-1] - record.time[0])
     if not span / usual <= MOST_STEPS:
-        problem = (
-            f"it goes from {record.time[0]:.4g} to {record.time[-1]:.4g} s in steps of {usual:.3g} "
-            "s"
-        )
+        whole = time_span(record.time[0], record.time[-1], 4)
+        problem = f"it goes from {whole} in steps of {usual:.3g} s"
         remedy = "correct wrong times, or read a part of the rows with --from and --to"
         raise RecordError(problem, where=f"{record.name}, column time", remedy=remedy)
 
@@ -282,5 +280,6 @@ def _when(finding: RecordFinding) -> str:
 
 def _span(times: Sequence[tuple[float, float]]) -> list[str]:
     return [
-        f"{begin:.4g} s" if begin == end else f"{begin:.4g} to {end:.4g} s" for begin, end in times
+        f"{instant(begin)} s" if begin == end else f"{time_span(begin, end, 4)}"
+        for begin, end in times
     ]

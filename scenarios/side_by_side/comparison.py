@@ -191,6 +191,7 @@ class StudyColumn:
     seed : None of a measured record.
     values, derived : parameters and derived quantities by name.
     responses : outputs over time; None where the folder has none.
+    vehicle, model : names in the study; empty where it has none.
     """
 
     label: str
@@ -203,6 +204,8 @@ class StudyColumn:
     values: Mapping[str, Value]
     derived: Mapping[str, Value]
     responses: StudyResponses | None = None
+    vehicle: str = ""
+    model: str = ""
 
 
 # ---- Which parameters studies share, in which order, and in which unit
@@ -230,6 +233,27 @@ class SideBySide:
     def value(self, name: str, column: StudyColumn) -> Value | None:
         """Value of a parameter or derived quantity in a column; None if missing."""
         return column.values.get(name) if name in self.names else column.derived.get(name)
+
+    @property
+    def cautions(self) -> list[str]:
+        """Sentences on studies that are of different vehicles or models."""
+        told = []
+        for what, names, why in (
+            ("vehicles", [c.vehicle for c in self.columns], "their parameters need not agree"),
+            (
+                "models",
+                [c.model for c in self.columns],
+                "a parameter of one name may be defined differently",
+            ),
+        ):
+            if len({name for name in names if name}) > 1:
+                each = ", ".join(
+                    f"{column.label} of {name}"
+                    for column, name in zip(self.columns, names, strict=True)
+                    if name
+                )
+                told.append(f"studies of different {what} ({each}): {why}")
+        return told
 
     def words(self, name: str) -> str:
         """Heading of a row: name of a parameter, words for a derived quantity."""
@@ -459,6 +483,8 @@ def _column(
         values=_values(parameters, f"{file}, key parameters"),
         derived=_values(derived, f"{file}, key derived"),
         responses=read_responses(folder, method),
+        vehicle=str(content.get("vehicle", "")),
+        model=str(content.get("model", "")),
     )
 
 

@@ -242,7 +242,7 @@ def compared_page(compared: SideBySide, figure_files: Sequence[Drawn] = ()) -> P
         verdict="" if sigmas is None else "apart" if sigmas > LIMIT else "alike",
         tone="plain" if sigmas is None else "fair" if sigmas > LIMIT else "good",
         sentence=as_sentence(told) if told else "",
-        summary=(as_sentence(shared),),
+        summary=(as_sentence(shared), *map(as_sentence, compared.cautions)),
         warnings=tuple(
             [f"In different units, therefore not compared: {', '.join(compared.apart)}."]
             if compared.apart
@@ -454,6 +454,8 @@ def print_compared(compared: SideBySide, out: Console | None = None) -> None:
             if c.label in compared.single
         }
         compared = replace(compared, columns=shown, single=singles)
+    for caution in compared.cautions:
+        print_paragraph(out, f"note: {caution}", indent=0)
     show_blocks(out, compared_tables(compared), apart=True)
     for label, single in compared.single.items():
         print_paragraph(out, f"only {label} has {', '.join(single)}", indent=0)

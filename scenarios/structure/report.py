@@ -63,7 +63,7 @@ def structure_text(found: FoundStructure, width: int = WIDTH, details: str = BEL
         lines += ["", *table_as_lines(prediction_table(found), width, keys=1)]
     for axis in found.selections:
         lines += ["", *table_as_lines(terms_table(found, axis), width, keys=1)]
-    for sentence in findings(found):
+    for sentence in (*findings(found), *(f"note: {each}" for each in found.notes)):
         lines += wrapped(sentence, width)
     return "\n".join(lines) + "\n"
 

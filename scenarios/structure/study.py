@@ -20,7 +20,7 @@ from ident.structure.coefficients import (
     histories_of,
 )
 from ident.structure.collinearity import Collinearity, collinearity_of
-from ident.structure.products import noise_columns
+from ident.structure.products import columns_of, noise_columns
 from ident.structure.selection import ORTHOGONAL, STEPWISE, Selection, TermColumns, select
 from scenarios.files.aircraft_files import AXES, read_aircraft
 from scenarios.files.declarations import closest, read_toml_source, toml_of
@@ -29,8 +29,14 @@ from scenarios.files.measured.columns import (
     read_record_files,
     refuse_twice,
 )
-from scenarios.files.sources import InputFile, Source
-from scenarios.files.vehicles import BESIDE
+from scenarios.files.sources import InputFile
+from scenarios.files.vehicles import BESIDE, with_plain_terms
+from scenarios.preparation.declared_model import (
+    BETTER,
+    held_by_computer,
+    likelier_by,
+    with_hold,
+)
 from scenarios.preparation.plan import WHOLE, Request, column_choices
 from scenarios.preparation.reading import (
     commanded,
@@ -149,6 +155,10 @@ def structure_of_files(request: Request, options: StructureOptions) -> FoundStru
     refuse_other_units(fitted, aircraft)
     if options.terms is None:
         refuse_moving_together(fitted, aircraft, [commanded(aircraft)])
+    open_hold = request.plan.hold is None and not any(each.sidecar.says_hold for each in sources)
+    if open_hold:
+        hold, said = hold_of_inputs(fitted, aircraft, options.bandwidth)
+        fitted, notes = tuple(with_hold(fitted, hold)), (*notes, *said)
     left_out = read_record_files(request.validate)
     identities = (*(each.identity for each in (*sources, *left_out)), source.identity)
     found = structure_of(fitted, aircraft, options, identities, notes)
@@ -156,20 +166,72 @@ def structure_of_files(request: Request, options: StructureOptions) -> FoundStru
         return found
     whole = replace(request, plan=replace(request.plan, segments=WHOLE, chosen=()))
     records, further = _prepared(left_out, aircraft, whole)
+    if open_hold and not any(each.sidecar.says_hold for each in left_out):
+        records = tuple(with_hold(records, hold))
     predicted = predicted_r2(found, records)
     return replace(found, predicted=predicted, notes=(*notes, *further))
 
 
-def with_plain_terms(source: Source) -> Source:
-    """A vehicle file without terms, with a constant for each coefficient."""
-    content = toml_of(source)
-    table = content.get("aerodynamics", {})
-    if not isinstance(table, dict):
-        return source
-    wind = {"CD", "CL"} & set(table)
-    axes = ("CD", "CY", "CL", *MOMENTS) if wind else ("CX", "CY", "CZ", *MOMENTS)
-    further = "".join(f'\n[aerodynamics.{a}]\n"1" = 0.0\n' for a in axes if a not in table)
-    return replace(source, content=source.content + further.encode()) if further else source
+def hold_of_inputs(
+    records: Sequence[Record], aircraft: Aircraft, bandwidth: float = BANDWIDTH
+) -> tuple[Hold, list[str]]:
+    """How surfaces move between samples: held, or linearly.
+
+    The six coefficients are regressed on their linear terms under both readings. Held surfaces that
+    in truth move linearly act half a sample late, which biases control and damping terms.
+
+    Parameters
+    ----------
+    records : prepared, as of ``structure_of``; those that are linear already stay so.
+    aircraft : airframe and surfaces. bandwidth : Hz, of the angular accelerations.
+
+    Returns
+    -------
+    The reading to use, and sentences on the choice.
+
+    Raises
+    ------
+    RecordError : a channel is missing, or no signal moves.
+    """
+    if any(record.hold is Hold.LINEAR for record in records):
+        return Hold.LINEAR, []
+    if all(held_by_computer(record) for record in records):
+        return Hold.PREVIOUS, []
+    readings = [
+        [coefficients_of(record, aircraft, bandwidth) for record in with_hold(records, hold)]
+        for hold in (Hold.PREVIOUS, Hold.LINEAR)
+    ]
+    terms = (Term(), *_products(readings[0], aircraft, 1))
+    held, linear = (_linear_residuals(each, terms) for each in readings)
+    gain = likelier_by(held, linear, [np.ones(each.shape, dtype=bool) for each in held])
+    if gain >= BETTER:
+        return Hold.LINEAR, [
+            "inputs linear between samples: linear terms explain the coefficients better than with "
+            f"held ones (twice the log likelihood {gain:.1f}); --hold previous holds them"
+        ]
+    if gain <= -BETTER:
+        return Hold.PREVIOUS, [
+            "inputs held between samples: linear terms explain the coefficients better than with "
+            f"linear ones (twice the log likelihood {-gain:.1f}); --hold linear joins the samples "
+            "by lines"
+        ]
+    return Hold.PREVIOUS, [
+        "inputs held between samples: these records do not tell whether surfaces are held or move "
+        "linearly; compare the values with --hold linear"
+    ]
+
+
+def _linear_residuals(histories: Sequence[Histories], terms: Sequence[Term]) -> list[np.ndarray]:
+    """Residuals ``(6, M)`` of each maneuver after a regression of each coefficient on ``terms``."""
+    ends = np.cumsum([len(each.time) for each in histories])[:-1]
+    rows = []
+    for axis in histories[0].coefficients:
+        columns = np.concatenate([columns_of(each, terms, axis) for each in histories])
+        measured = np.concatenate([each.coefficients[axis] for each in histories])
+        size = np.linalg.norm(columns, axis=0)
+        scaled = columns / np.where(size > 0.0, size, 1.0)
+        rows.append(measured - scaled @ np.linalg.lstsq(scaled, measured, rcond=1e-10)[0])
+    return np.split(np.array(rows), ends, axis=1)
 
 
 def _prepared(

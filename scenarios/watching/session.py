@@ -68,7 +68,7 @@ from scenarios.watching.spectral import SpectralSession, spectral_session
 from scenarios.watching.spectral import take as take_in_frequency
 from sim.declaration.model import System
 from sim.errors import RecordError
-from sim.record import Channel, Record
+from sim.record import Channel, Hold, Record
 
 # ---- A watch in progress
 
@@ -367,7 +367,8 @@ class Watch:
     one. ``columns``: names of the columns,
     where there is no header or another one is wanted; ``rate``: Hz, where there is no clock.
     ``signals``: what the stream is read for; of others than the low-order equivalent's there is no
-    ``session``. ``omega``: rad/s, of the regression in the frequency domain.
+    ``session``. ``omega``: rad/s, of the regression in the frequency domain. ``hold``: how inputs
+    move between rows there, None where the rows decide.
     """
 
     name: str
@@ -379,6 +380,7 @@ class Watch:
     beside: str = ""
     columns: tuple[str, ...] = ()
     rate: float | None = None
+    hold: Hold | None = None
     signals: StreamSignals = LOES
     omega: np.ndarray | None = None
     header: Header | None = None

@@ -84,7 +84,8 @@ from scenarios.watching.spectral import (
     last_estimate,
     record_of,
     spectral_content,
-    undetermined,
+    stream_notes,
+    stream_warnings,
 )
 from scenarios.watching.study import (
     NAME,
@@ -153,8 +154,9 @@ def print_spectral_end(watch: Watch, session: SpectralSession) -> None:
             ),
         ]
     print_table(out, "", columns)
-    if unknown := undetermined(session):
-        out.print(f"{UNKNOWN} by this stream: {', '.join(unknown)}", highlight=False)
+    told = [*stream_warnings(session), *(f"note: {each}" for each in stream_notes(session))]
+    for sentence in told:
+        out.print(sentence, highlight=False)
     if watch.reference is not None:
         out.print(against_items(items, watch.reference.name), highlight=False)
 
@@ -254,7 +256,11 @@ def spectral_page(
                 "Against the reference",
                 differences_table(content["reference"]) if "reference" in content else None,
             ),
-            *section("How it was made", fixed_table("Constants", fixed)),
+            *section(
+                "How it was made",
+                fixed_table("Constants", fixed),
+                Bullets(tuple(map(as_sentence, content.get("notes", ())))),
+            ),
         ),
         reproduction=reproduction(
             usual_command(name, content["model"], vehicle),

@@ -6,7 +6,7 @@ For models whose states are measured, and beside the filter bank of the low-orde
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -26,14 +26,26 @@ from ident.frequency_domain.online_lag import LagStream, estimated, lag_stream, 
 from scenarios.files.user_models import channel_units, moves_about_rest
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.low_order import derived_of
-from scenarios.preparation.declared_model import model_of_file
+from scenarios.preparation.declared_model import BETTER, model_of_file
+from scenarios.preparation.measured_inputs import (
+    MEASURED,
+    Flow,
+    able,
+    flow_doubts,
+    flow_rows,
+    flow_sentence,
+    measured_flow,
+    pressure_at_rest,
+    with_flow_inputs,
+)
+from scenarios.preparation.plan import BY_HAND
 from scenarios.studies.comparison import estimate_content
 from scenarios.studies.published import Row
 from scenarios.watching.rows import LOES, StreamSignals
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, System
 from sim.errors import DeclarationError, RecordError
-from sim.record import Channel, Record
+from sim.record import Channel, Hold, Record
 from sim.vehicles.factory import model_from_constants
 
 METHOD = "frequency-domain"
@@ -57,9 +69,12 @@ class SpectralSession:
     """A stream on its way through the regression; ``take`` changes it.
 
     ``signals`` : inputs and outputs, the rows of a block behind the time. ``system`` : of the
-    outputs that the stream has. Either ``equations`` with ``sums``, or ``lag`` of the low-order
-    equivalent. ``waiting`` : rows of a second that is not over. ``points`` : estimates, one a
-    second.
+    outputs that the stream has. Either ``readings``, the equations with their sums for each way in
+    which inputs may move between rows, or ``lag`` of the low-order equivalent. ``hold`` : the
+    reading of the last estimate, ``gain`` twice the log likelihood by which linear inputs explain
+    the rows better than held ones. ``flow`` : airspeed and pressure of the stream that the
+    equations use, ``level`` the pressure at its beginning. ``waiting`` : rows of a second that is
+    not over. ``points`` : estimates, one a second.
     """
 
     vehicle: VehicleFile
@@ -67,8 +82,11 @@ class SpectralSession:
     signals: StreamSignals
     system: System
     declared: Model
-    equations: OnlineEquations | None = None
-    sums: Sums | None = None
+    readings: dict[Hold, tuple[OnlineEquations, Sums]] = field(default_factory=dict)
+    hold: Hold = Hold.PREVIOUS
+    gain: float = 0.0
+    flow: tuple[str, ...] = ()
+    level: float | None = None
     lag: LagStream | None = None
     last: OnlineEstimate | None = None
     waiting: list[np.ndarray] = field(default_factory=list)
@@ -79,9 +97,7 @@ class SpectralSession:
     @property
     def regressed(self) -> OnlineEquations:
         """The equations; of the low-order equivalent those with its lag and delay held."""
-        result = self.equations if self.lag is None else self.lag.equations
-        assert result is not None
-        return result
+        return self.readings[self.hold][0] if self.lag is None else self.lag.equations
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -101,13 +117,19 @@ def signals_of(vehicle: VehicleFile) -> StreamSignals:
         [signal.name for signal in each]
         for each in (model.equations.inputs, model.equations.outputs)
     )
-    return StreamSignals(tuple(inputs), tuple(outputs), channel_units(model))
+    more = [name for name in able(model) if name not in outputs]
+    return StreamSignals(tuple(inputs), (*outputs, *more), channel_units(model))
 
 
 def spectral_session(
-    vehicle: VehicleFile, name: str, outputs: Sequence[str], omega: np.ndarray
+    vehicle: VehicleFile,
+    name: str,
+    outputs: Sequence[str],
+    omega: np.ndarray,
+    hold: Hold | None = None,
 ) -> SpectralSession:
-    """A session for the outputs that a stream has, frequencies ``omega`` rad/s.
+    """A session for the outputs that a stream has, frequencies ``omega`` rad/s; ``hold``: of the
+    inputs between rows, None where the rows decide.
 
     Raises
     ------
@@ -125,9 +147,15 @@ def spectral_session(
         what, remedy = "a regression on line knows no ties", "leave [tied] out, or use identify"
         raise DeclarationError(what, where=vehicle.name, remedy=remedy)
     system = compile_model(declared)
-    equations = online_equations(system, omega, outputs)
+    flow = tuple(
+        name for name in able(declared) if name in outputs and name not in system.output_names
+    )
+    wider = with_flow_inputs(declared, density=set(flow) == set(MEASURED)) if flow else declared
+    equations = online_equations(compile_model(wider), omega, outputs)
+    kinds = (hold,) if hold is not None else tuple(Hold) if system.inputs else (Hold.PREVIOUS,)
+    readings = {kind: (replace(equations, hold=kind), begin(equations)) for kind in kinds}
     return SpectralSession(
-        vehicle, name, signals_of(vehicle), system, declared, equations, begin(equations)
+        vehicle, name, signals_of(vehicle), system, declared, readings, kinds[0], flow=flow
     )
 
 
@@ -161,20 +189,90 @@ def regress(session: SpectralSession) -> list[Point]:
     assert session.begun is not None
     time = block[0] - session.begun
     r = len(session.signals.inputs)
-    inputs, outputs = block[1 : 1 + r], block[1 + r :]
+    m = len(session.system.output_names)
+    inputs, outputs = block[1 : 1 + r], block[1 + r : 1 + r + m]
+    if session.flow:
+        inputs = np.concatenate([inputs, _flow_rows(session)])
     values = None if session.last is None else session.last.values
     if session.lag is not None:
         session.lag = taken(session.lag, time, inputs[0], outputs, values)
         equations, session.lag = estimated(session.lag)
     else:
-        assert session.equations is not None and session.sums is not None
-        session.sums = advance(session.equations, session.sums, time, inputs, outputs, values)
-        equations = estimate(session.equations, session.sums)
+        equations = _likelier(session, time, inputs, outputs, values)
     if equations is None or not np.all(np.isfinite(equations.values)):
         return []
     session.last = equations
     session.points.append(Point(float(block[0, -1]), equations.values, equations.std))
     return session.points[-1:]
+
+
+def _flow_rows(session: SpectralSession) -> np.ndarray:
+    """Changes of airspeed and pressure in the rows of the last second, ``(k, N)``: smoothed with
+    those of the second before.
+    """
+    recent = session.blocks[-2:]
+    table = np.concatenate(recent, axis=1)
+    first = 1 + len(session.signals.inputs)
+    units = session.signals.channel_units
+    some = [(name, table[first + session.signals.outputs.index(name)]) for name in session.flow]
+    channels = tuple(
+        Channel.of(name, units[name], row) for name, row in some if np.isfinite(row).any()
+    )
+    model, new = session.declared, recent[-1].shape[1]
+    flow = None
+    if len(channels) == len(session.flow) and table.shape[1] > 1:
+        flow = measured_flow(Record(table[0], (), channels, name=session.name), model)
+    if flow is None:
+        flow = Flow(np.full(table.shape[1], model.parameters["airspeed"].value), None)
+    elif session.level is None:
+        session.level = pressure_at_rest(table[0], flow, model)
+    level = session.level or pressure_at_rest(table[0], flow, model)
+    rows = flow_rows(flow, model, level)
+    names = session.regressed.system.inputs[len(session.signals.inputs) :]
+    return np.array([rows[signal.name][-new:] for signal in names])
+
+
+def _likelier(
+    session: SpectralSession,
+    time: np.ndarray,
+    inputs: np.ndarray,
+    outputs: np.ndarray,
+    values: np.ndarray | None,
+) -> OnlineEstimate | None:
+    """The estimate with further rows: from linear inputs where the rows show that they are."""
+    found: dict[Hold, OnlineEstimate | None] = {}
+    for kind, (equations, sums) in session.readings.items():
+        sums = advance(equations, sums, time, inputs, outputs, values)
+        session.readings[kind] = equations, sums
+        found[kind] = estimate(equations, sums)
+    held, linear = found.get(Hold.PREVIOUS), found.get(Hold.LINEAR)
+    if held is not None and linear is not None:
+        session.gain = 2.0 * (held.cost - linear.cost)
+        session.hold = Hold.LINEAR if session.gain >= BETTER else Hold.PREVIOUS
+    return found[session.hold]
+
+
+def stream_notes(session: SpectralSession) -> list[str]:
+    """How inputs were taken to move between rows, and whether a measured airspeed was used."""
+    if session.lag is not None or session.last is None:
+        return []
+    told = [flow_sentence(record_of(session), session.declared)] if session.flow else []
+    if session.system.inputs and len(session.readings) == 1:
+        word = "held" if session.hold is Hold.PREVIOUS else "linear"
+        told.append(f"inputs {word} between samples: {BY_HAND}")
+    elif session.hold is Hold.LINEAR:
+        told.append(
+            "inputs linear between samples: they explain the stream better than held ones (twice "
+            f"the log likelihood {session.gain:.1f}); --hold previous holds them"
+        )
+    return told
+
+
+def stream_warnings(session: SpectralSession) -> list[str]:
+    """Parameters that the stream does not determine; a measured airspeed far from the declared."""
+    unknown = undetermined(session)
+    told = [f"{UNKNOWN} by this stream: {', '.join(unknown)}"] if unknown else []
+    return told + (flow_doubts([record_of(session)], session.declared) if session.flow else [])
 
 
 def record_of(session: SpectralSession) -> Record:
@@ -198,7 +296,8 @@ def record_of(session: SpectralSession) -> Record:
         table[0],
         inputs,
         tuple(Channel.of(name, units[name], row) for name, row in outputs),
-        name=session.name,
+        session.hold,
+        session.name,
     )
 
 
@@ -285,7 +384,7 @@ def spectral_content(session: SpectralSession) -> dict[str, Any]:
             "outcome": nothing.code,
             "outcome_sentence": nothing.value,
             "undetermined": unknown,
-            "warnings": [f"{UNKNOWN} by this stream: {', '.join(unknown)}"],
+            "warnings": stream_warnings(session),
         }
     each = zip(latest.names, latest.units, latest.values.tolist(), latest.std.tolist(), strict=True)
     rows = tuple(Row(*one) for one in each)
@@ -297,8 +396,10 @@ def spectral_content(session: SpectralSession) -> dict[str, Any]:
     fixed = {item.name: (item.value, item.unit) for item in held if item.name not in latest.names}
     content = estimate_content(latest, rows, derived_quantities(session, latest), fixed, ())
     unknown = undetermined(session)
-    warnings = [f"{UNKNOWN} by this stream: {', '.join(unknown)}"] if unknown else []
+    warnings = stream_warnings(session)
     ends = session.regressed.omega[[0, -1]] / (2.0 * np.pi)
     band = {"band_Hz": ends.tolist()}
-    more = {"undetermined": unknown, "warnings": warnings} if unknown else {}
-    return {**content, "method": METHOD, **band, **more}
+    more: dict[str, Any] = {"undetermined": unknown} if unknown else {}
+    more |= {"warnings": warnings} if warnings else {}
+    notes = {"notes": told} if (told := stream_notes(session)) else {}
+    return {**content, "method": METHOD, **band, **more, **notes}

@@ -60,6 +60,7 @@ from scenarios.report.document import Table
 from scenarios.report.quantities import CHANNELS, shown_in, value_text
 from scenarios.report.summary import BELOW, WIDTH, Summary, residual_phrase, summary_lines, wrapped
 from scenarios.report.terminal import table_as_lines
+from sim.record import extent, instant
 
 if TYPE_CHECKING:
     from scenarios.diagnosis.diagnose import Tracing
@@ -167,9 +168,7 @@ def wording_of(tracing: Tracing) -> Wording:
 
 def subject(tracing: Tracing) -> str:
     """Which vehicle, model and records this is about, in one line."""
-    fitted = ", ".join(
-        f"{r.name} ({len(r)} samples, {r.time[0]:g} to {r.time[-1]:g} s)" for r in tracing.records
-    )
+    fitted = ", ".join(f"{r.name} ({extent(r)})" for r in tracing.records)
     return f"{tracing.vehicle.name}, {tracing.vehicle.model} model: {fitted}"
 
 
@@ -181,7 +180,7 @@ def where_predicted(tracing: Tracing) -> str:
     if not tracing.diagnosis.held_out:
         return "the fitted record"
     if tracing.held_out_from is not None:
-        return f"the held-out part of {names[0]}, from {tracing.held_out_from:g} s on"
+        return f"the held-out part of {names[0]}, from {instant(tracing.held_out_from, 6)} s on"
     return f"the held-out record{'s' if len(names) > 1 else ''} {', '.join(names)}"
 
 

@@ -13,7 +13,7 @@ import pkgutil
 import warnings
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -41,6 +41,7 @@ BZIP2 = b"BZh"  # first bytes of the file
 XZ = b"\xfd7zXZ\x00"  # first bytes of the file
 ZIP = b"PK\x03\x04"  # first bytes of the file
 PACKED = {".gz": "gzip", ".bz2": "bzip2", ".xz": "xz"}
+MOST_FILES = 500  # in an archive
 FOOTER = 20  # rows below a table that may be remarks or sums
 
 
@@ -101,11 +102,11 @@ def topics_of(source: Source) -> tuple[Topic, ...]:
             path.with_suffix("") if path.suffix.lower() in PACKED else path,
         )
     refuse_oversized(inner, raw)
-    if raw.startswith(ZIP) and inner.suffix.lower() == ".zip":
-        raw, inner = _only_file(path, raw)
-        refuse_oversized(inner, raw)
+    packed = raw.startswith(ZIP) and inner.suffix.lower() == ".zip"
+    files = _files_in(path, raw) if packed else ((inner, raw),)
     with _silent():
-        topics = reader_for(inner, raw).read(path, raw)
+        parts = [(each, reader_for(each, content).read(path, content)) for each, content in files]
+    topics = parts[0][1] if len(parts) == 1 else _one_log(path, parts)
     filled = tuple(
         _without_footer(replace(topic, table=without_empty_tail(topic.table))) for topic in topics
     )
@@ -198,9 +199,9 @@ def _is_remark(cell: object) -> bool:
     )
 
 
-def _only_file(path: Path, raw: bytes) -> tuple[bytes, Path]:
-    """Content and name of the one file in a ZIP archive. Raises RecordError where it holds another
-    number of files, or is damaged.
+def _files_in(path: Path, raw: bytes) -> tuple[tuple[Path, bytes], ...]:
+    """Names and contents of the files in a ZIP archive. Raises RecordError where it holds none, too
+    many or too large ones, or is damaged.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
@@ -209,8 +210,12 @@ def _only_file(path: Path, raw: bytes) -> tuple[bytes, Path]:
                 for item in archive.infolist()
                 if not item.is_dir() and not item.filename.startswith("__MACOSX/")
             ]
-            if len(inside) == 1 and inside[0].file_size <= MOST_RECORD:
-                return archive.read(inside[0]), Path(inside[0].filename)
+            size = sum(item.file_size for item in inside)
+            if 0 < len(inside) <= MOST_FILES and size <= MOST_RECORD:
+                files = tuple((Path(item.filename), archive.read(item)) for item in inside)
+                for inner, content in files:
+                    refuse_oversized(inner, content)
+                return files
     except (
         zipfile.BadZipFile,
         OSError,
@@ -225,11 +230,34 @@ def _only_file(path: Path, raw: bytes) -> tuple[bytes, Path]:
             where=str(path),
             remedy="pack it again, or give the plain file",
         ) from None
-    shown = ", ".join(item.filename for item in inside[:6]) + (", ..." if len(inside) > 6 else "")
     raise RecordError(
-        f"the archive holds {len(inside)} files ({shown})",
+        f"the archive holds {len(inside)} files of {size / 2**20:.0f} MiB",
         where=str(path),
         remedy="unpack it, and give one of its files",
+    )
+
+
+def _one_log(path: Path, parts: Sequence[tuple[Path, tuple[Topic, ...]]]) -> tuple[Topic, ...]:
+    """The files of an archive, one for each channel or instrument, as topics of one log.
+
+    Raises RecordError where a file is no table, or two have the same columns: those are records of
+    their own.
+    """
+    shown = ", ".join(str(each) for each, _ in parts[:6]) + (", ..." if len(parts) > 6 else "")
+    what = f"the archive holds {len(parts)} files ({shown})"
+    remedy = "unpack it, and give one of its files"
+    for each, topics in parts:
+        if len(topics) != 1:
+            raise RecordError(f"{what}; {each} is no table", where=str(path), remedy=remedy)
+    headers = [topics[0].table.header for _, topics in parts]
+    if len(set(headers)) < len(headers):
+        why = "some have the same columns: they are records of their own"
+        raise RecordError(f"{what}; {why}", where=str(path), remedy=remedy)
+    names = [each.stem for each, _ in parts]
+    if len(set(names)) < len(names):
+        raise RecordError(f"{what}; two have one name", where=str(path), remedy=remedy)
+    return tuple(
+        replace(topics[0], name=name) for name, (_, topics) in zip(names, parts, strict=True)
     )
 
 

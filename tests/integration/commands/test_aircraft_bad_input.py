@@ -152,3 +152,30 @@ def test_terms_of_one_surface_are_found_where_two_move_together(
         tmp_path / "offered.toml", "--no-figures", "--out", tmp_path / "out",
     )  # fmt: skip
     assert (tmp_path / "out").is_dir()
+
+
+def test_a_vehicle_file_of_aircraft_names_its_model(
+    flightid: CommandLine, tmp_path: Path, flown: Rows
+) -> None:
+    files(tmp_path, flown)
+    told = refused(flightid, tmp_path, "identify", "--model", "lateral")
+    assert "is for the aircraft model (key model), not for lateral" in told
+
+
+def test_check_and_maneuvers_take_the_files_of_aircraft(
+    flightid: CommandLine, tmp_path: Path, flown: Rows
+) -> None:
+    """A vehicle file without terms, and a channel map with surfaces of its own names."""
+    files(tmp_path, flown)
+    text = (tmp_path / "plane.toml").read_text()
+    (tmp_path / "plane.toml").write_text(text[: text.index("[aerodynamics.")])
+    surfaces = list(AIRLINER.surfaces)
+    lines = [f'{name} = "{name}"' for name in (*surfaces, "alpha", "q", "az", "airspeed")]
+    channels = tmp_path / "channels.toml"
+    channels.write_text("\n".join(['time = "time"', 'left_elevon = "elevator"', *lines]))
+    read = (tmp_path / "flight.csv", "--channels", channels)
+    flightid.done("check", *read, "--vehicle", tmp_path / "plane.toml", "--no-figures")
+    told = " ".join(flightid.done("maneuvers", *read, "--no-figures").split())
+    assert "left_elevon" in told and "not searched; add the control that they make" in told
+    channels.write_text('time = "time"\nalphha = "alpha"')
+    assert "did you mean 'alpha'?" in flightid.refused("check", *read)

@@ -230,3 +230,18 @@ def test_without_a_folder_the_studies_are_compared_and_gone(
     printed = flightid.done("run", "rigid", "rigid-process-noise-b", *CHEAP, "--compare")
     assert "written to" not in printed and printed.count("estimate +- sigma") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_studies_of_different_vehicles_or_models_are_said_to_be(
+    flightid: CommandLine, tmp_path: Path
+) -> None:
+    value = {"Cm_q": {"estimate": -20.0, "std": 0.1, "unit": "1/rad"}}
+    one = study(tmp_path / "one", value, vehicle="kestrel", model="rigid")
+    two = study(tmp_path / "two", value, vehicle="wing", model="rigid")
+    three = study(tmp_path / "three", value, vehicle="kestrel", model="aircraft")
+    told = " ".join(flightid.done("compare", one, two, "--out", tmp_path / "out").split())
+    assert "note: studies of different vehicles (one of kestrel, two of wing)" in told
+    assert "different models" not in told
+    told = " ".join(flightid.done("compare", one, three).split())
+    assert "note: studies of different models (one of rigid, three of aircraft)" in told
+    assert "Studies of different vehicles" in (tmp_path / "out" / "report.html").read_text()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sim.errors import RecordError
-from sim.record import Channel, Hold, Record
+from sim.record import Channel, Hold, Record, instant
 
 TIME = np.array([0.0, 0.1, 0.2, 0.35, 0.5])
 
@@ -97,3 +97,19 @@ def test_nothing_can_be_changed_from_outside() -> None:
     for array in (made.time, made["q"].values, made["q"].valid, made.window(0.1)["q"].values):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 7
+
+
+@pytest.mark.parametrize(
+    ("time", "digits", "text"),
+    [
+        (3.3412, 4, "3.341"),
+        (0.0, 4, "0"),
+        (45222.46, 4, "45222.46"),
+        (45222.0, 6, "45222"),
+        (1.7e9 + 0.25, 6, "1700000000.25"),
+        (124.04, 4, "124"),
+        (-1e300, 6, "-1e+300"),
+    ],
+)
+def test_a_time_of_a_late_clock_keeps_its_hundredths(time: float, digits: int, text: str) -> None:
+    assert instant(time, digits) == text

@@ -21,6 +21,7 @@ from scenarios.diagnosis.kinematics import (
     Kinematics,
     agreements,
     kinematics_of,
+    right_clock,
     unnamed,
 )
 from scenarios.diagnosis.report.tables import kinematics_content, kinematics_lines
@@ -156,3 +157,24 @@ def test_records_that_close_no_relation_are_said_to() -> None:
     bare = flown("lateral", 1)
     bare = replace(bare, outputs=tuple(c for c in bare.outputs if c.name in ("beta", "r")))
     assert "p, phi" in kinematics_of([bare], SETTINGS["lateral"], LATERAL).why
+
+
+def clocked(factor: float = 1.0, bias: float = 0.0, attitude: bool = True) -> Record:
+    """Pitch rate and attitude of 20 s; the clock runs ``factor`` times as fast."""
+    rng = np.random.default_rng(5)
+    time = np.arange(1000) / 50.0
+    q = 0.1 * np.sin(1.7 * time) * np.exp(-0.1 * (time - 6.0) ** 2) + 0.03 * np.sin(0.6 * time)
+    theta = np.concatenate([[0.0], np.cumsum(0.5 * (q[1:] + q[:-1])) / 50.0])
+    noisy = [
+        Channel.of("q", "rad/s", q + bias + 1e-3 * rng.standard_normal(len(time))),
+        Channel.of("theta", "rad", theta + 0.05 + 1e-3 * rng.standard_normal(len(time))),
+    ]
+    return Record(factor * time, (), tuple(noisy[: 2 if attitude else 1]), name="flight.csv")
+
+
+def test_an_attitude_that_is_the_integral_of_the_rate_shows_a_right_clock() -> None:
+    assert "time-base is no candidate" in right_clock([clocked(), clocked(bias=0.01)])
+    for factor in (0.9, 1.03, 1.25):
+        assert right_clock([clocked(factor)]) == ""
+    assert right_clock([clocked(), clocked(attitude=False)]) == ""
+    assert right_clock([]) == ""

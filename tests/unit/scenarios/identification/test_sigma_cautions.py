@@ -4,6 +4,7 @@ nowhere else.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
@@ -16,6 +17,7 @@ import flightid
 from exam.coverage.independent_flights import flown
 from ident.estimate import Estimate
 from ident.statistics.residuals import MADE_BY_INPUTS, ResidualTest, share_from_inputs
+from scenarios.files.vehicles import VehicleFile
 from scenarios.identification import conditions
 from scenarios.identification.conditions import (
     FILTER_ERROR,
@@ -24,7 +26,10 @@ from scenarios.identification.conditions import (
     disturbed_outputs,
     lost_rows,
 )
+from scenarios.identification.identify import identify
 from sim.record import Channel, Record
+from tests import bases
+from tests.rigid_problem import noisy
 
 
 def cautions(method: str, noise: str, run: int = 0) -> list[str]:
@@ -158,3 +163,28 @@ def test_the_share_from_inputs_is_that_of_a_response_and_not_of_noise(seed: int)
     with_gaps = share_from_inputs(np.where(missing, rows, 0.0), missing, u, interval)
     assert with_gaps[0] == pytest.approx(0.5, abs=0.12)
     assert np.all(share_from_inputs(rows, valid, u[:0], interval) == 0.0)
+
+
+def two_flights(share: float) -> list[str]:
+    """Cautions of a fit to two flights, the second with ``share`` of Cm_alpha."""
+    values = bases.RIGID_VALUES
+    model = bases.rigid_model()
+    free = model.parameters.free_names
+    constants = {name: value for name, value in values.items() if name not in free}
+    vehicle = VehicleFile("rigid", "rigid", constants, {name: values[name] for name in free})
+    other = model.with_values({"Cm_alpha": share * values["Cm_alpha"]})
+    records = [
+        replace(
+            noisy(each, bases.rigid_flight(8.0), np.random.default_rng(seed)), name=f"{seed}.csv"
+        )
+        for seed, each in ((1, model), (2, other))
+    ]
+    found = identify(records[0], vehicle, "output-error", records[1:])
+    return [each for each in found.cautions if "contradict" in each]
+
+
+def test_records_of_two_aircraft_are_said_to_contradict_each_other() -> None:
+    (said,) = two_flights(0.6)
+    assert "each by itself leaves noise alone, all together do not (" in said
+    assert "Cm_alpha -1.6" in said and "in 1.csv, -0.99" in said
+    assert two_flights(1.0) == []

@@ -12,7 +12,8 @@ import pytest
 from scenarios.files.declarations import ColumnChoice
 from scenarios.files.measured.columns import RecordFile, read_record_file
 from scenarios.files.records import read_with_notes
-from scenarios.preparation.drafting import Draft, drafted
+from scenarios.preparation.declared_model import vehicle_text
+from scenarios.preparation.drafting import Draft, drafted, map_text
 from sim.errors import RecordError
 
 TIME = 0.02 * np.arange(60)
@@ -107,5 +108,51 @@ def test_an_archive_of_two_files_is_refused_with_their_names(tmp_path: Path) -> 
     with zipfile.ZipFile(tmp_path / "record.zip", "w") as archive:
         for name in ("one.csv", "two.csv"):
             archive.writestr(name, "time,alpha\n0,0\n")
-    with pytest.raises(RecordError, match=r"the archive holds 2 files \(one.csv, two.csv\)"):
+    with pytest.raises(
+        RecordError, match=r"the archive holds 2 files \(one.csv, two.csv\); some have the same"
+    ):
         read_record_file(tmp_path / "record.zip")
+
+
+def test_an_archive_with_a_file_for_each_channel_is_one_log(tmp_path: Path) -> None:
+    import zipfile
+
+    with zipfile.ZipFile(tmp_path / "flight.zip", "w") as archive:
+        for name, column, step in (("vane", "alpha [deg]", 1), ("gyro", "q [deg/s]", 3)):
+            rows = [f"{t:.2f},{9.0 * a:.6f}" for t, a in zip(TIME, ALPHA, strict=True)][::step]
+            archive.writestr(f"channels/{name}.csv", "\n".join([f"t,{column}", *rows]))
+    file = read_record_file(tmp_path / "flight.zip")
+    assert [topic.name for topic in file.topics] == ["vane", "gyro"]
+    draft = drafted(file)
+    chosen = {name: choice(draft, name) for name in ("alpha", "q")}
+    record = read_with_notes(file, (), ["alpha", "q"], chosen)[0]
+    assert int(record["alpha"].valid.sum()) == 58 and int(record["q"].valid.sum()) == 20
+    assert record["alpha"].values[30] == pytest.approx(np.deg2rad(9.0 * ALPHA[30]), abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("header", "channel", "unit"),
+    [
+        ("AOA_NB (deg)", "alpha", "deg"),
+        ("QRATE (deg/s)", "q", "deg/s"),
+        ("gx_dps", "p", "deg/s"),
+        ("NZCG (g)", "nz", "g"),
+        ("KTAS (kts)", "airspeed", "kts"),
+        ("Elev Pos [deg]", "elevator", "deg"),
+        ("Querruder [deg]", "aileron", "deg"),
+    ],
+)
+def test_usual_headers_are_recognised(tmp_path: Path, header: str, channel: str, unit: str) -> None:
+    rows = [f"{time:.2f},{50.0 + 9.0 * a:.6f}" for time, a in zip(TIME, ALPHA, strict=True)]
+    found = choice(drafted(opened(tmp_path, f"time,{header}", rows)), channel)
+    assert (found.column, found.unit) == (header, unit)
+
+
+def test_the_draft_is_for_the_axis_whose_motion_is_recorded(tmp_path: Path) -> None:
+    rows = [f"{time:.2f},{a:.6f},{-a:.6f}" for time, a in zip(TIME, ALPHA, strict=True)]
+    lateral = drafted(opened(tmp_path, "time,beta,p", rows))
+    assert lateral.model == "" and lateral.nearest == "lateral"
+    assert "# Not found: aileron, rudder, r, phi. A line is such as" in map_text(lateral)
+    assert "--model lateral" in vehicle_text(lateral)
+    pitch = drafted(opened(tmp_path, "time,p,q", rows))
+    assert pitch.nearest == "" and "--model rigid" in vehicle_text(pitch)

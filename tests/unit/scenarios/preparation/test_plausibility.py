@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 
 from scenarios.preparation.measured_inputs import with_attitude
 from scenarios.preparation.plan import Plan
-from scenarios.preparation.plausibility import moves, refuse_still
+from scenarios.preparation.plausibility import moves, refuse_still, refuse_too_few
 from scenarios.preparation.recording import checked_records, expectations_of
 from sim.errors import RecordError
 from sim.record import Channel, Record
+from tests import bases
 from tests.oracles.falling_speed import fly_falling
 from tests.preparing import declared, record_of
 
@@ -86,3 +87,11 @@ def test_single_wild_samples_are_left_to_the_search_for_spikes(sound: Record) ->
         [with_values(sound, "alpha", wild)], expectations_of(declared()), Plan()
     )
     assert all(one.finding.kind.value == "dropout" for one in look.seen)
+
+
+def test_fewer_samples_than_unknowns_are_refused(sound: Record) -> None:
+    model = bases.rigid_model()
+    refuse_too_few([sound], model)
+    first, last = float(sound.time[100]), float(sound.time[101])
+    with pytest.raises(RecordError, match="2 rows with 6 samples of outputs are too few for 11"):
+        refuse_too_few([sound.window(first, last)], model)

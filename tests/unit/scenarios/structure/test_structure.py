@@ -27,6 +27,7 @@ from scenarios.structure.study import (
     FoundStructure,
     StructureOptions,
     coefficients_of,
+    hold_of_inputs,
     structure_of,
     structure_of_files,
     with_plain_terms,
@@ -308,3 +309,34 @@ def test_a_term_that_others_depend_on_is_told() -> None:
         structure_text(replace(found, selections={**found.selections, "CL": weak})).split()
     )
     assert f"CL: {last.text} is weak (F below 20 for coloured residuals). The model keeps" in text
+
+
+@pytest.mark.parametrize("hold", [Hold.PREVIOUS, Hold.LINEAR])
+def test_the_records_decide_how_surfaces_move_between_samples(hold: Hold) -> None:
+    time, u, rows = clean(1)
+    if hold is Hold.LINEAR:
+        system = compile_model(aircraft_model(CURVED))
+        flight = Flight(time, u, max_step=0.02, hold=hold)
+        rows = dict(zip(system.output_names, fly(system, flight), strict=True))
+    record = noisy(time, u, rows, 1)
+    found, said = hold_of_inputs([record], CURVED)
+    assert found is hold
+    word = "held" if hold is Hold.PREVIOUS else "linear"
+    assert said and said[0].startswith(f"inputs {word} between samples: linear terms explain")
+
+
+def test_surfaces_are_read_as_the_records_show_and_the_text_says_so(tmp_path: Path) -> None:
+    time, u, _ = clean(1)
+    system = compile_model(aircraft_model(CURVED))
+    flight = Flight(time, u, max_step=0.02, hold=Hold.LINEAR)
+    rows = dict(zip(system.output_names, fly(system, flight), strict=True))
+    write_record(tmp_path, noisy(time, u, rows, 1), "m1")
+    (tmp_path / "m1.json").unlink()  # it would say how inputs move
+    plain = replace(CURVED, coefficients={axis: {Term(): 0.0} for axis in CURVED.coefficients})
+    (tmp_path / "vehicle.toml").write_text(written(plain))
+    found = structure_of_files(Request((tmp_path / "m1.csv",)), OPTIONS)
+    values = found.selections["Cl"].table
+    for each, value in CURVED.coefficients["Cl"].items():
+        if each.factors and abs(value) > 0.05:
+            assert values[each] == pytest.approx(value, abs=4.0 * found.sigmas[f"Cl_{each.label}"])
+    assert "note: inputs linear between samples" in structure_text(found, 400)
