@@ -384,12 +384,7 @@ def schroeder_multisine(
 
 
 def orthogonal_multisines(
-    rms: Sequence[float],
-    period: float,
-    lowest: int,
-    highest: int,
-    start: float = 0.0,
-    cycles: int = 1,
+    rms: Sequence[float], period: float, lowest: int, highest: int, start: float = 0.0
 ) -> tuple[Multisine, ...]:
     """One multisine an input, harmonics ``lowest`` to ``highest`` dealt out in turn, hence mutually
     orthogonal over a period.
@@ -404,7 +399,7 @@ def orthogonal_multisines(
         )
     dealt = [range(lowest + i, highest + 1, len(rms)) for i in range(len(rms))]
     return tuple(
-        schroeder_multisine(level, period, list(own), start, cycles)
+        schroeder_multisine(level, period, list(own), start)
         for level, own in zip(rms, dealt, strict=True)
     )
 
@@ -414,7 +409,6 @@ def least_peak_multisine(
     period: float,
     harmonics: Sequence[int],
     start: float = 0.0,
-    cycles: int = 1,
     shares: Sequence[float] | None = None,
 ) -> Multisine:
     """``schroeder_multisine`` with its phases improved until the peaks hardly fall any more.
@@ -454,7 +448,7 @@ def least_peak_multisine(
         phase + 2.0 * math.pi * harmonic * shift / period
         for harmonic, phase in zip(first.harmonics, best.tolist(), strict=True)
     )
-    return Multisine(period, first.harmonics, amplitudes, turned, start, cycles)
+    return Multisine(period, first.harmonics, amplitudes, turned, start, cycles=1)
 
 
 def peak_factor(multisine: Multisine) -> float:

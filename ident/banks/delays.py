@@ -188,20 +188,15 @@ class SecondPass:
 
 
 def against_filterpy(
-    record: Record,
-    system: System,
-    bank: BankEstimate,
-    values: np.ndarray,
-    name: str = "delay",
-    settings: FilterSettings | None = None,
+    record: Record, system: System, bank: BankEstimate, values: np.ndarray
 ) -> SecondPass | None:
     """Compare the likeliest filter of a batched bank of one pass with filterpy's.
 
     Parameters
     ----------
-    record, system, settings : as the bank was run with.
-    bank, values : the bank, and the values ``(B,)`` at which its filters hold the parameter
-        ``name``.
+    record, system : as the bank was run with.
+    bank, values : the bank, and the delays ``(B,)`` in s at which its filters hold the parameter
+        ``delay``.
 
     Returns
     -------
@@ -217,10 +212,12 @@ def against_filterpy(
         log_likelihood=bank.log_likelihood[best : best + 1],
         sound=bank.sound[best : best + 1],
     )
-    settings = replace(settings or FilterSettings(), passes=1)
+    single_pass = replace(FilterSettings(), passes=1)
     result = agreement(
         own,
-        run_one_by_one(record, system, settings, fixed_values={name: np.atleast_1d(values[best])}),
+        run_one_by_one(
+            record, system, single_pass, fixed_values={"delay": np.atleast_1d(values[best])}
+        ),
     )
     return (
         SecondPass(float(values[best]), result.mean, result.std, result.log_likelihood)
@@ -355,7 +352,6 @@ def run_delay_bank(
     record: Record,
     system: System,
     delays: Sequence[float] = DELAYS,
-    settings: FilterSettings | None = None,
     *,
     name: str = "delay",
     widenings: int = WIDENINGS,
@@ -365,7 +361,7 @@ def run_delay_bank(
 
     Parameters
     ----------
-    record, settings : as for ``run_ekf``.
+    record : as for ``run_ekf``.
     system : compiled with ``online=True``; its parameter ``name`` is held, and its value does not
         matter.
     delays : at least three, increasing, s.
@@ -386,7 +382,7 @@ def run_delay_bank(
             where="delay bank",
             remedy="give three or more in order, in s",
         )
-    settings = settings or FilterSettings()
+    settings = FilterSettings()
     bank = engine.run(record, system, settings, fixed_values={name: grid})
     weights, best = likelihood_weights(bank.log_likelihood), int(np.argmax(bank.log_likelihood))
     between = (float(grid[max(best - 1, 0)]), float(grid[min(best + 1, grid.size - 1)]))

@@ -233,7 +233,7 @@ def joint(bank: OnlineBank, state: BankState) -> tuple[np.ndarray, np.ndarray]:
     return mean, 0.5 * (covariance + covariance.T)
 
 
-def joint_estimate(current: Relinearised, name: str = "delay", unit: str = "s") -> Estimate:
+def joint_estimate(current: Relinearised) -> Estimate:
     """The parameters with the delay as the last one; what other points of linearisation ended apart
     by stands in the sigmas.
     """
@@ -243,7 +243,7 @@ def joint_estimate(current: Relinearised, name: str = "delay", unit: str = "s") 
     covariance = covariance + np.diag(np.append(np.square(current.start_dependence), 0.0))
     outcome = Outcome.CONVERGED if state.sound.any() else Outcome.DIVERGED
     likely = float(state.log_likelihood[state.best])
-    names, units = (*bank.names[n_x:], name), (*bank.units, unit)
+    names, units = (*bank.names[n_x:], "delay"), (*bank.units, "s")
     std = np.sqrt(np.diag(bank.R))
     return Estimate(
         "online",

@@ -18,7 +18,7 @@ from sim.record import Record
 
 # ---- What every filter needs before its first sample
 
-QUARTER = 0.25
+PRIOR_SHARE = 0.25  # prior standard deviation of a parameter over its starting value
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,19 +136,16 @@ def prior_std(system: System, name: str, *, state: bool) -> float:
     return item.prior_std
 
 
-def proportional_priors(
-    parameters: ParameterSet, engineering: Mapping[str, float], share: float = QUARTER
-) -> ParameterSet:
-    """Free parameters with a prior standard deviation of ``share`` times the starting value, or the
-    engineering value given.
+def proportional_priors(parameters: ParameterSet, engineering: Mapping[str, float]) -> ParameterSet:
+    """Give each free parameter a prior standard deviation: its engineering value, or else a quarter
+    of its starting value.
 
     The rule of NASA TM-101722: P0 = (x0/4)^2, and for states that start at or near zero a bound by
     engineering judgement.
 
     Parameters
     ----------
-    engineering : standard deviations by name; it overrides the share, and may name what is not
-        free.
+    engineering : standard deviations by name; entries for parameters that are not free are ignored.
 
     Raises
     ------
@@ -158,7 +155,7 @@ def proportional_priors(
     for item in parameters:
         if not item.free:
             continue
-        priors[item.name] = engineering.get(item.name, share * abs(item.value))
+        priors[item.name] = engineering.get(item.name, PRIOR_SHARE * abs(item.value))
         if not priors[item.name] > 0:
             raise ModelError(
                 "it starts at zero, and has no share",

@@ -28,6 +28,7 @@ from sim.errors import RecordError
 
 # ---- Frequency responses of records: composite over window lengths, several inputs, feedback
 
+_CONFIDENCE = 0.95  # probability that a band or circle holds the response
 LEAST_COHERENCE = 0.6  # Tischler and Remple's limits of a usable response: coherence,
 RANDOM_ERROR = 0.2  # and random error of the magnitude
 ASIDE = 0.6  # over the window's length: mean distance of an input's power from a usable frequency
@@ -132,17 +133,19 @@ class FrequencyResponses:
 
         return np.asarray(t.ppf(0.5 * (1.0 + level), self.degrees)[:, None, :] * self.std)
 
-    def radius(self, level: float = 0.95) -> np.ndarray:
-        """Radius ``(m, q, F)`` of the circle in the complex plane that holds the response with this
-        probability, by Fisher's distribution (Bendat and Piersol, section 6.2.4)."""
+    def radius(self) -> np.ndarray:
+        """Radius ``(m, q, F)`` of the circle in the complex plane that holds the response with
+        probability 0.95, by Fisher's distribution (Bendat and Piersol, section 6.2.4)."""
         from scipy.stats import f
 
-        return np.asarray(np.sqrt(2.0 * f.ppf(level, 2.0, self.degrees))[:, None, :] * self.std)
+        return np.asarray(
+            np.sqrt(2.0 * f.ppf(_CONFIDENCE, 2.0, self.degrees))[:, None, :] * self.std
+        )
 
-    def phase_half_width(self, level: float = 0.95) -> np.ndarray:
-        """Half width ``(m, q, F)`` of the band of the phase, rad; pi where it is not determined."""
+    def phase_half_width(self) -> np.ndarray:
+        """Half width ``(m, q, F)`` of the 95 % band of the phase, rad; pi if it is undetermined."""
         size = np.maximum(np.abs(self.response), np.finfo(float).tiny)
-        share = self.half_width(level) / size
+        share = self.half_width(_CONFIDENCE) / size
         return np.where(share < 1.0, np.arcsin(np.minimum(share, 1.0)), math.pi)
 
     def phase(self) -> np.ndarray:
@@ -509,9 +512,7 @@ _MOST = 0.5  # largest longest window, as a share of the longest record
 _CYCLES = 2.5  # periods of the lowest frequency, that the longest window holds where it can
 
 
-def window_lengths(
-    durations: Sequence[float], low: float | None = None, count: int = WINDOWS
-) -> tuple[float, ...]:
+def window_lengths(durations: Sequence[float], low: float | None = None) -> tuple[float, ...]:
     """Lengths of windows, s, each half of the one before.
 
     The longest is a quarter of the longest record. Where that does not hold 2.5 periods of the
@@ -521,7 +522,7 @@ def window_lengths(
     longest = _SHARE * whole
     if low is not None:
         longest = min(max(longest, _CYCLES / low), _MOST * whole)
-    return tuple(longest / 2**n for n in range(count))
+    return tuple(longest / 2**n for n in range(WINDOWS))
 
 
 def input_band(records: Sequence[EvenSignals], low: float) -> tuple[float, float]:

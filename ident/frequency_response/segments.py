@@ -404,14 +404,9 @@ class SingleInputResponse:
 
 
 def estimate_response(
-    record: Record,
-    input_name: str = "stick",
-    outputs: Sequence[str] | None = None,
-    low: float = LOW,
-    high: float = HIGH,
-    tapers: int = 5,
+    record: Record, low: float = LOW, high: float = HIGH, tapers: int = 5
 ) -> SingleInputResponse:
-    """Estimate the response by averaging cross spectra over sine tapers.
+    """Estimate the response of all outputs to ``stick`` from cross spectra, averaged over tapers.
 
     Averaging over the bandwidth of the tapers flattens a response whose phase changes quickly with
     frequency; a low-order fit reads that as damping. So each output is first aligned with the input
@@ -421,7 +416,6 @@ def estimate_response(
     Parameters
     ----------
     record : evenly sampled, without missing samples; means are removed.
-    outputs : all of the record's when None.
     low, high : range of frequencies kept, rad/s.
     tapers : more give less scatter and a coherence that means more, and smear over (tapers + 1) pi
         / duration.
@@ -434,7 +428,7 @@ def estimate_response(
     """
     if tapers < 2:
         raise ModelError(f"{tapers} tapers", where="estimate_response", remedy="use two or more")
-    names = record.output_names if outputs is None else tuple(outputs)
+    names = record.output_names
     steps, count = np.diff(record.time), len(record)
     step = float(steps.mean())
     if np.max(np.abs(steps - step)) > 1e-3 * step:
@@ -446,11 +440,11 @@ def estimate_response(
         raise RecordError(
             "a sample is missing", where=record.name, remedy="choose a window without gaps"
         )
-    u = record[input_name].values
+    u = record["stick"].values
     if not np.ptp(u) > 0:
         raise RecordError(
             "it does not move",
-            where=f"{record.name}, channel {input_name}",
+            where=f"{record.name}, channel stick",
             remedy="choose a window with a maneuver",
         )
     omega = 2.0 * math.pi * np.fft.rfftfreq(_PADDING * count, step)
@@ -505,10 +499,10 @@ def model_response(
     values: Mapping[str, float],
     omega: np.ndarray,
     outputs: Sequence[str],
-    delay: str = "delay",
 ) -> np.ndarray:
-    """Response ``(m, n)`` of a System linearised at rest to its first input, a pure delay of that
-    input included.
+    """Return the response ``(m, n)`` of a System, linearised at rest, to its first input.
+
+    The parameter ``delay`` (s), if the System has one, delays this input.
     """
     p = system.parameters.with_values(values).values().tolist()
     x0, u0 = [0.0] * len(system.states), [0.0] * len(system.inputs)
@@ -519,42 +513,22 @@ def model_response(
     rows = [system.output_names.index(name) for name in outputs]
     s = 1j * np.asarray(omega)
     inside = np.linalg.solve(s[:, None, None] * np.eye(len(A)) - A, B.astype(complex)[None])
-    delay_factor = (
-        np.exp(-s * values.get(delay, 0.0))
-        if delay in values
-        else np.exp(-s * _held_delay(system, delay))
-    )
+    held_delay = system.parameters["delay"].value if "delay" in system.parameters else 0.0
+    delay_factor = np.exp(-s * values.get("delay", held_delay))
     return ((C[rows] @ inside + D[rows])[:, :, 0] * delay_factor[:, None]).T
 
 
-def fit_response(
-    response: SingleInputResponse,
-    system: System,
-    free: Sequence[str],
-    outputs: Sequence[str] | None = None,
-    delay: str = "delay",
-) -> ResponseFit:
+def fit_response(response: SingleInputResponse, system: System, free: Sequence[str]) -> ResponseFit:
     """Fit a model's named parameters to an estimated response, starting from the System's values.
 
     Each frequency w counts by its coherence c as c / (1 - c), limited at c = 0.99, the inverse
-    variance of gain and phase, and as 1/w, which gives each octave the same say, as the usual
-    matching at logarithmically spaced frequencies does. Raises ModelError for an output that the
-    response lacks.
+    variance of gain and phase, and as 1/w, which gives each octave the same weight, as the usual
+    matching at logarithmically spaced frequencies does. The fit uses all outputs that the response
+    and the System have in common.
     """
     from scipy.optimize import least_squares
 
-    names = (
-        tuple(outputs)
-        if outputs is not None
-        else tuple(name for name in response.outputs if name in system.output_names)
-    )
-    for name in names:
-        if name not in response.outputs:
-            raise ModelError(
-                "it is not among the estimated responses",
-                where=f"fit_response, {name}",
-                remedy=f"use {', '.join(response.outputs)}",
-            )
+    names = tuple(name for name in response.outputs if name in system.output_names)
     rows = [response.outputs.index(name) for name in names]
     c = np.minimum(response.coherence[rows], 0.99)
     power = c / (1.0 - c) / response.omega
@@ -564,7 +538,7 @@ def fit_response(
 
     def errors(p: np.ndarray) -> np.ndarray:
         result = model_response(
-            system, dict(zip(free, p.tolist(), strict=True)), response.omega, names, delay
+            system, dict(zip(free, p.tolist(), strict=True)), response.omega, names
         )
         ratio = np.log(result / response.response[rows])
         return np.concatenate(
@@ -583,7 +557,3 @@ def fit_response(
         float(2.0 * solution.cost / weight.size),
         solution.status > 0,
     )
-
-
-def _held_delay(system: System, delay: str) -> float:
-    return system.parameters[delay].value if delay in system.parameters else 0.0

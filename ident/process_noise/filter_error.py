@@ -49,6 +49,7 @@ from sim.errors import ModelError
 from sim.record import Record
 
 METHOD = "filter-error"
+_LJUNG_BOX_LAGS = 25  # lags of the autocorrelation that the whiteness test sums
 __all__ = [
     "filter_error_estimate",
     "fit_filter_error",
@@ -224,12 +225,12 @@ def one_step_prediction(fit: Fit, r: int) -> np.ndarray:
     return np.asarray(fit.lines[r].y + added.T)
 
 
-def turbulence_worth_trying(fit: Fit, lags: int = 25) -> float:
+def turbulence_worth_trying(fit: Fit) -> float:
     """p-value of the residuals of a fit being white: the smallest of Ljung and Box's over channels
     and records, times their number.
     """
     p_values = [
-        ljung_box(residual[i], problem.valid[i], name, lags).p_value
+        ljung_box(residual[i], problem.valid[i], name, _LJUNG_BOX_LAGS).p_value
         for problem, residual in zip(fit.layout.problems, fit.residuals, strict=True)
         for i, name in enumerate(fit.layout.system.output_names)
         if np.any(problem.valid[i])

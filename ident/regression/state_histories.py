@@ -24,6 +24,7 @@ from sim.record import Record
 # ---- Smoothing and slopes by polynomials fitted to a moving window of samples
 
 _EVEN = 1e-9  # of an interval, by which intervals of even sampling may differ
+_SMOOTHING_DEGREE = 2  # of the local polynomials that smooth a channel
 HALF_WIDTHS = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64)
 
 
@@ -81,10 +82,10 @@ def windows(time: np.ndarray, valid: np.ndarray, half_width: int, degree: int) -
 
 
 def smoothed(
-    time: np.ndarray, values: np.ndarray, valid: np.ndarray, half_width: int, degree: int = 2
+    time: np.ndarray, values: np.ndarray, valid: np.ndarray, half_width: int
 ) -> np.ndarray:
     """Fit at every row, ``(N,)``; where no window is usable, linear between the samples."""
-    fit = windows(time, valid, half_width, degree)
+    fit = windows(time, valid, half_width, _SMOOTHING_DEGREE)
     return np.where(
         fit.usable,
         np.sum(fit.value * fit.gather(values), axis=1),
@@ -92,9 +93,7 @@ def smoothed(
     )
 
 
-def half_width_by_cross_validation(
-    time: np.ndarray, values: np.ndarray, valid: np.ndarray, degree: int = 2
-) -> int:
+def half_width_by_cross_validation(time: np.ndarray, values: np.ndarray, valid: np.ndarray) -> int:
     """The half width of ``HALF_WIDTHS``, of at most a sixth of the record, that best predicts each
     sample from the others.
 
@@ -105,7 +104,7 @@ def half_width_by_cross_validation(
     for half_width in HALF_WIDTHS:
         if half_width > max(len(time) // 6, HALF_WIDTHS[0]):
             break
-        fit = windows(time, valid, half_width, degree)
+        fit = windows(time, valid, half_width, _SMOOTHING_DEGREE)
         at = np.flatnonzero(fit.usable & valid)
         if at.size == 0:
             continue

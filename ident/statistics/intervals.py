@@ -462,13 +462,13 @@ def quantile(share: float, degrees: float) -> float:
     return 2.0 * float(gammaincinv(0.5 * degrees, share))
 
 
-def deviation_factors(count: int, level: float = SHARES_LEVEL) -> tuple[float, float]:
+def deviation_factors(count: int) -> tuple[float, float]:
     """By what a standard deviation of ``count`` independent normal numbers is multiplied to give
     the ends of its interval; infinite of one number.
     """
     if count < 2:
         return 0.0, float("inf")
-    degrees, tail = count - 1, 0.5 * (1.0 - level)
+    degrees, tail = count - 1, 0.5 * (1.0 - SHARES_LEVEL)
     return (degrees / quantile(1.0 - tail, degrees)) ** 0.5, (
         degrees / quantile(tail, degrees)
     ) ** 0.5
@@ -482,11 +482,11 @@ def mean_square_interval(degrees: float, level: float = SHARES_LEVEL) -> tuple[f
     return quantile(tail, degrees) / degrees, quantile(1.0 - tail, degrees) / degrees
 
 
-def inside(squares: np.ndarray, degrees: np.ndarray, level: float = SHARES_LEVEL) -> np.ndarray:
+def inside(squares: np.ndarray, degrees: np.ndarray) -> np.ndarray:
     """Which of ``squares (N,)`` lie within the interval of chi-square with their ``degrees (N,)``,
     half of the rest to either side.
     """
     from scipy.special import gammainc
 
-    share, tail = gammainc(0.5 * degrees, 0.5 * squares), 0.5 * (1.0 - level)
+    share, tail = gammainc(0.5 * degrees, 0.5 * squares), 0.5 * (1.0 - SHARES_LEVEL)
     return np.asarray((share >= tail) & (share <= 1.0 - tail))

@@ -151,18 +151,16 @@ _FEWEST = 20
 _STENCIL = np.array([-1.0, 3.0, -3.0, 1.0])
 
 
-def noise_envelope(
-    record: Record, start: float | None = None, stop: float | None = None
-) -> dict[str, float]:
+def noise_envelope(record: Record, stop: float | None = None) -> dict[str, float]:
     """Standard deviation of the noise on each output: a quarter of the width of the band that holds
     95.45 % of it.
 
     Parameters
     ----------
     record : measured data, samples taken as evenly spaced.
-    start, stop : a quiet stretch, s; the whole record when None, which is as good as long as the
-        motion is slow against the sampling: a third difference lets a motion at w rad/s pass by (w
-        dt)^3/4.5 of its amplitude.
+    stop : s, end of a quiet part at the beginning; None for the whole record, which is as good as
+        long as the motion is slow against the sampling: a third difference lets a motion at w rad/s
+        pass by (w dt)^3/4.5 of its amplitude.
 
     Four samples in a row enter as d = (-y[k] + 3 y[k+1] - 3 y[k+2] + y[k+3]) / sqrt(20), which has
     the variance of white noise. The band is central (quantiles), so that isolated spikes and
@@ -173,7 +171,7 @@ def noise_envelope(
     RecordError : fewer than twenty such runs of valid samples in a channel, or a channel without
         any noise.
     """
-    stretch = record if start is None and stop is None else record.window(start, stop)
+    stretch = record if stop is None else record.window(None, stop)
     out = {}
     for channel in stretch.outputs:
         whole = np.convolve(~channel.valid, np.ones(len(_STENCIL)), mode="valid") < 0.5

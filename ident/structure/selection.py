@@ -170,41 +170,37 @@ class Selection:
 
 
 def stepwise(
-    products: Products,
-    f_in: float = F_IN,
-    least: float = LEAST,
-    *,
-    first: Sequence[int] = (),
-    hierarchical: bool = False,
+    products: Products, *, first: Sequence[int] = (), hierarchical: bool = False
 ) -> tuple[list[int], list[SelectionStep]]:
     """Columns chosen by stepwise regression, and the steps.
 
     Parameters
     ----------
     products : the constant term's column, if offered, begins in the model.
-    f_in : least partial F ratio of a term. least : share of the variance that it explains at least;
-        while the residual is above ``LARGE`` times the noise, ``OF_RESIDUAL`` of it is enough.
     first : columns that enter before the others, whatever they explain: two terms that mask each
         other explain little alone. They leave as all terms do.
     hierarchical : a product enters after the linear terms of its symmetry, where they are offered.
+
+    A term enters with a partial F ratio of at least ``F_IN``, and if it explains ``LEAST`` of the
+    variance; ``OF_RESIDUAL`` of it is enough while the residual is above ``LARGE`` times the noise.
     """
     above = _parents(products.terms, hierarchical)
     chosen, steps = _entered(products, first)
     seen: set[frozenset[int]] = set()
-    chosen = _supported(products, chosen, steps, above, f_in, least)
+    chosen = _supported(products, chosen, steps, above, F_IN, LEAST)
     while frozenset(chosen) not in seen:
         seen.add(frozenset(chosen))
         gains, sse = gains_of(products, chosen)
         gains = np.where([each.issubset(chosen) for each in above], gains, 0.0)
         best = _best(gains) if len(gains) else -1
         F = ratio_of(products, gains[best], sse - gains[best], len(chosen) + 1)
-        if best < 0 or f_in > F or gains[best] < products.least_gain(least, sse):
-            chosen, exchanged = _exchanged(products, chosen, above, f_in)
+        if best < 0 or F_IN > F or gains[best] < products.least_gain(LEAST, sse):
+            chosen, exchanged = _exchanged(products, chosen, above, F_IN)
             steps += exchanged
             continue
         chosen = [*chosen, best]
         steps.append(_step(products, chosen, best, True, F))
-        chosen = _supported(products, chosen, steps, above, f_in, least)
+        chosen = _supported(products, chosen, steps, above, F_IN, LEAST)
     return chosen, steps
 
 

@@ -64,13 +64,9 @@ class HeldOutData:
     declared: HeldOut = HeldOut(None, None)
 
 
-def predicted_by(fitted: FittedModel, held: HeldOutData, *, informed: bool = True) -> HeldOut:
+def predicted_by(fitted: FittedModel, held: HeldOutData) -> HeldOut:
     """``held_out`` on all of these records; nothing where there are none."""
-    return (
-        held_out(fitted, held.records, held.masks, informed=informed)
-        if held.records
-        else HeldOut(None, None)
-    )
+    return held_out(fitted, held.records, held.masks) if held.records else HeldOut(None, None)
 
 
 def held_out(

@@ -313,7 +313,7 @@ MAX_STEP = 0.01  # longest sub-step, s: that of the whole-record fits
 
 
 def weighted_sensitivities(
-    record: Record, system: System, noise_std: np.ndarray, max_step: float = MAX_STEP
+    record: Record, system: System, noise_std: np.ndarray
 ) -> tuple[tuple[str, ...], np.ndarray]:
     """Names of the free parameters and the slopes ``(M, n)`` of all measured samples by them, over
     the noise standard deviation ``(m,)``.
@@ -327,7 +327,7 @@ def weighted_sensitivities(
     ------
     ModelError : the simulation leaves all measure.
     """
-    layout = lay_out([record], system, FitSettings(max_step=max_step, use_priors=True, exact=True))
+    layout = lay_out([record], system, FitSettings(max_step=MAX_STEP, use_priors=True, exact=True))
     problem, n = layout.problems[0], len(layout.shared)
     p, x0 = layout.split(layout.start, 0)
     line = linearise(problem, p, x0, layout.guesses(layout.start)[0])

@@ -17,7 +17,6 @@ from scenarios.files.declarations import (
     CHANNEL_UNITS,
     STICK,
     TIME,
-    ColumnChoice,
     closest,
     read_channel_map,
     split_header,
@@ -220,7 +219,6 @@ def file_of_columns(
     name: str | None = None,
     units: Mapping[str, str] | None = None,
     hold: Hold | None = None,
-    choices: Mapping[str, ColumnChoice] | None = None,
     unreadable: Mapping[str, str] | None = None,
 ) -> RecordFile:
     """A record file of named sequences, rows counted from 1. A time of datetimes counts from its
@@ -263,7 +261,7 @@ def file_of_columns(
         table,
         sidecar,
         InputFile(label, _digest(table)),
-        dict(choices or {}),
+        {},
         in_memory=True,
     )
 

@@ -309,11 +309,9 @@ def _square(column: int, row: int, side: float, **style: Any) -> Rectangle:
     return Rectangle((column - side / 2.0, row - side / 2.0), side, side, **style)
 
 
-def figure_correlation(
-    names: Sequence[str], correlation: np.ndarray, title: str = "", large: float = LARGE
-) -> Figure:
+def figure_correlation(names: Sequence[str], correlation: np.ndarray, title: str = "") -> Figure:
     """Heat map of a correlation matrix ``(n, n)``, lower triangle; correlations of at
-    least ``_PRINTED`` are printed, those above ``large`` framed.
+    least ``_PRINTED`` are printed, those above ``LARGE`` framed.
 
     Entries that are not finite (a parameter of no variance) are left grey. Raises ModelError for
     fewer than two parameters.
@@ -350,7 +348,7 @@ def figure_correlation(
         if not np.isfinite(value):
             panel.add_patch(_square(column, row, 1.0, facecolor=GREY, lw=0, antialiased=False))
         elif abs(value) >= _PRINTED:
-            if abs(value) > large:
+            if abs(value) > LARGE:
                 panel.add_patch(_square(column, row, 0.92, fill=False, edgecolor=BLACK, lw=1.3))
             colour = "white" if abs(value) > 0.65 else BLACK
             panel.text(
@@ -378,8 +376,8 @@ def figure_correlation(
     bar.set_ticks([-1.0, -0.5, 0.0, 0.5, 1.0])
     bar.set_label("correlation (–)", fontsize=LABEL_SIZE)
     bar.ax.tick_params(labelsize=TICK_SIZE)
-    pairs = int(np.count_nonzero(below & (np.abs(np.nan_to_num(matrix)) > large)))
-    counted = f"{pairs} of {n * (n + 1) // 2} pairs above {large:g} in size (framed)"
+    pairs = int(np.count_nonzero(below & (np.abs(np.nan_to_num(matrix)) > LARGE)))
+    counted = f"{pairs} of {n * (n + 1) // 2} pairs above {LARGE:g} in size (framed)"
     draw_title(figure, title, width, height)
     figure.text(0.15 / width, 1.0 - (head + 0.04) / height, counted, fontsize=TICK_SIZE, va="top")
     return figure

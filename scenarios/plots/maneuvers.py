@@ -190,19 +190,17 @@ def _filled(time: np.ndarray) -> np.ndarray:
     return filled
 
 
-def envelope(
-    time: np.ndarray, values: np.ndarray, bins: int = BINS
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Middle, least and largest value of at most ``bins`` successive blocks of samples; blocks
+def envelope(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Middle, least and largest value of at most ``BINS`` successive blocks of samples; blocks
     without a sample are left out.
 
     Neighbouring blocks share a sample, so that the band has no holes.
     """
     finite = np.isfinite(values)
     time, values = time[finite], values[finite]
-    if values.size <= 2 * bins:
+    if values.size <= 2 * BINS:
         return time, values, values
-    edges = np.linspace(0, values.size, bins + 1).astype(int)
+    edges = np.linspace(0, values.size, BINS + 1).astype(int)
     first = edges[:-1]
     low, high = np.minimum.reduceat(values, first), np.maximum.reduceat(values, first)
     before = values[np.maximum(first - 1, 0)]

@@ -274,16 +274,16 @@ def figure_trajectory(
 def figure_ballistic_coefficient(
     histories: Mapping[str, FilterHistory],
     true: float | np.ndarray | None = None,
-    unit: DisplayUnit = POUNDS_PER_SQUARE_FOOT,
     title: str = "",
 ) -> Figure:
     """The ballistic coefficient over time by each method, two side by side, and with the truth its
     error below.
 
     ``true`` is in kg/m2, like the histories' ``beta``, one number or ``(N,)`` if it drifted;
-    ``unit`` is what the figure shows. Bands and bounds are two standard deviations. The axis of the
+    the figure shows lb/ft^2. Bands and bounds are two standard deviations. The axis of the
     error is that of the later half of the flight: the first errors may lie outside.
     """
+    unit = POUNDS_PER_SQUARE_FOOT
     count, per_row = len(histories), 1 if true is None else 2
     blocks = -(-count // 2)
     sheet = make_sheet(

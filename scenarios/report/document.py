@@ -128,13 +128,11 @@ def brief_estimate(value: float, sigma: float, mark: str = "") -> Cell:
     return Number(value, sigma, shown=shown, shown_sigma=f"{spread}{mark}")
 
 
-def known(
-    value: float | None, digits: int | None = None, *, signed: bool = False, unit: str = ""
-) -> Cell:
+def known(value: float | None, digits: int | None = None, *, signed: bool = False) -> Cell:
     """A number where there is one, else a dash."""
     if value is None or not math.isfinite(value):
         return MISSING
-    return Number(value, None, unit, digits, signed)
+    return Number(value, digits=digits, signed=signed)
 
 
 def counted(value: int) -> Number:
@@ -379,7 +377,7 @@ class Page:
 
 
 def section(
-    title: str, *blocks: Block | None, parts: tuple[Section, ...] = (), card: str = ""
+    title: str, *blocks: Block | None, parts: tuple[Section, ...] = ()
 ) -> tuple[Section, ...]:
     """A section with what there is of its blocks; none where there is nothing in it, so that calls
     can be strung together.
@@ -390,7 +388,7 @@ def section(
         if block is not None and not (isinstance(block, Table) and not block.rows)
     )
     there = tuple(block for block in there if not (isinstance(block, Bullets) and not block.items))
-    return (Section(title, there, parts, card),) if there or parts else ()
+    return (Section(title, there, parts),) if there or parts else ()
 
 
 def _is_number(text: str) -> bool:

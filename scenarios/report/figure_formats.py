@@ -189,16 +189,16 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
 )
 
 
-def caption_of(stem: str, captions: Mapping[str, str] = CAPTIONS) -> str:
+def caption_of(stem: str) -> str:
     """The caption of ``fit``, ``fit_2`` and ``fit_METHOD`` alike, the number or method behind it;
     the stem in words where there is none.
     """
-    known = [name for name in captions if stem == name or stem.startswith(f"{name}_")]
+    known = [name for name in CAPTIONS if stem == name or stem.startswith(f"{name}_")]
     if not known:
         words = stem.replace("_", " ")
         return words[:1].upper() + words[1:]
     name = max(known, key=len)
     rest = stem[len(name) + 1 :].replace("_", " ")
     if not rest:
-        return captions[name]
-    return f"{captions[name]} ({f'record {rest}' if re.fullmatch(r'[0-9]+', rest) else rest})"
+        return CAPTIONS[name]
+    return f"{CAPTIONS[name]} ({f'record {rest}' if re.fullmatch(r'[0-9]+', rest) else rest})"

@@ -204,7 +204,7 @@ class EscapingConsole(Console):
             yield segment if segment.control else segment._replace(text=escaped(segment.text))
 
 
-def console(width: int | None = None) -> Console:
+def console() -> Console:
     """A console that never folds numbers, 120 columns where the output is not a terminal; brackets
     in texts stay as they are.
     """
@@ -212,7 +212,7 @@ def console(width: int | None = None) -> Console:
     return (
         plain
         if plain.is_terminal
-        else Console(width=width or 120, no_color=True, highlight=False, markup=False)
+        else Console(width=120, no_color=True, highlight=False, markup=False)
     )
 
 

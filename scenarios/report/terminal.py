@@ -68,11 +68,9 @@ def show_blocks(out: Console, blocks: Sequence[Block], *, apart: bool = False) -
                 pass
 
 
-def show_table(out: Console, table: Table, keys: int = 1) -> None:
-    """Print a table on a console, as wide as that is, its caption bold; nothing where there is no
-    row. ``keys``: how many of the first columns begin every block of a table that is too wide.
-    """
-    print_table(out, table.caption, printed_columns(table), keys)
+def show_table(out: Console, table: Table) -> None:
+    """Print a table as wide as the console, with a bold caption; print nothing if it has no row."""
+    print_table(out, table.caption, printed_columns(table))
 
 
 def table_as_lines(

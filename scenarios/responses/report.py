@@ -177,9 +177,9 @@ def band_sentence(estimates: ResponseEstimates, row: int, column: int) -> str:
     return f"usable from {band[0]:.3g} to {band[1]:.3g} Hz ({limit})"
 
 
-def shown_rows(count: int, most: int = ROWS) -> np.ndarray:
-    """Positions of at most ``most`` frequencies, evenly spread."""
-    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+def shown_rows(count: int) -> np.ndarray:
+    """Return the positions of at most ``ROWS`` frequencies, evenly spread."""
+    return np.unique(np.linspace(0, count - 1, min(count, ROWS)).round().astype(int))
 
 
 def response_table(

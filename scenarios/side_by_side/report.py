@@ -12,8 +12,6 @@ from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text
 from scenarios.plots import draw_into
@@ -425,9 +423,9 @@ CELL = 17  # terminal columns of an estimate with its sigma
 FIXED = 40  # terminal columns of parameter, unit and true value
 
 
-def print_compared(compared: SideBySide, out: Console | None = None) -> None:
+def print_compared(compared: SideBySide) -> None:
     """Print the studies, then tables of estimates, errors and published values."""
-    out = out or console()
+    out = console()
     numbered = (
         sum(len(GAP) + max(len(column.label), CELL) for column in compared.columns)
         > out.width - FIXED

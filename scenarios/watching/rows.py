@@ -38,6 +38,7 @@ from sim.errors import RecordError
 
 TICK = 0.1  # s between two looks at a source that has nothing new
 LARGEST_PIECE = 1 << 16
+STANDARD_INPUT = 0  # file descriptor
 AHEAD = 16  # pieces of standard input that wait to be taken
 LONGEST_LINE = 1 << 20
 _NOT_LINES = (".gz", ".parquet", ".pq", ".mat")
@@ -129,7 +130,7 @@ def growing_file(path: Path, until_end: bool) -> Iterator[Read]:
         yield read
 
 
-def standard_input(descriptor: int = 0) -> Read:
+def standard_input() -> Read:
     """Source of piped input, which ends with the pipe.
 
     A thread waits for the pipe, since Windows can only wait for sockets; it reads a few pieces
@@ -142,7 +143,7 @@ def standard_input(descriptor: int = 0) -> Read:
         piece: bytes | OSError = b" "
         while piece and not isinstance(piece, OSError):
             try:
-                piece = os.read(descriptor, LARGEST_PIECE)
+                piece = os.read(STANDARD_INPUT, LARGEST_PIECE)
             except OSError as error:
                 piece = error
             pieces.put(piece)

@@ -44,6 +44,8 @@ if TYPE_CHECKING:
 
 # ---- The linear closed loop as python-control systems with named signals
 
+_MATCHED_BAND = (0.35, 14.0)  # rad/s, in which a low-order equivalent is fitted
+_MATCHED_FREQUENCIES = 40
 RESPONSE_NAMES = ("alpha", "q", "nz", *SURFACE_NAMES, "u_p")
 
 
@@ -342,17 +344,15 @@ class EquivalentSystem:
     outcome: FitOutcome
 
 
-def equivalent_system(
-    x29: X29, L_q: float = 1.01, low: float = 0.35, high: float = 14.0, points: int = 40
-) -> EquivalentSystem:
+def equivalent_system(x29: X29, L_q: float = 1.01) -> EquivalentSystem:
     """Equivalent of the recorded linear loop: stick as recorded (its skew counts as delay),
-    ``points`` from ``low`` to ``high`` rad/s.
+    matched at 40 frequencies from 0.35 to 14 rad/s.
 
     The response is taken from frame to frame, without the hold of the sampled stick; the delay of a
     record whose stick is held between 40 Hz samples comes out about half a frame (6 ms) shorter.
     L_delta is poorly determined: mostly what an ``L_q`` leaves that is not the airframe's.
     """
-    omega = np.geomspace(low, high, points)
+    omega = np.geomspace(*_MATCHED_BAND, _MATCHED_FREQUENCIES)
     response = frequency_response(x29, omega, recorded=True)
     return fit_equivalent(omega, response, x29.airframe.airspeed, x29.airframe.gravity, L_q)
 

@@ -11,6 +11,7 @@ from sim.declaration.effect import Effect
 
 # ---- What is known of an effect beside its equations
 
+_ONSETS = 36  # times at which a search starts an event
 GUARD = "guard:"  # what a guard's printed name begins with
 
 _NO_RANGES: Mapping[str, tuple[float, float]] = MappingProxyType({})
@@ -160,11 +161,11 @@ class SearchContext:
         peak = self.state_peak.get(name, self.input_peak.get(name, 0.0))
         return (-peak, peak) if peak > 0 else None
 
-    def onsets(self, count: int = 36) -> tuple[float, ...]:
+    def onsets(self) -> tuple[float, ...]:
         """Times spread evenly over the record without its ends, where an event looks like a
         bias.
         """
-        return tuple(self.begin + self.duration * (i + 0.5) / count for i in range(count))
+        return tuple(self.begin + self.duration * (i + 0.5) / _ONSETS for i in range(_ONSETS))
 
 
 @dataclass(frozen=True)

@@ -416,17 +416,14 @@ def _propagated(
     )
 
 
-def remeasure(
-    record: Record, truth: Truth, rng: np.random.Generator, measurement: Measurement | None = None
-) -> Record:
-    """The same flight with fresh measurement noise, without a new simulation; None: white noise of
-    the truth's ``noise_std``.
+def remeasure(record: Record, truth: Truth, rng: np.random.Generator) -> Record:
+    """Return the same flight with fresh white measurement noise of the truth's ``noise_std``,
+    without a new simulation.
     """
-    again = measurement or Measurement()
-    std = truth.noise_std if again.std is None else again.std
     units = {channel.name: channel.unit for channel in record.outputs}
     return replace(
-        record, outputs=measure(truth.time, truth.outputs, units, rng, replace(again, std=std))
+        record,
+        outputs=measure(truth.time, truth.outputs, units, rng, Measurement(std=truth.noise_std)),
     )
 
 

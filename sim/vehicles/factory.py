@@ -245,7 +245,6 @@ def vehicle_from_values(
     *,
     initial: Mapping[str, float] | None = None,
     modes: int = 0,
-    title: str = "",
 ) -> VehicleData:
     """A user's numbers (SI, radians, full names) in the form of a built-in set; ``equations`` is a
     name such as ``"rigid"`` or ``"lateral"``.
@@ -265,7 +264,7 @@ def vehicle_from_values(
     state_units = {signal.name: signal.unit for signal in result.states}
     numbers = tuple(_users(name, key, value, units) for key, value in values.items())
     start = tuple(_users(name, key, value, state_units) for key, value in (initial or {}).items())
-    return VehicleData(name, title or name, "given by the user", equations, numbers, start, modes)
+    return VehicleData(name, name, "given by the user", equations, numbers, start, modes)
 
 
 def model_from_constants(

@@ -96,7 +96,6 @@ def source_columns(
     choices: Mapping[str, ColumnChoice],
     inputs: Sequence[str],
     outputs: Sequence[str],
-    channel_units: Mapping[str, str] = CHANNEL_UNITS,
 ) -> tuple[int, ...]:
     """Columns of a file with one table that channels are computed from; empty if each channel is a
     column.
@@ -107,7 +106,7 @@ def source_columns(
         if name in (*inputs, *outputs) and not choice.absent and _is_computed(choice, file.table)
     }
     wanted = [
-        _wanted(file, (Topic("", file.table),), name, choice, name in inputs, channel_units)
+        _wanted(file, (Topic("", file.table),), name, choice, name in inputs, CHANNEL_UNITS)
         for name, choice in requested.items()
     ]
     return tuple(sorted({index for each in wanted for _, index in each.places.values()}))

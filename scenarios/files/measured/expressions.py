@@ -204,15 +204,13 @@ def _to_body(
     return u, v, w
 
 
-def parse(text: str, where: str, allowed: Sequence[str] = ()) -> Expression:
+def parse(text: str, where: str) -> Expression:
     """Check an expression.
 
     Parameters
     ----------
     text : the expression.
     where : file and channel, for messages.
-    allowed : columns of the file; names that are no plain words are then recognised without
-        backquotes.
 
     Raises
     ------
