@@ -172,8 +172,8 @@ FEWEST = 5  # flights: with fewer, the median is no measure of the others
 
 
 def outlying_flights(residuals: np.ndarray, sigmas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """By how many standard deviations each flight is off ``(n,)``, and which stand out ``(n,)``,
-    from what is left ``(n,)`` about a common value.
+    """Return by how many standard deviations each flight is off ``(n,)``, and which flights are
+    outliers ``(n,)``, from residuals ``(n,)`` about a common value.
 
     Residuals are taken from their median; the scatter between flights is what their median absolute
     deviation shows beyond ``sigmas (n,)``, so that the flights sought do not hide themselves
@@ -225,8 +225,8 @@ class Trend:
 
 
 def trend(values: np.ndarray, sigmas: np.ndarray, condition: np.ndarray) -> Trend | None:
-    """How ``values (n,)`` with ``sigmas (n,)`` change with a ``condition (n,)``; None with fewer
-    than ``FEWEST`` flights or one condition alone.
+    """Fit the change of ``values (n,)`` with ``sigmas (n,)`` over a ``condition (n,)``; None with
+    fewer than ``FEWEST`` flights or one condition alone.
 
     Mixed-effects meta-regression: scatter about the line by restricted maximum likelihood; the
     covariance by Knapp and Hartung (Statistics in Medicine 22, 2003), never below that of known
@@ -286,7 +286,7 @@ class Evidence:
     covariance: np.ndarray
 
     def of(self, flights: np.ndarray) -> Evidence:
-        """That of some of the flights."""
+        """Return the evidence of some of the flights."""
         return Evidence(self.gain[flights], self.value[flights], self.covariance[flights])
 
 

@@ -351,8 +351,8 @@ def _unreadable(path: Path) -> DeclarationError:
 
 
 def _no_model(folder: Path) -> DeclarationError:
-    """What to run where a folder keeps no model: the study again, or an identification of its
-    record.
+    """Return the error for a folder without a model, with the command to run: the study again, or
+    an identification of its record.
     """
     if (folder / "diagnosis.json").is_file():
         return DeclarationError(

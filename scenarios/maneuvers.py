@@ -128,7 +128,7 @@ class FoundManeuvers:
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """What a user should know, one sentence each."""
+        """Cautions for the user, one sentence each."""
         inputs = [name for name in CONTROLS if name in self.record.output_names]
         cautions = (
             []

@@ -196,8 +196,9 @@ def predict_record(asked: PredictionRequest) -> PredictionResult:
 def _by_identification(
     kept: KeptModel, declared: Model, ready: PreparedData, *, trusted: bool
 ) -> tuple[Record, Simulation | None, Simulation, list[Record]]:
-    """As ``identify --validate`` predicts: the record, the simulations before and after, and its
-    parts less their wild points."""
+    """Predict as ``identify --validate`` does: return the record, the simulations before and after,
+    and its parts less their outliers.
+    """
     model = with_weight(declared) if kept.weighed else declared
     system = compile_model(model.with_biases(kept.biases), kept.after.outputs)
     fits = record_fits(
@@ -222,7 +223,7 @@ def _by_identification(
 def _by_diagnosis(
     kept: KeptModel, declared: Model, ready: PreparedData, *, trusted: bool
 ) -> tuple[Record, Simulation | None, Simulation, list[Record]]:
-    """As ``diagnose --validate`` predicts, which looks for wild points in any record."""
+    """Predict as ``diagnose --validate`` does, which looks for outliers in any record."""
     assert kept.before is not None
     found = predict(
         kept.before, kept.after, declared.with_biases(kept.biases), ready.validation, kept.spiked
@@ -395,7 +396,9 @@ TITLE = "simulation with the study's parameters held fixed; initial states and b
 
 
 def prediction_text(found: PredictionResult, width: int = WIDTH) -> str:
-    """What was predicted with which model, warnings, and the errors channel by channel."""
+    """Return the text of a prediction: record and model, warnings, and the errors channel by
+    channel.
+    """
     record, kept = found.record, found.kept
     effects = [effect.name for effect in kept.after.effects]
     lines = wrapped(f"{_samples(found)}; {predicting_model(found)} ({found.study})", width)

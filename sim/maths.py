@@ -180,8 +180,8 @@ def complex_step_jacobian(
 def jacobian_in_one_call(
     function: Callable[[list[Any]], Sequence[Any]], x: Sequence[float]
 ) -> np.ndarray:
-    """As ``complex_step_jacobian``, equal to rounding, for functions that broadcast: all columns in
-    one call with arrays.
+    """Compute ``complex_step_jacobian``, equal to rounding, for functions that broadcast: all
+    columns in one call with arrays.
 
     The cheaper of the two from about six columns on: 3 to 5 times for the 19 states and parameters
     of a flexible aircraft.

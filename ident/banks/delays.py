@@ -250,7 +250,7 @@ class BankDifferences:
 
 
 def agreement(one: BankEstimate, other: BankEstimate) -> BankDifferences:
-    """How far two banks of the same runs are apart; ``one`` gives the sigmas to divide by."""
+    """Return how far two banks of the same runs are apart, in the sigmas of ``one``."""
     both = one.sound & other.sound
     sigma = np.maximum(one.std[:, both], np.finfo(float).tiny)
     likelihood = one.log_likelihood[both]

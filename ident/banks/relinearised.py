@@ -149,7 +149,7 @@ def linearise(
 
 
 def along(current: Relinearised, rows: Rows) -> list[Relinearised]:
-    """On through rows, one for each."""
+    """Advance through rows and return the bank after each of them."""
     return [replace(current, state=state) for state in advance(current.bank, current.state, rows)]
 
 
@@ -189,7 +189,7 @@ def due(current: Relinearised, names: Sequence[str]) -> bool:
 def sharper_of(
     current: Relinearised | None, linearised: Relinearised | None, names: Sequence[str]
 ) -> Relinearised | None:
-    """Which of the two goes on, where ``linearised`` comes from the last rows alone.
+    """Return the bank that continues, if ``linearised`` comes from the last rows alone.
 
     It does if these parameters are hardly less sharp by it: then these rows hold what is known.
     Else the current one does, which was linearised over other rows; where the two contradict each
@@ -296,8 +296,8 @@ def _start_dependence(
     elsewhere: np.ndarray,
     std: np.ndarray,
 ) -> np.ndarray:
-    """How far from the rest of them iterated filters end that began about other parameters ``(n,
-    K)``; zero where all end together.
+    """Return the distance ``(n, K)`` of iterated filters with other starting parameters from the
+    rest of the filters; zero if all end together.
     """
     n_x, count = len(system.states), elsewhere.shape[1]
     points = np.repeat(about[:, :, None], 1 + count, axis=2)

@@ -56,8 +56,8 @@ class FaultSet:
 
 
 def charge_of(false_alarm: float, count: int) -> float:
-    """What a fault has to gain in log likelihood: ln of how many there are to choose from, and -ln
-    of the share of false alarms.
+    """Return the log likelihood that a fault must gain: ln of the number of candidates, minus ln of
+    the share of false alarms.
 
     A gain has an exponential tail or a shorter one where the fault is absent, so that the best of
     ``count`` exceeds this in fewer than ``false_alarm`` of clean sets of records.
@@ -280,7 +280,9 @@ def leaves_a_reference(faults: Sequence[SensorFault], timed: Sequence[str]) -> b
 
 
 def reference_sentence(faults: Sequence[SensorFault], timed: Sequence[str]) -> str:
-    """Which of the clocks ``timed`` the times of these faults refer to; empty without a delay."""
+    """Return a sentence that names the clock in ``timed`` to which the times of these faults refer;
+    empty without a delay.
+    """
     delayed = delayed_channels(faults)
     on_time = [name for name in timed if name not in delayed]
     if not delayed or not on_time:
@@ -599,8 +601,8 @@ def _searched(
 def _in_place(
     slots: Sequence[Slot],
 ) -> tuple[dict[SensorFault, float], dict[SensorFault, FaultTrial]]:
-    """For each fault the position where it loses least in place of an accepted one: loss and
-    trial.
+    """Find the position at which each fault loses least in place of an accepted one, and return
+    loss and trial.
     """
     lost: dict[SensorFault, float] = {}
     instead: dict[SensorFault, FaultTrial] = {}

@@ -188,7 +188,7 @@ _SWEEPS = 5
 
 
 def reconstructed(s: KinematicSignals, value: Values) -> np.ndarray:
-    """What the outputs should read if the sensors have these faults: ``(m, P, N)`` for sizes ``(P,
+    """Return the outputs ``(m, P, N)`` that sensors with these faults should read, for sizes ``(P,
     1)``.
 
     Besides the faults, ``value`` gives ``("start", STATE)``, ``("turn", "1")`` = c1, ``("turn",

@@ -321,7 +321,9 @@ def replicates(bases: Sequence[KinematicFit], current: KinematicFit, trial: Faul
 
 
 def one_step(base: KinematicFit, faults: Sequence[SensorFault]) -> list[KinematicFit]:
-    """For each fault the linearised fit with it added to ``base``, with the noise of ``base``."""
+    """Return, for each fault, the linearised fit with it added to ``base``, with the noise of
+    ``base``.
+    """
     white, at, slopes = whitened(base), positions(base), []
     information = np.diag(prior_information(base))
     gradient = np.zeros(sum(len(own) for own in base.own) + len(base.faults))

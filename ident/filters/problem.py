@@ -173,8 +173,8 @@ LOG_TWO_PI = float(np.log(2.0 * np.pi))
 def breakdown(
     mean: np.ndarray, covariance: np.ndarray, *further: np.ndarray | float
 ) -> Outcome | None:
-    """How a filter diverged; None if mean ``(n,)``, covariance ``(n, n)`` and further numbers are
-    finite.
+    """Return how a filter diverged; None if mean ``(n,)``, covariance ``(n, n)`` and further
+    numbers are finite.
     """
     numbers = (mean, covariance, *further)
     # Sums of squares are the cheaper bound, and a NaN fails either comparison.

@@ -284,8 +284,8 @@ class Characteristics:
 def characteristics(
     system: System, estimate: Estimate, fixed_states: Collection[str] = ()
 ) -> Characteristics | None:
-    """Those that the model has, at an estimate of its parameters; None where it has none, or where
-    the data leave a parameter open.
+    """Return the characteristics of the model at an estimate of its parameters; None if it has
+    none, or if the data leave a parameter open.
 
     Linearised in the estimated parameters. ``fixed_states``: states that do not move, as for
     ``modal_estimate``.

@@ -361,8 +361,8 @@ def _parted(delay: Delay, step: float, width: int) -> tuple[int, np.ndarray]:
 def _gains(
     A: np.ndarray, b: np.ndarray, part: np.ndarray, record: TransformedRecord
 ) -> Sequence[np.ndarray]:
-    """What the samples u[k-1], u[k], u[k+1] of an input add to x[k+1], ``(q, n)`` each, where it is
-    late by ``part`` of a sample.
+    """Return the contributions ``(q, n)`` of the samples u[k-1], u[k], u[k+1] of an input to
+    x[k+1], if the input is late by ``part`` of a sample.
 
     Over the first ``part`` of the interval the input still is what it was between the two samples
     before.
@@ -388,8 +388,8 @@ def _times(Phi: np.ndarray, rows: np.ndarray) -> np.ndarray:
 def _transition(
     A: np.ndarray, b: np.ndarray, time: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Over ``time (q,)``: the transition ``(q, n, n)``, and the effects of a constant input and of
-    a ramp, ``(q, n)``.
+    """Return the transition ``(q, n, n)`` over ``time (q,)``, and the effects of a constant input
+    and of a ramp, ``(q, n)``.
     """
     from scipy.linalg import expm
 

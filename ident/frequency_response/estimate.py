@@ -395,9 +395,9 @@ def _pooled(
 
 
 def _leaked(segments: Segments, inputs: slice, usable: np.ndarray) -> np.ndarray:
-    """Where the root mean square distance of an input's power from a frequency is more than the
-    half width of the main lobe, bool ``(q, F)``: by the transforms under the window's derivative,
-    2 pi distance times as large.
+    """Return bool ``(q, F)``: whether the root mean square distance of an input's power from a
+    frequency exceeds the half width of the main lobe. The transforms under the window's derivative
+    are 2 pi distance times as large.
     """
     rows = segments.transforms[inputs]
     if rows.shape[1] < 2:
@@ -526,8 +526,9 @@ def window_lengths(durations: Sequence[float], low: float | None = None) -> tupl
 
 
 def input_band(records: Sequence[EvenSignals], low: float) -> tuple[float, float]:
-    """From ``low`` to the frequency, Hz, below which the inputs have 99 % of their power, at most a
-    fifth of the rate; of several inputs the one that reaches highest counts."""
+    """Return the band, Hz, from ``low`` to the frequency below which the inputs have 99 % of their
+    power, at most a fifth of the rate; of several inputs the one that reaches highest counts.
+    """
     step = records[0].step
     size = max(each.inputs.shape[1] for each in records)
     frequency = np.fft.rfftfreq(size, step)

@@ -104,7 +104,7 @@ class EvenSegment:
     outputs: Mapping[str, np.ndarray]
 
     def samples(self, seconds: float) -> int:
-        """How many samples a time takes, at least one."""
+        """Return the number of samples in a time, at least one."""
         return max(1, round(seconds / self.step))
 
     def rows(self, start: float, stop: float) -> slice:

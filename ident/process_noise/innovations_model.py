@@ -221,8 +221,8 @@ def likelihood_slopes(
 def _slopes_of_some(
     filter: Whitener, residual: Filtered, slopes: NoiseSlopes, by_variance: np.ndarray, some: slice
 ) -> tuple[np.ndarray, np.ndarray]:
-    """By ``some`` of the D quantities: of innovation covariances, normalised ``(d, T m m)``, and of
-    normalised innovations ``((K + 1) m, d)``.
+    """Return the slopes by ``some`` of the D quantities: of normalised innovation covariances ``(d,
+    T m m)``, and of normalised innovations ``((K + 1) m, d)``.
     """
     T, m, n = len(filter.covariance), filter.valid.shape[1], filter.covariance.shape[-1]
     of_variance = by_variance[some]
@@ -406,8 +406,8 @@ class ProcessNoise:
         lines: Sequence[Linearisation],
         weighted: WeightedResiduals,
     ) -> Iterator[tuple[np.ndarray, LikelihoodSlopes]]:
-        """Of each record the positions of what moves its filter, and how the likelihood moves with
-        it.
+        """Yield, for each record, the positions of the unknowns that move its filter, and the
+        slopes of the likelihood by them.
         """
         std, scale = self.levels(theta)
         n, estimated = len(theta), list(self.estimated)
@@ -451,8 +451,8 @@ class ProcessNoise:
                 yield moving, LikelihoodSlopes(np.zeros(0), np.zeros((0, 0)), np.zeros((nodes, 0)))
 
     def step_bounds(self, layout: LaidOut, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """At most a factor on what sets the noise: far from the optimum the likelihood is anything
-        but quadratic in it.
+        """Return bounds of a step, which changes a noise level by at most a factor: far from the
+        optimum the likelihood is not quadratic in it.
         """
         low, high = np.concatenate([layout.low, self.low]), np.concatenate([layout.high, self.high])
         for i in self.setting_noise(layout, theta):

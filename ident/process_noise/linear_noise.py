@@ -258,7 +258,8 @@ def _over_steps(
 
 
 def _distinct(rows: np.ndarray) -> tuple[list[int], list[int]]:
-    """Where each different row of ``rows (K, c)`` comes first, and which of these each row is.
+    """Return the first position of each distinct row of ``rows (K, c)``, and the index of the
+    distinct row that each row equals.
 
     A dead band or a limit changes F at a few inputs only: most of a record's steps are one of few.
     """
@@ -312,7 +313,9 @@ def discretised(
 def _doubled(
     F: np.ndarray, density: np.ndarray, dt: np.ndarray, halvings: int, terms: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """As ``discretised``, on a step so many times halved and then doubled again."""
+    """Return the same as ``discretised``, for a step that is halved and doubled again ``halvings``
+    times.
+    """
     n = F.shape[-1]
     h = (dt / 2**halvings)[..., None, None]
     step = F * h

@@ -89,7 +89,9 @@ def advanced(steps: Elements, P: np.ndarray) -> np.ndarray:
 
 
 def combine_affine(first: Elements, second: Elements) -> Elements:
-    """Of X -> T X T^T + D for D quantities at once: ``T (K, n, n)``, ``D (K, n, D, n)``."""
+    """Combine the maps X -> T X T^T + D of D quantities at once: ``T (K, n, n)``, ``D (K, n, D,
+    n)``.
+    """
     T, D = first
     U, E = second
     return U @ T, from_right(from_left(U, D), _t(U)) + E
@@ -277,7 +279,7 @@ def joined(T: np.ndarray, source: np.ndarray) -> np.ndarray:
 
 
 def every_node(stack: np.ndarray, filter: Whitener) -> np.ndarray:
-    """What is kept until the filter has settled, at every node."""
+    """Return the values at every node from those kept until the filter has settled."""
     return stack if len(stack) == len(filter.at) else stack[filter.at]
 
 

@@ -77,7 +77,9 @@ def clipped(series: Series, count: int, *, is_input: bool = False) -> list[Recor
 
 
 def _piles_up(series: Series, values: np.ndarray, level: float, at: np.ndarray) -> bool:
-    """More samples at the level than noise leaves there, whose density falls towards an extreme."""
+    """Return whether more samples are at the level than noise leaves there; the density of noise
+    falls towards an extreme.
+    """
     if not series.resolved or level - float(np.median(values)) < BEYOND * series.noise:
         return False
     width = max(series.least_bit, 0.25 * series.noise)

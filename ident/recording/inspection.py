@@ -466,8 +466,8 @@ def _right(reading: ColumnReading, columns: KinematicColumns) -> float:
 def _by_control(
     rivals: Sequence[ColumnReading], expected: Expectations
 ) -> tuple[ColumnReading, list[ColumnReading]]:
-    """Of readings that the kinematics do not distinguish, those whose control power agrees with the
-    vehicle file.
+    """Return, of the readings that the kinematics do not distinguish, those whose control power
+    agrees with the vehicle file.
     """
     if expected.control_power is None:
         return rivals[0], list(rivals[1:])

@@ -107,7 +107,7 @@ def columns_of(record: Record, expected: Expectations) -> KinematicColumns | Non
 
 
 def disagreement(columns: KinematicColumns) -> dict[str, float]:
-    """For each relation the unexplained share of its power: 0 if it holds, 1 if its sides are
+    """Return the unexplained share of the power of each relation: 0 if it holds, 1 if its sides are
     unrelated, up to 2.
     """
     lag = lag_of(columns)

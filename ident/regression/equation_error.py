@@ -312,8 +312,8 @@ def _inputs(record: Record, system: System, p: Sequence[Any]) -> tuple[list[Any]
 
 
 def _averaged(slope: np.ndarray, first: np.ndarray, increments: np.ndarray) -> np.ndarray:
-    """What the slope weights ``(N, W)`` make of a signal with the given increments between rows,
-    ``(N, c)``.
+    """Apply the slope weights ``(N, W)`` to a signal with the given increments between rows, ``(N,
+    c)``.
     """
     from scipy.sparse import csr_array
 
@@ -676,7 +676,7 @@ def _noise_std(layout: _Layout, parts: list[_Equations]) -> np.ndarray:
 
 
 def _unfinished(layout: _Layout, theta: np.ndarray) -> Estimate:
-    """At the start, when the equations give no finite number there."""
+    """Return the estimate at the start, if the equations give no finite number there."""
     n, system = len(layout.shared), layout.system
     units = tuple(system.parameters[name].unit for name in layout.shared)
     blank = tuple(np.zeros((len(system.outputs), len(record))) for record in layout.records)

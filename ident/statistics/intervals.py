@@ -175,7 +175,7 @@ class Determination:
 
     @property
     def effective(self) -> float:
-        """How many numbers the record settles."""
+        """Number of parameters that the record determines."""
         return float(np.sum(self.strengths**2 / (1.0 + self.strengths**2)))
 
     @property
@@ -207,8 +207,8 @@ class Determination:
 def determination(
     names: tuple[str, ...], sensitivities: np.ndarray, prior_std: np.ndarray
 ) -> Determination:
-    """What sensitivities ``(M, n)`` in units of the noise and independent priors ``(n,)``
-    determine; ``M >= n`` is not needed.
+    """Return the directions that sensitivities ``(M, n)`` in units of the noise and independent
+    priors ``(n,)`` determine; ``M >= n`` is not needed.
     """
     prior = np.asarray(prior_std, dtype=float)
     _, result, rows = np.linalg.svd(
@@ -392,8 +392,8 @@ def _end(
 def _next(
     inside: float, r_inside: float, outside: float, r_outside: float, goal: float, farthest: float
 ) -> float:
-    """Where the straight line through what is known reaches the goal; half way where one end has no
-    number.
+    """Return the point at which the straight line through the known points reaches the goal; the
+    midpoint if one end has no number.
     """
     if math.isinf(outside):
         reached = inside * goal / r_inside if r_inside > goal / GROWTH else GROWTH * inside
@@ -463,8 +463,8 @@ def quantile(share: float, degrees: float) -> float:
 
 
 def deviation_factors(count: int) -> tuple[float, float]:
-    """By what a standard deviation of ``count`` independent normal numbers is multiplied to give
-    the ends of its interval; infinite of one number.
+    """Return the factors that turn a standard deviation of ``count`` independent normal numbers
+    into the ends of its interval; infinite for one number.
     """
     if count < 2:
         return 0.0, float("inf")
@@ -475,16 +475,16 @@ def deviation_factors(count: int) -> tuple[float, float]:
 
 
 def mean_square_interval(degrees: float, level: float = SHARES_LEVEL) -> tuple[float, float]:
-    """Where a sum of squares of chi-square with ``degrees`` of freedom lies, over ``degrees``:
-    about one.
+    """Return the interval of a chi-square sum of squares with ``degrees`` of freedom, divided by
+    ``degrees``: about one.
     """
     tail = 0.5 * (1.0 - level)
     return quantile(tail, degrees) / degrees, quantile(1.0 - tail, degrees) / degrees
 
 
 def inside(squares: np.ndarray, degrees: np.ndarray) -> np.ndarray:
-    """Which of ``squares (N,)`` lie within the interval of chi-square with their ``degrees (N,)``,
-    half of the rest to either side.
+    """Return which of ``squares (N,)`` lie within the central chi-square interval with their
+    ``degrees (N,)``.
     """
     from scipy.special import gammainc
 

@@ -491,8 +491,8 @@ def sandwich(
 
 
 def student_factor(variance: np.ndarray, spread: np.ndarray) -> np.ndarray:
-    """By how much sigmas grow whose own ``variance (n,)`` is an estimate with the variance ``spread
-    (n,)``: ``(n,)``.
+    """Return the factor ``(n,)`` by which sigmas grow if their own ``variance (n,)`` is an estimate
+    with the variance ``spread (n,)``.
 
     Satterthwaite's degrees of freedom 2 variance^2/spread, and Student's quantile of 97.7 % over
     the normal one of two sigmas.

@@ -159,8 +159,8 @@ THREEFOLD = 3.0
 
 
 def contradiction(value: float, std: float, declared: float) -> str:
-    """What speaks against an estimate with its sigma where another value was declared; empty where
-    nothing does.
+    """Return the reason against an estimate with its sigma where another value was declared; empty
+    if there is none.
 
     An estimate contradicts where no value within two sigmas has the declared sign and less than
     three times the declared size. Nothing speaks where zero was declared, or where value or sigma
@@ -177,8 +177,8 @@ def contradiction(value: float, std: float, declared: float) -> str:
 
 
 def shortfall(value: float, std: float, declared: float) -> str:
-    """By how much an estimate falls short of a declared value: ``"is 12 times smaller"``; empty
-    where it does not.
+    """Return by how much an estimate falls short of a declared value, as in ``"is 12 times
+    smaller"``; empty if it does not.
 
     It falls short where no value within two sigmas reaches a third of the declared size: a constant
     of the vehicle file that is too large, such as its chord, makes derivatives too small by the
@@ -307,7 +307,7 @@ class Comparison:
 
     @property
     def beyond(self) -> tuple[EstimateDifference, ...]:
-        """What differs beyond its uncertainty."""
+        """Differences that exceed their uncertainty."""
         return tuple(item for item in self.differences if item.beyond)
 
 

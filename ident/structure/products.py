@@ -248,7 +248,9 @@ def gains_of(products: Products, chosen: Sequence[int]) -> tuple[np.ndarray, flo
 
 
 def losses_of(products: Products, chosen: Sequence[int]) -> tuple[list[float], float]:
-    """What each chosen column explains that the others do not, and what is left now."""
+    """Return the sum of squares that each chosen column alone explains, and the sum of squares of
+    the residual.
+    """
     n = normal_of(products, chosen)
     losses = n.values**2 / np.maximum(n.variance, 1e-300)
     return losses.tolist(), n.left(float(products.squares.sum()))

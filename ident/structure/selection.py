@@ -90,7 +90,9 @@ class TermColumns:
 
     @classmethod
     def of(cls, histories: Sequence[Histories], axis: str, terms: Sequence[Term]) -> TermColumns:
-        """Those of histories, for the coefficient ``axis`` and all that are averaged alike."""
+        """Return the term columns of histories, for the coefficient ``axis``, all averaged
+        alike.
+        """
         blocks = [columns_of(h, terms, axis) for h in histories]
         return cls(tuple(terms), blocks, [noise_columns(h, terms) for h in histories])
 
@@ -104,7 +106,9 @@ class TermColumns:
     def residuals(
         self, rows: Sequence[np.ndarray], chosen: Sequence[int], values: np.ndarray
     ) -> list[np.ndarray]:
-        """What the chosen columns leave of the coefficient ``rows``, by maneuver."""
+        """Return the residuals of the coefficient ``rows`` after the chosen columns, by
+        maneuver.
+        """
         pairs = zip(rows, self.blocks, strict=True)
         return [row - block[:, chosen] @ values for row, block in pairs]
 
@@ -320,7 +324,7 @@ def _without_weak(
     rows: Sequence[np.ndarray],
     hierarchical: bool,
 ) -> tuple[list[int], list[SelectionStep]]:
-    """Without the terms whose F ratio is small by standard deviations for coloured residuals of one
+    """Drop the terms whose F ratio is small by standard deviations for coloured residuals of one
     variance (a short maneuver says little of where they are larger).
 
     The partial F ratios of the search take residuals as white.
@@ -347,7 +351,7 @@ def _with_confounders(
     rows: Sequence[np.ndarray],
     axis: str,
 ) -> tuple[list[int], list[SelectionStep]]:
-    """With the linear terms that are too weak for the search and change the values of other linear
+    """Add the linear terms that are too weak for the search and change the values of other linear
     ones.
 
     Left out, they would be a bias of those values that no standard deviation holds [1]_.

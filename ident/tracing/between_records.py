@@ -218,8 +218,8 @@ def of_each_record(fitted: FittedModel, effect: Traceable) -> tuple[Mapping[str,
 
 
 def form_spread(problem: TraceProblem, fitted: FittedModel) -> dict[str, float]:
-    """By how much the declared parameters move, beyond chance, where every effect of a set takes
-    its freer form; empty where none has one.
+    """Return by how much, beyond chance, the declared parameters move if every effect of a set
+    takes its refined form; empty if none has one.
 
     A derivative is a slope at trim, and the plain form of a curve is not the truth's: its sigma
     knows of noise alone. The move is taken beyond what the freer form's larger sigma explains:

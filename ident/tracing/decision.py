@@ -73,7 +73,7 @@ class Decision:
 
     @property
     def steps(self) -> tuple[Step, ...]:
-        """How the search went."""
+        """Steps of the search, in order."""
         return tuple(step for search in self.searches for step in search.steps)
 
     @property
@@ -117,7 +117,7 @@ LeavesNoise = Callable[[FittedModel], bool]
 
 
 def nothing_held_out(fitted: FittedModel) -> bool:
-    """There are no further data to hold a set against."""
+    """Return whether there are no further data to test a set against."""
     return True
 
 
@@ -267,7 +267,8 @@ def _decided_with_general_forms(search: Search, leaves_noise: LeavesNoise) -> De
 
 
 def _other_forms(search: Search, best: WeighedSet) -> WeighedSet:
-    """Beside a discrepancy: another fault of the same sensor where that is clearly likelier.
+    """Replace a member, beside a discrepancy, by another fault of the same sensor if that is
+    clearly likelier.
 
     The relations between the sensors know few forms of a fault (a scale, a delay, an arm) and name
     the nearest of them. A threshold or a play is none of these.
@@ -304,7 +305,9 @@ def _group_probability(named: Named) -> float:
 
 
 def _decided_under_white_noise(search: Search, best: WeighedSet, clear: float = CLEAR) -> Decision:
-    """Under white noise: what is certain, unless more leaves noise; else the best, by groups."""
+    """Decide under white noise: claim the certain effects, unless more effects leave noise; else
+    the best set, by groups.
+    """
     sets = probabilities(search)
     inclusion = inclusion_of(sets)
     whole = best = _certain_part(search, best, sets)
@@ -509,7 +512,9 @@ def _unexplained(search: Search, best: WeighedSet) -> Decision:
 
 
 def _decided_beside_discrepancy(white: Search, search: Search, best: WeighedSet) -> Decision:
-    """Beside a discrepancy: what is spread over the records, with the rivals of each."""
+    """Decide beside a discrepancy: claim the effects that are spread over the records, with the
+    rivals of each.
+    """
     guards, root = search.problem.guards, search.root.fitted
     searches = (white, search)
     best, spread = _prefer_named_by_kinematics(search, *_drop_local_evidence(search, best))
@@ -544,8 +549,8 @@ def _drop_local_evidence(search: Search, best: WeighedSet) -> tuple[WeighedSet, 
 def _prefer_named_by_kinematics(
     search: Search, best: WeighedSet, spread: dict[str, float]
 ) -> tuple[WeighedSet, dict[str, float]]:
-    """Of effects that the records do not tell apart, those that the relations between the sensors
-    name: their prior odds are larger. Also z of the members.
+    """Prefer, of effects that the records do not tell apart, those that the relations between the
+    sensors name: their prior odds are larger. Also return z of the members.
     """
     known = search.problem.named_by_kinematics
     for name in sorted(set(spread) - known):

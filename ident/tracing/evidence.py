@@ -114,7 +114,7 @@ def _of_data(fitted: FittedModel) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def _of_noise_levels(fitted: FittedModel) -> float:
-    """What the noise levels add, each with a flat prior in its logarithm.
+    """Return the contribution of the noise levels, each with a flat prior in its logarithm.
 
     Without process noise they are concentrated out of the fit: the curvature in ln(sigma) is 2 N.
     With it they are among the unknowns.
@@ -227,7 +227,7 @@ class ColouredNoise:
 
     @property
     def log_likelihood(self) -> float:
-        """Of the data, with two levels of noise for each output."""
+        """Log likelihood of the data, with two levels of noise for each output."""
         counts, means = self._bands
         return self.fit.log_likelihood - 0.5 * float(np.sum(counts * np.log(means)))
 

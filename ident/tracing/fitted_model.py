@@ -97,7 +97,7 @@ class FittedModel:
 
     @property
     def background(self) -> tuple[Traceable, ...]:
-        """Those of its effects that any record may have."""
+        """Effects of the model that any record may have."""
         return tuple(effect for effect in self.effects if effect.traits.background)
 
     @cached_property
@@ -108,7 +108,7 @@ class FittedModel:
 
     @property
     def trained(self) -> Trained:
-        """What a free simulation of another record takes from it."""
+        """Values that a free simulation of another record takes from this fit."""
         values = self.values
         return Trained(
             self.effects,
@@ -372,8 +372,8 @@ def quantities_with(
 
 
 def sigmas_from_absence(effect: Traceable, found: Mapping[str, Quantity]) -> float:
-    """By how many standard deviations an effect's parameters differ from its absence, at most;
-    infinite where none could.
+    """Return the largest number of standard deviations by which an effect's parameters differ from
+    its absence; infinite if none could.
     """
     known = [
         abs(found[local].value - value) / found[local].std

@@ -130,8 +130,8 @@ def doubted(out: HeldOut) -> bool:
 def frozen_on(
     trained: Trained, declared: Model, records: Sequence[Record], masks: Sequence[np.ndarray] | None
 ) -> HeldOut:
-    """What was learnt from other records, frozen on these: initial states, biases and what belongs
-    to one record alone are fitted.
+    """Fit these records with the shared parameters of other records frozen: initial states, biases
+    and everything that belongs to one record alone are fitted.
     """
     frozen = _Others(trained, declared, records, masks).fit_event_by_event()
     return HeldOut(None if frozen is None else frozen.fit, None)
@@ -239,8 +239,8 @@ class _Others:
         return best if best is None or len(own) < 2 else self._each_placed_again(best, own)
 
     def _each_placed_again(self, best: FittedModel, own: Sequence[Traceable]) -> FittedModel:
-        """What belongs to one record, each looked for again beside all others: the first was placed
-        while theirs was still unexplained.
+        """Search each effect of one record again beside all others: the first was placed while the
+        others were still unexplained.
         """
         for effect in own:
             rest = [other for other in best.effects if other is not effect]
@@ -259,8 +259,8 @@ class _Others:
         effect: Traceable,
         *further: Mapping[str, float],
     ) -> FittedModel | None:
-        """What belongs to one record added to a fit of ``rest``, from where the records point to
-        and from ``further`` starts: the best of these.
+        """Add an effect of one record to a fit of ``rest``, from the starts that the records
+        suggest and from ``further`` starts, and return the best fit.
         """
         places = [start for _, start in starts_at(base, effect, search_context(base))[:KEPT]]
         tries = [self.fit([*rest, effect], base.values.with_added(start)) for start in places]
@@ -272,7 +272,9 @@ class _Others:
 
 
 def training_prior(fitted: FittedModel) -> Prior:
-    """What training says of the shared parameters: nuisances of its records are projected out."""
+    """Return the prior of the shared parameters that the training records give: nuisances of these
+    records are projected out.
+    """
     fit, n = fitted.fit, len(fitted.fit.layout.shared)
     normal, _ = fit.normal_equations()
     covariance, _ = inverse_information(normal, fit.theta)
@@ -283,8 +285,8 @@ def training_prior(fitted: FittedModel) -> Prior:
 def prior_where_both_meet(
     fitted: FittedModel, freer: FittedModel, masks: Sequence[np.ndarray] | None
 ) -> Prior | None:
-    """What training says of the shared parameters about the point at which it meets the held-out
-    records; None where no such point is found.
+    """Return the prior of the shared parameters from training, about the point at which it meets
+    the held-out records; None if no such point is found.
 
     Training may leave open a curved line of parameters, such as a limit times a derivative: its
     Gaussian holds near its own optimum only.

@@ -159,7 +159,7 @@ def _still_needed(
 def _scatter(
     problem: TraceProblem, root: FittedModel, judgement: Judgement, held: HeldOutData
 ) -> tuple[RecordScatter, RecordScatter]:
-    """By how much records differ, before and after: asked where what remains is not noise."""
+    """Return the scatter between records, before and after, if the residual is not noise."""
     if judgement.verdict not in (Verdict.UNEXPLAINED, Verdict.PARTIAL):
         return RecordScatter(), RecordScatter()
     after = scatter_between_records(problem, judgement.best, held)
@@ -168,7 +168,9 @@ def _scatter(
 
 
 def _without(diagnosis: Diagnosis, discrepancy: Traceable | None) -> Trained | None:
-    """What another record is predicted with: a discrepancy adds nothing to a free simulation."""
+    """Return the values that predict another record: a discrepancy adds nothing to a free
+    simulation.
+    """
     trained = diagnosis.trained_after
     if trained is None or discrepancy is None:
         return trained

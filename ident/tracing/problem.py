@@ -72,13 +72,13 @@ class TraceProblem:
 
     @property
     def data(self) -> FitData:
-        """What sets are fitted to."""
+        """Data that sets are fitted to."""
         return FitData(self.records, self.masks, self.model, self.outputs, self.least_noise)
 
     @property
     def roughly(self) -> FitSettings:
-        """How a set is fitted that is only compared: twice the step moves no output of an aircraft
-        by a hundredth of its noise.
+        """Settings of a fit that serves for comparison only: twice the step moves no output of an
+        aircraft by a hundredth of its noise.
         """
         return FitSettings(
             max_step=2.0 * self.settings.max_step,

@@ -360,13 +360,13 @@ class Judgement:
 
 
 def residual_tests(best: FittedModel, out: HeldOut) -> ResidualTests:
-    """Is what remains noise, on the fitted records and on the others?"""
+    """Test whether the residuals are noise, on the fitted records and on the others."""
     others = whiteness(out.informed, "held out") if out.informed is not None else ()
     return ResidualTests(tuple(whiteness(best.fit, "fitted")), tuple(others))
 
 
 def not_noise(tests: Sequence[ResidualTest], least: float) -> list[Caution]:
-    """What is left: a caution for each test whose p-value is below ``least``."""
+    """Return a caution for each residual test whose p-value is below ``least``."""
     return [
         Caution(
             Concern.NOT_NOISE,

@@ -30,7 +30,7 @@ COARSE = 0.025  # s, a sub-step that ranks candidates well enough
 
 
 def motions_of(fitted: FittedModel) -> list[BaseMotion]:
-    """What all candidates begin at, by record."""
+    """Return the motion at which all candidates begin, by record."""
     motions, layout = [], fitted.fit.layout
     for r, old in enumerate(layout.problems):
         p, _ = layout.split(fitted.fit.theta, r)
@@ -62,7 +62,7 @@ def _coarse(old: RecordProblem, layout: FitLayout, system: System, p: np.ndarray
 def signatures_of(
     fitted: FittedModel, motions: Sequence[BaseMotion], effect: Traceable, probes: Sequence[Probe]
 ) -> list[list[np.ndarray]]:
-    """For each probe the columns ``(m, N, k)`` of every record."""
+    """Return, for each probe, the columns ``(m, N, k)`` of every record."""
     outputs = [signal.name for signal in fitted.system.outputs]
     _, system = compiled_with(fitted.model, [effect], outputs)
     layout = fitted.fit.layout
@@ -153,8 +153,8 @@ class BaseMotion:
 def base_motion(
     problem: RecordProblem, p: np.ndarray, states: np.ndarray, known: int, drive: Drive
 ) -> BaseMotion:
-    """About parameters ``p (np,)`` and a trajectory ``states (nx, K + 1)``, of which the first
-    ``known`` are not added; ``drive`` rows ``(M,)``.
+    """Return the motion about parameters ``p (np,)`` and a trajectory ``states (nx, K + 1)``, of
+    which the first ``known`` are not added; ``drive`` rows ``(M,)``.
     """
     size = np.sqrt(np.mean(states[:known] ** 2, axis=1))
     steps = INCREMENT * np.where(size > 0, size, 1.0)
@@ -312,7 +312,7 @@ def _acting(
     states: np.ndarray,
     known: int,
 ) -> list[int]:
-    """Which of the varied parameters move the rates of the added states."""
+    """Return the varied parameters that move the rates of the added states."""
     system = problem.system
     x = states[:, states.shape[1] // 2] + 1e-2
     u = [0.01] * len(system.inputs)

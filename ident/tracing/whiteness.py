@@ -39,7 +39,8 @@ def is_noise(fit: Fit, least: float = LEVEL) -> bool:
 def flat_spectrum(
     residual: np.ndarray, valid: np.ndarray, time: np.ndarray, channel: str
 ) -> ResidualTest:
-    """Is the noise below 4 Hz white there? Bartlett's test of the cumulative periodogram.
+    """Test whether the noise below 4 Hz is white there, by Bartlett's test of the cumulative
+    periodogram.
 
     Filters of a recorder colour noise above; what a model lacks shows where the aircraft moves.
     The p-value is Kolmogorov's with the correction of [1]_.

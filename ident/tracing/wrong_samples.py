@@ -153,7 +153,7 @@ def cleaned_inputs(
 def _differences(
     records: Sequence[Record], mended: Sequence[Record], name: str, found: Sequence[np.ndarray]
 ) -> list[Spikes]:
-    """What mending took away from a channel of each record."""
+    """Return the spikes that mending removed from a channel of each record."""
     return [
         Spikes(
             r,
@@ -167,8 +167,8 @@ def _differences(
 
 
 def _claimable(problem: TraceProblem) -> dict[str, str]:
-    """By channel the name of the candidate that describes its isolated wrong samples: the rule
-    finds them, the effect names them.
+    """Return, by channel, the name of the candidate that describes its isolated wrong samples: the
+    rule finds them, the effect names them.
     """
     return {
         candidate.traits.wrong_samples_of: candidate.name

@@ -79,7 +79,7 @@ class Fit:
 
     @property
     def layout(self) -> FitLayout:
-        """Which unknowns there are, and which record sees which."""
+        """Layout of the unknowns: which there are, and which record each belongs to."""
         return self.problem.layout
 
     @property
@@ -114,7 +114,9 @@ class Fit:
 
     @property
     def log_likelihood(self) -> float:
-        """Of the data, Gaussian, at the estimated variances; the prior's term included."""
+        """Gaussian log likelihood of the data at the estimated variances; the prior's term
+        included.
+        """
         return -self.cost - 0.5 * float(self.counts.sum()) * (1.0 + np.log(2.0 * np.pi))
 
     def normal_equations(self) -> tuple[np.ndarray, np.ndarray]:
@@ -213,8 +215,8 @@ class _Search:
         return local_model(information, gradient, fit.theta, self.problem.low, self.problem.high)
 
     def least(self) -> float:
-        """Near the optimum no damping goes too far, and any would creep along what the data know a
-        hundredth as well.
+        """Return the least damping: near the optimum no damping goes too far, and any would creep
+        along directions that the data hardly determine.
         """
         steady = not self.curved or self.gain <= _NEAR
         return LEAST_DAMPING if steady else self.problem.layout.settings.least_damping

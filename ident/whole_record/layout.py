@@ -524,7 +524,7 @@ class FitProblem:
 
     @property
     def start(self) -> np.ndarray:
-        """Where the fit begins, ``(n,)``."""
+        """Starting values of the fit, ``(n,)``."""
         return np.concatenate([self.layout.start, self.noise_model.start])
 
     @property

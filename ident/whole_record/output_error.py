@@ -117,7 +117,7 @@ def _settled(begun: Fit | None, best: Fit | None) -> bool:
 
 
 def _least(found: Fit | None, starts: Sequence[FitLayout]) -> Fit | None:
-    """Of a fit and those from further starts the one of least cost."""
+    """Return the fit of least cost among a fit and those from further starts."""
     fits = [
         found,
         *(
@@ -407,7 +407,9 @@ def fit_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
 
 
 def prior_information(fit: Fit) -> np.ndarray | None:
-    """What the priors of a fit say of its unknowns, ``(n, n)``; None where it counts none."""
+    """Return the information ``(n, n)`` of the priors about the unknowns of a fit; None if it has
+    no priors.
+    """
     prior = fit.layout.prior
     if prior is None:
         return None
@@ -554,7 +556,7 @@ def failed_fit(fit: Fit, declared: Mapping[str, float]) -> tuple[str, str]:
 
 
 def _remedy(fit: Fit) -> str:
-    """What to do about a failed fit; of a motion that grows by itself, how long a record may be."""
+    """Return the remedy for a failed fit; for a motion that grows by itself, the longest record."""
     layout = fit.layout
     rate = max(fastest(layout), fastest(layout, fit.theta))
     longest = max(

@@ -194,8 +194,8 @@ def sample_outputs(
 def _all_edges(
     problem: RecordProblem, p: Sequence[Any], X: list[Any], drive: Drive, apart: Sequence[int]
 ) -> list[list[Any]]:
-    """As ``cross_intervals`` from ``X (c, K + 1)``, worked out for the columns ``apart`` alone; the
-    others move as column 0 does.
+    """Return the same as ``cross_intervals`` from ``X (c, K + 1)``, computed for the columns
+    ``apart`` alone; the others move as column 0 does.
     """
     starts, c = [row[:, :-1] for row in X], len(X[0])
     if len(apart) == c:
@@ -367,8 +367,8 @@ def linear_record(
 
 
 def _along(guess: np.ndarray, moves: np.ndarray, fed: np.ndarray, substeps: int) -> np.ndarray:
-    """What each step is fed with, (states, 1, inputs) ``(M, l)``, its states from the guess at the
-    node before.
+    """Return the arguments of each step, (states, 1, inputs) ``(M, l)``, with its states from the
+    guess at the node before.
     """
     n_x = len(guess)
     out = np.empty((len(fed), n_x + fed.shape[1]))
@@ -409,8 +409,8 @@ def _solved(band: np.ndarray, right: np.ndarray) -> np.ndarray:
 def _step_matrices(
     rates: np.ndarray, by_rates: np.ndarray, dt: float, order: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of a step of so many terms its matrix ``(n_x, l)`` on (states, 1, inputs) and the derivatives
-    ``(c, n_x, l)``, from those of the rates.
+    """Return the matrix ``(n_x, l)`` of a step of this order on (states, 1, inputs), and its
+    derivatives ``(c, n_x, l)``, from those of the rates.
 
     I + A + A^2/2 + ... of the square matrix with the rates in its first rows and zeros below, which
     holds 1 and the inputs.

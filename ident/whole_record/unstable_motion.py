@@ -94,8 +94,8 @@ def projectable(layout: FitLayout) -> bool:
 
 
 def fit_projected(layout: FitLayout, guesses: list[np.ndarray] | None = None) -> Fit | None:
-    """As ``fit_unstable`` for a start that is near, so that the whole is met at once; priors are
-    counted, if ``projectable``.
+    """Fit as ``fit_unstable`` does, from a start near enough to fit the whole record at once;
+    priors are counted, if ``projectable``.
     """
     exact = replace(
         layout, problems=tuple(replace(problem, exact=True) for problem in layout.problems)

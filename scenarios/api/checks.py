@@ -62,7 +62,7 @@ class Check:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What stands and what cannot be told, one sentence each."""
+        """Findings and open questions, one sentence each."""
         return tuple(finding_lines(self.details))
 
     @property
@@ -72,16 +72,16 @@ class Check:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against the records, one sentence each."""
+        """Warnings, one sentence each."""
         return in_python_words((*self.details.look.doubts, *self.details.look.set_aside))
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """How the records were prepared, one sentence each."""
+        """Notes on the preparation of the records, one sentence each."""
         return (*self.details.notes, *self.details.result.notes)
 
     def summary(self) -> str:
-        """What the command prints."""
+        """Return the text that the command prints."""
         from scenarios.compatibility.report import print_check
         from scenarios.report.quantities import as_text
 
@@ -203,14 +203,14 @@ class Maneuvers:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a user should know, one sentence each."""
+        """Warnings, one sentence each."""
         return in_python_words(self.details.cautions)
 
     def __len__(self) -> int:
         return len(self.details.maneuvers)
 
     def summary(self) -> str:
-        """What the command prints."""
+        """Return the text that the command prints."""
         from scenarios.maneuvers import print_maneuvers
         from scenarios.report.quantities import as_text
 
@@ -352,11 +352,11 @@ class FrequencyResponse:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a user should know, one sentence each."""
+        """Warnings, one sentence each."""
         return in_python_words(self.details.cautions)
 
     def summary(self) -> str:
-        """What the command prints."""
+        """Return the text that the command prints."""
         from scenarios.report.quantities import as_text
         from scenarios.responses.report import print_responses
 

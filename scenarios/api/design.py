@@ -68,7 +68,7 @@ class Design:
 
     @property
     def command(self) -> str:
-        """What is typed for the same design."""
+        """Return the command line of the same design."""
         return self.details.request.command()
 
     def maneuver(self, kind: str | None = None) -> Record:
@@ -125,7 +125,7 @@ class Design:
         return pandas.DataFrame(rows).set_index("maneuver")
 
     def summary(self) -> str:
-        """What the command prints."""
+        """Return the text that the command prints."""
         return design_text(self.details)
 
     def save(
@@ -251,7 +251,7 @@ class Structure:
         return {name: dict(told) for name, told in self.details.predicted.items()}
 
     def summary(self) -> str:
-        """What the command prints."""
+        """Return the text that the command prints."""
         from scenarios.structure.report import structure_text
 
         return structure_text(self.details)

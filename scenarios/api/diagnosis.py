@@ -80,7 +80,7 @@ class Diagnosis:
 
     @property
     def sentence(self) -> str:
-        """What the verdict means."""
+        """Meaning of the verdict, in one sentence."""
         return self.details.diagnosis.verdict.sentence
 
     @property
@@ -127,31 +127,31 @@ class Diagnosis:
 
     @property
     def records(self) -> tuple[Record, ...]:
-        """What was fitted, as it was prepared."""
+        """Fitted records, as they were prepared."""
         return tuple(record_of(record) for record in self.details.records)
 
     @property
     def predicted(self) -> tuple[Record, ...]:
-        """What was not fitted but predicted."""
+        """Records that were predicted and not fitted."""
         return tuple(record_of(record) for record in self.details.validation)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against the records or the result, one sentence each."""
+        """Reasons against the records or the result, one sentence each."""
         from scenarios.diagnosis.report.evidence import warnings_of
 
         return in_python_words((*self.details.doubts, *warnings_of(self.details)))
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """How the records were prepared, one sentence each."""
+        """Notes on the preparation of the records, one sentence each."""
         return self.details.notes
 
     def __getitem__(self, name: str) -> Parameter:
         return self.parameters[name]
 
     def summary(self) -> str:
-        """What the command prints."""
+        """Return the text that the command prints."""
         from scenarios.diagnosis.report.text import diagnosis_text
 
         return diagnosis_text(self.details, details=KEPT)
@@ -367,7 +367,9 @@ class Survey:
 
     @property
     def computed(self) -> tuple[str, ...]:
-        """Of these, the flights that were diagnosed in this call; the others were kept."""
+        """Flights that were diagnosed in this call; the results of the others were kept from
+        before.
+        """
         return self.details.survey_files.computed
 
     @property
@@ -419,7 +421,7 @@ class Survey:
         return survey_content(self.details, now())
 
     def summary(self) -> str:
-        """What the command prints."""
+        """Return the text that the command prints."""
         return survey_text(self.details, details=KEPT)
 
     def save(

@@ -201,7 +201,7 @@ def held_out(found: Fitted, number: int = 0) -> Figure:
 
 
 def correlation(found: Fitted) -> Figure:
-    """How estimates hang together."""
+    """Plot the correlations of the estimates."""
     from scenarios.plots.estimates import figure_correlation
 
     inner = found.details.found
@@ -215,8 +215,8 @@ def correlation(found: Fitted) -> Figure:
 
 
 def residuals(found: Traced, number: int = 0) -> Figure:
-    """What the model leaves of a fitted record, before and after; ``number`` counts the fitted
-    records from 0.
+    """Plot the residuals of a fitted record, before and after; ``number`` counts the fitted records
+    from 0.
     """
     return _of_diagnosis(found, "residuals", number)
 

@@ -57,7 +57,7 @@ class Record:
 
     @property
     def name(self) -> str:
-        """What messages call it."""
+        """Name of the record in messages."""
         return self.file.identity.name
 
     @property
@@ -251,7 +251,9 @@ class Record:
 
     @staticmethod
     def from_pandas(frame: pandas.DataFrame, **told: Any) -> Record:
-        """As ``read_record``; what ``to_pandas`` put into ``attrs`` is taken from there."""
+        """Read a DataFrame as ``read_record`` reads a file; metadata that ``to_pandas`` wrote into
+        ``attrs`` are used.
+        """
         return read_record(frame, **told)
 
     def to_xarray(self) -> xarray.Dataset:
@@ -262,7 +264,9 @@ class Record:
 
     @staticmethod
     def from_xarray(dataset: xarray.Dataset, **told: Any) -> Record:
-        """As ``read_record``; units from the attributes ``units`` of the variables."""
+        """Read a Dataset as ``read_record`` reads a file; units come from the attributes ``units``
+        of the variables.
+        """
         return read_record(dataset, **told)
 
     def to_control(self) -> control.TimeResponseData:
@@ -273,7 +277,7 @@ class Record:
 
     @staticmethod
     def from_control(response: control.TimeResponseData, **told: Any) -> Record:
-        """As ``read_record``; names are the response's labels."""
+        """Read a response as ``read_record`` reads a file; names are the response's labels."""
         return read_record(response, **told)
 
 

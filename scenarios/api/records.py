@@ -473,7 +473,9 @@ def unpacked(source: Any) -> tuple[Path | Mapping[str, Any], ContainerFacts]:
 
 
 def _of_attributes(attributes: Mapping[str, Any]) -> ContainerFacts:
-    """What ``to_pandas`` and ``to_xarray`` put down; other people's attributes are left alone."""
+    """Read the attributes that ``to_pandas`` and ``to_xarray`` wrote; other attributes are
+    ignored.
+    """
     units, name, hold, inputs = (attributes.get(key) for key in ("units", "name", "hold", "inputs"))
     return ContainerFacts(
         {str(key): str(value) for key, value in units.items()}

@@ -115,7 +115,9 @@ class Study:
 
     @cached_property
     def parameters(self) -> Parameters:
-        """What the main method estimated; of a diagnosis the parameters with what was found."""
+        """Parameters that the main method estimated; of a diagnosis those with the effects
+        found.
+        """
         if self.diagnosis is not None:
             return self.diagnosis.parameters
         if self.kind == "sweep":
@@ -152,12 +154,12 @@ class Study:
 
     @cached_property
     def diagnosis(self) -> Diagnosis | None:
-        """What the tracing loop said, of scenarios of its own."""
+        """Diagnosis of the tracing loop, for tracing scenarios only."""
         return Diagnosis(self.details.tracing) if self.kind == "trace" else None
 
     @cached_property
     def records(self) -> tuple[Record, ...]:
-        """What the estimator or the loop saw."""
+        """Records that the estimator or the loop used."""
         if self.kind == IDENTIFICATION:
             return (record_of(self.details.record),)
         if self.diagnosis is not None:
@@ -175,7 +177,7 @@ class Study:
         return self.parameters[name]
 
     def summary(self) -> str:
-        """What the command prints."""
+        """Return the text that the command prints."""
         return self._runner.text(self.details)
 
     def to_dataframe(self) -> pandas.DataFrame:
@@ -444,7 +446,7 @@ class Campaign:
         )
 
     def summary(self) -> str:
-        """What the command prints."""
+        """Return the text that the command prints."""
         from scenarios.report.quantities import as_text
         from scenarios.studies.campaign_report import print_campaign
 

@@ -50,12 +50,12 @@ class Vehicle:
 
     @property
     def derivatives(self) -> dict[str, Any]:
-        """Where the search starts."""
+        """Starting values of the derivatives."""
         return dict(self.content.get("derivatives", {}))
 
     @property
     def parameters(self) -> VehicleParameters:
-        """What may be estimated, by name: ``vehicle.parameters["Cm_q"].fix(-28.0)``."""
+        """Parameters that may be estimated, by name: ``vehicle.parameters["Cm_q"].fix(-28.0)``."""
         return VehicleParameters(self)
 
     def __getitem__(self, key: str) -> Any:
@@ -78,8 +78,8 @@ class Vehicle:
         return Path(path)
 
     def source_for(self, model: str) -> Source:
-        """What a command would read of it for a model: elastic modes go where the model has
-        none.
+        """Return the source that a command would read for a model: elastic modes are omitted if the
+        model has none.
         """
         if self.source is not None:
             return self.source
@@ -157,7 +157,7 @@ def _path_of(given: Any) -> Path:
 
 
 def source_of(given: Any, model: str) -> Source | None:
-    """What a request takes for the vehicle that a caller gave; None where he gave none."""
+    """Return the source of the vehicle that a caller gave; None if the caller gave none."""
     if given is None:
         return None
     return vehicle(given).source_for(model)
@@ -209,7 +209,7 @@ class VehicleParameter:
 
     @property
     def start(self) -> Any:
-        """Where the search starts, the fixed value, or what a tie gives; None: not known."""
+        """Starting value, fixed value, or value of a tie; None if it is not known."""
         fixed = _fixed(self.vehicle.content)
         if fixed.get(self.name) is not None:
             return fixed[self.name]
@@ -219,7 +219,7 @@ class VehicleParameter:
         return self._followed()
 
     def _followed(self) -> float | None:
-        """What the terms of a tie give at the starts; None where that is no number."""
+        """Return the value of a tie at the starting values; None if that is no number."""
         terms = self.vehicle.content.get(TIED, {}).get(self.name)
         total = 0.0
         for term in [terms] if isinstance(terms, Mapping) else terms or [{}]:

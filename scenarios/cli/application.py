@@ -56,8 +56,8 @@ ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasatt
 
 @contextmanager
 def ending_signals() -> Iterator[list[int]]:
-    """While the body runs, SIGTERM and SIGHUP raise KeyboardInterrupt; the list holds the numbers
-    of those that came.
+    """Raise KeyboardInterrupt on SIGTERM and SIGHUP while the body runs; the list holds the numbers
+    of the signals received.
 
     A signal that the process was started to ignore, as ``nohup`` does, stays ignored. A fork ends
     at once, as it would without this.

@@ -78,7 +78,7 @@ def _expanded(given: list[str], several: Sequence[str]) -> tuple[list[str], int]
 
 
 def _unsaid(option: str, taken: int) -> list[str]:
-    """What an option means that was given no word."""
+    """Return the default meaning of an option without a value."""
     return [NONE_MEANS[option]] if option in NONE_MEANS and taken == 0 else []
 
 
@@ -103,8 +103,8 @@ def scenario_or_own(
     duration: float | None,
     rate: float | None,
 ) -> str | OwnFlight:
-    """What is to be flown: a scenario by its name, or a user's own model with what else was said of
-    its flight.
+    """Return the flight to simulate: a scenario by its name, or a user model with the given
+    properties of its flight.
 
     Raises
     ------
@@ -219,7 +219,7 @@ def _usage(error: Any) -> str:
 
 
 def _of_system(error: OSError) -> str:
-    """What the operating system refused, of which file, and what may help."""
+    """Return what the operating system refused, for which file, and a remedy."""
     remedies = {
         **dict.fromkeys(_FULL, "make room, or write to another place"),
         **dict.fromkeys(

@@ -265,7 +265,9 @@ def show_models(name: str | None) -> None:
 
 
 def _explanation(equations: Equations) -> str:
-    """What the equations are: their ``explanation``, or what the file that holds them says."""
+    """Return the explanation of the equations: their ``explanation``, or the docstring of their
+    file.
+    """
     from scenarios.files.vehicles import AIRCRAFT
 
     if text := getattr(equations, "explanation", ""):
@@ -363,7 +365,7 @@ def _print_block(heading: str, entries: Sequence[str]) -> None:
 
 
 def print_checks(model: Model) -> None:
-    """What a user's model can be asked before there is a record. Raises ModelError where arrays or
+    """Print the checks of a user model that need no record. Raises ModelError where arrays or
     complex steps do not pass through it.
     """
     from scenarios.identification.model_checks import (

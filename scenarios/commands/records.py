@@ -106,7 +106,7 @@ ALL = "all"  # of --profile: every parameter
 def options_of(
     profile: Sequence[str] | None, band: tuple[float, float] | None, engine: str | None = None
 ) -> Options:
-    """What a command line asks besides the method."""
+    """Return the options of an identification other than the method."""
     names = None if profile is None else () if ALL in profile else tuple(dict.fromkeys(profile))
     return Options(names, band, engine)
 

@@ -181,7 +181,9 @@ def run_scenarios(
 
 
 def _kept(folders: Sequence[Path | None], of: int, told: bool) -> str:
-    """What there is when ``run`` is stopped; empty where there is nothing."""
+    """Return a sentence on the results that remain if ``run`` is stopped; empty if there are
+    none.
+    """
     if not folders or not told:
         return ""
     written = [str(folder) for folder in folders if folder is not None]
@@ -415,8 +417,8 @@ def _run(
 def _assessed(
     campaign: CampaignRuns, levels: bool, tell: CampaignProgress
 ) -> tuple[Judgement, bool]:
-    """What is said of the runs; of a campaign that was stopped no causes. False where Ctrl-C ended
-    the search for them.
+    """Return the judgement of the runs; a stopped campaign has no causes. The bool is False if
+    Ctrl-C ended the search for causes.
     """
     whole = len(campaign.seeds) == campaign.asked
     tell("whether the sigmas are right, and why not", 1.0)

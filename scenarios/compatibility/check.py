@@ -183,7 +183,7 @@ def lacks_airspeed(result: Compatibility) -> bool:
 
 
 def _how_to_give_the_airspeed(result: Compatibility, vehicle: InputFile | None) -> tuple[str, ...]:
-    """What to add where a relation lacks the airspeed; empty where none does."""
+    """Return remedies for a relation that lacks the airspeed; empty if none does."""
     if not lacks_airspeed(result):
         return ()
     if vehicle is not None:
@@ -293,7 +293,7 @@ def _unwrapped(record: Record) -> Record:
 
 
 def _expected(vehicle: VehicleFile | None) -> Expectations:
-    """What a vehicle file lets one expect of the raw columns."""
+    """Return the properties of the raw columns that a vehicle file lets one expect."""
     from scenarios.preparation.declared_model import model_of_file
 
     if vehicle is None or not (vehicle.model or vehicle.own):

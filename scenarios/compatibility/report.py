@@ -163,7 +163,7 @@ def _noise(check: CompatibilityCheck) -> str:
 
 
 def finding_lines(check: CompatibilityCheck) -> list[str]:
-    """What stands, in sentences; and where the two methods disagree."""
+    """Return the accepted findings in sentences, and where the two methods disagree."""
     result, lines = check.result, []
     said: set[str] = set()
     for finding in result.findings:
@@ -232,12 +232,12 @@ def sentence(finding: SensorFinding) -> str:
 
 
 def fit_as_well(group: Sequence[str]) -> str:
-    """That other faults fit the data as well as the one that is named."""
+    """Return a sentence that names the faults which fit the data as well as the accepted one."""
     return f"{' or '.join(group)} fits these data as well"
 
 
 def fault_text(finding: SensorFinding) -> str:
-    """What is wrong with the sensor, and by how much."""
+    """Return a description of the sensor fault with its size."""
     factor, shown = shown_in(finding.unit)
     place = PLACES.get(finding.kind)
     size = abs(finding.value) if place else finding.value

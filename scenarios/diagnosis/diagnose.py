@@ -343,7 +343,7 @@ def _source(request: Request, vehicle: VehicleFile) -> Source | None:
 
 
 def _names(request: Request, vehicle: VehicleFile) -> Mapping[str, str]:
-    """What stands for the files on a command line."""
+    """Return the names of model and vehicle file for a command line."""
     from scenarios.diagnosis.opening import vehicle_path_of
 
     path = vehicle_path_of(request)

@@ -249,7 +249,7 @@ def _ruled_out(claim: Claim, result: Compatibility) -> Agreement | None:
 
 
 def late_instead(own: SensorFinding, result: Compatibility) -> SensorFinding | None:
-    """What stands in the place of a finding that does not: another way for the same channel to be
+    """Return the finding that replaces a rejected one: another way for the same channel to be
     late.
     """
     if own.stands or not _late(own):
@@ -306,8 +306,8 @@ def _unproven(claim: Claim, mine: Quantity, item: SensorEstimate | None) -> Agre
 
 
 def worth_of(item: SensorEstimate | SensorFinding) -> float:
-    """What interpolation and an airspeed slightly wrong make of the size of a fault, beside its
-    standard deviation.
+    """Return the error of a fault's size from interpolation and a slightly wrong airspeed, in
+    addition to its standard deviation.
     """
     from ident.compatibility.kinematics import SensorFault
 
@@ -387,8 +387,8 @@ def kinematics_of_files(
     choices: Mapping[str, ColumnChoice] | None = None,
     plan: Plan | None = None,
 ) -> Kinematics:
-    """What ``flightid check`` says of all parts of files that measure what the model's relations
-    need, of about ``ENOUGH`` samples; never raised, but told.
+    """Return the results of ``flightid check`` for all parts of files that measure the channels of
+    the model's relations, with about ``ENOUGH`` samples; failures are reported, not raised.
 
     ``choices``: a channel map. ``plan``: how they are prepared; its segments are not asked.
     """
@@ -447,8 +447,8 @@ def kinematics_of(
 def _level(
     records: list[Record], settings: CompatibilitySettings, asked: Relations
 ) -> tuple[list[Record], list[str]]:
-    """Of relations without a bank angle the records in which the wings were level enough for them,
-    and what is said of the others.
+    """Return the records in which the wings are level enough for relations without a bank angle,
+    and remarks on the others.
     """
     from ident.compatibility.six_degrees.kinematics import misled_by_bank
 

@@ -92,8 +92,8 @@ def _may_change(effect: Effect, model: Model) -> bool:
 
 
 def can_act(effects: Sequence[Act], model: Model) -> tuple[Act, ...]:
-    """Those effects that find the signals they take: an own model may have a channel's name without
-    what the library's models form beside it.
+    """Return the effects whose signals exist: a user model may have a channel's name without the
+    signals that the library's models form beside it.
     """
     return tuple(effect for effect in effects if not is_own(model) or _acts(effect, model))
 
@@ -237,8 +237,8 @@ def settings_of(effort: str) -> TraceSettings:
 
 
 def effort_sentence(effort: str, diagnosis: Diagnosis) -> str:
-    """Which effort was made, and whether a greater one would look further: where a search used all
-    its fits and the residual is not explained.
+    """Return a sentence on the effort made, and whether a greater one would look further: if a
+    search used all its fits and the residual is not explained.
     """
     if not (diagnosis.stopped and diagnosis.verdict in (Verdict.PARTIAL, Verdict.UNEXPLAINED)):
         return f"effort: {effort}"
@@ -466,7 +466,7 @@ class InputReading:
         return self.plan.hold is None and not any(file.sidecar.says_hold for file in files)
 
     def posed(self) -> Posed:
-        """What the loop is given with linear inputs."""
+        """Problem of the loop, with linear inputs."""
         if self.linear is None:
             self.linear = posed_for(self.opened, replace(self.plan, hold=Hold.LINEAR))
         return self.linear
@@ -546,7 +546,8 @@ def refitted(
 
 
 def left_open(again: Refit, first: Diagnosis) -> tuple[Diagnosis, tuple[str, ...]]:
-    """What the second reading changes by more than a sigma, where it explains the records as well.
+    """Return the changes by more than a sigma under the second reading, if it explains the records
+    as well.
 
     Returns
     -------

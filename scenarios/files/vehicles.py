@@ -308,7 +308,7 @@ def read_any_vehicle(path: str | Path | Source) -> VehicleFile:
 
 
 def vehicle_of(source: Source, model: str) -> VehicleFile:
-    """What a file that was read says of a vehicle, for one of ``MODELS``.
+    """Return the vehicle of a file that was read, for one of ``MODELS``.
 
     A value is a number in SI units or a text with a unit, ``"24200 lb"``. The starts of an elastic
     mode stand in its ``[[modes]]`` table; under ``[derivatives]`` they serve as well.

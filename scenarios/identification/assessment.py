@@ -222,8 +222,8 @@ def profiled(
 
 
 def trained_by(system: System, values: Mapping[str, float], settings: FitSettings) -> Trained:
-    """What a free simulation of another record takes from an estimate: ``values`` where they are
-    given, else what the system holds.
+    """Return the values that a free simulation of another record takes from an estimate: ``values``
+    if they are given, else those of the system.
     """
     known = {item.name: float(values.get(item.name, item.value)) for item in system.parameters}
     biases = {name: value for name, value in known.items() if name.startswith("bias_")}
@@ -239,8 +239,8 @@ PLACES = 3  # times that a sentence names
 def isolated_outliers(
     outputs: Sequence[str], simulated: Sequence[np.ndarray], records: Sequence[Record]
 ) -> list[dict[str, np.ndarray]]:
-    """Of each record ``(N,)`` by channel: True at its wild points, from what the simulations miss;
-    channels without any are left out.
+    """Return, for each record, masks ``(N,)`` by channel that are True at its outliers, found from
+    the residuals of the simulations; channels without any are left out.
 
     ``simulated``: ``(m, N)`` of the ``outputs`` of each record. ``records``: with all their
     samples.
@@ -299,7 +299,7 @@ def without(record: Record, masks: dict[str, np.ndarray]) -> Record:
 def with_outliers(
     look: RecordCheck, records: Sequence[Record], masks: Sequence[dict[str, np.ndarray]]
 ) -> RecordCheck:
-    """What was seen in the records, with their wild points."""
+    """Return the record check with the outliers of the records added."""
     seen = [
         _seen(record, name, mask)
         for record, some in zip(records, masks, strict=True)
@@ -516,7 +516,7 @@ class OtherReading:
 
     @property
     def sentence(self) -> str:
-        """That derivatives hang on the reading, and how the choice is made."""
+        """Sentence that derivatives depend on the reading of the record, and how to choose it."""
         names = ", ".join(row.name for row, _ in self.moved)
         how = "as well" if abs(self.gain) < 0.05 else "better" if self.gain > 0.0 else "worse"
         fits = f"fits {how} (twice the log likelihood {self.gain:+.1f})"
@@ -536,7 +536,9 @@ def opposite(hold: Hold) -> Hold:
 def other_reading(
     used: Hold, rows: Sequence[Row], read_otherwise: Sequence[Row], gain: float
 ) -> OtherReading | None:
-    """What moves by more than a sigma between the two readings; None where nothing does."""
+    """Return the values that move by more than a sigma between the two readings; None if nothing
+    does.
+    """
     again = {row.name: row for row in read_otherwise}
     pairs = [(row, again[row.name]) for row in rows if row.name in again]
     moved = tuple(

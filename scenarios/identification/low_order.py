@@ -341,7 +341,9 @@ def _middle(record: Record) -> dict[str, float]:
 
 
 def state_space_content(space: StateSpace) -> dict[str, Any]:
-    """What a JSON file holds: matrices as rows, signals with units, the point, roots of A."""
+    """Return the content of the JSON file: matrices as rows, signals with units, the point, roots
+    of A.
+    """
     roots = space.eigenvalues
     return {
         "schema": SCHEMA,

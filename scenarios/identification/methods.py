@@ -482,8 +482,8 @@ def _for_filter(model: Model, record: Record, outputs: list[str], fit: Estimate)
 
 
 def _settled_actuators(model: Model, record: Record) -> list[Parameter]:
-    """Where the states of the model's own lags begin in a filter: settled at the first input, as a
-    whole-record simulation has them.
+    """Return the initial states of the model's own lags in a filter: settled at the first input, as
+    a whole-record simulation has them.
     """
     lags = [effect for effect in model.effects if isinstance(effect, ActuatorLag)]
     first = {effect.signal: float(record[effect.signal].values[0]) for effect in lags}

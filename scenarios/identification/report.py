@@ -92,7 +92,7 @@ from scenarios.studies.published import Row
 def constraints_content(
     constraints: Constraints, tied: Sequence[Row], at_bounds: Sequence[AtBound]
 ) -> dict[str, Any]:
-    """What the vehicle file lays down and what came of it; empty where nothing is."""
+    """Return the constraints of the vehicle file and their results; empty if there are none."""
     out: dict[str, Any] = {}
     if constraints.fixed:
         out["held"] = list(constraints.fixed)
@@ -202,7 +202,7 @@ def intervals_table(intervals: Sequence[ProfileInterval], units: Mapping[str, st
 
 
 def interval_sentences(intervals: Sequence[ProfileInterval]) -> list[str]:
-    """What a sigma does not tell of them."""
+    """Return sentences on open ends and asymmetry of intervals, and on likelier values in them."""
     said: list[str] = []
     odd = [each for each in intervals if not each.agrees]
     open_ends = [f"{each.name} is open {' and '.join(_open(each))}" for each in odd if _open(each)]
@@ -444,7 +444,9 @@ def _estimates(caption: str, found: IdentificationResult, rows: Sequence[Row]) -
 
 
 def _considered(found: IdentificationResult) -> list[Block]:
-    """What uncertain constants add to the sigmas; nothing where no constant is uncertain."""
+    """Return the contribution of uncertain constants to the sigmas; empty if no constant is
+    uncertain.
+    """
     if found.considered is None or not found.considered.constants:
         return []
     return [considered_table(found.considered, tuple(row.name for row in found.rows))]
@@ -584,7 +586,7 @@ def _model(found: IdentificationResult) -> str:
 
 
 def _command(found: IdentificationResult, files: Sequence[InputFile]) -> list[str]:
-    """What would be typed for this, as far as the result tells."""
+    """Return the command line of this identification, as far as the result tells."""
     vehicle = found.vehicle.identity
     given = ["--vehicle", os.fspath(vehicle.name)] if vehicle is not None else []
     return [

@@ -150,7 +150,7 @@ SCHEMA = "flightid/design/1"
 
 
 def design_content(design: DesignResult) -> dict[str, Any]:
-    """Everything of a design but its time series."""
+    """Return everything of a design but its time series."""
     setting = design.setting
     files = {"vehicle": setting.vehicle.identity, "model": setting.vehicle.own_file}
     return {

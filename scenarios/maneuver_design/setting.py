@@ -109,7 +109,7 @@ class DesignRequest:
 
     @property
     def flown(self) -> Flyer:
-        """Who moves the controls."""
+        """Pilot or computer that moves the controls."""
         return COMPUTER if self.computer else PILOT
 
 

@@ -84,7 +84,7 @@ _FACTORS = {
 
 
 def display_unit(unit: str, name: str = "") -> DisplayUnit:
-    """How a unit of ours is shown, as in every table, with typeset powers; ``name`` tells a
+    """Return the display unit of a unit, as in every table, with typeset powers; ``name`` tells a
     frequency from a rate.
 
     A label of an unknown kind (that of a stick) is kept.

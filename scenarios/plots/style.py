@@ -251,7 +251,9 @@ def folded(text: str, width: float, points: float = LABEL_SIZE) -> list[str]:
 
 
 def text_width(text: str, points: float = LABEL_SIZE) -> float:
-    """About how wide a text is, inches; the commands of mathtext count as one character each."""
+    """Return the approximate width of a text, inches; the commands of mathtext count as one
+    character each.
+    """
     return (
         _CHARACTER * points / TICK_SIZE * len(re.sub(r"\\[a-zA-Z]+", "x", text).translate(_UNSEEN))
     )

@@ -161,7 +161,7 @@ def signs(text: str) -> str:
 
 
 def as_sentence(text: str) -> str:
-    """With a large first letter and an end."""
+    """Return the text with a capital letter and a full stop."""
     return capital(text) + ("" if text.endswith((".", ":", "?", "!")) else ".")
 
 
@@ -171,8 +171,8 @@ def as_warning(text: str) -> str:
 
 
 def summary_sentences(summary: Summary) -> tuple[str, ...]:
-    """What matters most and what the fit leaves, of the five lines that a terminal shows; study and
-    outcome stand above them.
+    """Return the main results and the residual from the five lines that a terminal shows; study and
+    outcome precede them.
     """
     residual = f"residual: {summary.residual}" if summary.residual else ""
     return tuple(as_sentence(line) for line in (summary.result, residual) if line)

@@ -445,7 +445,7 @@ def _older(folder: Path) -> str:
 
 
 def _again(folder: Path) -> str:
-    """What to run, as far as the folder's own document tells."""
+    """Return the command to run, as far as the folder's own document tells."""
     document = _document(folder)
     name = document.get("scenario")
     if not document:

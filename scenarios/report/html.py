@@ -363,7 +363,7 @@ def figure_html(figure: Figure) -> str:
 
 
 def _policy(style: str, script: str) -> str:
-    """What a page may load: its one style and its one script, by their hashes."""
+    """Return the content policy of a page: its one style and its one script, by their hashes."""
     return (
         f"default-src 'none'; style-src '{_digest(style)}'; script-src '{_digest(script)}'; "
         "base-uri 'none'; form-action 'none'"

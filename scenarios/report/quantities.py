@@ -39,8 +39,8 @@ class Shown(NamedTuple):
 
 
 def shown_in(unit: str, name: str = "") -> Shown:
-    """How a quantity of ``unit`` is shown; its ``name`` tells a frequency, which nobody reads in
-    deg/s, from a rate.
+    """Return the display unit of a quantity of ``unit``; its ``name`` tells a frequency, which
+    nobody reads in deg/s, from a rate.
     """
     if unit in DEGREES and name not in LOADS and not is_frequency(name, unit):
         return Shown(180.0 / math.pi, DEGREES[unit])
@@ -217,8 +217,8 @@ def console() -> Console:
 
 
 def as_text(show: Callable[[Console], None]) -> str:
-    """What ``show`` prints, as it stands where the output is not a terminal, without blanks at the
-    ends of lines.
+    """Return the text that ``show`` prints where the output is not a terminal, without blanks at
+    the ends of lines.
     """
     out = Console(file=io.StringIO(), width=120, no_color=True, highlight=False, markup=False)
     show(out)
@@ -266,8 +266,8 @@ def _derived_text(key: str, value: float, std: float) -> str:
 
 
 def test_line(tests: Sequence[ResidualTest]) -> str:
-    """What the residual tests say, in one line: which outputs fail, in which axis where there are
-    several, and which axes are sound.
+    """Return the results of the residual tests in one line: which outputs fail, in which axis where
+    there are several, and which axes are sound.
     """
     failed = [test for test in tests if not test.passed]
     if not failed:

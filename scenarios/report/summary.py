@@ -339,7 +339,7 @@ def level_sentence(level: ModeLevel) -> str:
 
 
 def limit_text(level: ModeLevel) -> str:
-    """What keeps the estimate from the next better level; empty at level 1."""
+    """Return the reason why the estimate does not reach the next better level; empty at level 1."""
     if not level.decided_by:
         return ""
     words, unit = QUANTITIES[level.decided_by]
@@ -386,7 +386,7 @@ def levels_line(
 
 
 def levels_content(levels: Sequence[ModeLevel], flown: FlightPhase) -> dict[str, Any]:
-    """For a JSON file: level and probability of each mode, finite numbers only."""
+    """Return level and probability of each mode for a JSON file, finite numbers only."""
     return {
         "standard": STANDARD,
         "class": flown.aircraft_class,
@@ -473,7 +473,7 @@ def print_summary(out: Console, summary: Summary) -> None:
 
 
 def details_in(folder: Path | None) -> str:
-    """Where more is to be read: below, and in the study's folder, beginning with its page."""
+    """Return where more details are: below, and in the study's folder, beginning with its page."""
     return BELOW if folder is None else f"below; in {folder / PAGE}"
 
 
@@ -497,8 +497,8 @@ def value_phrase(name: str, value: float, std: float, unit: str) -> str:
 def result_phrase(
     values: Sequence[tuple[str, float, float, str]], derived: Mapping[str, tuple[float, float]]
 ) -> str:
-    """What follows from the parameters where anything does, and the first of them (name, value,
-    sigma, unit), ``SHOWN`` in all.
+    """Return the quantities that follow from the parameters, if any, and the first parameters
+    (name, value, sigma, unit), ``SHOWN`` in all.
     """
     follows = derived_line(dict(list(derived.items())[:SHOWN]))
     room = SHOWN - min(len(derived), SHOWN)

@@ -370,7 +370,7 @@ def derived_table(caption: str, derived: Mapping[str, tuple[float, float]]) -> T
 
 
 def tests_table(caption: str, tests: Sequence[ResidualTest]) -> Table:
-    """What the residual tests say of each channel."""
+    """Return a table with the residual tests of each channel."""
     columns = (Column("test"), Column("channel"), Column("p", PURE), Column("result"))
     return Table(
         caption,
@@ -387,7 +387,7 @@ def p_value(value: float) -> Number:
 
 
 def fixed_table(caption: str, fixed: Mapping[str, tuple[float, str]]) -> Table:
-    """What was held, with units."""
+    """Return a table of the fixed parameters, with units."""
     rows = tuple((name, _exact(value)) for name, (value, _) in fixed.items())
     return Table(
         caption,

@@ -307,8 +307,9 @@ def fit_cautions(fits: Fits | None) -> tuple[str, ...]:
 
 
 def _outside_band(function: FittedResponse, mismatch: Mismatch) -> list[str]:
-    """That a fitted mode lies where the response was not used: a dip of the coherence at a lightly
-    damped mode ends the usable band there."""
+    """Return a caution if a fitted mode lies outside the band that was used: a dip of the coherence
+    at a lightly damped mode ends the usable band there.
+    """
     low, high = (2.0 * math.pi * float(mismatch.frequency[end]) for end in (0, -1))
     mode = function.values.get("frequency")
     if mode is None or low <= mode <= high:

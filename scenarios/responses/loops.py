@@ -180,7 +180,7 @@ def fitting_sign(products: np.ndarray) -> str | None:
 
 
 def sign_caution(reference: str, command: str, returned: str, sign: str) -> str:
-    """That the signals contradict the ``sign`` that was named."""
+    """Return a caution that the signals contradict the ``sign`` that was given."""
     other = PLUS if sign == MINUS else MINUS
     return (
         f"{reference} is closer to {command} {'+' if other == MINUS else '-'} {returned}: "

@@ -51,7 +51,7 @@ TOGETHER = 0.98  # correlation of two surfaces: a variance inflation of 25
 
 
 def structure_text(found: FoundStructure, width: int = WIDTH, details: str = BELOW) -> str:
-    """What was found, for the terminal; ``details``: where the rest is kept."""
+    """Return the results for the terminal; ``details`` says where the rest is kept."""
     lines = [*summary_lines(structure_summary(found, details), width), ""]
     lines += wrapped(
         f"bandwidth of angular accelerations {found.histories[0].bandwidth:.2g} Hz; "
@@ -98,7 +98,7 @@ def _method(found: FoundStructure) -> str:
 
 
 def summary_table(found: FoundStructure) -> Table:
-    """How well each coefficient is described."""
+    """Return a table that shows how well each coefficient is described."""
     rows: list[list[Cell]] = []
     for axis, each in found.selections.items():
         rows.append(

@@ -253,7 +253,7 @@ def structure_of(
 
 
 def predicted_r2(found: FoundStructure, records: Sequence[Record]) -> dict[str, dict[str, float]]:
-    """How well a structure predicts the coefficients of maneuvers that it was not fitted to.
+    """Return R2 of the coefficients of maneuvers that a structure was not fitted to.
 
     Parameters
     ----------

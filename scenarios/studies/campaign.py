@@ -202,7 +202,7 @@ class EstimatorRuns:
         )
 
     def record_of(self, seed: int) -> Record:
-        """What a run measured, by its seed."""
+        """Return the record of a run, by its seed."""
         record, truth = self.common.record, self.common.truth
         noise = self.estimation.flown_noise_std
         if self.seen.flight.process_noise or self.seen.flight.feedback:

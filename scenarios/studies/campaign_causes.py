@@ -200,7 +200,9 @@ def _near(foretold: float, seen: float, runs: int) -> bool:
 
 
 def _by_prior(wrong: Wrong, bound: Bound | None, statistics: CampaignStatistics) -> Finding | None:
-    """Where the prior is so much of what is stated that it foretells the errors."""
+    """Return a finding if the prior has so large a part in the stated sigma that it predicts the
+    errors.
+    """
     # Where other things are stated, as with process noise, what is right of the bound is not right
     # of the method.
     if (
@@ -225,8 +227,8 @@ def _by_prior(wrong: Wrong, bound: Bound | None, statistics: CampaignStatistics)
 def _scale(
     bound: Bound | None, residuals: Residuals | None, campaign: CampaignRuns
 ) -> np.ndarray | None:
-    """By what sigmas ``(n,)`` are too small for coloured noise, of filters that take it for white;
-    None where it is white.
+    """Return the factors ``(n,)`` by which sigmas of filters that take coloured noise for white are
+    too small; None if it is white.
     """
     estimation = campaign.estimation
     if (
@@ -243,7 +245,7 @@ def _scale(
 def _by_colour(
     wrong: Wrong, scale: np.ndarray, residuals: Residuals, statistics: CampaignStatistics
 ) -> Finding | None:
-    """Where the colour of the noise alone foretells the scatter."""
+    """Return a finding if the colour of the noise alone predicts the scatter."""
     errors, factor = statistics.sigmas[wrong.at], float(scale[wrong.at])
     if wrong.mean**2 > OF_BIAS * wrong.rms**2 or not _near(factor, wrong.rms, len(errors)):
         return None
@@ -280,8 +282,8 @@ def _of_trial(wrong: Wrong, trial: Trial, strength: float | None) -> Finding:
 def _left(
     wrong: Wrong, trials: Trials, residuals: Residuals | None, statistics: CampaignStatistics
 ) -> Finding:
-    """Where no change cures: noise that is a bias, or a model that cannot follow the truth; the
-    sigma of half the runs, tried on the others.
+    """Return the finding if no change helps: noise acts as a bias, or the model cannot follow the
+    truth; the sigma of half the runs is tried on the others.
     """
     errors = statistics.sigmas[wrong.at]
     half, others = errors[::2], errors[1::2]

@@ -212,7 +212,9 @@ def direction(finding: Finding) -> str:
 
 
 def cause_sentences(found: Findings) -> list[str]:
-    """For each set of causes the parameters it concerns, what it is, and how that was told."""
+    """Return, for each set of causes, the parameters it concerns, the cause, and how it was
+    found.
+    """
     groups: dict[tuple[tuple[str, ...], bool], list[Finding]] = {}
     for each in found.found:
         groups.setdefault((each.causes, each.again), []).append(each)
@@ -226,7 +228,7 @@ def cause_sentences(found: Findings) -> list[str]:
 
 
 def _directions(group: list[Finding]) -> str:
-    """By what the sigmas of a group are wrong."""
+    """Return the factors by which the sigmas of a group are wrong."""
     parts = []
     for small, word in ((True, "too small"), (False, "too large")):
         factors = sorted(
@@ -245,7 +247,7 @@ def _directions(group: list[Finding]) -> str:
 
 
 def _how(group: list[Finding], found: Findings) -> str:
-    """From where the right sigma comes."""
+    """Return the source of the right sigma."""
     if group[0].again:
         return (
             f". With that changed, {found.again} of the runs computed again have the right sigma "
@@ -365,8 +367,8 @@ def _factor(value: float) -> str:
 
 
 def findings_content(found: Findings) -> dict[str, Any]:
-    """For ``campaign.json``: wrong sigmas by parameter, in SI, and noise levels where they were
-    looked for.
+    """Return the content of ``campaign.json``: wrong sigmas by parameter, in SI, and noise levels
+    if they were searched.
     """
     content: dict[str, Any] = {
         "wrong_sigmas": {each.name: _content(each) for each in found.found},
@@ -559,7 +561,7 @@ def print_campaign(
 
 
 def broken_words(campaign: CampaignRuns) -> str:
-    """How many runs are left out, and by what they ended."""
+    """Return the number of runs left out, and the reasons."""
     why = "; ".join(f"{count} {way}" for way, count in campaign.failures.items())
     return f"{campaign.broken} of {len(campaign.seeds)} runs broke down and are left out ({why})"
 

@@ -320,7 +320,7 @@ class ParameterStatistics:
 
     @property
     def two(self) -> Within:
-        """Within two sigmas."""
+        """Runs within two sigmas."""
         return self.coverage[1]
 
 
@@ -393,7 +393,7 @@ def coverage_of(sigmas: np.ndarray) -> tuple[Within, ...]:
 
 
 def squares(name: str, values: np.ndarray, degrees: np.ndarray) -> Squares | None:
-    """Of the runs that have such a sum; None where none has."""
+    """Return the statistics of a sum of squares over the runs that have it; None if none has."""
     there = np.isfinite(values) & (degrees > 0)
     if not np.any(there):
         return None
@@ -455,7 +455,7 @@ def _parameter(
 
 
 def statistics_content(found: CampaignStatistics) -> dict[str, Any]:
-    """Of each parameter and of NEES and NIS; what there is not is left out."""
+    """Return the statistics of each parameter and of NEES and NIS; missing ones are left out."""
     content: dict[str, Any] = {
         "parameters": {each.name: _content_parameter(each) for each in found.parameters}
     }

@@ -318,7 +318,7 @@ class Residuals:
 
 
 def residuals_of(work: EstimatorRuns, seeds: Sequence[int]) -> Residuals | None:
-    """From the first runs; None where the model held at the reference leaves all measure."""
+    """Return the residuals of the first runs; None if the model held at the reference diverges."""
     estimation, reference = work.estimation, work.common.reference
     model = work.common.model.with_values({name: reference[name] for name in work.parameters})
     held = {name: HELD * max(abs(reference[name]), 1e-3) for name in work.parameters}
@@ -400,8 +400,8 @@ def predicted_by_prior(bound: Bound, at: int) -> tuple[float, float]:
 
 
 def predicted_by_colour(bound: Bound, residuals: Residuals) -> np.ndarray | None:
-    """By what each stated sigma ``(n,)`` is to be multiplied where noise has the runs'
-    autocorrelation; None without sensitivities.
+    """Return the factor ``(n,)`` for each stated sigma if noise has the runs' autocorrelation; None
+    without sensitivities.
 
     The sandwich of Morelli and Klein (J. Guidance 20(1), 1997) with slopes at the reference and the
     mean correlation of the runs.
@@ -472,7 +472,7 @@ class Trials:
     def of(
         cls, campaign: CampaignRuns, levels: Levels | None, scale: np.ndarray | None = None
     ) -> Trials:
-        """Of the first sound runs."""
+        """Try the changes on the first sound runs."""
         work = campaign.work
         many = is_batched(campaign.estimation, bool(campaign.scenario.flight.feedback))
         seeds = tuple(
@@ -532,7 +532,7 @@ class Trials:
 def _changes(
     work: EstimatorRuns, levels: Levels | None, reference: np.ndarray
 ) -> Mapping[str, Estimation]:
-    """What can be changed of a method, each as the estimation with it."""
+    """Return the possible changes of a method, each as the estimation with it."""
     estimation = work.estimation
     if estimation.method == "equation-error":
         return {}
@@ -586,8 +586,8 @@ def _merged(estimation: Estimation, changed: Estimation, key: str) -> Estimation
 
 
 def closest(trials: Trials, at: Sequence[int]) -> dict[int, Trial]:
-    """For each parameter the smallest set of changes that makes its sigma right, where there is
-    one.
+    """Return, for each parameter, the smallest set of changes that makes its sigma right, if there
+    is one.
     """
     out: dict[int, Trial] = {}
     first = trials.trial(())

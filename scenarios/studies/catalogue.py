@@ -38,7 +38,7 @@ def scenario_names(kind: str | None = None) -> tuple[str, ...]:
 
 
 def scenario_kind(name: str) -> str:
-    """What a scenario studies, by the key ``kind`` of its file: ``IDENTIFICATION`` where it has
+    """Return the kind of a scenario, by the key ``kind`` of its file: ``IDENTIFICATION`` if it has
     none; a name or a path as ``load_document``.
     """
     document, _, where = load_document(name)
@@ -68,8 +68,8 @@ def scenario_text(name: str) -> str:
 
 
 def scenario_file(name: str) -> str:
-    """What messages call the file of a scenario: the path that a user gave, or a built-in name with
-    its ending.
+    """Return the name of a scenario's file in messages: the path that a user gave, or a built-in
+    name with its ending.
     """
     return name if name.endswith(".toml") else f"{name}.toml"
 

@@ -55,13 +55,15 @@ _MODAL = re.compile(
 
 
 def reference_lines(rows: Sequence[Row], estimation: Estimation) -> list[str]:
-    """What the columns of condensed and of published values are, where a table has them."""
+    """Return explanations of the columns of condensed and of published values, if a table has
+    them.
+    """
     condensed = [CONDENSED] if any(row.condensed is not None for row in rows) else []
     return condensed + ([SEE_PAPERS] if estimation.published is not None else [])
 
 
 def distance_text(distance: str) -> str:
-    """How far the flight is from the model that is fitted, in words."""
+    """Return the difference between the flight and the model that is fitted, in words."""
     return DISTANCES.get(distance, distance)
 
 
@@ -104,8 +106,8 @@ def _names(data: VehicleData, origin: Origin, flight: FlightPlan) -> list[str]:
 
 
 def vehicle_line(flight: FlightPlan) -> str:
-    """What is to be said of the vehicle's numbers in one line; empty where its source prints all of
-    them and none as it flies otherwise.
+    """Return one line on the vehicle's numbers; empty if its source prints all of them and none is
+    changed in flight.
     """
     told = [f"{', '.join(names)} ({words})" for words, names in vehicle_origins(flight).items()]
     told += [
@@ -138,8 +140,8 @@ def misprints(flight: FlightPlan) -> dict[str, tuple[str, str]]:
 
 
 def other_flight(scenario: Scenario, estimation: Estimation) -> Mapping[str, Any]:
-    """What the flight of an estimation has in the place of the scenario's, by key, SI; empty where
-    it sees the scenario's own.
+    """Return the values of an estimation's flight that replace the scenario's, by key, SI; empty if
+    it uses the scenario's own.
     """
     if estimation.flight is None:
         return {}
@@ -284,7 +286,7 @@ def bank_line(name: str, second: SecondPass | None) -> str:
 
 
 def bank_sentence(name: str, second: SecondPass | None) -> str:
-    """What stands behind ``engine:`` for a bank of delays."""
+    """Return the text after ``engine:`` for a bank of delays."""
     label = ENGINES[name].label
     if second is None:
         return label if name == "filterpy" else f"{label}; no sound filter to compare with filterpy"

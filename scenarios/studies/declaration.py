@@ -275,7 +275,7 @@ def _choices(own: Mapping[str, Any], found: Any, where: str, above: str) -> Iter
 
 
 def without_gone(own: Mapping[str, Any], before: Any, after: Any) -> dict[str, Any]:
-    """What ``own`` says of values that a change of the document took away is left out."""
+    """Leave out the entries of ``own`` for values that a change of the document removed."""
     out: dict[str, Any] = {}
     for name, reason in own.items():
         old, new = _inside(before, name), _inside(after, name)

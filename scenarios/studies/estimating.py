@@ -155,7 +155,7 @@ def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record
 
 
 def resting(model: Model) -> dict[str, float]:
-    """Where the inputs of an own model rest, by name, where that is not zero."""
+    """Return the rest values of the inputs of a user model, by name, if they are not zero."""
     names = [signal.name for signal in model.equations.inputs]
     return {name: value for name, value in zip(names, inputs_at_rest(model), strict=True) if value}
 
@@ -166,8 +166,8 @@ def maneuvers_by_input(
     place: str,
     rest: Mapping[str, float] = MappingProxyType({}),
 ) -> dict[str, Maneuver]:
-    """What moves each input, about where it rests; several maneuvers on one add up. ``place`` is
-    the key of the flight they belong to.
+    """Return the maneuver of each input about its rest value; several maneuvers on one input add
+    up. ``place`` is the key of the flight they belong to.
 
     Raises
     ------

@@ -95,8 +95,8 @@ def study_page(study: StudyResult, drawn: Sequence[Drawn] = ()) -> Page:
 
 
 def within_line(rows: Sequence[Row], reference: str) -> str:
-    """How many estimates lie within two of their sigmas of what they are held against; empty where
-    nothing is known.
+    """Return the number of estimates within two of their sigmas of the reference; empty if no
+    reference is known.
     """
     known = [row.sigmas for row in rows if row.sigmas is not None and row.std > 0.0]
     if not known:

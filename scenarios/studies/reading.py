@@ -177,7 +177,7 @@ def own_declared(estimation: Estimation, noise_std: Mapping[str, float]) -> Mode
 
 
 def own_biases(model: Model, outputs: Iterable[str]) -> list[str]:
-    """Those of the outputs whose sensors the file gives a free constant bias."""
+    """Return the outputs whose sensors have a free constant bias in the file."""
     told = model.equations.biased_outputs if isinstance(model.equations, Biased) else ()
     return [name for name in outputs if name in told]
 

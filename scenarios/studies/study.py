@@ -201,8 +201,8 @@ HONEST = 0.8
 def determine(
     estimation: Estimation, record: Record, model: Model, estimate: Estimate
 ) -> MethodDetermination:
-    """What ``record`` and the priors of ``model`` say of the parameters, at the estimate and with
-    the noise that the model declares.
+    """Return how well ``record`` and the priors of ``model`` determine the parameters, at the
+    estimate and with the noise that the model declares.
 
     No process noise: what a filter counts as such can only hide more. Biases of the sensors count
     as unknown, as in whole-record fits.
@@ -225,8 +225,8 @@ LITTLE_LEARNT = 0.5
 
 
 def prior_note(result: Result) -> str:
-    """Which parameters the record hardly determines, those that may wander left out; empty where
-    there is none or the method has no priors.
+    """Return a note on the parameters that the record hardly determines, those that may wander left
+    out; empty if there are none or the method has no priors.
     """
     estimation = result.estimation
     priors = {
@@ -251,8 +251,8 @@ def prior_note(result: Result) -> str:
 
 
 def residual_note(result: Result, model: Model) -> str:
-    """How much of the residual's power lies about the elastic frequencies of ``model``, by output;
-    empty for a rigid one.
+    """Return the share of the residual's power about the elastic frequencies of ``model``, by
+    output; empty for a rigid one.
 
     The periodogram of normalised innovations, or of residuals, under a Hann window; the band runs
     from half the lowest to one and a half times the highest elastic frequency. Where it holds twice
@@ -436,8 +436,8 @@ def run_scenario(scenario: Scenario, seed: int | None = None) -> StudyResult:
 
 
 def references(scenario: Scenario, estimation: Estimation) -> Mapping[str, float]:
-    """What an estimation's model should find where the vehicle has more modes than it: condensed
-    coefficients by name, SI.
+    """Return the values that an estimation's model should find if the vehicle has more modes than
+    it: condensed coefficients by name, SI.
     """
     if not scenario.condensed:
         return EMPTY
@@ -448,8 +448,8 @@ def references(scenario: Scenario, estimation: Estimation) -> Mapping[str, float
 
 
 def _flexibility(scenario: Scenario, record: Record) -> Flexibility | None:
-    """Of a scenario that is compared with condensed coefficients; None too where the condensed
-    aircraft has no short period.
+    """Return the flexibility of a scenario that is compared with condensed coefficients; None too
+    if the condensed aircraft has no short period.
     """
     flight = scenario.flight
     if not scenario.condensed or not flight.modes or "elevator" not in record.input_names:

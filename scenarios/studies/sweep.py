@@ -286,8 +286,8 @@ def _criterion(
 def _begins(
     places: Sequence[float], values: Sequence[float], limit: float, below: bool
 ) -> float | None:
-    """Where a series passes its limit for good, between two points; None where it never does, or
-    has from the first point on.
+    """Return where a series passes its limit for good, between two points; None if it never does,
+    or has from the first point on.
     """
     beyond = [
         (value < limit) is below and value != limit and math.isfinite(value) for value in values
@@ -321,7 +321,9 @@ def _whiteness(point: SweepPoint) -> float:
 
 
 def _preference(point: SweepPoint) -> float:
-    """By how much the information criterion prefers the model with modes to the rigid one."""
+    """Return by how much the information criterion prefers the model with modes to the rigid
+    one.
+    """
     rigid, elastic = _fit(point, False), _fit(point, True)
     if rigid is None or elastic is None:
         return math.nan

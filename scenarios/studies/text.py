@@ -66,8 +66,8 @@ SHOWN = 3  # directions of each kind that are named
 
 
 def determination_blocks(methods: Sequence[MethodDetermination]) -> list[Block]:
-    """Of each parameter the deviation left of the prior's and the share of its variance that the
-    prior gives, all methods beside each other.
+    """Return, for each parameter, the deviation left of the prior's and the share of its variance
+    that the prior gives, all methods side by side.
     """
     first = methods[0].found
     ratio = [
@@ -109,8 +109,8 @@ def determination_blocks(methods: Sequence[MethodDetermination]) -> list[Block]:
 
 
 def determination_sentences(method: MethodDetermination) -> tuple[str, ...]:
-    """How many numbers the record settles, the directions it knows best and least, and what the
-    method claims beyond it.
+    """Return the number of parameters that the record determines, the directions it determines best
+    and least, and the claims of the method beyond it.
     """
     found, label = method.found, method.estimation.name
     seen = len(found.names) - found.unseen
@@ -198,7 +198,9 @@ def sweep_blocks(sweep: Sweep) -> list[Block]:
 
 
 def sweep_phrase(sweep: Sweep) -> str:
-    """From which degree of flexibility on a rigid model fails each criterion, in one line."""
+    """Return the degree of flexibility from which on a rigid model fails each criterion, in one
+    line.
+    """
     told = [
         f"{each.name} from {each.degree:.3g} on"
         if each.degree is not None
@@ -218,7 +220,7 @@ def _everywhere(criterion: Criterion) -> str:
 
 
 def criterion_sentence(criterion: Criterion, sweep: Sweep) -> str:
-    """From where on a rigid model fails the criterion."""
+    """Return the point from which on a rigid model fails the criterion."""
     if criterion.degree is None or criterion.frequency_factor is None:
         fails = (
             criterion.values[0] < criterion.limit
@@ -298,8 +300,7 @@ def print_study(study: StudyResult, out: Console | None = None, details: str = B
 
 
 def print_brief(study: StudyResult, out: Console | None = None, details: str = BELOW) -> None:
-    """What a terminal shows of a study: its summary, the estimates of the main method, and where
-    the rest is.
+    """Print the summary of a study, the estimates of the main method, and where the rest is.
 
     ``details`` as ``details_in`` tells it: further methods, published values and choices are in
     ``study.txt`` there.
@@ -315,7 +316,7 @@ def print_brief(study: StudyResult, out: Console | None = None, details: str = B
 
 
 def rest_of(details: str) -> str:
-    """Where the rest of the study is to be read."""
+    """Return where the rest of the study is to be read."""
     if details == BELOW:
         return "--out FOLDER keeps the whole study, with a page to read"
     page = Path(details.removeprefix("below; in "))

@@ -373,8 +373,8 @@ def recurring_with_other_effects(
     fits: Sequence[Mapping[str, Any]],
     diagnoses: DiagnosesByFlight,
 ) -> tuple[list[Recurring], list[frozenset[str]], list[Mapping[str, Any]]]:
-    """As ``recurring``, where a flight's own effects have to be needed beside what recurs; with the
-    fits that were taken of each flight.
+    """Find recurring effects as ``recurring`` does, if a flight's own effects must be needed in
+    addition to them; also return the fits of each flight.
 
     A flight alone may name one effect for two that recur, and would then say wrong values of both.
     Its own effects go where without them, with whatever it has of what recurs, it is not clearly

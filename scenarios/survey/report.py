@@ -95,8 +95,8 @@ def values_of(each: Recurring) -> list[str]:
 
 
 def belongs_phrase(each: Recurring, survey: SurveyResult) -> str:
-    """In which flights an effect is present, and whether its value is constant or changes with a
-    condition.
+    """Return the flights in which an effect is present, and whether its value is constant or
+    changes with a condition.
     """
     text = f"{len(each.has)} have it, {len(each.has_not)} do not, {len(each.untold)} are undecided"
     whose = (
@@ -385,7 +385,7 @@ def kinematics(diagnosis: Mapping[str, Any]) -> str:
 
 
 def survey_content(survey: SurveyResult, created: str) -> dict[str, Any]:
-    """Everything of a survey but its flights' own studies, whose folders it names; SI."""
+    """Return everything of a survey but its flights' own studies, whose folders it names; SI."""
     grown, (word, rest) = survey.survey_files, verdict_of(survey)
     return {
         "schema": GROWING_SCHEMA,

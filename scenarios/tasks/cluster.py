@@ -44,8 +44,8 @@ def run_on_cluster(
     longest: float | None = None,
     say: Callable[[str], None] = lambda words: None,
 ) -> Generator[list[Ended], None, None]:
-    """As ``run_blocks``, by the workers of the Dask scheduler at ``address``; ``say`` is told what
-    it waits for.
+    """Run blocks as ``run_blocks`` does, by the workers of the Dask scheduler at ``address``;
+    ``say`` receives what it waits for.
 
     The work is sent once to each worker. A block whose worker dies is run by another, until Dask
     gives it up; then that is recorded.
@@ -156,7 +156,7 @@ def _streamed(
 
 
 def _ended(block: Sequence[Task], future: Future, result: Any, address: str) -> list[Ended]:
-    """What came of a block; Dask's own failures are recorded as circumstances."""
+    """Return the results of a block; Dask's own failures are recorded as circumstances."""
     if isinstance(result, tuple):
         what, remedy = result
         raise FlightidError(what, where=address, remedy=remedy)
@@ -232,8 +232,8 @@ def _connected(address: str) -> Iterator[Client]:
 
 
 def _kind(address: str) -> str:
-    """What answers at an address: ``"Scheduler"``, ``"Worker"``, ... A client would wait for ever
-    where something else listens there.
+    """Return the kind of the process at an address: ``"Scheduler"``, ``"Worker"``, ... A client
+    would wait for ever if something else listens there.
     """
     from distributed.core import rpc
 

@@ -148,8 +148,8 @@ def _started(start: Callable[[BaseProcess], Any], process_obj: BaseProcess) -> A
 def run_in_processes(
     work: Work, blocks: Sequence[Sequence[Task]], jobs: int, longest: float | None = None
 ) -> Generator[list[Ended], None, None]:
-    """As ``run_blocks``, by ``jobs`` processes, which are ended at once where the caller stops,
-    fails or is interrupted.
+    """Run blocks as ``run_blocks`` does, by ``jobs`` processes, which are ended at once if the
+    caller stops, fails or is interrupted.
 
     A process that dies takes no study with it: its block is given to another, once.
     """
@@ -228,7 +228,9 @@ class _GivenBlock(NamedTuple):
 
 
 def _result(future: Future[list[Ended]]) -> list[Ended]:
-    """What came of a block. Raises TimeoutError, and BrokenProcessPool where its process died."""
+    """Return the results of a block. Raises TimeoutError, and BrokenProcessPool if its process
+    died.
+    """
     try:
         if not wait([future], timeout=LOOK).done:
             raise BrokenProcessPool("")
@@ -249,8 +251,8 @@ def _end(pools: list[ProcessPool], *ending: ProcessPool) -> None:
 
 
 def _context(module: str) -> BaseContext:
-    """How processes are started: forked from a server that has loaded ``module``, or afresh where
-    nothing can fork.
+    """Return how processes are started: forked from a server that has loaded ``module``, or afresh
+    where nothing can fork.
 
     The server runs no threads, and is deaf to Ctrl-C as they are: a terminal sends it to all
     processes, and the first alone answers it.

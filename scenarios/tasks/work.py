@@ -70,7 +70,7 @@ class Work(Protocol):
 
     @property
     def name(self) -> str:
-        """What it is called in the progress line and the manifest."""
+        """Name of the work in the progress line and the manifest."""
         ...
 
     @property
@@ -80,8 +80,8 @@ class Work(Protocol):
     def block(self) -> int: ...
 
     def identity(self) -> Mapping[str, Any]:
-        """Everything on which the rows depend but number and seed, as JSON: work is resumed only
-        where it is equal.
+        """Everything on which the rows depend but number and seed, as JSON: work is resumed only if
+        it is equal.
         """
         ...
 
@@ -166,7 +166,8 @@ def all_columns(work: Work) -> dict[str, str]:
 
 
 def columns_of(work: Work, ended: Sequence[Ended]) -> Columns:
-    """What has ended, as columns ``(k,)``: floats with NaN for no number, else objects with None.
+    """Return the ended tasks as columns ``(k,)``: floats with NaN for no number, else objects with
+    None.
 
     A row that has not the work's columns, or a cell of another type, is an error of its task.
     """
@@ -260,9 +261,7 @@ DECIDING = ("flightid", "numpy", "scipy", "filterpy", "control")
 
 
 def manifest_of(work: Work, root: int, count: int) -> dict[str, Any]:
-    """What stands in the manifest of a study: what its rows depend on, and how many there are to
-    be.
-    """
+    """Return the manifest of a study: everything that its rows depend on, and their number."""
     identity = json.loads(json_text(dict(work.identity()), "the identity of the work"))
     return {
         "schema": SCHEMA,

@@ -231,7 +231,9 @@ class PageServer(ThreadingHTTPServer):
                 continue
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """As in the base class; the connection is registered while it is open."""
+        """Process a request as the base class does; the connection is registered while it is
+        open.
+        """
         threading.current_thread().name = "page-reader"
         with self.lock:
             self._open.add(request)

@@ -325,8 +325,9 @@ def line(view: View) -> str:
 
 
 def against(outside: Sequence[str], compared: int, name: str, hanging: Sequence[str] = ()) -> str:
-    """How a stream agrees with its reference ``name``: quantities that are ``outside`` its bounds
-    of two sigmas, how many were ``compared``, and which depend on the start and were not.
+    """Return the agreement of a stream with its reference ``name``: quantities that are ``outside``
+    its bounds of two sigmas, how many were ``compared``, and which depend on the start and were
+    not.
     """
     left = (
         f"; not compared, as they depend on the start: {', '.join(map(_word, hanging))}"

@@ -537,8 +537,8 @@ def in_order(
 
 
 def at_end(order: Order, height: int = 2 + len(OUTPUTS)) -> tuple[np.ndarray, list[Fault], Order]:
-    """As ``in_order`` for a row that still waits when the stream ends: nothing speaks against it,
-    but a jump that loses the motion.
+    """Order, as ``in_order`` does, a row that still waits when the stream ends: nothing speaks
+    against it, but a jump that loses the motion.
     """
     rows: list[np.ndarray] = []
     faults: list[Fault] = []

@@ -285,7 +285,9 @@ def _wanted(session: Session, state: BankState) -> bool:
 
 
 def _linearised(session: Session, state: BankState, elsewhere: np.ndarray) -> Relinearised | None:
-    """Over the rows up to a state, of many the last, from where the aircraft was steady."""
+    """Linearise over the rows up to a state, of many the last, from where the aircraft was
+    steady.
+    """
     assert session.bank is not None
     record, last = record_of(session), state.rows_seen
     if last - session.first > RELINEARISED_ROWS:

@@ -99,7 +99,7 @@ def paper_content(study: LoopStudy) -> dict[str, Any]:
 def procedure_and_printed(
     study: LoopStudy, column: str
 ) -> dict[str, dict[str, dict[str, float | None]]]:
-    """By state and parameter: initial and final value and variance, R and Q of the paper's
+    """Return, by state and parameter, initial and final value and variance, R and Q of the paper's
     procedure here and as printed, SI.
     """
     system, bank = study.paper.system, study.single_pass.bank
@@ -391,7 +391,7 @@ def _over_seeds(statistics: OverSeeds) -> dict[str, Any]:
 
 
 def _engine(study: LoopStudy) -> dict[str, Any]:
-    """Who ran the bank, and how far it is from the other engine."""
+    """Return the engine of the bank, and how far it is from the other engine."""
     content, result = bank_content(study.scenario.estimation.engine, study.second), study.engines
     if result is None:
         return {"engine": content}
@@ -435,8 +435,8 @@ def _fixed(result: LoopResult) -> dict[str, Any]:
 
 
 def _states(study: LoopStudy) -> dict[str, Any]:
-    """Per state and parameter of eq. 11: initial and final value and variance, R and Q: what Tables
-    1 and 2 print.
+    """Return, per state and parameter of eq. 11, the numbers of Tables 1 and 2: initial and final
+    value and variance, R and Q.
     """
     history, system = study.result.estimate.history, study.result.setting.system
     assert history is not None

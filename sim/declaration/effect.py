@@ -160,7 +160,7 @@ class ParameterSet:
         return ParameterSet(tuple(replace(item, free=item.name in wanted) for item in self.items))
 
     def joined(self, other: Iterable[Parameter]) -> ParameterSet:
-        """This set followed by further parameters."""
+        """Return this set followed by further parameters."""
         return ParameterSet(self.items + tuple(other))
 
     def _changed(self, changes: Mapping[str, Mapping[str, Any]]) -> ParameterSet:

@@ -89,7 +89,9 @@ def further_outputs(equations: Equations) -> tuple[Signal, ...]:
 def for_inputs(
     equations: Equations, *makers: Callable[[Signal, str], Traceable]
 ) -> tuple[Traceable, ...]:
-    """What each maker gives for each input that has no instance yet: of a signal and a label."""
+    """Return the effects that each maker gives for each input without an instance yet: of a signal
+    and a label.
+    """
     inputs = further_inputs(equations)
     return tuple(make(signal, label) for make in makers for signal, label in inputs)
 
@@ -106,7 +108,7 @@ def sized(
 def for_outputs(
     equations: Equations, *makers: Callable[[Signal], Traceable]
 ) -> tuple[Traceable, ...]:
-    """What each maker gives for each output that has no instance yet."""
+    """Return the effects that each maker gives for each output without an instance yet."""
     outputs = further_outputs(equations)
     return tuple(make(signal) for make in makers for signal in outputs)
 

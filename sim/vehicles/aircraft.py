@@ -559,7 +559,7 @@ class _AircraftEquations:
         return interpolate(s.throttle, *(np.array(each) for each in source.table))
 
     def _velocity_at(self, s: Any, place: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
-        """Against the air, of a point of the aircraft."""
+        """Return the velocity of a point of the aircraft against the air."""
         x, y, z = place
         return (
             s.u_air + s.q * z - s.r * y,

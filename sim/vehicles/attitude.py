@@ -174,7 +174,7 @@ def _angle(y: Any, x: Any) -> Any:
 
 
 def _wrapped(angle: Any) -> Any:
-    """Within -pi and pi, of an angle within three times that."""
+    """Wrap an angle within three times pi to between -pi and pi."""
     turn = 2.0 * math.pi
     below = where(real(angle) > math.pi, angle - turn, angle)
     return where(real(angle) < -math.pi, angle + turn, below)

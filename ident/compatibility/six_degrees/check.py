@@ -223,8 +223,8 @@ def estimates_and_findings(
 
 
 def _stood(search_result: SixDegreeSearch) -> dict[int, tuple[int, float]]:
-    """For each fault that is accepted, or could replace an accepted one, that accepted fault and
-    the loss; of two the first.
+    """Return, for each fault that is accepted or could replace an accepted one, that accepted fault
+    and the loss; of two the first.
     """
     stood = {
         j: (i, lost)

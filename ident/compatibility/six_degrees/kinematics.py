@@ -227,7 +227,7 @@ def misled_by_bank(
 def _bank(
     record: Record, rates: Sequence[str], airspeed: float | None, gravity: float
 ) -> np.ndarray:
-    """About the bank angle ``(N,)``, rad."""
+    """Return an approximate bank angle ``(N,)``, rad."""
     turn = np.zeros(len(record))
     speed = _speed(record, airspeed)
     if "r" in rates and speed is not None:
@@ -298,7 +298,7 @@ class _CorrectedMotion:
 
 
 def reconstructed(s: KinematicSignals, value: Values) -> np.ndarray:
-    """What the outputs should read if the sensors have these faults: ``(m, P, N)`` for sizes ``(P,
+    """Return the outputs ``(m, P, N)`` that sensors with these faults should read, for sizes ``(P,
     1)``.
 
     Besides the faults, ``value`` gives ``("start", STATE)``, ``("level", "theta")`` and ``("level",

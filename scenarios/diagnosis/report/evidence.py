@@ -266,8 +266,8 @@ EVEN = 1.6  # times the rms, up to which no moment stands out
 
 
 def evidence_sentences(claim: Claim) -> list[str]:
-    """How the evidence for an effect is spread, and its values from each record; nothing where what
-    remains is noise.
+    """Return sentences on the spread of the evidence for an effect, and on its values from each
+    record; empty if the residual is noise.
     """
     if claim.spread is None:
         return []
@@ -283,7 +283,7 @@ def evidence_sentences(claim: Claim) -> list[str]:
 
 
 def apart_text(claim: Claim) -> str:
-    """Where values of the records differ by more than their sigmas say; empty where they agree."""
+    """Return where values of the records differ by more than their sigmas; empty if they agree."""
     told = []
     for name in claim.by_record[0] if len(claim.by_record) > 1 else ():
         each = [found[name] for found in claim.by_record]
@@ -367,7 +367,9 @@ def _left(tracing: Tracing, fitted: Sequence[FittedRecord], channels: Sequence[s
 
 
 def leftover_sentence(left: Leftover, tracing: Tracing) -> str:
-    """What is left in one channel: size, colour, frequency, when, and what it goes with."""
+    """Return a sentence on the residual of one channel: size, colour, frequency, time, and
+    correlated signals.
+    """
     factor, unit = shown_in(left.unit, left.channel)
     parts = [
         f"left in the {_spoken(left.channel, tracing)}: rms {factor * left.rms:.3g}{spaced(unit)}, "

@@ -445,7 +445,7 @@ def _inputs(tracing: Tracing) -> list[tuple[str, str, str]]:
 
 
 def _command(tracing: Tracing) -> list[str]:
-    """What would be typed for this, as far as the result tells."""
+    """Return the command line of this diagnosis, as far as the result tells."""
     inputs = tracing.inputs
     own = tracing.vehicle.own_file
     command = [

@@ -97,8 +97,8 @@ def candidate_remarks(c: Candidate) -> str:
 
 
 def errors_table(d: Diagnosis, caption: str, units: Mapping[str, str] = CHANNEL_UNITS) -> Table:
-    """By channel the error before and after, what the fit leaves where it is not the noise, and the
-    noise; angles and their rates in degrees.
+    """Return a table with the error of each channel before and after, the residual of the fit where
+    it is not the noise, and the noise; angles and their rates in degrees.
     """
     names = list(d.error_before.rmse)
     shown = {name: shown_in(units.get(name, ""), name) for name in names}
@@ -130,7 +130,9 @@ def derivatives_table(d: Diagnosis, caption: str) -> Table:
 
 
 def derived_table(d: Diagnosis, caption: str) -> Table:
-    """What follows from the derivatives; a frequency in rad/s and once more in Hz."""
+    """Return a table of the quantities that follow from the derivatives; a frequency in rad/s and
+    once more in Hz.
+    """
     before, after = derived_of(d)
     pairs: list[Move] = []
     for name in (name for name in before if name in after):
@@ -175,7 +177,7 @@ def move_cell(sigmas: float) -> Cell:
 
 
 def member_tables(d: Diagnosis, caption: str) -> list[Table]:
-    """For each effect with alternatives a table of the derivatives under each of them.
+    """Return, for each effect with alternatives, a table of the derivatives under each of them.
 
     A star marks a value that is more than two of both sigmas from that under the first.
     """
@@ -212,8 +214,8 @@ def _member(quantity: Quantity | None, first: Quantity | None) -> Cell:
 
 
 def derived_of(d: Diagnosis) -> tuple[dict[str, Quantity], dict[str, Quantity]]:
-    """What follows from the derivatives, before and after; a delay of the model itself stands there
-    as well.
+    """Return the quantities that follow from the derivatives, before and after; a delay of the
+    model itself is among them.
     """
     pairs = ((d.derived_before, d.before), (d.derived_after, d.after))
     before, after = (
@@ -227,8 +229,8 @@ def _hertz(q: Quantity) -> Quantity:
 
 
 def sigma_note(d: Diagnosis) -> str:
-    """That sigmas are widened, where they are; the scatter is that of fits with the effects, and
-    nothing to say where none stands.
+    """Return a note that sigmas are widened, if they are; the scatter is that of fits with the
+    effects, so the note is empty without an accepted effect.
     """
     return SIGMA_NOTE if d.inflation and not nothing_stands(d) else ""
 
@@ -320,7 +322,9 @@ def level_changes(tracing: Tracing) -> list[str]:
 
 
 def levels_both(tracing: Tracing) -> dict[str, Any]:
-    """For ``diagnosis.json``; empty where the model has no mode that the standard speaks of."""
+    """Return the levels before and after for ``diagnosis.json``; empty if the standard has no
+    requirement for a mode of the model.
+    """
     before, after = levels_of(tracing)
     if not before and not after:
         return {}

@@ -67,7 +67,7 @@ if TYPE_CHECKING:
 
 
 def diagnosis_text(tracing: Tracing, width: int = WIDTH, details: str = BELOW) -> str:
-    """What a terminal of this width shows: a summary, then everything."""
+    """Return the text for a terminal of this width: a summary, then everything."""
     return "\n".join(
         [
             *summary_lines(diagnosis_summary(tracing, details), width),
@@ -154,7 +154,7 @@ CANDIDATE_LEGEND = (
 
 
 def wording_of(tracing: Tracing) -> Wording:
-    """What sentences about effects need to know of a study."""
+    """Return the properties of a study that sentences about effects need."""
     inputs = tuple(signal.name for signal in tracing.model.equations.inputs)
     return Wording(
         inputs[0] if inputs else "control",
@@ -166,7 +166,7 @@ def wording_of(tracing: Tracing) -> Wording:
 
 
 def subject(tracing: Tracing) -> str:
-    """Which vehicle, model and records this is about, in one line."""
+    """Return vehicle, model and records in one line."""
     fitted = ", ".join(
         f"{r.name} ({len(r)} samples, {r.time[0]:g} to {r.time[-1]:g} s)" for r in tracing.records
     )
@@ -174,8 +174,8 @@ def subject(tracing: Tracing) -> str:
 
 
 def where_predicted(tracing: Tracing) -> str:
-    """Where the errors are from: ``"the held-out record validate.csv"`` and the like; held out only
-    where it took no part in choosing.
+    """Return the source of the errors, as in ``"the held-out record validate.csv"``; a record is
+    held out only if it took no part in choosing.
     """
     names = [record.name for record in tracing.validation]
     if not tracing.diagnosis.held_out:
@@ -225,7 +225,9 @@ def headline(tracing: Tracing) -> str:
 
 
 def verdict_advice(tracing: Tracing) -> list[str]:
-    """What could not be told apart, and the maneuver that would, one line each."""
+    """Return the effects that could not be told apart, and the maneuver that would, one line
+    each.
+    """
     lines = []
     for claim in tracing.diagnosis.effects:
         for names, maneuver in separating_maneuvers(
@@ -313,7 +315,7 @@ def _untouched(tracing: Tracing) -> str:
 
 
 def one_step_phrase(claim: Claim, tracing: Tracing) -> str:
-    """What a claim is worth that was judged by predictions of one step."""
+    """Return the weight of a claim that was judged by predictions of one step."""
     gains = ", ".join(f"{gain:.0f}" for gain in claim.one_step_gains)
     return (
         f"with this effect, the log likelihood of one-step predictions rises by {gains} on "
@@ -354,8 +356,8 @@ DECIDES = "decides.csv"  # the input to be flown, beside the diagnosis
 
 
 def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
-    """Everything of a diagnosis but its time series. ``created`` is the time stamp, the one entry
-    that differs between two runs.
+    """Return everything of a diagnosis but its time series. ``created`` is the time stamp, the one
+    entry that differs between two runs.
 
     A standard deviation that is not finite (the data say nothing of the parameter) is written as
     ``LARGEST`` and told in ``warnings``.

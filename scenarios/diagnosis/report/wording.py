@@ -27,7 +27,7 @@ from sim.declaration.proposal import Traits
 
 
 def kind_of_predicted(d: Diagnosis) -> str:
-    """What the predicted data are called where there is room for two words."""
+    """Return a name of the predicted data in two words."""
     return "held out" if d.held_out else "fitted"
 
 
@@ -145,7 +145,7 @@ class Wording:
     channels: Mapping[str, str] = field(default_factory=lambda: MappingProxyType(CHANNELS))
 
     def traits(self, name: str) -> Traits:
-        """What is known of an effect, or of its first instance (``elastic-mode`` for
+        """Return the traits of an effect, or of its first instance (``elastic-mode`` for
         ``elastic-mode#2``): a candidate's, else the library's.
         """
         from sim.effects.library import traits_of
@@ -164,9 +164,7 @@ class Wording:
 
 
 def sentence(claim: Claim, wording: Wording) -> str:
-    """What an effect does, in words: by the templates that stand with it, else its name and
-    parameters.
-    """
+    """Describe an effect in words: by its templates, else by its name and parameters."""
     return _told(claim, wording, wording.traits(claim.name).sentences)
 
 
@@ -285,8 +283,8 @@ _ANY = "a record with inputs of other sizes and other frequencies"
 
 
 def separating_maneuver(name: str, other: str, wording: Wording | None = None) -> str:
-    """What to fly so that two effects can be told apart: as either of them says, else what may help
-    with any.
+    """Return the maneuver that tells two effects apart: the one that either declares, else one that
+    may help with any.
     """
     wording = wording or Wording()
     for one, two in ((name, other), (other, name)):

@@ -224,8 +224,8 @@ def unit_row(header: Sequence[str], under: Sequence[str]) -> tuple[str, ...]:
 
 
 def heads(rows: Sequence[Sequence[str]]) -> tuple[int, int | None, int]:
-    """Which of the first rows names the columns, which one has their units, if any, and how many
-    rows these are.
+    """Find the header rows: which of the first rows names the columns, which has their units, if
+    any, and the number of header rows.
 
     The rows are those above the first number, three at least or two with the units above. The units
     are the row with most known ones, the names the row with most names of clocks and channels; of

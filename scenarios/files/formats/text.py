@@ -102,8 +102,8 @@ def _without_cut_row(table: CellTable, text: str) -> tuple[CellTable, tuple[str,
 
 @contextlib.contextmanager
 def _long_cells(most: int) -> Iterator[None]:
-    """While the body runs, cells may be as long as the file: a header of thousands of columns is
-    one cell to any other separator.
+    """Allow cells as long as the file while the body runs: a header of thousands of columns is one
+    cell to any other separator.
     """
     former = csv.field_size_limit(max(most, 1))
     try:

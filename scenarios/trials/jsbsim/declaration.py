@@ -159,7 +159,7 @@ class Surface:
 
 
 def package_folder() -> Path:
-    """Where JSBSim is installed; DeclarationError where it is not."""
+    """Return the folder in which JSBSim is installed; DeclarationError if it is not."""
     spec = importlib.util.find_spec("jsbsim")
     if spec is None or spec.origin is None:
         raise DeclarationError(
@@ -184,8 +184,8 @@ def refuse_unknown_aircraft(name: str, where: str) -> None:
 
 
 def surfaces_of(name: str) -> dict[str, Surface]:
-    """Of each surface the property that the air loads of an aircraft read most often; one that they
-    never read is left out.
+    """Return, for each surface, the property that the air loads of an aircraft read most often; one
+    that they never read is left out.
     """
     counted = Counter(_read_by_loads(package_folder() / "aircraft" / name / f"{name}.xml"))
     surfaces = {}
@@ -261,7 +261,7 @@ def ahead_of_play(surface: np.ndarray, half: float) -> np.ndarray:
 
 
 def named(flight: JsbsimFlight) -> dict[str, dict[str, float]]:
-    """What was put in, under the names of the library of effects where it has one."""
+    """Return the added effects under their names in the library of effects, if it has them."""
     result: dict[str, dict[str, float]] = {}
     for name, delay in flight.late.items():
         result[f"{'input' if name in SURFACES else 'sensor'}-delay:{name}"] = {"delay": delay}
@@ -293,8 +293,8 @@ SLOTS: Mapping[str, Mapping[str, tuple[float, float]]] = {
 def commands(
     flight: JsbsimFlight, sizes: Mapping[str, float], units: Mapping[str, float], time: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """By control what is added to its trim at each frame: rad, of the throttle parts of full
-    travel.
+    """Return, by control, the command added to its trim at each frame: rad, for the throttle parts
+    of full travel.
 
     ``sizes`` : peak by control; ``units`` : by control the step of a 3-2-1-1 that suits the mode it
     excites, s.

@@ -191,7 +191,9 @@ class Hand:
 
 @functools.cache
 def _reaches(condition: Condition) -> Mapping[str, float]:
-    """By surface the radians that full command is worth, told by a small step of each from trim."""
+    """Return, by surface, the deflection in rad at full command, measured with a small step of each
+    from trim.
+    """
     machine, surfaces = trimmed(condition), surfaces_of(condition.aircraft)
     neutral = {name: machine[surface.property] for name, surface in surfaces.items()}
     for name in surfaces:
@@ -420,8 +422,8 @@ def slopes_of(model: str, signals: JsbsimSignals, motion: JsbsimSignals | None =
 
 
 def constants_of(model: str, signals: JsbsimSignals) -> dict[str, float]:
-    """What the vehicle file of a model holds beside its derivatives, SI: body, air and trim as they
-    are at the start of a flight.
+    """Return the constants of a model's vehicle file other than its derivatives, SI: body, air and
+    trim as they are at the start of a flight.
     """
     body = signals.body
     result = {

@@ -186,8 +186,8 @@ def _value(text: str) -> Any:
 def _usual(
     needed: Sequence[str], amplitude: float, pulse: float, place: int, count: int
 ) -> dict[str, Any]:
-    """What a maneuver needs, as the roots suggest; inputs one after the other, of multisines each
-    with harmonics of its own.
+    """Return the properties of a maneuver that the roots suggest; inputs one after the other, of
+    multisines each with harmonics of its own.
     """
     usual = {
         "amplitude": amplitude,

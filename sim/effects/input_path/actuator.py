@@ -264,8 +264,8 @@ def _followed(h: np.ndarray, u: np.ndarray, frequency: Any, damping: Any) -> np.
 
 
 def _transition(h: np.ndarray, frequency: Any, damping: Any) -> np.ndarray:
-    """From distance to the command and its rate at a cell's begin to those at its end, ``(2, 2,
-    n)``, exact for any damping.
+    """Return the matrices ``(2, 2, n)`` from distance to the command and its rate at a cell's begin
+    to those at its end, exact for any damping.
 
     With r^2 = (damping^2 - 1) frequency^2 h^2: exp(-damping frequency h) times cosh r and
     sinh(r)/r.
@@ -422,8 +422,8 @@ def _limited(edges: np.ndarray, u: np.ndarray, rate: Any) -> np.ndarray:
 
 
 def _distances(commands: np.ndarray, ways: np.ndarray) -> np.ndarray:
-    """How far the surface is from each command as it is given; ``ways`` are the most it moves
-    before the next.
+    """Return the distance of the surface from each command as it is given; ``ways`` are the most it
+    moves before the next.
     """
     # Where it has arrived it is as far as the two commands are apart: the loop runs only while it
     # is behind.

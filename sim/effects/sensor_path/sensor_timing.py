@@ -267,8 +267,8 @@ class SensorHold:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Which update a sample shows tells the phase to half an interval: nothing else tells it
-        from a delay of the same channel.
+        """Return the parameters: which update a sample shows tells the phase to half an interval:
+        nothing else tells it from a delay of the same channel.
         """
         return (
             Parameter("period", 0.25, "s", bounds=(0.0, 2.0)),
