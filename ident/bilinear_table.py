@@ -21,8 +21,8 @@ from sim.maths import COMPLEX_STEP
 from sim.propagation import Drive
 
 Function = Callable[[list[Any]], Sequence[Any]]
-_TRIALS = 12  # random points at which the table is compared with the equations
-_AGREEMENT = 1e-10  # largest relative difference at these points
+_TRIAL_POINTS = 12  # random points at which the table is compared with the equations
+_LARGEST_DIFFERENCE = 1e-10  # largest relative difference at these points
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,16 +139,16 @@ def _table(constant: np.ndarray, at_rest: np.ndarray, twice: np.ndarray, n: int)
 def _agrees(function: Function, table: Bilinear) -> bool:
     rng = np.random.default_rng(0)
     n, width = table.n, len(table.table)
-    points = rng.choice([-1.0, 1.0], (width - 1, _TRIALS)) * 10.0 ** rng.uniform(
-        -3.0, 3.0, (width - 1, _TRIALS)
+    points = rng.choice([-1.0, 1.0], (width - 1, _TRIAL_POINTS)) * 10.0 ** rng.uniform(
+        -3.0, 3.0, (width - 1, _TRIAL_POINTS)
     )
-    w = np.vstack([np.ones(_TRIALS), points]).T
-    terms = (np.abs(w) @ np.abs(table.table)).reshape(_TRIALS, -1, n + width)
+    w = np.vstack([np.ones(_TRIAL_POINTS), points]).T
+    terms = (np.abs(w) @ np.abs(table.table)).reshape(_TRIAL_POINTS, -1, n + width)
     # of what was added up
     largest = np.concatenate([terms[:, :, :n], terms[:, :, n:] @ np.abs(w)[:, :, None]], axis=2)
     values, slopes = _values_and_slopes(function, points)
     exact = np.concatenate([slopes[:, :n], values[:, None]], axis=1).transpose(2, 0, 1)
-    return bool(np.all(np.abs(table.at(w) - exact) <= _AGREEMENT * largest))
+    return bool(np.all(np.abs(table.at(w) - exact) <= _LARGEST_DIFFERENCE * largest))
 
 
 def _values_and_slopes(function: Function, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ from enum import Enum
 
 import numpy as np
 
-LARGEST = 1e100  # beyond it squares and sums leave the range of finite numbers
+LARGEST_NUMBER = 1e100  # beyond it squares and sums leave the range of finite numbers
 
 
 class Outcome(Enum):

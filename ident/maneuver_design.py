@@ -23,10 +23,10 @@ import numpy as np
 
 from ident.statistics.intervals import inverse_information
 from ident.tracing.context import search_context
-from ident.tracing.decision import CERTAIN
+from ident.tracing.decision import CLAIM_LEVEL
 from ident.tracing.fitted_model import FittedModel, added_parameters, is_event, known_beforehand
-from ident.tracing.priors import FEWEST, ODDS
-from ident.tracing.scan import PLACES, starts_at
+from ident.tracing.priors import FAMILY_ODDS, FEWEST_FAMILY_MEMBERS
+from ident.tracing.scan import SCANNED_PLACES, starts_at
 from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records, without_sensitivities
 from ident.whole_record.layout import (
     FitLayout,
@@ -101,8 +101,8 @@ class KnownLevels:
 
 # ---- A flight that is planned
 
-CLOSED = 1e-9  # of a state's size: gaps of a trajectory that is simulated
-PASSES = 12  # of Newton's method on the trajectory, which doubles the digits
+LARGEST_TRAJECTORY_GAP = 1e-9  # of a state's size: gaps of a trajectory that is simulated
+NEWTON_PASSES = 12  # of Newton's method on the trajectory, which doubles the digits
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,8 +155,10 @@ def simulated(
     problem = FitProblem(layout, KnownLevels(planned.noise**2))
     bare = without_sensitivities(problem)
     fit = evaluate(bare, layout.start, layout.guesses(layout.start))
-    for _ in range(PASSES):
-        if fit is None or (_gap(fit) < CLOSED and (fit.problem is problem or not slopes)):
+    for _ in range(NEWTON_PASSES):
+        if fit is None or (
+            _gap(fit) < LARGEST_TRAJECTORY_GAP and (fit.problem is problem or not slopes)
+        ):
             break
         fit = evaluate(
             problem if slopes else bare, layout.start, [line.states for line in fit.lines]
@@ -240,7 +242,7 @@ def _gap(fit: Fit) -> float:
 # ---- How likely a flight tells which of two effects acts
 
 # of twice the log likelihood: one name is then certain
-CLEAR = 2.0 * math.log(CERTAIN / (1.0 - CERTAIN))
+DECISIVE_LOG_LIKELIHOOD_RATIO = 2.0 * math.log(CLAIM_LEVEL / (1.0 - CLAIM_LEVEL))
 
 
 @dataclass(frozen=True)
@@ -265,12 +267,12 @@ class RivalDecision:
         """Probability that the search prefers the acting effect by more than the ambiguous
         margin.
         """
-        return self._above(CLEAR)
+        return self._above(DECISIVE_LOG_LIKELIHOOD_RATIO)
 
     @property
     def wrong(self) -> float:
         """Probability that it prefers the other by more than that."""
-        return 1.0 - self._above(-CLEAR)
+        return 1.0 - self._above(-DECISIVE_LOG_LIKELIHOOD_RATIO)
 
     def _above(self, limit: float) -> float:
         return normal_above(self.mean + self.price - limit, self.std)
@@ -315,9 +317,9 @@ def normal_above(mean: float, std: float) -> float:
 
 # ---- Two effects that could explain the same
 
-STARTS = 2  # of the rival
+RIVAL_STARTS = 2
 # what the prior odds of an effect cost, of twice the log evidence
-ODDS_COST = -2.0 * math.log(ODDS / FEWEST)
+ODDS_COST = -2.0 * math.log(FAMILY_ODDS / FEWEST_FAMILY_MEMBERS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -407,7 +409,7 @@ def best_fit(
     """
     known = base.values.shared
     places = starts_at(base, rival, search_context(base))
-    tries = [(form, {**known, **start}) for form, (start,) in places[:STARTS]]
+    tries = [(form, {**known, **start}) for form, (start,) in places[:RIVAL_STARTS]]
     if hint:
         form = places[0][0] if places else rival
         named = {
@@ -465,7 +467,9 @@ def price(effect: Traceable, counts: np.ndarray) -> float:
     """Approximate cost of an effect's parameters in twice the log evidence, for ``counts`` samples
     (Schwarz).
     """
-    return _free(effect) * float(np.log(counts.sum())) + 2.0 * math.log(PLACES) * is_event(effect)
+    return _free(effect) * float(np.log(counts.sum())) + 2.0 * math.log(SCANNED_PLACES) * is_event(
+        effect
+    )
 
 
 def _form(best: FittedModel, rival: Traceable) -> Traceable:

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from ident.maneuver_detection import (
     AXES,
-    PAUSE,
+    LONGEST_GAP,
     DetectedManeuver,
     FlightSignals,
     active_share,
@@ -248,7 +248,7 @@ def _part(
             stop = min(stop, 0.5 * (each.end + other.start))
     first = int(np.searchsorted(record.time, start))
     last = int(np.searchsorted(record.time, stop, side="right")) - 1
-    pauses = np.flatnonzero(np.diff(record.time[first : last + 1]) > PAUSE) + first
+    pauses = np.flatnonzero(np.diff(record.time[first : last + 1]) > LONGEST_GAP) + first
     middle = 0.5 * (each.start + each.end)
     first = max([first, *(int(k) + 1 for k in pauses if record.time[k] < middle)])
     last = min([last, *(int(k) for k in pauses if record.time[k] >= middle)])

@@ -17,7 +17,7 @@ from sim.maths import absolute, maximum, real, where
 ANGLES = ("alpha", "beta")
 RATES = ("p", "q", "r")
 FLOW = (*ANGLES, "mach", *RATES)  # signals that every aircraft has; surfaces are the file's
-HIGHEST = 9  # power
+HIGHEST_POWER = 9
 AS_TERM = "term_"  # what the name of a signal begins with as it stands in terms
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _NAME = r"[A-Za-z]\w*"
@@ -232,9 +232,9 @@ def parse_term(text: str, signals: Collection[str], where: str = "term") -> Term
         key = (factor.signal, factor.absolute, factor.knot, 0 if is_power else factor.power)
         if key in factors and is_power:
             factor = Factor(factor.signal, factor.power + factors[key].power)
-        if (key in factors and not is_power) or factor.power > HIGHEST:
+        if (key in factors and not is_power) or factor.power > HIGHEST_POWER:
             raise DeclarationError(
-                f"the term {text!r} is no product of powers up to {HIGHEST}",
+                f"the term {text!r} is no product of powers up to {HIGHEST_POWER}",
                 where=where,
                 remedy="write each factor once",
             )

@@ -248,8 +248,9 @@ def _bad(what: str, remedy: str) -> ModelError:
 # ---- Smooth maneuvers that spread their energy over a band
 
 _GAUSS_POINTS = 8
-_FINE = 32  # points in a period of the highest harmonic, where peaks are looked for
-_CLIPPINGS = 200
+# points in a period of the highest harmonic, where peaks are looked for
+_PEAK_POINTS_PER_PERIOD = 32
+_MOST_CLIPPINGS = 200
 _LEVELS = (0.75, 0.99)  # of the peak, at which the first and the last clipping cut
 
 
@@ -420,7 +421,7 @@ def least_peak_multisine(
     all that was passed the lowest peak is taken, so it is never above Schroeder's.
     """
     first = schroeder_multisine(rms, period, harmonics, 0.0)
-    at, count = np.asarray(first.harmonics), _FINE * max(first.harmonics)
+    at, count = np.asarray(first.harmonics), _PEAK_POINTS_PER_PERIOD * max(first.harmonics)
     size, phases = np.asarray(first.amplitudes), np.asarray(first.phases)
     if shares is not None:
         relative = np.asarray(shares, dtype=float)
@@ -432,14 +433,14 @@ def least_peak_multisine(
             )
         size = size * relative * math.sqrt(size.size / float(relative @ relative))
     best, lowest = phases, math.inf
-    for step in range(_CLIPPINGS):
+    for step in range(_MOST_CLIPPINGS):
         spectrum = np.zeros(count // 2 + 1, dtype=complex)
         spectrum[at] = 0.5 * count * size * np.exp(1j * phases)
         u = np.fft.irfft(spectrum, count)
         peak = float(np.max(np.abs(u)))
         if peak < lowest:
             best, lowest = phases, peak
-        level = peak * (_LEVELS[0] + (_LEVELS[1] - _LEVELS[0]) * step / _CLIPPINGS)
+        level = peak * (_LEVELS[0] + (_LEVELS[1] - _LEVELS[0]) * step / _MOST_CLIPPINGS)
         phases = np.angle(np.fft.rfft(np.clip(u, -level, level))[at])
     amplitudes = tuple(size.tolist())
     plain = Multisine(period, first.harmonics, amplitudes, tuple(best.tolist()), 0.0)
@@ -454,9 +455,9 @@ def least_peak_multisine(
 def peak_factor(multisine: Multisine) -> float:
     """Largest magnitude over root mean square, of a sine the root of two."""
     t = (
-        np.arange(_FINE * max(multisine.harmonics))
+        np.arange(_PEAK_POINTS_PER_PERIOD * max(multisine.harmonics))
         * multisine.period
-        / (_FINE * max(multisine.harmonics))
+        / (_PEAK_POINTS_PER_PERIOD * max(multisine.harmonics))
     )
     u = multisine._inside(t)
     return float(np.max(np.abs(u)) / np.sqrt(np.mean(u**2)))

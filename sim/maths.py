@@ -25,7 +25,7 @@ G0 = 9.80665  # m/s2, standard gravity: the unit of nz
 
 COMPLEX_STEP = 1e-30
 # runs beside each other, from which steps taken together are cheaper than solves one by one
-_WIDE = 64
+_LEAST_BATCHED_RUNS = 64
 
 
 def plus(x: Any, port: Any) -> Any:
@@ -237,7 +237,7 @@ def linear_recurrence(a: Any, b: Any, start: Any) -> np.ndarray:
     n, shape = len(b), np.broadcast_shapes(a.shape[1:], b.shape[1:], start.shape)
     y = np.empty((n + 1, *shape), dtype=np.result_type(a, b, start, float))
     y[0] = start
-    if math.prod(shape) > _WIDE:
+    if math.prod(shape) > _LEAST_BATCHED_RUNS:
         for k in range(n):
             y[k + 1] = a[k] * y[k] + b[k]
         return y
@@ -309,7 +309,7 @@ def trailing(row: np.ndarray, depth: int) -> np.ndarray:
 
 # ---- Smooth curves of a few shapes
 
-COARSE = 5  # intervals of the usual form
+USUAL_INTERVALS = 5  # intervals of the usual form
 
 
 @dataclass(frozen=True, eq=False)
@@ -361,15 +361,15 @@ def natural_shapes(
     low, high = min(low, anchor), max(high, anchor)
     if not high > low:
         high = low + 1.0
-    intervals = 2 * COARSE if fine else COARSE
+    intervals = 2 * USUAL_INTERVALS if fine else USUAL_INTERVALS
     at = (anchor - low) / (high - low)
-    coarse = np.linspace(0.0, 1.0, COARSE + 1)
-    powers = (coarse[:, None] - at) ** np.arange(2 if flat else 1, COARSE + 1)
+    coarse = np.linspace(0.0, 1.0, USUAL_INTERVALS + 1)
+    powers = (coarse[:, None] - at) ** np.arange(2 if flat else 1, USUAL_INTERVALS + 1)
     ordinates = _without_anchor(powers, at, flat)
     if fine:
-        middle = _values(_cubics(ordinates), np.linspace(0.0, 1.0, 2 * COARSE + 1))
-        bumps = np.zeros((2 * COARSE + 1, COARSE))
-        bumps[1::2] = np.eye(COARSE)
+        middle = _values(_cubics(ordinates), np.linspace(0.0, 1.0, 2 * USUAL_INTERVALS + 1))
+        bumps = np.zeros((2 * USUAL_INTERVALS + 1, USUAL_INTERVALS))
+        bumps[1::2] = np.eye(USUAL_INTERVALS)
         ordinates = np.hstack([middle, _without_anchor(bumps, at, flat)])
     grid = (np.arange(400) + 0.5) / 400
     _, mixing = np.linalg.qr(_values(_cubics(ordinates), grid) / np.sqrt(len(grid)))
@@ -393,8 +393,8 @@ def first_shapes(shapes: Shapes, count: int) -> Shapes:
 
 def shape_names(fine: bool = False, flat: bool = True) -> tuple[str, ...]:
     """Names of the sizes of these functions: ``shape1`` ..., the finer ones last."""
-    usual = COARSE - 1 if flat else COARSE
-    return tuple(f"shape{i + 1}" for i in range(usual + COARSE if fine else usual))
+    usual = USUAL_INTERVALS - 1 if flat else USUAL_INTERVALS
+    return tuple(f"shape{i + 1}" for i in range(usual + USUAL_INTERVALS if fine else usual))
 
 
 def combine(shapes: Shapes, x: Any, sizes: Sequence[Any]) -> Any:

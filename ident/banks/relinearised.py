@@ -23,24 +23,25 @@ from sim.errors import FlightidError
 from sim.record import Record
 
 # filters to either side, one sigma of the delay apart: their sum is a Gaussian's integral to 1e-4
-REACH = 4
+FILTERS_ON_EITHER_SIDE = 4
 # filters over delays that are hardly known: midpoints of so many cells have a uniform density's
 # deviation to 2 %
-FEWEST = 5
+FEWEST_FILTERS = 5
 # of the sigma when last linearised: a curvature that was of no account over that is of less over
 # this
-SHARPER = 0.5
+SHARPENED_SHARE = 0.5
 # sigmas when last linearised: within one the quadratic term is a small part of the linear one
-MOVED = 1.0
+MOVED_SIGMAS = 1.0
 # sigma of the delay over the step of the grid: below, a sum over the filters is no integral
-COARSE = 0.5
-EDGE = 0.01  # likelihood of the outermost filter: above, the grid stands aside
+COARSE_GRID_SIGMAS = 0.5
+EDGE_LIKELIHOOD = 0.01  # likelihood of the outermost filter: above, the grid stands aside
 # times the sigma that all rows give: rows that give no more hold nearly two thirds of the
 # information
-WIDER = 1.25
-CONTRADICTED = 2.0  # sigmas
-SETTLED = 0.1  # sigmas within which iterated filters count as settled
-ELSEWHERE = 0.5  # sigmas: filters that settle within a tenth of one answer are not this far apart
+WIDENING = 1.25
+CONTRADICTED_SIGMAS = 2.0
+SETTLED_SIGMAS = 0.1  # sigmas within which iterated filters count as settled
+# sigmas: filters that settle within a tenth of one answer are not this far apart
+OTHER_OPTIMUM_SIGMAS = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +64,9 @@ def informative_enough(bank: OnlineBank, state: BankState, names: Sequence[str])
     """
     at = [bank.names.index(name) for name in names]
     return bool(
-        np.any(state.std(state.best)[at] < SHARPER * np.sqrt(np.diagonal(bank.covariance)[at]))
+        np.any(
+            state.std(state.best)[at] < SHARPENED_SHARE * np.sqrt(np.diagonal(bank.covariance)[at])
+        )
     )
 
 
@@ -107,7 +110,7 @@ def linearise(
         bank_result.system,
         fixed_values={name: fine},
         about=bank_result.about[:, :, None],
-        tolerance=SETTLED,
+        tolerance=SETTLED_SIGMAS,
     )
     if np.count_nonzero(runs.sound) < 3:
         return None
@@ -163,10 +166,10 @@ def on_a_grid_that_fits(current: Relinearised) -> Relinearised:
     step = float(np.diff(bank.delays).mean())
     # Where there is no room for a further filter the Gaussian is cut off: laid anew, it would be
     # cut again and become narrower without a row.
-    inside = (weights[0] < EDGE or bank.delays[0] < step) and (
-        weights[-1] < EDGE or bank.delays[-1] > bank.memory - step
+    inside = (weights[0] < EDGE_LIKELIHOOD or bank.delays[0] < step) and (
+        weights[-1] < EDGE_LIKELIHOOD or bank.delays[-1] > bank.memory - step
     )
-    dense = float(np.sqrt(covariance[-1, -1])) > COARSE * step
+    dense = float(np.sqrt(covariance[-1, -1])) > COARSE_GRID_SIGMAS * step
     return (
         current
         if not state.sound.any() or (inside and dense)
@@ -182,7 +185,8 @@ def due(current: Relinearised, names: Sequence[str]) -> bool:
     at = [*(current.bank.names.index(name) for name in names), len(mean) - 1]
     std, before = np.sqrt(np.diagonal(covariance))[at], current.std[at]
     return bool(
-        np.any(std < SHARPER * before) or np.any(np.abs(mean - current.mean)[at] > MOVED * before)
+        np.any(std < SHARPENED_SHARE * before)
+        or np.any(np.abs(mean - current.mean)[at] > MOVED_SIGMAS * before)
     )
 
 
@@ -200,11 +204,11 @@ def sharper_of(
     at = [linearised.bank.names.index(name) for name in names]
     mean, covariance = joint(current.bank, current.state)
     std = np.sqrt(np.diagonal(covariance))
-    if np.all(linearised.std[at] <= WIDER * std[at]):
+    if np.all(linearised.std[at] <= WIDENING * std[at]):
         return linearised
     off = np.abs(mean - linearised.mean)[:-1]
     apart = np.where(
-        off > CONTRADICTED * linearised.std[:-1],
+        off > CONTRADICTED_SIGMAS * linearised.std[:-1],
         np.maximum(off, current.start_dependence),
         current.start_dependence,
     )
@@ -263,8 +267,11 @@ def _fine(delay: float, std: float, least: float, most: float) -> np.ndarray:
     """Delays one sigma apart, or less, in the middle of even cells; together these reach as far as
     the Gaussian does between two bounds.
     """
-    low, high = (min(max(delay + side * (REACH + 0.5) * std, least), most) for side in (-1.0, 1.0))
-    count = max(round((high - low) / std + 0.499), FEWEST)
+    low, high = (
+        min(max(delay + side * (FILTERS_ON_EITHER_SIDE + 0.5) * std, least), most)
+        for side in (-1.0, 1.0)
+    )
+    count = max(round((high - low) / std + 0.499), FEWEST_FILTERS)
     return low + (high - low) / count * (np.arange(count) + 0.5)
 
 
@@ -307,7 +314,7 @@ def _start_dependence(
         system,
         fixed_values={name: np.full(1 + count, delay)},
         about=points,
-        tolerance=SETTLED,
+        tolerance=SETTLED_SIGMAS,
     )
     others = runs.sound.copy()
     others[0] = False
@@ -316,4 +323,4 @@ def _start_dependence(
     # One that ends with a lower likelihood has been refuted by the rows: beyond three sigmas of it.
     others &= runs.log_likelihood > runs.log_likelihood[0] - 4.5
     far = np.max(np.abs(runs.mean[:, others] - runs.mean[:, :1]), axis=1, initial=0.0)
-    return np.where(far > ELSEWHERE * std, far, 0.0)
+    return np.where(far > OTHER_OPTIMUM_SIGMAS * std, far, 0.0)

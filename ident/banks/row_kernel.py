@@ -5,9 +5,9 @@ works on whole rows, element by element, so that the result of a run does not de
 runs; zero entries of the table cost nothing. The filters equal those of
 `ident.banks.equation_kernels` and are several times faster for hundreds of runs.
 
-A pass filters as many runs together as fit into a processor's cache. Every ``_STRETCH`` samples it
-checks which runs are still finite; where a run has diverged, it repeats these samples one by one
-to find the last finite one.
+A pass filters as many runs together as fit into a processor's cache. Every ``_SAMPLES_PER_CHECK``
+samples it checks which runs are still finite; where a run has diverged, it repeats these samples
+one by one to find the last finite one.
 
 Symbols: B runs, n states and parameters, n_x states, m outputs; ``w (len w, B)`` holds the entries
 (1, states, parameters, inputs), ``P (n, n, B)`` covariances, ``F`` and ``H`` Jacobians of rates and
@@ -25,7 +25,7 @@ import numpy as np
 
 from ident.banks.equation_kernels import BankHistory, BankPass, BankRuns, Tables, tables_for
 from ident.bilinear_table import Bilinear
-from ident.estimate import LARGEST
+from ident.estimate import LARGEST_NUMBER
 from ident.filters.ekf import FilterSettings
 from ident.filters.problem import FilterProblem
 
@@ -275,8 +275,8 @@ def updater(
 # ---- One pass of many filters of bilinear equations
 
 LOG_TWO_PI = float(np.log(2.0 * np.pi))
-_STRETCH = 32  # samples between two checks for diverged runs
-_AT_ONCE = 64_000  # covariance entries of the runs that are filtered together
+_SAMPLES_PER_CHECK = 32  # samples between two checks for diverged runs
+_MOST_COVARIANCE_ENTRIES = 64_000  # covariance entries of the runs that are filtered together
 
 
 def pass_side_by_side(
@@ -287,7 +287,7 @@ def pass_side_by_side(
     if tables is None:
         return None
     B, size = runs.start.shape[1], len(problem.names) ** 2
-    width = max(8, -(-_AT_ONCE // size))
+    width = max(8, -(-_MOST_COVARIANCE_ENTRIES // size))
     parts = [slice(b, min(b + width, B)) for b in range(0, B, width)]
     with np.errstate(all="ignore"):
         return _joined([_filtered(problem, tables, runs, part, keep) for part in parts])
@@ -320,13 +320,13 @@ def _filtered(
         else None
     )
     workspace = _StretchBuffers(
-        np.empty((_STRETCH, n, B)),
-        np.empty((_STRETCH, n, B)),
-        UpdateBuffers(*(np.empty((_STRETCH, m, B)) for _ in UpdateBuffers._fields)),
+        np.empty((_SAMPLES_PER_CHECK, n, B)),
+        np.empty((_SAMPLES_PER_CHECK, n, B)),
+        UpdateBuffers(*(np.empty((_SAMPLES_PER_CHECK, m, B)) for _ in UpdateBuffers._fields)),
     )
     channels = np.count_nonzero(problem.valid, axis=0)
-    for first in range(0, N, _STRETCH):
-        last = min(first + _STRETCH, N)
+    for first in range(0, N, _SAMPLES_PER_CHECK):
+        last = min(first + _SAMPLES_PER_CHECK, N)
         at, before = slice(first, last), (w.copy(), P.copy())
         filter_samples(first, last, workspace)
         squared = workspace.seen.squared[: last - first].sum(axis=1)
@@ -415,12 +415,12 @@ def _finite_so_far(
     mean, variance = workspace.mean[: len(squared)], workspace.variance[: len(squared)]
     # A NaN fails each comparison.
     good = (
-        (np.abs(mean).max(axis=1) < LARGEST)
+        (np.abs(mean).max(axis=1) < LARGEST_NUMBER)
         & (variance.min(axis=1) >= 0.0)
-        & (variance.max(axis=1) < LARGEST)
-        & (squared < LARGEST)
+        & (variance.max(axis=1) < LARGEST_NUMBER)
+        & (squared < LARGEST_NUMBER)
     )
-    good[-1] &= np.abs(P).max(axis=(0, 1)) < LARGEST
+    good[-1] &= np.abs(P).max(axis=(0, 1)) < LARGEST_NUMBER
     return np.logical_and.accumulate(good, axis=0) & before
 
 

@@ -46,7 +46,7 @@ _NEEDS = {
     "q": ("theta",),
     "ax": ("airspeed",),
 }
-SHORTEST = 20  # samples
+FEWEST_SAMPLES = 20
 LATERAL_CONTROLS = ("aileron", "rudder")
 
 
@@ -288,11 +288,11 @@ def _longitudinal(record: Record) -> Record:
 
 
 def _refuse(record: Record) -> None:
-    if len(record) < SHORTEST:
+    if len(record) < FEWEST_SAMPLES:
         raise RecordError(
             f"{len(record)} samples are too few to check",
             where=record.name,
-            remedy=f"give at least {SHORTEST}",
+            remedy=f"give at least {FEWEST_SAMPLES}",
         )
     refuse_beyond_measure(record, record.output_names, MOST_MEASURED)
     if "airspeed" in record.output_names:

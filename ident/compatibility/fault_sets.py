@@ -26,9 +26,9 @@ from ident.compatibility.trials import (
 
 # ---- Sets of sensor faults fitted jointly
 
-_BREADTH = 5  # sets of one size that are kept, and faults that are tried beside each of them
-TIE = 0.5  # of log likelihood: what two fits of the same thing may differ by
-_WORTH = 2.5  # first-order gain from which a fault is fitted in full
+_BEAM_WIDTH = 5  # sets of one size that are kept, and faults that are tried beside each of them
+TIE_LOG_LIKELIHOOD = 0.5  # of log likelihood: what two fits of the same thing may differ by
+_LEAST_PROJECTED_GAIN = 2.5  # first-order gain from which a fault is fitted in full
 # what the relations tie within a fraction of a second; speed changes too slowly to be a clock
 _TIMED = ("alpha", "q", "nz", "theta")
 
@@ -160,7 +160,10 @@ def chosen(sets: Sequence[FaultSet], charge: float) -> FaultSet:
     widening = sets[int(np.argmin(misfit))].widening
     # Alpha and q late by as much are an early load, to rounding.
     score = [
-        value / widening + charge * len(each.faults) + TIE * each.early + each.surprise
+        value / widening
+        + charge * len(each.faults)
+        + TIE_LOG_LIKELIHOOD * each.early
+        + each.surprise
         for each, value in zip(sets, misfit.tolist(), strict=True)
     ]
     return sets[int(np.argmin(score))]
@@ -193,7 +196,7 @@ def _best_sound(fits: Sequence[KinematicFit], given: int) -> list[FaultSet]:
         judged = fault_set(fits[i], given)
         if judged.sound:
             out.append(judged)
-        if len(out) == _BREADTH:
+        if len(out) == _BEAM_WIDTH:
             break
     return out
 
@@ -214,7 +217,11 @@ def _extended(
     quick = sorted(
         zip(free, one_step(kinematic_fit, free), strict=True), key=lambda pair: pair[1].cost
     )
-    worth = [fault for fault, first in quick[:_BREADTH] if kinematic_fit.cost - first.cost > _WORTH]
+    worth = [
+        fault
+        for fault, first in quick[:_BEAM_WIDTH]
+        if kinematic_fit.cost - first.cost > _LEAST_PROJECTED_GAIN
+    ]
     return [
         fit(kinematic_fit.signals, (*kinematic_fit.faults, fault), kinematic_fit)
         for fault in worth
@@ -390,7 +397,7 @@ def slots_of(
             before + chosen_set.widening * chosen_set.surprise,
             after + chosen_set.widening * changed.surprise,
         )
-        if not changed.sound or after > before + TIE:
+        if not changed.sound or after > before + TIE_LOG_LIKELIHOOD:
             break
         chosen_set = changed
     return chosen_set, [
@@ -441,7 +448,9 @@ def _slot(
         misfit[1] if t.fault is fault else value
         for t, value in zip(trials, misfit[2:].tolist(), strict=True)
     ]
-    here = [value + TIE * t.fault.rare for t, value in zip(trials, here, strict=True)]
+    here = [
+        value + TIE_LOG_LIKELIHOOD * t.fault.rare for t, value in zip(trials, here, strict=True)
+    ]
     usual = [
         value + chosen_set.widening * float(t.fault.surprise(t.size, t.variance))
         for t, value in zip(trials, here, strict=True)

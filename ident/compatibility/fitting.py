@@ -34,13 +34,17 @@ from ident.compatibility.signals import (
     weigher,
     whitener,
 )
-from ident.statistics.intervals import OPEN, bounded_inverse, inverse_information
+from ident.statistics.intervals import (
+    DIFFERENCED_UNDETERMINED,
+    bounded_inverse,
+    inverse_information,
+)
 from ident.statistics.residual_spectrum import corrected_covariance
 
 # ---- Fits of the kinematics to records
 
-_ITERATIONS = 8
-_SMALL = 2e-3  # twice the gain of a step that is not worth taking
+_MOST_ITERATIONS = 8
+_NEGLIGIBLE_GAIN = 2e-3  # twice the gain of a step that is not worth taking
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +155,7 @@ class KinematicDescent:
     evaluate: Callable[..., np.ndarray]
     linearised: Callable[..., tuple[np.ndarray, np.ndarray]]
     shares: tuple[float, ...] = (1.0, 0.5, 0.2, 0.05, 0.01)
-    steps: int = _ITERATIONS
+    steps: int = _MOST_ITERATIONS
     enough: float = 0.0
 
 
@@ -163,7 +167,7 @@ def descended(search: KinematicDescent, at: Reached, whiteners: Sequence[Weigher
     for _ in range(search.steps):
         information, gradient = normal_equations(signals, priors, own, lines, whiteners)
         step = bounded_inverse(information) @ gradient
-        if float(gradient @ step) < _SMALL:
+        if float(gradient @ step) < _NEGLIGIBLE_GAIN:
             break
         for share in search.shares:
             moved = np.split(share * step, np.cumsum([len(o) for o in own]))
@@ -311,7 +315,7 @@ def residual_of(s: KinematicSignals, y: np.ndarray) -> np.ndarray:
 
 # ---- Both methods side by side
 
-_PASSES = 4
+_MOST_PASSES = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -333,7 +337,7 @@ def smoother_sigmas(kinematic_fit: KinematicFit) -> Sigmas:
     for (_, jacobian), where in zip(white, at, strict=True):
         J = jacobian.reshape(-1, jacobian.shape[2])
         information[np.ix_(where, where)] += J.T @ J
-    inverse, _ = inverse_information(information, floor=OPEN)
+    inverse, _ = inverse_information(information, floor=DIFFERENCED_UNDETERMINED)
     parts = [
         (where, jacobian, e, s.valid)
         for (e, jacobian), where, s in zip(white, at, kinematic_fit.signals, strict=True)
@@ -363,7 +367,7 @@ def output_error(kinematic_fit: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
     total = len(prior) - len(sizes)
     lines = list(zip(kinematic_fit.outputs, kinematic_fit.jacobians, strict=True))
     parts = [part_of_controls(s) for s in kinematic_fit.signals]
-    for turn in range(_PASSES):
+    for turn in range(_MOST_PASSES):
         if turn:
             lines = [
                 linearised(s, u, kinematic_fit.faults, o, sizes)
@@ -410,7 +414,7 @@ def output_error(kinematic_fit: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
         spread[np.ix_(where, where)] += np.einsum(
             "inc,i,ind->cd", walk, kinematic_fit.noise.density, walk
         )
-    inverse, _ = inverse_information(information, floor=OPEN)
+    inverse, _ = inverse_information(information, floor=DIFFERENCED_UNDETERMINED)
     return np.concatenate([*own, sizes]), _sandwich(inverse, spread)
 
 
@@ -435,9 +439,9 @@ def difference_in_sigmas(one: float, var_one: float, other: float, var_other: fl
 
 # ---- What the channels can and cannot tell
 
-_MEMBER = 0.2  # of the largest part: what takes less part in a combination is not named
-_PIVOT = 0.3
-_CLOSE = 0.95
+_LEAST_PART = 0.2  # of the largest part: what takes less part in a combination is not named
+_LEAST_PIVOT = 0.3
+_CONFUSABLE_CORRELATION = 0.95
 FAMILIES = ((DELAY,), (SCALE,), (BIAS, DRIFT))
 
 
@@ -535,7 +539,7 @@ def _simple_rows(rows: np.ndarray, named: Sequence[SensorFault]) -> list[np.ndar
         if not left.size:
             break
         best = left[np.argmax(np.abs(rows[left, column]))]
-        if abs(rows[best, column]) < _PIVOT * np.abs(rows[best]).max():
+        if abs(rows[best, column]) < _LEAST_PIVOT * np.abs(rows[best]).max():
             continue
         rows[best] /= rows[best, column]
         for other in range(len(rows)):
@@ -558,7 +562,9 @@ def _alike(
     while left:
         group = [left.pop(0)]
         for i in list(left):
-            if all(abs(information[i, j]) >= _CLOSE * size[i] * size[j] for j in group):
+            if all(
+                abs(information[i, j]) >= _CONFUSABLE_CORRELATION * size[i] * size[j] for j in group
+            ):
                 group.append(i)
                 left.remove(i)
         if len(group) > 1:
@@ -567,7 +573,7 @@ def _alike(
 
 
 def _combination_sentence(row: np.ndarray, named: Sequence[SensorFault]) -> str:
-    members = [(named[i], row[i]) for i in np.argsort(-np.abs(row)) if abs(row[i]) >= _MEMBER]
+    members = [(named[i], row[i]) for i in np.argsort(-np.abs(row)) if abs(row[i]) >= _LEAST_PART]
     kinds = {fault.kind for fault, _ in members}
     lateness = all(fault.kind in (DELAY, LAG) for fault, _ in members)
     channels = sorted(

@@ -52,8 +52,14 @@ UNITS = {
     },
     **{"height": "m", "altitude": "m", "wind": "m/s"},
 }
-# a bias that is worth a word
-_SIZES = {"alpha": 0.02, "q": 0.005, "nz": 0.05, "theta": 0.02, "airspeed": 3.0, "ax": 0.3} | {
+_NOTABLE_BIASES = {  # a bias that is worth a word
+    "alpha": 0.02,
+    "q": 0.005,
+    "nz": 0.05,
+    "theta": 0.02,
+    "airspeed": 3.0,
+    "ax": 0.3,
+} | {
     **{
         "beta": 0.02,
         "phi": 0.02,
@@ -132,7 +138,9 @@ class SensorFault:
         """A size that is common in practice: the scale of observability."""
         own = {SCALE: 0.1, DELAY: 0.05, LAG: 0.05} | dict.fromkeys(ARMS, 5.0)
         return own.get(self.kind) or (
-            0.05 * _SIZES[self.channel] if self.kind == DRIFT else _SIZES[self.channel]
+            0.05 * _NOTABLE_BIASES[self.channel]
+            if self.kind == DRIFT
+            else _NOTABLE_BIASES[self.channel]
         )
 
     @property
@@ -184,7 +192,7 @@ def faults_of(
 # (channel, kind) -> sizes (P, 1); zero where nothing is fitted
 Values = Callable[[str, str], np.ndarray]
 # alpha stands on the right side under small factors: each sweep gains a factor of ten and more
-_SWEEPS = 5
+_FIXED_POINT_SWEEPS = 5
 
 
 def reconstructed(s: KinematicSignals, value: Values) -> np.ndarray:
@@ -247,7 +255,7 @@ def _with_theta(
     h: np.ndarray,
 ) -> np.ndarray:
     alpha = s.channels["alpha"][None]
-    for _ in range(_SWEEPS):
+    for _ in range(_FIXED_POINT_SWEEPS):
         gravity = s.gravity * over_speed * h * middle(np.cos(theta - alpha))
         if "ax" in inputs:
             change = (
@@ -398,7 +406,7 @@ def _slopes(y: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 Key = tuple[str, str]
 # share by which an airspeed that is not recorded may be off: it divides the load as a scale does
-_SPEED = 0.015
+_AIRSPEED_UNCERTAINTY = 0.015
 
 
 @dataclass(frozen=True)
@@ -423,7 +431,7 @@ def unknowns_of(s: KinematicSignals) -> tuple[Unknown, ...]:
     if "alpha" in s.outputs:
         out.append(Unknown(("nz", BIAS), 1e-3))
         if "airspeed" not in s.channels:
-            out.append(Unknown(("nz", SCALE), 1e-3, _SPEED))
+            out.append(Unknown(("nz", SCALE), 1e-3, _AIRSPEED_UNCERTAINTY))
         if "theta" not in s.channels:
             out += [Unknown(("turn", "1"), 1e-3, 0.2), Unknown(("turn", "2"), 1e-2, 0.5)]
         if s.jumps.size:

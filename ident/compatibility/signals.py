@@ -27,9 +27,9 @@ from sim.record import Hold, Record
 # ---- A record made ready for the kinematics
 
 # s at both ends of a record that no residual counts: a late channel has nothing to show there
-EDGE = 0.1
+IGNORED_ENDS = 0.1
 CHANNELS = ("alpha", "q", "nz", "az", "theta", "airspeed", "ax")
-SPIKE = 8.0  # robust sigmas
+SPIKE_SIGMAS = 8.0  # robust sigmas
 LEAST_SPIKE = 0.03  # of a channel's range
 
 
@@ -90,9 +90,8 @@ class KinematicSignals:
         return wide
 
 
-NO_AIRSPEED = (
-    "no airspeed is recorded or given"  # begins the note that says which relations lack it
-)
+# begins the note that says which relations lack it
+NO_AIRSPEED = "no airspeed is recorded or given"
 
 
 def relations(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
@@ -129,7 +128,7 @@ def signals_of(
         raw[name], valid[name] = np.interp(record.time, record.time[there], values[there]), there
     relation_list = relations(channels)
     used = {name for joined in relation_list.values() for name in joined}
-    edge = EDGE if record.time[-1] - record.time[0] > 50.0 * EDGE else 0.0
+    edge = IGNORED_ENDS if record.time[-1] - record.time[0] > 50.0 * IGNORED_ENDS else 0.0
     inside = (record.time >= record.time[0] + edge) & (record.time <= record.time[-1] - edge)
     speed = (
         raw["airspeed"]
@@ -187,7 +186,8 @@ def isolated(t: np.ndarray, x: np.ndarray) -> np.ndarray:
     away[1:-1] = x[1:-1] - 0.5 * (x[2:] + x[:-2])
     least = np.min(np.abs([left, right, away]), axis=0)
     large = least > max(
-        SPIKE * robust_sigma(np.where(np.isfinite(away), away, 0.0)), LEAST_SPIKE * float(np.ptp(x))
+        SPIKE_SIGMAS * robust_sigma(np.where(np.isfinite(away), away, 0.0)),
+        LEAST_SPIKE * float(np.ptp(x)),
     )
     large[:2] = large[-2:] = False
     # A spike spoils what its neighbours are compared with; they are smaller.
@@ -230,7 +230,7 @@ def differences(columns: np.ndarray) -> np.ndarray:
 
 # ---- The residual of an integrated relation
 
-_MISSING = 1e8  # times the noise variance: such a sample says nothing
+_MISSING_VARIANCE_FACTOR = 1e8  # times the noise variance: such a sample says nothing
 _INPUTS = {"alpha": ("q", "nz", "az"), "theta": ("q",), "airspeed": ("ax", "nx")} | {
     **{
         "phi": ("p",),
@@ -383,7 +383,7 @@ def whitener(s: KinematicSignals, noise: RelationNoise) -> RelationWhitener:
     from scipy.linalg.lapack import dpbtrf
 
     m, n = s.valid.shape
-    own = np.where(s.valid, noise.white[:, None], _MISSING * noise.white[:, None])
+    own = np.where(s.valid, noise.white[:, None], _MISSING_VARIANCE_FACTOR * noise.white[:, None])
     gains = walk_gains(s, noise)
     walk = (gains * noise.density) @ gains.T
     band = np.zeros((2 * m, n, m))
@@ -496,7 +496,7 @@ def smoothed_walk(s: KinematicSignals, noise: RelationNoise, residual: np.ndarra
     y = solved.reshape(n, m).T
     back = y.copy()
     back[:, :-1] -= y[:, 1:]
-    own = np.where(s.valid, noise.white[:, None], _MISSING * noise.white[:, None])
+    own = np.where(s.valid, noise.white[:, None], _MISSING_VARIANCE_FACTOR * noise.white[:, None])
     return np.asarray(residual - own * back)
 
 
@@ -504,8 +504,8 @@ def smoothed_walk(s: KinematicSignals, noise: RelationNoise, residual: np.ndarra
 
 # s back from now, in which the mean of a control is taken: an impulse response in steps.
 _BACK = (0.0, 0.08, 0.16, 0.28, 0.4, 0.55, 0.75, 1.0, 1.3, 1.7, 2.2, 2.8, 3.5, 4.5)
-_SHARE = 6  # samples for each instrument, at least
-_ALIKE = 1e-9  # of the largest eigenvalue: such a combination of instruments is rounding
+_SAMPLES_PER_INSTRUMENT = 6  # samples for each instrument, at least
+_ROUNDING_EIGENVALUE_SHARE = 1e-9  # of the largest: such a combination is rounding
 
 Weigher = Callable[[np.ndarray], np.ndarray]
 
@@ -525,7 +525,7 @@ def instruments_of(record: Record, every: int = 1) -> np.ndarray:
     if not moved:
         return np.empty((len(t), 0))
     back: tuple[float, ...] = _BACK[::every]
-    while len(moved) * len(back) * _SHARE > len(t) and len(back) > 3:
+    while len(moved) * len(back) * _SAMPLES_PER_INSTRUMENT > len(t) and len(back) > 3:
         back = back[::2]
     columns = [np.ones(len(t)), t, t**2]
     for u in moved:
@@ -590,7 +590,7 @@ def _orthonormal(flat: np.ndarray) -> np.ndarray:
     gram = flat.T @ flat
     scale = 1.0 / np.sqrt(np.where(np.diag(gram) > 0, np.diag(gram), 1.0))
     values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))
-    determined = values > _ALIKE * values[-1]
+    determined = values > _ROUNDING_EIGENVALUE_SHARE * values[-1]
     return np.asarray(
         flat @ (scale[:, None] * vectors[:, determined] / np.sqrt(values[determined]))
     )

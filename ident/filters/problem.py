@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ident.estimate import LARGEST, Estimate, FilterHistory, Outcome
+from ident.estimate import LARGEST_NUMBER, Estimate, FilterHistory, Outcome
 from sim.declaration.effect import ParameterSet
 from sim.declaration.model import System
 from sim.errors import ModelError
@@ -178,8 +178,8 @@ def breakdown(
     """
     numbers = (mean, covariance, *further)
     # Sums of squares are the cheaper bound, and a NaN fails either comparison.
-    if not sum(np.vdot(v, v) for v in numbers) < LARGEST and not all(
-        np.abs(v).max(initial=0.0) < LARGEST for v in numbers
+    if not sum(np.vdot(v, v) for v in numbers) < LARGEST_NUMBER and not all(
+        np.abs(v).max(initial=0.0) < LARGEST_NUMBER for v in numbers
     ):
         return Outcome.DIVERGED
     return Outcome.INDEFINITE if covariance.diagonal().min() < 0.0 else None
@@ -338,7 +338,8 @@ def finished(problem: FilterProblem, buffers: FilterBuffers, method: str) -> Est
     variance = np.diagonal(buffers.covariance, axis1=1, axis2=2)
     if (
         not all(
-            each.max(initial=0.0) < LARGEST and each.min(initial=0.0) > -LARGEST for each in buffers
+            each.max(initial=0.0) < LARGEST_NUMBER and each.min(initial=0.0) > -LARGEST_NUMBER
+            for each in buffers
         )
         or variance.min(initial=0.0) < 0.0
     ):
@@ -349,7 +350,7 @@ def finished(problem: FilterProblem, buffers: FilterBuffers, method: str) -> Est
         return None
     # A channel that is missing has zero in y and one in S, which adds nothing.
     nis = np.square(np.linalg.solve(root, buffers.innovation[:, :, None])[:, :, 0]).sum(axis=1)
-    if not np.all(nis < LARGEST):
+    if not np.all(nis < LARGEST_NUMBER):
         return None
     degrees = np.count_nonzero(problem.valid, axis=0)
     log_likelihood = -0.5 * (nis + degrees * LOG_TWO_PI) - np.log(

@@ -110,8 +110,8 @@ def _at_most(P: np.ndarray, variance: np.ndarray) -> np.ndarray:
 # ---- Parameter covariance of a filter, corrected for innovations that are not white
 
 # of the standard deviations 1/sqrt(N) that an autocorrelation of white noise has
-_SIGNIFICANT = 4.0
-_ROUNDING = 1e-9  # of a covariance, below which a difference of two is no process noise
+_SIGNIFICANT_SIGMAS = 4.0
+_ROUNDING_SHARE = 1e-9  # of a covariance, below which a difference of two is no process noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +188,7 @@ def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
     ]
     lag_one = {name: _lag_one(row, known) for name, row, known in rows}
     significant = any(
-        abs(lag_one[name]) > _SIGNIFICANT / np.sqrt(np.count_nonzero(known))
+        abs(lag_one[name]) > _SIGNIFICANT_SIGMAS / np.sqrt(np.count_nonzero(known))
         for name, _, known in rows
     )
     return ColouredInnovations(
@@ -247,7 +247,7 @@ def _process_noise(history: FilterHistory) -> np.ndarray | None:
     before = history.predicted_covariance[1:]
     added = before - Phi @ after @ Phi.transpose(0, 2, 1)
     scale = np.sqrt(np.maximum(np.diagonal(before, axis1=1, axis2=2), 0.0))
-    added[np.abs(added) <= _ROUNDING * (scale[:, :, None] * scale[:, None])] = 0.0
+    added[np.abs(added) <= _ROUNDING_SHARE * (scale[:, :, None] * scale[:, None])] = 0.0
     if not np.any(added):
         return None
     return np.concatenate(

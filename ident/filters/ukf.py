@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import Estimate, Outcome, quiet_numerics
-from ident.filters.ekf import SETTLED, FilterSettings, settled
+from ident.filters.ekf import SETTLED_SIGMAS, FilterSettings, settled
 from ident.filters.one_record import log_gaussian
 from ident.filters.problem import FilterProblem, HistoryKeeper, breakdown, filter_problem, with_free
 from ident.filters.smoother import SmoothedHistory
@@ -38,7 +38,7 @@ from sim.record import Record
 ALPHA = 1.0  # spread of the sigma points (Wan and van der Merwe)
 BETA = 2.0  # prior weight of the mean's kurtosis, 2 for a Gaussian
 KAPPA = 0.0  # secondary scaling
-SMALLEST = 1e-14  # share of the largest eigenvalue that is rounding
+ROUNDING_EIGENVALUE_SHARE = 1e-14
 
 
 def run_ukf(record: Record, system: System, settings: FilterSettings | None = None) -> Estimate:
@@ -77,7 +77,7 @@ def run_ukf(record: Record, system: System, settings: FilterSettings | None = No
             initial=0.0,
         )
         estimate = replace(again, iterations=done + 1)
-        if moved < SETTLED:
+        if moved < SETTLED_SIGMAS:
             break
     return estimate
 
@@ -119,7 +119,12 @@ def _decomposed(P: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.n
     scale = np.sqrt(np.maximum(np.diag(P), 0.0))
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
     values, vectors = np.linalg.eigh(P * np.outer(inverse, inverse))
-    return np.where(values > SMALLEST * values[-1], values, 0.0), vectors, scale, inverse
+    return (
+        np.where(values > ROUNDING_EIGENVALUE_SHARE * values[-1], values, 0.0),
+        vectors,
+        scale,
+        inverse,
+    )
 
 
 def filter_by_points(
@@ -241,7 +246,8 @@ def _central_differences(rows: np.ndarray) -> np.ndarray:
 
 # half the digits: of a difference of covariances the rest may be rounding
 ROUNDING = float(np.sqrt(np.finfo(float).eps))
-CENTRE = 2.0  # weight of the central point in a covariance, beta of the scaled points
+# weight of the central point in a covariance, beta of the scaled points
+CENTRAL_COVARIANCE_WEIGHT = 2.0
 
 
 def run_iterated_ukf(
@@ -431,7 +437,7 @@ def _linearised(images: np.ndarray, cloud: _Cloud) -> tuple[np.ndarray, np.ndarr
     return (
         mean,
         (cloud.back @ (0.5 * (plus - minus))).T,
-        CENTRE * np.outer(off, off) + bent.T @ bent / n,
+        CENTRAL_COVARIANCE_WEIGHT * np.outer(off, off) + bent.T @ bent / n,
     )
 
 

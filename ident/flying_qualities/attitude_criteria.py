@@ -20,13 +20,13 @@ from ident.frequency_response.transfer_function import (
     shared_correlation,
 )
 
-NEUTRAL = -180.0  # deg, phase of neutral stability
-MARGIN = 45.0  # deg, phase margin that defines the bandwidth
+NEUTRAL_PHASE = -180.0  # deg, phase of neutral stability
+BANDWIDTH_PHASE_MARGIN = 45.0  # deg, phase margin that defines the bandwidth
 GAIN_MARGIN = 6.0  # dB, gain margin that defines the bandwidth
-REACH = 0.2  # of ln(omega), about a crossing, over which a parabola is fitted
-_FEWEST = 5  # points of a parabola
-_EVEN = 41  # points of the straight line of the phase delay
-_NEAR = -60.0  # deg, about which the phase of an attitude begins; settles its sign
+PARABOLA_HALF_WIDTH = 0.2  # of ln(omega), about a crossing, over which a parabola is fitted
+_FEWEST_PARABOLA_POINTS = 5
+_PHASE_DELAY_POINTS = 41  # points of the straight line of the phase delay
+_STARTING_PHASE = -60.0  # deg, about which the phase of an attitude begins; settles its sign
 
 
 @dataclass(frozen=True)
@@ -98,8 +98,10 @@ def attitude_bandwidth(target: ResponseTarget, *, rate: bool) -> Bandwidth:
     curve = attitude_curve(target, rate=rate)
     notes: list[str] = []
     band = f"the usable band ends at {curve.omega[-1]:.3g} rad/s"
-    neutral = _crossing(curve, curve.phase, curve.phase_std, NEUTRAL, 0.0)
-    phase = _crossing(curve, curve.phase, curve.phase_std, NEUTRAL + MARGIN, 0.0)
+    neutral = _crossing(curve, curve.phase, curve.phase_std, NEUTRAL_PHASE, 0.0)
+    phase = _crossing(
+        curve, curve.phase, curve.phase_std, NEUTRAL_PHASE + BANDWIDTH_PHASE_MARGIN, 0.0
+    )
     if phase is None:
         notes.append(f"no phase bandwidth: the phase does not fall through -135 deg; {band}")
     gain = delay = None
@@ -195,7 +197,7 @@ def attitude_curve(target: ResponseTarget, *, rate: bool) -> AttitudeCurve:
     omega = target.omega
     response = target.response / (1j * omega) if rate else target.response
     phase = np.degrees(np.unwrap(np.angle(response)))
-    phase -= 180.0 * np.round((phase[0] - _NEAR) / 180.0)
+    phase -= 180.0 * np.round((phase[0] - _STARTING_PHASE) / 180.0)
     share = target.std / np.abs(target.response)
     gain = 20.0 * np.log10(np.abs(response))
     return AttitudeCurve(
@@ -272,7 +274,9 @@ def parabola_weights(
     """Weights ``(3, N)`` of the N points about ``at``, rad/s, in the coefficients of a parabola in
     ln(omega), the covariance ``(3, 3)`` of the coefficients, and the points' places ``(N,)``."""
     x = np.log(curve.omega / at)
-    near = np.argsort(np.abs(x))[: max(_FEWEST, int(np.count_nonzero(np.abs(x) <= REACH)))]
+    near = np.argsort(np.abs(x))[
+        : max(_FEWEST_PARABOLA_POINTS, int(np.count_nonzero(np.abs(x) <= PARABOLA_HALF_WIDTH)))
+    ]
     near.sort()
     powers = np.column_stack([np.ones(near.size), x[near], x[near] ** 2])
     gain = np.asarray(np.linalg.pinv(powers / std[near, None]) / std[near])
@@ -285,7 +289,7 @@ def _phase_delay(curve: AttitudeCurve, neutral: float) -> BandwidthQuantity:
     first = max(int(np.searchsorted(curve.omega, neutral)) - 1, 0)
     last = min(int(np.searchsorted(curve.omega, 2.0 * neutral)) + 1, curve.omega.size)
     places = np.arange(first, last)
-    at = np.linspace(neutral, 2.0 * neutral, _EVEN)
+    at = np.linspace(neutral, 2.0 * neutral, _PHASE_DELAY_POINTS)
     joined = np.array([np.interp(at, curve.omega[places], row) for row in np.eye(places.size)]).T
     gain = np.linalg.pinv(np.column_stack([np.ones(at.size), at - neutral])) @ joined
     covariance = gain @ shared_covariance(curve, curve.phase_std[places], places) @ gain.T
@@ -307,16 +311,16 @@ def _correlation(omega: bytes, length: bytes) -> np.ndarray:
     return shared_correlation(np.frombuffer(omega), np.frombuffer(length))
 
 
-DROOP = -3.0  # dB
+LARGEST_DROOP = -3.0  # dB
 LEVELS = (3.0, 9.0)  # dB, of the resonance: limits of levels 1 and 2
 # rad/s by category of the flight phase, and s
 BANDWIDTHS: Mapping[str, float] = {"A": 3.5, "B": 1.5, "C": 1.5}
 PILOT_DELAY = 0.25
-DRAWS = 100  # samples of the response for standard deviations
-POINTS = 60  # frequencies of a scan
+RESPONSE_DRAWS = 100  # samples of the response for standard deviations
+SCAN_POINTS = 60  # frequencies of a scan
 SEED = 20  # of the random numbers
-_STEEPEST = 85.0  # deg of lead or lag
-_GRID = 69  # compensations that are tried
+_LARGEST_COMPENSATION = 85.0  # deg of lead or lag
+_COMPENSATION_POINTS = 69  # compensations that are tried
 
 
 @dataclass(frozen=True)
@@ -373,7 +377,7 @@ def neal_smith(curve: AttitudeCurve, demand: PilotDemand) -> NealSmith | str:
             f"no Neal-Smith pilot: a bandwidth of {demand.bandwidth:.3g} rad/s needs a usable band "
             f"from half of it to 1.2 times it, and it is {low:.3g} to {high:.3g} rad/s"
         )
-    omega = np.unique(np.append(np.geomspace(low, high, POINTS), demand.bandwidth))
+    omega = np.unique(np.append(np.geomspace(low, high, SCAN_POINTS), demand.bandwidth))
     centre, draws = _smoothed(curve, omega)
     result = _adjusted(omega, centre[None], demand)
     if result is None:
@@ -385,7 +389,7 @@ def neal_smith(curve: AttitudeCurve, demand: PilotDemand) -> NealSmith | str:
     alike = np.corrcoef(sampled[0], sampled[1])[0, 1] if min(stds) > 0.0 else 0.0
     levels = [resonance_level(resonance + sign * 2.0 * stds[0]) for sign in (-1.0, 1.0)]
     notes = []
-    if droop < DROOP - 0.05:
+    if droop < LARGEST_DROOP - 0.05:
         notes.append(f"the closed loop droops by {-droop:.2g} dB, more than the 3 dB allowed")
     edge = int(np.argmax(_closed(omega, centre[None], demand, np.array([compensation]))[0]))
     if edge == omega.size - 1:
@@ -414,7 +418,7 @@ def _smoothed(curve: AttitudeCurve, omega: np.ndarray) -> tuple[np.ndarray, np.n
         # symmetric root of the nearest covariance that is.
         sizes, turned = np.linalg.eigh(covariance)
         root = (turned * np.sqrt(np.maximum(sizes, 0.0))) @ turned.T
-        noisy = values + (root @ rng.standard_normal((values.size, DRAWS))).T
+        noisy = values + (root @ rng.standard_normal((values.size, RESPONSE_DRAWS))).T
         zero = np.zeros_like(std)
         matrix = np.array([parabola_at(curve, zero, std, at).weights for at in omega])
         rows.append((matrix @ values, noisy @ matrix.T))
@@ -449,7 +453,7 @@ def _adjusted(
     """Resonance, compensation and droop ``(D,)`` of the pilots; None where no compensation gives
     the bandwidth."""
     below = omega <= demand.bandwidth * (1.0 + 1e-9)
-    tried = np.linspace(-_STEEPEST, _STEEPEST, _GRID)
+    tried = np.linspace(-_LARGEST_COMPENSATION, _LARGEST_COMPENSATION, _COMPENSATION_POINTS)
     # The droop of every compensation on a grid.
     droops = []
     for each in tried:
@@ -467,7 +471,7 @@ def _least(tried: np.ndarray, droop: np.ndarray) -> float:
     """The most lead with a droop of 3 dB at most, between the grid's points: more would droop, less
     resonates. Of none the one that droops least."""
     finite_rows = np.flatnonzero(np.isfinite(droop))
-    fit = finite_rows[droop[finite_rows] >= DROOP]
+    fit = finite_rows[droop[finite_rows] >= LARGEST_DROOP]
     if not finite_rows.size:
         return math.nan
     if not fit.size:
@@ -475,7 +479,7 @@ def _least(tried: np.ndarray, droop: np.ndarray) -> float:
     best = int(fit[-1])
     if best + 1 >= tried.size or not np.isfinite(droop[best + 1]):
         return float(tried[best])
-    share = (DROOP - droop[best]) / (droop[best + 1] - droop[best])
+    share = (LARGEST_DROOP - droop[best]) / (droop[best + 1] - droop[best])
     return float(tried[best] + share * (tried[best + 1] - tried[best]))
 
 

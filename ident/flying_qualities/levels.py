@@ -49,7 +49,7 @@ UNITS = {
 CLASSES = ("I", "II-C", "II-L", "III", "IV")
 CATEGORIES = ("A", "B", "C")
 _NEEDED = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "delay")
-SIGMAS = 2.0
+INTERVAL_SIGMAS = 2.0
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,10 @@ def levels(
         if criterion.quantity not in by_name:
             continue
         quality = by_name[criterion.quantity]
-        low, high = quality.value - SIGMAS * quality.std, quality.value + SIGMAS * quality.std
+        low, high = (
+            quality.value - INTERVAL_SIGMAS * quality.std,
+            quality.value + INTERVAL_SIGMAS * quality.std,
+        )
         if quality.unit == "s":  # a delay or a time constant is not negative
             low = max(low, min(0.0, quality.value))
         edges = [edge for pair in criterion.levels for edge in pair if low < edge < high]
@@ -232,9 +235,9 @@ def _evaluate(p: Mapping[str, Any], airspeed: float, gravity: float) -> dict[str
 
 STANDARD = "MIL-F-8785C"
 # the probability from which a level is told without its neighbours: that of two sigmas
-DETERMINED = 0.95
-DRAWS = 20000  # the probability then has a standard error of 0.35 % at most
-WORST = 4  # none of the three levels is met
+DETERMINED_PROBABILITY = 0.95
+LEVEL_DRAWS = 20000  # the probability then has a standard error of 0.35 % at most
+WORST_LEVEL = 4  # none of the three levels is met
 # (rad/s)^2 of frequency^2 |phi/beta|, beyond which a Dutch roll is asked for more damping
 STEADY_COUPLING = 20.0
 MODES: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -271,7 +274,7 @@ class ModeLevel:
     Attributes
     ----------
     mode : one of ``MODES``.
-    level : the most probable, ``WORST`` below level 3.
+    level : the most probable, ``WORST_LEVEL`` below level 3.
     probabilities : of levels 1, 2, 3 and of none of them.
     decided_by : the quantity that keeps the estimate from the next better level, empty at level 1;
         ``value`` and ``limit`` are its own.
@@ -294,7 +297,7 @@ class ModeLevel:
     @property
     def determined(self) -> bool:
         """Whether one level is clearly the most probable."""
-        return self.probability >= DETERMINED
+        return self.probability >= DETERMINED_PROBABILITY
 
 
 def flight_phase_of(aircraft_class: str | None, category: str | None) -> FlightPhase:
@@ -351,7 +354,7 @@ def _level(
     sampled: Mapping[str, np.ndarray],
 ) -> ModeLevel:
     reached = np.max([_reached(rule, sampled) for rule in rules], axis=0)
-    shares = tuple(float(np.mean(reached == number)) for number in range(1, WORST + 1))
+    shares = tuple(float(np.mean(reached == number)) for number in range(1, WORST_LEVEL + 1))
     level = int(np.argmax(shares)) + 1
     worst = max(rules, key=lambda rule: int(_reached(rule, centre)[0]))
     decided, value, limit = "", 0.0, 0.0
@@ -374,7 +377,7 @@ def _level(
 def _reached(rule: LevelCriterion, quantities: Mapping[str, np.ndarray]) -> np.ndarray:
     """Best level that each random sample ``(N,)`` meets."""
     value = quantities[rule.quantity]
-    reached = np.full(value.shape, WORST)
+    reached = np.full(value.shape, WORST_LEVEL)
     for number in range(len(rule.levels), 0, -1):
         low, high = _range(rule, number, quantities)
         reached[(value >= low) & (value <= high)] = number
@@ -392,12 +395,14 @@ def _range(
 
 
 def _draws(characteristics: Characteristics) -> np.ndarray:
-    """Random samples ``(k, DRAWS)`` of a Gaussian, the same at every call, in antithetic pairs."""
+    """Random samples ``(k, LEVEL_DRAWS)`` of a Gaussian, the same at every call, in antithetic
+    pairs.
+    """
     scale = np.sqrt(np.maximum(np.diag(characteristics.covariance), 0.0))
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
     values, vectors = np.linalg.eigh(characteristics.covariance * np.outer(inverse, inverse))
     root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-    half = root @ np.random.default_rng(0).standard_normal((len(scale), DRAWS // 2))
+    half = root @ np.random.default_rng(0).standard_normal((len(scale), LEVEL_DRAWS // 2))
     return characteristics.values[:, None] + np.concatenate([half, -half], axis=1)
 
 

@@ -41,7 +41,7 @@ LATERAL_STATES = ("beta", "p", "r", "phi")
 LONGITUDINAL_STATES = ("airspeed", "alpha", "theta", "q")
 TRIMMED_BY = ("elevator", "thrust")
 TRIM_STEPS = 20
-SETTLED = 1e-10
+SETTLED_SHARE = 1e-10
 START_ALPHA = 0.05  # rad, from which the trim is looked for
 
 
@@ -119,7 +119,7 @@ def level_flight(system: System, p: np.ndarray) -> tuple[list[float], list[float
                 return None
             step = np.linalg.solve(slope, np.array(rates(at.tolist()), dtype=float))
             at = at - step
-            if np.all(np.abs(step) <= SETTLED * np.maximum(1.0, np.abs(at))):
+            if np.all(np.abs(step) <= SETTLED_SHARE * np.maximum(1.0, np.abs(at))):
                 return flown(at.tolist())
     return None
 
@@ -264,7 +264,7 @@ def _moved(p: np.ndarray, i: int, by: float) -> np.ndarray:
 
 # ---- Numbers of an estimated model's modes that move smoothly with its derivatives
 
-REAL = 1e-9  # rad/s, below which an imaginary part is rounding
+LARGEST_ROUNDED_IMAGINARY = 1e-9  # rad/s, below which an imaginary part is rounding
 CONTROLS = ("elevator", "stick")
 
 
@@ -336,7 +336,8 @@ def _lateral(system: System, p: np.ndarray) -> dict[str, float]:
         return {}
     roots, vectors = np.linalg.eig(F)
     pairs = sorted(
-        (i for i, root in enumerate(roots) if root.imag > REAL), key=lambda i: abs(roots[i])
+        (i for i, root in enumerate(roots) if root.imag > LARGEST_ROUNDED_IMAGINARY),
+        key=lambda i: abs(roots[i]),
     )
     if not pairs:
         return {}
@@ -347,7 +348,9 @@ def _lateral(system: System, p: np.ndarray) -> dict[str, float]:
     out = {**_pair("dutch_roll", roots[quick], roots[quick].conj()), "bank_ratio": float(ratio)}
     if len(pairs) == 2:
         return {**out, **_pair("roll_spiral", roots[pairs[0]], roots[pairs[0]].conj())}
-    spiral, roll = sorted((root.real for root in roots if abs(root.imag) <= REAL), key=abs)
+    spiral, roll = sorted(
+        (root.real for root in roots if abs(root.imag) <= LARGEST_ROUNDED_IMAGINARY), key=abs
+    )
     return {**out, "roll_root": float(roll), "spiral_root": float(spiral)}
 
 
@@ -361,7 +364,7 @@ def _longitudinal(system: System, p: np.ndarray) -> dict[str, float]:
     slow, quick = np.split(np.array(sorted(np.linalg.eigvals(F), key=abs)), 2)
     slope = _load_factor_slope(system, trim, p, ("alpha", "q"))
     # a pair between them belongs to neither
-    split = [abs(np.sum(two).imag) > REAL for two in (slow, quick)]
+    split = [abs(np.sum(two).imag) > LARGEST_ROUNDED_IMAGINARY for two in (slow, quick)]
     return (
         {} if any(split) else {**_pair("short_period", *quick), **slope, **_pair("phugoid", *slow)}
     )
@@ -372,7 +375,9 @@ def _short_period(system: System, p: np.ndarray, moving: list[str]) -> dict[str,
     F, _ = _slopes(system, *rest, p, moving)
     if not np.all(np.isfinite(F)):  # a model of totals may have no rest
         return {}
-    pairs = sorted((root for root in np.linalg.eigvals(F) if root.imag > REAL), key=abs)
+    pairs = sorted(
+        (root for root in np.linalg.eigvals(F) if root.imag > LARGEST_ROUNDED_IMAGINARY), key=abs
+    )
     at = [moving.index(name) for name in ("alpha", "q")]
     roots = (pairs[0], pairs[0].conj()) if pairs else np.linalg.eigvals(F[np.ix_(at, at)])
     return {**_pair("short_period", *roots), **_load_factor_slope(system, rest, p, moving)}
@@ -422,7 +427,8 @@ def _pair(name: str, one: complex, other: complex) -> dict[str, float]:
 
 # ---- A model linearised about a point
 
-PADE = 4  # order of the approximation of a delay: within two degrees of phase up to omega delay = 5
+# order of the approximation of a delay: within two degrees of phase up to omega delay = 5
+PADE_ORDER = 4
 DELAY = "delay"  # parameter of a low-order equivalent system
 DELAY_STAGE = "input-delay"  # effect that the delay belongs to
 
@@ -533,7 +539,7 @@ def _linear(
     return complex_step_jacobian(lambda a: g(0.0, a, u, p), x), by_inputs, value
 
 
-def to_control(space: StateSpace, pade: int = PADE) -> control.StateSpace:
+def to_control(space: StateSpace, pade: int = PADE_ORDER) -> control.StateSpace:
     """The model as python-control's, with its names; each delay as a Pade approximation of this
     order, left out when it is zero.
 

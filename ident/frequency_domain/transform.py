@@ -33,9 +33,9 @@ from sim.record import Hold, Record
 
 # ---- Records as Fourier transforms at the harmonics of their own length, in a band
 
-EVEN = 0.01  # of the interval, by which a sample may be off
-FILLED = 0.05  # of a channel's samples, that may be missing and are bridged
-POWER = 0.95  # of every input's power that the usual band holds
+EVEN_SAMPLING_TOLERANCE = 0.01  # of the interval, by which a sample may be off
+MOST_BRIDGED_SHARE = 0.05  # of a channel's samples, that may be missing and are bridged
+BAND_POWER_SHARE = 0.95  # of every input's power that the usual band holds
 _REMEDY = "resample with --rate, cut with --from and --to, or use output-error"
 
 
@@ -90,7 +90,9 @@ def usual_band(
         for row in power:
             if row[1:].sum() > 0.0:
                 share = np.cumsum(row[1:]) / row[1:].sum()
-                high = max(high, (1 + int(np.searchsorted(share, POWER))) / (len(record) * step))
+                high = max(
+                    high, (1 + int(np.searchsorted(share, BAND_POWER_SHARE))) / (len(record) * step)
+                )
         steps.append(step)
         spans.append(len(record) * step)
     low = 1.0 / max(spans)
@@ -110,7 +112,7 @@ def transformed(record: Record, system: System, band: tuple[float, float]) -> Tr
     filled = 0
     for i in np.flatnonzero(usable & ~valid.all(axis=1)):
         lost = int(np.count_nonzero(~valid[i]))
-        if lost > FILLED * count:
+        if lost > MOST_BRIDGED_SHARE * count:
             what = (
                 f"{lost} of {count} samples of {system.output_names[i]} are missing: a Fourier "
                 "transform needs them"
@@ -151,7 +153,7 @@ def step_of(record: Record) -> float:
     """The sampling interval, s. Raises RecordError where samples are uneven."""
     steps = np.diff(record.time)
     step = float(np.median(steps))
-    if not np.all(np.abs(steps - step) <= EVEN * step):
+    if not np.all(np.abs(steps - step) <= EVEN_SAMPLING_TOLERANCE * step):
         raise RecordError(
             "its samples are uneven: a Fourier transform needs even ones",
             where=record.name,
@@ -162,8 +164,8 @@ def step_of(record: Record) -> float:
 
 # ---- The matrices of a linear System and their slopes by its parameters
 
-STRAIGHT = 1e-7  # of a rate's or reading's own change, by which rounding may bend it
-_POINTS = 6  # points at which a System is compared with its matrices
+NONLINEARITY_TOLERANCE = 1e-7  # of a rate's or reading's own change, by which rounding may bend it
+_TRIAL_POINTS = 6  # points at which a System is compared with its matrices
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,13 +235,13 @@ def bent(system: System, records: Sequence[Record]) -> str:
     points = [
         *(
             sizes * np.sin(1.0 + np.arange(len(sizes)) * (k + 1.0) + 0.7 * k)
-            for k in range(_POINTS)
+            for k in range(_TRIAL_POINTS)
         ),
         0.0 * sizes,
     ]
     with np.errstate(all="ignore"):
         start = _values(system, points[-1], p, np.zeros(1))
-        tolerance = STRAIGHT * np.maximum(
+        tolerance = NONLINEARITY_TOLERANCE * np.maximum(
             np.max(np.abs(matrix * sizes), axis=1), 1e-300
         ) + 1e-12 * np.abs(start[:, 0])
         for point in points:
@@ -425,13 +427,14 @@ def _read(
 
 # ---- The noise of each output along the frequency
 
-SURE = 1e-3  # probability, over all outputs, below which one level is not believed
-FEWEST = 12  # harmonics of a band: its level is then known to 20 %
+# probability, over all outputs, below which one level is not believed
+LEAST_UNIFORM_NOISE_PROBABILITY = 1e-3
+FEWEST_HARMONICS = 12  # harmonics of a band: its level is then known to 20 %
 # bands: the noise of a sensor or of slow turbulence changes by decades, not from line to line
-MOST = 6
+MOST_NOISE_BANDS = 6
 # harmonics on either side that tell the level about one: seven give it to 40 %, which a sum over
 # all averages out
-REACH = 3
+NEIGHBOURING_HARMONICS = 3
 
 
 def one_band(count: int) -> np.ndarray:
@@ -441,10 +444,10 @@ def one_band(count: int) -> np.ndarray:
 
 def equal_bands(omegas: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Band of each frequency of each record, so that each holds as many of all of them; as many
-    bands as ``FEWEST`` and ``MOST`` allow.
+    bands as ``FEWEST_HARMONICS`` and ``MOST_NOISE_BANDS`` allow.
     """
     every = np.sort(np.concatenate(omegas))
-    count = int(np.clip(len(every) // FEWEST, 1, MOST))
+    count = int(np.clip(len(every) // FEWEST_HARMONICS, 1, MOST_NOISE_BANDS))
     edges = every[[round(k * len(every) / count) for k in range(1, count)]]
     return [np.searchsorted(edges, omega, side="right") for omega in omegas]
 
@@ -496,13 +499,13 @@ def coloured(
     return bool(
         np.min(gammaincc(0.5 * degrees, 0.5 * np.maximum(ratio, 0.0)), initial=1.0)
         * max(len(determined), 1)
-        < SURE
+        < LEAST_UNIFORM_NOISE_PROBABILITY
     )
 
 
 def about_each(power: np.ndarray) -> np.ndarray:
     """Means of the powers, or cross powers, ``(k, f)`` over the neighbours of each frequency."""
-    width = min(2 * REACH + 1, power.shape[1])
+    width = min(2 * NEIGHBOURING_HARMONICS + 1, power.shape[1])
     kernel = np.ones(width)
     count = np.convolve(np.ones(power.shape[1]), kernel, mode="same")
     return np.array([np.convolve(row, kernel, mode="same") for row in power]) / count

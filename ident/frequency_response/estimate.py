@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ident.frequency_response.segments import (
-    LOWEST,
+    LEAST_PERIODS_IN_LONGEST_WINDOW,
     Segments,
     coherences,
     effective_averages,
@@ -31,14 +31,17 @@ from sim.errors import RecordError
 _CONFIDENCE = 0.95  # probability that a band or circle holds the response
 LEAST_COHERENCE = 0.6  # Tischler and Remple's limits of a usable response: coherence,
 RANDOM_ERROR = 0.2  # and random error of the magnitude
-ASIDE = 0.6  # over the window's length: mean distance of an input's power from a usable frequency
-DERIVATIVES = 2  # of the window, that the regression takes along
-LOBE = 2.0  # over its length: half width of the main lobe of a Hann window
-ALONE = 3.0  # periods in a window that alone has enough averages for its derivatives
-_SPARE = 4.0  # real degrees of freedom that must be left for the noise
-_DOWN = 4.0  # power of the random error by which a window counts, Tischler and Remple's
-_NUMBERS = 400_000  # regressors that are worked on at a time
-_SIMILAR = 5  # neighbours over which weights and coherence are smoothed
+# over the window's length: mean distance of an input's power from a usable frequency
+LARGEST_POWER_OFFSET = 0.6
+WINDOW_DERIVATIVES = 2  # of the window, that the regression takes along
+MAIN_LOBE_HALF_WIDTH = 2.0  # over its length: half width of the main lobe of a Hann window
+# periods in a window that alone has enough averages for its derivatives
+FEWEST_PERIODS_OF_SINGLE_WINDOW = 3.0
+_LEAST_NOISE_DEGREES = 4.0  # real degrees of freedom that must be left for the noise
+# power of the random error by which a window counts, Tischler and Remple's
+_RANDOM_ERROR_POWER = 4.0
+_MOST_REGRESSORS_AT_ONCE = 400_000  # regressors that are worked on at a time
+_SMOOTHED_NEIGHBOURS = 5  # neighbours over which weights and coherence are smoothed
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +81,7 @@ class Spectra:
 
     windows: tuple[float, ...] = ()
     tapers: int = 0
-    derivatives: int = DERIVATIVES
+    derivatives: int = WINDOW_DERIVATIVES
     least_coherence: float = LEAST_COHERENCE
 
 
@@ -201,13 +204,15 @@ def responses_of_segments(
     z, left = slice(m, m + q), slice(m + q, m + 2 * q) if joint else slice(m, m + q)
     usable_rows = segments.usable(frequency) | (spectra.tapers > 0)
     if not usable_rows.any(axis=0).all():
-        lowest = LOWEST / max(segments.lengths[n] for n in segments.windows)
+        lowest = LEAST_PERIODS_IN_LONGEST_WINDOW / max(
+            segments.lengths[n] for n in segments.windows
+        )
         what = f"no window is long enough for {frequency[~usable_rows.any(axis=0)][0]:.4g} Hz"
         remedy = f"begin the band at {lowest:.4g} Hz or higher"
         raise RecordError(what, where="frequency response", remedy=remedy)
     relaxed = None
-    if spectra.derivatives == DERIVATIVES and not spectra.tapers:
-        relaxed = segments.usable(frequency, ALONE)
+    if spectra.derivatives == WINDOW_DERIVATIVES and not spectra.tapers:
+        relaxed = segments.usable(frequency, FEWEST_PERIODS_OF_SINGLE_WINDOW)
     parts = []
     for output in range(m):
         weights, averages = _weights(segments, output, left, usable_rows, relaxed)
@@ -327,16 +332,16 @@ def _window_errors(
     return _smoothed(errors), enough
 
 
-def _carried(averages: np.ndarray, q: int, derivatives: int = DERIVATIVES) -> np.ndarray:
+def _carried(averages: np.ndarray, q: int, derivatives: int = WINDOW_DERIVATIVES) -> np.ndarray:
     """Whether so many averages leave degrees of freedom beside the derivatives, bool."""
-    return np.asarray(2.0 * (averages - (derivatives + 1) * q) >= _SPARE)
+    return np.asarray(2.0 * (averages - (derivatives + 1) * q) >= _LEAST_NOISE_DEGREES)
 
 
 def _by_error(segments: Segments, errors: np.ndarray, usable: np.ndarray) -> np.ndarray:
     """Weights ``(R, F)`` of the segments by the squared errors ``(W, F)`` of their windows."""
     least = np.min(errors, axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = np.where(np.isfinite(errors), (least / errors) ** (0.5 * _DOWN), 0.0)
+        ratio = np.where(np.isfinite(errors), (least / errors) ** (0.5 * _RANDOM_ERROR_POWER), 0.0)
     ratio = np.where(np.isfinite(ratio), ratio, 0.0)
     counts = np.bincount(segments.windows, minlength=len(segments.lengths))
     share = ratio / np.maximum(counts, 1)[:, None]
@@ -352,7 +357,7 @@ def _smoothed(errors: np.ndarray) -> np.ndarray:
         if not finite.any():
             continue
         logs = np.where(finite, np.log(np.maximum(np.where(finite, each, 1.0), 1e-300)), 0.0)
-        kernel = np.ones(min(_SIMILAR, each.size))
+        kernel = np.ones(min(_SMOOTHED_NEIGHBOURS, each.size))
         sums, count = np.convolve(logs, kernel, "same"), np.convolve(finite, kernel, "same")
         out[row] = np.where(finite, np.exp(sums / np.maximum(count, 1.0)), np.inf)
     return out
@@ -379,7 +384,7 @@ def _pooled(
         if not here.any():
             continue
         rows = np.arange(q) * terms
-        together = max(1, _NUMBERS // (len(y) * q * terms))
+        together = max(1, _MOST_REGRESSORS_AT_ONCE // (len(y) * q * terms))
         places = np.flatnonzero(here)
         for at in (places[n : n + together] for n in range(0, places.size, together)):
             z, instruments = (
@@ -407,7 +412,7 @@ def _leaked(segments: Segments, inputs: slice, usable: np.ndarray) -> np.ndarray
         np.sum(usable * np.abs(factor * rows[:, order]) ** 2, axis=1)
         for order, factor in enumerate((np.ones_like(length), length))
     )
-    return np.asarray(away > LOBE**2 * power)
+    return np.asarray(away > MAIN_LOBE_HALF_WIDTH**2 * power)
 
 
 def _aside(segments: Segments, inputs: slice, weights: np.ndarray) -> np.ndarray:
@@ -467,13 +472,13 @@ def _usable(responses: FrequencyResponses, aside: np.ndarray) -> np.ndarray:
         for one, partial in enumerate(row):
             if responses.joint:
                 partial = np.minimum(responses.coherence[output], responses.input_coherence[one])
-            size = min(_SIMILAR, partial.size)
+            size = min(_SMOOTHED_NEIGHBOURS, partial.size)
             coherent, error, away = (
                 median_filter(each, size=size, mode="nearest")
                 for each in (partial, responses.random_error[output, one], aside[output, one])
             )
             good = (coherent >= responses.spectra.least_coherence) & (error <= RANDOM_ERROR)
-            out[output, one] = longest_run(good & (np.abs(away) <= ASIDE), log)
+            out[output, one] = longest_run(good & (np.abs(away) <= LARGEST_POWER_OFFSET), log)
     return out
 
 
@@ -502,14 +507,15 @@ def _ends(frequency: np.ndarray, usable: np.ndarray) -> tuple[float, float] | No
 
 # ---- What an estimate needs and a record suggests: band, frequencies, rate, window lengths
 
-SAMPLES = 5.0  # a period, that are left at the highest frequency
-POWER = 0.99  # of the inputs, that lies within a band that is not given
+FEWEST_SAMPLES_PER_PERIOD = 5.0  # a period, that are left at the highest frequency
+BAND_POWER_SHARE = 0.99  # of the inputs, that lies within a band that is not given
 PER_DECADE = 40  # frequencies
-_FEWEST = 12  # frequencies of a narrow band
-WINDOWS = 4  # lengths, each half of the one before
-_SHARE = 0.25  # usual longest window, as a share of the longest record
-_MOST = 0.5  # largest longest window, as a share of the longest record
-_CYCLES = 2.5  # periods of the lowest frequency, that the longest window holds where it can
+_FEWEST_FREQUENCIES = 12  # frequencies of a narrow band
+WINDOW_COUNT = 4  # lengths, each half of the one before
+_USUAL_WINDOW_SHARE = 0.25  # usual longest window, as a share of the longest record
+_LARGEST_WINDOW_SHARE = 0.5  # largest longest window, as a share of the longest record
+# periods of the lowest frequency, that the longest window holds where it can
+_PERIODS_IN_LONGEST_WINDOW = 2.5
 
 
 def window_lengths(durations: Sequence[float], low: float | None = None) -> tuple[float, ...]:
@@ -519,10 +525,10 @@ def window_lengths(durations: Sequence[float], low: float | None = None) -> tupl
     lowest frequency ``low``, Hz, it is longer, at most half of the record.
     """
     whole = max(durations)
-    longest = _SHARE * whole
+    longest = _USUAL_WINDOW_SHARE * whole
     if low is not None:
-        longest = min(max(longest, _CYCLES / low), _MOST * whole)
-    return tuple(longest / 2**n for n in range(WINDOWS))
+        longest = min(max(longest, _PERIODS_IN_LONGEST_WINDOW / low), _LARGEST_WINDOW_SHARE * whole)
+    return tuple(longest / 2**n for n in range(WINDOW_COUNT))
 
 
 def input_band(records: Sequence[EvenSignals], low: float) -> tuple[float, float]:
@@ -536,19 +542,21 @@ def input_band(records: Sequence[EvenSignals], low: float) -> tuple[float, float
     total = np.cumsum(power, axis=1)
     if not np.all(total[:, -1] > 0.0):
         raise RecordError("an input does not move", where="input", remedy="choose another part")
-    first = np.argmax(total >= POWER * total[:, -1:], axis=1)
-    return low, float(min(max(frequency[first].max(), 4.0 * low), 1.0 / (SAMPLES * step)))
+    first = np.argmax(total >= BAND_POWER_SHARE * total[:, -1:], axis=1)
+    return low, float(
+        min(max(frequency[first].max(), 4.0 * low), 1.0 / (FEWEST_SAMPLES_PER_PERIOD * step))
+    )
 
 
 def frequencies(low: float, high: float) -> np.ndarray:
     """Frequencies in Hz from ``low`` to ``high``, evenly spaced in their logarithm."""
-    count = max(_FEWEST, round(PER_DECADE * math.log10(high / low)) + 1)
+    count = max(_FEWEST_FREQUENCIES, round(PER_DECADE * math.log10(high / low)) + 1)
     return np.geomspace(low, high, count)
 
 
 def lowest_frequency(windows: Sequence[float]) -> float:
     """The lowest frequency, Hz, that the longest window resolves."""
-    return LOWEST / max(windows)
+    return LEAST_PERIODS_IN_LONGEST_WINDOW / max(windows)
 
 
 def decimated(records: Sequence[EvenSignals], high: float) -> tuple[list[EvenSignals], int]:
@@ -556,7 +564,7 @@ def decimated(records: Sequence[EvenSignals], high: float) -> tuple[list[EvenSig
     that five samples a period are left at ``high``, Hz; and n, 1 where nothing is to be left
     out."""
     step = records[0].step
-    factor = math.floor(1.0 / (SAMPLES * high * step) * (1.0 + 1e-9))
+    factor = math.floor(1.0 / (FEWEST_SAMPLES_PER_PERIOD * high * step) * (1.0 + 1e-9))
     if factor < 2:
         return list(records), 1
     from scipy.signal import resample_poly

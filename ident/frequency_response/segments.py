@@ -149,10 +149,11 @@ def coherences(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 # ---- Windowed Fourier transforms of records at any frequencies, one row a segment
 
-OVERLAP = 4  # a window is four steps long: successive windows share three quarters
-LOWEST = 2.0  # periods that a window must hold: its main lobe then stays clear of zero frequency
-SHORTER = 6.0  # periods, where a longer window is there
-_POINTS = 8  # samples of a window in a step, for inner products of windows
+STEPS_PER_WINDOW = 4  # a window is four steps long: successive windows share three quarters
+# periods that a window must hold: its main lobe then stays clear of zero frequency
+LEAST_PERIODS_IN_LONGEST_WINDOW = 2.0
+LEAST_PERIODS_IN_SHORTER_WINDOW = 6.0  # periods, where a longer window is there
+_SAMPLES_PER_WINDOW_STEP = 8  # samples of a window in a step, for inner products of windows
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,14 +175,18 @@ class Segments:
     lengths: tuple[float, ...]
     overlap: csr_array
 
-    def usable(self, frequency: np.ndarray, shorter: float = SHORTER) -> np.ndarray:
+    def usable(
+        self, frequency: np.ndarray, shorter: float = LEAST_PERIODS_IN_SHORTER_WINDOW
+    ) -> np.ndarray:
         """Whether the window of a row is long enough for a frequency in Hz, bool ``(R, F)``.
 
-        The longest window is used down to ``LOWEST`` periods, shorter ones down to ``shorter``
-        periods, where the bias left by the derivatives is small.
+        The longest window is used down to ``LEAST_PERIODS_IN_LONGEST_WINDOW`` periods, shorter ones
+        down to ``shorter`` periods, where the bias left by the derivatives is small.
         """
         lengths = np.array(self.lengths)[self.windows]
-        least = np.where(lengths < lengths.max() * (1.0 - 1e-9), shorter, LOWEST)
+        least = np.where(
+            lengths < lengths.max() * (1.0 - 1e-9), shorter, LEAST_PERIODS_IN_LONGEST_WINDOW
+        )
         return np.asarray(frequency * lengths[:, None] >= least[:, None] * (1.0 - 1e-9))
 
 
@@ -204,14 +209,16 @@ def hann_segments(
     """
     blocks, windows, starts, owners = [], [], [], []
     for number, length in enumerate(lengths):
-        hop = max(2, round(length / (OVERLAP * step)))
+        hop = max(2, round(length / (STEPS_PER_WINDOW * step)))
         for owner, signals in enumerate(records):
-            count = signals.shape[1] // hop - OVERLAP + 1
+            count = signals.shape[1] // hop - STEPS_PER_WINDOW + 1
             if count < 1:
                 continue
             blocks.append(_hann_rows(signals, step, hop, count, frequency, derivatives))
             windows.append(np.full(count, number))
-            starts.append(np.column_stack([hop * np.arange(count), np.full(count, OVERLAP * hop)]))
+            starts.append(
+                np.column_stack([hop * np.arange(count), np.full(count, STEPS_PER_WINDOW * hop)])
+            )
             owners.append(np.full(count, owner))
     overlap = overlap_of(np.concatenate(starts) * step, np.concatenate(owners))
     transforms = np.concatenate(blocks, axis=2)
@@ -272,13 +279,13 @@ def _product(real: np.ndarray, factors: np.ndarray) -> np.ndarray:
 def _hann_rows(
     signals: np.ndarray, step: float, hop: int, count: int, frequency: np.ndarray, derivatives: int
 ) -> np.ndarray:
-    """Transforms ``(S, D, count, F)`` under Hann windows of ``OVERLAP * hop`` samples.
+    """Transforms ``(S, D, count, F)`` under Hann windows of ``STEPS_PER_WINDOW * hop`` samples.
 
     A Hann window is a constant and one cosine, so each transform is a sum of three transforms
     without a window, each the sum of those of four blocks that do not overlap.
     """
-    shift = 1.0 / (OVERLAP * hop * step)
-    blocks = signals[:, : hop * (count + OVERLAP - 1)].reshape(len(signals), -1, hop)
+    shift = 1.0 / (STEPS_PER_WINDOW * hop * step)
+    blocks = signals[:, : hop * (count + STEPS_PER_WINDOW - 1)].reshape(len(signals), -1, hop)
     parts = [
         _product(blocks, np.exp(-2j * math.pi * step * np.outer(np.arange(hop), each)))
         for each in (frequency, frequency - shift, frequency + shift)
@@ -302,13 +309,13 @@ def hann_of_blocks(
     hop : samples of a block.
     derivatives : of the window, up to 2.
     """
-    size = OVERLAP * hop
-    length, count = size * step, parts.shape[2] - OVERLAP + 1
+    size = STEPS_PER_WINDOW * hop
+    length, count = size * step, parts.shape[2] - STEPS_PER_WINDOW + 1
     shift = 1.0 / length
     plain = []
     for block, each in zip(parts, (frequency, frequency - shift, frequency + shift), strict=True):
-        late = np.exp(-2j * math.pi * step * hop * np.outer(np.arange(OVERLAP), each))
-        plain.append(sum(block[:, m : m + count] * late[m] for m in range(OVERLAP)))
+        late = np.exp(-2j * math.pi * step * hop * np.outer(np.arange(STEPS_PER_WINDOW), each))
+        plain.append(sum(block[:, m : m + count] * late[m] for m in range(STEPS_PER_WINDOW)))
     middle, below, above = plain
     energy = 1.0 / math.sqrt(0.375 * size)
     rows = [energy * (0.5 * middle - 0.25 * (below + above))]
@@ -323,7 +330,7 @@ def unit_rows(step: float, hop: int, frequency: np.ndarray, derivatives: int) ->
     """Transforms ``(2, D, F)`` of a constant one and of the centred sample numbers under a Hann
     window of four blocks.
     """
-    size = OVERLAP * hop
+    size = STEPS_PER_WINDOW * hop
     line = np.stack([np.ones(size), np.arange(size) - 0.5 * (size - 1)])
     return _hann_rows(line, step, hop, 1, frequency, derivatives)[:, :, 0]
 
@@ -342,7 +349,9 @@ def _overlap(places_in_time: bytes, owners: bytes) -> csr_array:
     spans = np.frombuffer(places_in_time).reshape(-1, 2)
     owner = np.frombuffer(owners, np.int64)
     start, length = spans[:, 0], spans[:, 1]
-    grid = np.arange(OVERLAP * _POINTS) / (OVERLAP * _POINTS)
+    grid = np.arange(STEPS_PER_WINDOW * _SAMPLES_PER_WINDOW_STEP) / (
+        STEPS_PER_WINDOW * _SAMPLES_PER_WINDOW_STEP
+    )
     shape = 0.5 - 0.5 * np.cos(2.0 * math.pi * grid)
     places, partners, products = [], [], []
     # Rows of one record and one length follow each other by their starts.
@@ -372,13 +381,13 @@ def _overlap(places_in_time: bytes, owners: bytes) -> csr_array:
     return csr_array((np.concatenate(products), where), shape=(len(spans), len(spans)))
 
 
-LOW = 0.35  # rad/s, lowest frequency at which short period, lag and delay show
-HIGH = 14.0  # rad/s, highest such frequency
-_DECIBEL = 20.0 / math.log(10.0)  # dB per unit of the natural logarithm of a gain
+LOWEST_OMEGA = 0.35  # rad/s, lowest frequency at which short period, lag and delay show
+HIGHEST_OMEGA = 14.0  # rad/s, highest such frequency
+_DECIBELS_PER_NEPER = 20.0 / math.log(10.0)  # dB per unit of the natural logarithm of a gain
 # square root of the weight 0.01745 of an error of 1 deg, per rad
-_PHASE = math.sqrt(0.01745) * 180.0 / math.pi
-_PADDING = 4
-_LATEST = 1.0  # s, the longest lag by which an output is aligned with the input
+_PHASE_WEIGHT_ROOT = math.sqrt(0.01745) * 180.0 / math.pi
+_PADDING_FACTOR = 4
+_LONGEST_ALIGNED_LAG = 1.0  # s, the longest lag by which an output is aligned with the input
 
 
 @dataclass(frozen=True, eq=False)
@@ -404,7 +413,7 @@ class SingleInputResponse:
 
 
 def estimate_response(
-    record: Record, low: float = LOW, high: float = HIGH, tapers: int = 5
+    record: Record, low: float = LOWEST_OMEGA, high: float = HIGHEST_OMEGA, tapers: int = 5
 ) -> SingleInputResponse:
     """Estimate the response of all outputs to ``stick`` from cross spectra, averaged over tapers.
 
@@ -447,13 +456,13 @@ def estimate_response(
             where=f"{record.name}, channel stick",
             remedy="choose a window with a maneuver",
         )
-    omega = 2.0 * math.pi * np.fft.rfftfreq(_PADDING * count, step)
+    omega = 2.0 * math.pi * np.fft.rfftfreq(_PADDING_FACTOR * count, step)
     omega = omega[(omega >= low) & (omega <= high)]
     if not omega.size:
         what = f"no frequency between {low:g} and {high:g} rad/s"
         raise RecordError(what, where=record.name, remedy="give a longer record")
     u, y = u - u.mean(), y - y.mean(axis=1, keepdims=True)
-    lags = [_lag(u, row, round(_LATEST / step)) for row in y]
+    lags = [_lag(u, row, round(_LONGEST_ALIGNED_LAG / step)) for row in y]
     aligned = [
         np.concatenate([row[lag:], np.full(lag, row[-1])]) for row, lag in zip(y, lags, strict=True)
     ]
@@ -542,7 +551,10 @@ def fit_response(response: SingleInputResponse, system: System, free: Sequence[s
         )
         ratio = np.log(result / response.response[rows])
         return np.concatenate(
-            [(_DECIBEL * weight * ratio.real).ravel(), (_PHASE * weight * ratio.imag).ravel()]
+            [
+                (_DECIBELS_PER_NEPER * weight * ratio.real).ravel(),
+                (_PHASE_WEIGHT_ROOT * weight * ratio.imag).ravel(),
+            ]
         )
 
     solution = least_squares(

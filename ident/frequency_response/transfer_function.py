@@ -16,15 +16,15 @@ import numpy as np
 from sim.errors import ModelError
 
 DELAY = "delay"
-GOOD = 100.0  # cost below which a fit is acceptable (Tischler and Remple)
-BEST = 50.0  # cost below which a fit is nearly indistinguishable from the data
+ACCEPTABLE_COST = 100.0  # cost below which a fit is acceptable (Tischler and Remple)
+NEARLY_PERFECT_COST = 50.0  # cost below which a fit is nearly indistinguishable from the data
 PHASE_WEIGHT = 0.01745  # one degree counts as 0.13 dB
-_POINTS = 20.0  # frequencies to which the cost is normalised
-_DECIBEL = 20.0 / math.log(10.0)  # dB per unit of the natural logarithm of a gain
-_DEGREE = 180.0 / math.pi  # deg in a rad
+_COST_FREQUENCIES = 20.0  # frequencies to which the cost is normalised
+_DECIBELS_PER_NEPER = 20.0 / math.log(10.0)  # dB per unit of the natural logarithm of a gain
+_DEGREES_PER_RADIAN = 180.0 / math.pi  # deg in a rad
 _DELAYS = (0.0, 0.03, 0.1, 0.25)  # s, from which the search starts
 _SHARES = (0.5, 0.75, 1.0)  # of the group delay: the rest of it is that of the poles
-_STEPS = 12  # of the linear iterations that find a start
+_START_ITERATIONS = 12  # of the linear iterations that find a start
 
 
 @dataclass(frozen=True)
@@ -240,8 +240,10 @@ def coherence_weight(coherence: np.ndarray) -> np.ndarray:
 def mismatch_cost(response: np.ndarray, model: np.ndarray, coherence: np.ndarray) -> float:
     """Tischler's cost: 20/n of the sum of the weighted squares of errors in dB and degrees."""
     ratio = np.log(model / response)
-    squares = (_DECIBEL * ratio.real) ** 2 + PHASE_WEIGHT * (_DEGREE * ratio.imag) ** 2
-    return float(_POINTS * np.mean(coherence_weight(coherence) * squares))
+    squares = (_DECIBELS_PER_NEPER * ratio.real) ** 2 + PHASE_WEIGHT * (
+        _DEGREES_PER_RADIAN * ratio.imag
+    ) ** 2
+    return float(_COST_FREQUENCIES * np.mean(coherence_weight(coherence) * squares))
 
 
 def fit_transfer_functions(
@@ -437,9 +439,9 @@ def weighted_errors(targets: Sequence[ResponseTarget], ratios: Sequence[np.ndarr
     of model over response; of each target the gains first."""
     out = []
     for target, ratio in zip(targets, ratios, strict=True):
-        root = np.sqrt(coherence_weight(target.coherence) * _POINTS / target.omega.size)
-        out += [_DECIBEL * root * ratio.real]
-        out += [math.sqrt(PHASE_WEIGHT) * _DEGREE * root * ratio.imag]
+        root = np.sqrt(coherence_weight(target.coherence) * _COST_FREQUENCIES / target.omega.size)
+        out += [_DECIBELS_PER_NEPER * root * ratio.real]
+        out += [math.sqrt(PHASE_WEIGHT) * _DEGREES_PER_RADIAN * root * ratio.imag]
     result = np.concatenate(out)
     return np.where(np.isfinite(result), np.clip(result, -1e6, 1e6), 1e6)
 
@@ -450,10 +452,10 @@ def weighted_noise(targets: Sequence[ResponseTarget]) -> np.ndarray:
     out = np.zeros((2 * sum(sizes), 2 * sum(sizes)))
     at = 0
     for target, size in zip(targets, sizes, strict=True):
-        weight = np.sqrt(coherence_weight(target.coherence) * _POINTS / size)
+        weight = np.sqrt(coherence_weight(target.coherence) * _COST_FREQUENCIES / size)
         relative = target.std / np.abs(target.response)
         alike = shared_correlation(target.omega, target.length)
-        for factor in (_DECIBEL, math.sqrt(PHASE_WEIGHT) * _DEGREE):
+        for factor in (_DECIBELS_PER_NEPER, math.sqrt(PHASE_WEIGHT) * _DEGREES_PER_RADIAN):
             rows = slice(at, at + size)
             out[rows, rows] = alike * np.outer(*(2 * [factor * weight * relative]))
             at += size
@@ -495,7 +497,7 @@ def _start(
         bottom = np.ones(s.size, dtype=complex)
         weight = np.sqrt(coherence_weight(target.coherence)) / np.abs(data)
         solution = np.zeros(n + m + 1)
-        for _ in range(_STEPS):
+        for _ in range(_START_ITERATIONS):
             rows = [z**k for k in range(n + 1)] + [-data * z**k for k in range(m)]
             matrix = (np.array(rows) * weight / np.abs(bottom)).T
             goal = data * z**m * weight / np.abs(bottom)

@@ -20,16 +20,16 @@ from ident.regression.equation_error import run_equation_error
 from ident.whole_record import output_error as without_process_noise
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitLayout, FitProblem, lay_out
-from ident.whole_record.numerical_errors import QUIET
+from ident.whole_record.numerical_errors import QUIET_NOISE_SHARE
 from sim.declaration.model import System
 from sim.errors import FlightidError
 
 # ---- One fit with process noise from a given start
 
 _STENCIL = np.array([-1.0, 3.0, -3.0, 1.0])
-_FEWEST = 20  # third differences that tell a scatter
-_LEAST = 1e-3  # smallest intensity, relative to its start
-COARSE = 0.1  # tolerance, in sigmas, of the output-error fit that only gives a start
+_FEWEST_DIFFERENCES = 20  # third differences that tell a scatter
+_LEAST_INTENSITY_SHARE = 1e-3  # smallest intensity, relative to its start
+COARSE_TOLERANCE = 0.1  # tolerance, in sigmas, of the output-error fit that only gives a start
 
 
 def fit_with_process_noise(
@@ -52,7 +52,9 @@ def fit_with_process_noise(
     """
     layout = _never_still(layout)
     if levels is None:
-        coarse = replace(layout.settings, tolerance=max(COARSE, layout.settings.tolerance))
+        coarse = replace(
+            layout.settings, tolerance=max(COARSE_TOLERANCE, layout.settings.tolerance)
+        )
         first = fit_whole_records(FitProblem(replace(layout, settings=coarse)), guesses)
         if first is None:
             return None
@@ -111,7 +113,7 @@ def _never_still(layout: FitLayout) -> FitLayout:
     """
     low = layout.low.copy()
     for position, value in _amplitudes(layout).items():
-        low[position] = _LEAST * value
+        low[position] = _LEAST_INTENSITY_SHARE * value
     return replace(layout, low=low)
 
 
@@ -160,7 +162,7 @@ def third_differences(rows: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -
             whole = np.convolve(~known[i], np.ones(len(_STENCIL)), mode="valid") < 0.5
             found.append(np.convolve(row[i], _STENCIL[::-1], mode="valid")[whole])
         scatter = np.concatenate(found)
-        if scatter.size >= _FEWEST:
+        if scatter.size >= _FEWEST_DIFFERENCES:
             out[i] = np.sqrt(np.mean(scatter**2) / np.sum(_STENCIL**2))
     return out
 
@@ -172,13 +174,13 @@ def third_differences(rows: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -
 AT_ITS_LIMIT = 2.0
 # of the sigma that all samples together could give a parameter each of them shows fully: no record
 # knows it better
-ABSURD = 1e-3
+IMPLAUSIBLE_SIGMA_SHARE = 1e-3
 # draws about the fit, and the change of each parameter relative to its value
 _CHANGES, _CHANGED = 100, 0.3
 # of an output's change, below which it follows from the others: far above rounding, far below any
 # parameter's part
-_REPEATED = 1e-6
-_STILL = 1e-4  # of log likelihood: a step that gains less is none
+_DEPENDENT_OUTPUT_SHARE = 1e-6
+_NEGLIGIBLE_GAIN = 1e-4  # of log likelihood: a step that gains less is none
 # Of a motion that grows: in gusts fits settle in ten to thirty steps with it, and creep with 1e-7;
 # in still air the usual one does better.
 _LEAST_DAMPING = 1e-10
@@ -228,7 +230,7 @@ def without_measurement_noise(fit: Fit) -> bool:
     noise_model = fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
     own, low, _ = _levels_and_limits(fit)
-    quiet = QUIET * np.array([_motion(fit.layout, i) for i in noise_model.estimated])
+    quiet = QUIET_NOISE_SHARE * np.array([_motion(fit.layout, i) for i in noise_model.estimated])
     sources = max(
         int(
             np.count_nonzero(
@@ -275,7 +277,9 @@ def _distinct_outputs(fit: Fit) -> int:
         return 0
     away = values - np.mean(values, axis=0)
     size = np.linalg.norm(away, axis=0)
-    return int(np.linalg.matrix_rank(away / np.where(size > 0.0, size, 1.0), tol=_REPEATED))
+    return int(
+        np.linalg.matrix_rank(away / np.where(size > 0.0, size, 1.0), tol=_DEPENDENT_OUTPUT_SHARE)
+    )
 
 
 def _motion(layout: FitLayout, output: int) -> float:
@@ -326,7 +330,7 @@ def absurd_sigmas(fit: Fit, std: np.ndarray) -> list[str]:
     for i in np.flatnonzero(layout.used):
         rows = np.concatenate([problem.z[i, problem.valid[i]] for problem in layout.problems])
         told += float(np.sum((rows - np.mean(rows)) ** 2)) / max(float(shown[i]) ** 2, 1e-300)
-    least = ABSURD / np.sqrt(max(told, 1.0))
+    least = IMPLAUSIBLE_SIGMA_SHARE / np.sqrt(max(told, 1.0))
     return [
         name
         for name, value, sigma in zip(
@@ -368,7 +372,7 @@ def _exactly(layout: FitLayout, least_damping: float) -> FitLayout:
         layout,
         problems=problems,
         settings=replace(
-            settings, enough=max(settings.enough, _STILL), least_damping=least_damping
+            settings, enough=max(settings.enough, _NEGLIGIBLE_GAIN), least_damping=least_damping
         ),
     )
 

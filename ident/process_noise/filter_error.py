@@ -14,7 +14,7 @@ import numpy as np
 
 from ident.estimate import Estimate, Outcome
 from ident.process_noise.best_start import (
-    COARSE,
+    COARSE_TOLERANCE,
     absurd_sigmas,
     degenerate,
     fit_from_best_start,
@@ -309,7 +309,7 @@ def fit_under_held_noise(
             layout.start[position] = known.get(name, layout.start[position])
     # A first fit without process noise brings the trajectory near the record.
     plain = fit_whole_records(
-        FitProblem(replace(layout, settings=replace(settings, tolerance=COARSE)))
+        FitProblem(replace(layout, settings=replace(settings, tolerance=COARSE_TOLERANCE)))
     )
     if plain is None:
         return None

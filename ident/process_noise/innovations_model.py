@@ -53,17 +53,17 @@ from ident.statistics.intervals import inverse_information
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import LaidOut, WeightedResiduals
 from ident.whole_record.linearise import Linearisation
-from ident.whole_record.record_problem import INCREMENT, RecordProblem
+from ident.whole_record.record_problem import DIFFERENCE_STEP_SHARE, RecordProblem
 from sim.declaration.model import System
 
 # ---- How process noise along a trajectory changes with the parameters
 
-_SLOPE = 1e-5  # of a parameter's size, for central differences
+_DIFFERENCE_STEP_SHARE = 1e-5  # of a parameter's size, for central differences
 # steps from one place to the next where slopes are worked out, if straight lines between them are
 # good enough
-_APART = 8
+_STEPS_BETWEEN_SLOPES = 8
 # of the largest entry: over a step an error of F is a hundredth or tenth of that of Phi
-_STRAIGHT = 0.005
+_LARGEST_INTERPOLATION_ERROR = 0.005
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,14 +123,14 @@ def slope_pairs(
     """
     pairs = []
     for position, size in zip(positions, sizes, strict=True):
-        step, ends = _SLOPE * size, []
+        step, ends = _DIFFERENCE_STEP_SHARE * size, []
         for sign in (-1.0, 1.0):
             p = at.p.copy()
             p[position] += sign * step
             ends.append(Variation(p, at.scale))
         pairs.append((ends[0], ends[1], ends[1].p[position] - ends[0].p[position]))
     if scale:
-        step = _SLOPE * max(at.scale, 1.0)
+        step = _DIFFERENCE_STEP_SHARE * max(at.scale, 1.0)
         pairs.append(
             (Variation(at.p, at.scale - step), Variation(at.p, at.scale + step), 2.0 * step)
         )
@@ -142,12 +142,12 @@ def _where_it_bends(shape: np.ndarray, steps: np.ndarray) -> np.ndarray:
     unless every ``shape (K, D, n, n)`` is smooth.
     """
     every = np.arange(len(shape))
-    if len(shape) < 2 * _APART or np.ptp(steps) > 1e-9 * steps.max():
+    if len(shape) < 2 * _STEPS_BETWEEN_SLOPES or np.ptp(steps) > 1e-9 * steps.max():
         return every
-    some = np.append(every[:-1:_APART], every[-1])
+    some = np.append(every[:-1:_STEPS_BETWEEN_SLOPES], every[-1])
     away = np.abs(_between(shape[some], some, len(shape)) - shape).max(axis=0)
     largest = np.abs(shape).max(axis=0).max(axis=(-2, -1), keepdims=True)
-    return some if np.all(away <= _STRAIGHT * largest) else every
+    return some if np.all(away <= _LARGEST_INTERPOLATION_ERROR * largest) else every
 
 
 def _between(values: np.ndarray, at: np.ndarray, count: int) -> np.ndarray:
@@ -301,7 +301,7 @@ def _right_turned(left: np.ndarray, stack: np.ndarray) -> np.ndarray:
 # ---- Noise model of a fit with process noise
 
 SCALE = "process_noise_scale"
-_FACTOR = 4.0  # by which one step changes a noise level at most
+_LARGEST_NOISE_STEP_FACTOR = 4.0  # by which one step changes a noise level at most
 _LEAST, _MOST = 1e-3, 1e3  # range of a noise level, relative to its start
 
 
@@ -429,7 +429,7 @@ class ProcessNoise:
             pairs = slope_pairs(
                 at,
                 [layout.order[q] for q in acting],
-                (problem.increment[acting] / INCREMENT).tolist(),
+                (problem.increment[acting] / DIFFERENCE_STEP_SHARE).tolist(),
                 self.scaled,
             )
             slopes = noise_slopes(problem, line.states, at, pairs)
@@ -457,7 +457,10 @@ class ProcessNoise:
         low, high = np.concatenate([layout.low, self.low]), np.concatenate([layout.high, self.high])
         for i in self.setting_noise(layout, theta):
             if theta[i] > 0:
-                low[i], high[i] = max(low[i], theta[i] / _FACTOR), min(high[i], theta[i] * _FACTOR)
+                low[i], high[i] = (
+                    max(low[i], theta[i] / _LARGEST_NOISE_STEP_FACTOR),
+                    min(high[i], theta[i] * _LARGEST_NOISE_STEP_FACTOR),
+                )
         return low, high
 
     def setting_noise(self, layout: LaidOut, theta: np.ndarray) -> np.ndarray:
@@ -585,7 +588,7 @@ def _at_samples(problem: RecordProblem, values: np.ndarray) -> np.ndarray:
 
 # ---- Restricted likelihood (REML)
 
-_STEP = 0.02  # of a level, for differences
+_NOISE_DIFFERENCE_SHARE = 0.02  # of a level, for differences
 _restricted_likelihood_MOST = 0.7  # change of a level's logarithm
 
 
@@ -616,10 +619,10 @@ def restricted_levels(fit: Fit, covariance: np.ndarray) -> Levels:
     slope, moves = np.zeros(len(moved)), np.zeros((len(moved), len(others)))
     for i, position in enumerate(moved):
         stretched = theta.copy()
-        stretched[position] *= 1.0 + _STEP
+        stretched[position] *= 1.0 + _NOISE_DIFFERENCE_SHARE
         determinant, other = _determined(fit, stretched, others)
-        slope[i] = 0.5 * (determinant - base) / (_STEP * theta[position])
-        moves[i] = np.log(other / variance) / (_STEP * theta[position])
+        slope[i] = 0.5 * (determinant - base) / (_NOISE_DIFFERENCE_SHARE * theta[position])
+        moves[i] = np.log(other / variance) / (_NOISE_DIFFERENCE_SHARE * theta[position])
     among = covariance[np.ix_(moved, moved)]
     change = np.clip(
         -among @ slope / theta[moved], -_restricted_likelihood_MOST, _restricted_likelihood_MOST

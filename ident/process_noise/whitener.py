@@ -135,8 +135,8 @@ def _symmetric(M: np.ndarray) -> np.ndarray:
 # ---- A Kalman filter used as a linear pre-whitener of residuals and of every sensitivity
 # column
 
-_CHUNK = 64
-_SETTLED = 1e-12  # relative change of the covariance over a chunk
+_SAMPLES_PER_CHUNK = 64
+_SETTLED_COVARIANCE_CHANGE = 1e-12  # relative change of the covariance over a chunk
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +191,9 @@ def whitener(motion: DiscretisedNoise, variance: np.ndarray, valid: np.ndarray) 
         after = np.zeros((1 if steady else nodes, 0, 0))
     elif steady:
         steps = powers(
-            combine_covariances, covariance_steps(motion.Phi, motion.Q, seen, variance), _CHUNK
+            combine_covariances,
+            covariance_steps(motion.Phi, motion.Q, seen, variance),
+            _SAMPLES_PER_CHUNK,
         )
         after = _until_settled(steps, first, nodes)
     else:
@@ -249,7 +251,7 @@ def _until_settled(steps: tuple[np.ndarray, ...], first: np.ndarray, nodes: int)
         done += len(chunk)
         # rounding may leave it below zero where nothing is noisy
         size = np.sqrt(np.maximum(np.diag(chunk[-1]), 0.0))
-        if np.all(np.abs(chunk[-1] - P) <= _SETTLED * np.outer(size, size)):
+        if np.all(np.abs(chunk[-1] - P) <= _SETTLED_COVARIANCE_CHANGE * np.outer(size, size)):
             break
         P = chunk[-1]
     return np.concatenate(parts)[:nodes]

@@ -18,26 +18,32 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.recording.series import FEWEST as FEWEST_SAMPLES
-from ident.recording.series import Certainty, Expectations, FindingQuantity, Kind, RecordFinding
+from ident.recording.series import (
+    FEWEST_SAMPLES,
+    Certainty,
+    Expectations,
+    FindingQuantity,
+    Kind,
+    RecordFinding,
+)
 from sim.maths import G0
 from sim.record import Channel, Record
 
 # ---- What the channels of one motion have to do with each other
 
 JOINED = ("alpha", "q", "nz", "theta")
-SLOWEST = 20.0  # m/s, lowest airspeed where it is unknown
-FASTEST = 400.0  # m/s, highest airspeed where it is unknown
-STIFFEST = 10.0  # 1/s: no aircraft's lift damps its angle of attack faster
-FEWEST = 40  # rows
-LONGEST = 3000  # rows that a comparison looks at
-HALF = 0.5  # autocorrelation at which a lag is half a rhythm
-FLOOR = 1e-30
+LOWEST_AIRSPEED = 20.0  # m/s, lowest airspeed where it is unknown
+HIGHEST_AIRSPEED = 400.0  # m/s, highest airspeed where it is unknown
+LARGEST_LIFT_DAMPING = 10.0  # 1/s: no aircraft's lift damps its angle of attack faster
+FEWEST_ROWS = 40
+MOST_ROWS = 3000  # rows that a comparison looks at
+HALF_PERIOD_CORRELATION = 0.5  # autocorrelation at which a lag is half a rhythm
+POWER_FLOOR = 1e-30
 # rows of a lag for a row between two samples of a channel: with fewer, straight lines between them
 # are not the motion
-SPARSE = 2
+FEWEST_ROWS_PER_LAG = 2
 SHIFTS = (0.0, 0.05, 0.1, 0.2)  # s: delays and lags of sensors
-LATE = 0.3  # s: delays, lags, and arms over the airspeed, which are effects of their own
+LONGEST_DELAY = 0.3  # s: delays, lags, and arms over the airspeed, which are effects of their own
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,9 +83,9 @@ def columns_of(record: Record, expected: Expectations) -> KinematicColumns | Non
     """The channels that one motion joins; None where they are fewer than two or too short. ``az``
     stands for nz as -az/g0.
     """
-    if len(record) < FEWEST:
+    if len(record) < FEWEST_ROWS:
         return None
-    rows = slice(0, LONGEST)
+    rows = slice(0, MOST_ROWS)
     outputs = {name: _bridged(record, name)[rows] for name in JOINED if name in record.output_names}
     if "nz" not in outputs and "az" in record.output_names:
         outputs["nz"] = -_bridged(record, "az")[rows] / G0
@@ -103,7 +109,7 @@ def columns_of(record: Record, expected: Expectations) -> KinematicColumns | Non
     columns = KinematicColumns(
         record.time[rows], outputs, values, control.name if control is not None else "", over
     )
-    return columns if sparse * SPARSE <= lag_of(columns) else None
+    return columns if sparse * FEWEST_ROWS_PER_LAG <= lag_of(columns) else None
 
 
 def disagreement(columns: KinematicColumns) -> dict[str, float]:
@@ -137,13 +143,19 @@ def relations(columns: KinematicColumns, lag: int) -> dict[str, tuple[np.ndarray
                 if over is not None
                 else float(
                     np.clip(
-                        _slope(sums["nz"], sums["q"] - moved["alpha"]), 9.8 / FASTEST, 9.8 / SLOWEST
+                        _slope(sums["nz"], sums["q"] - moved["alpha"]),
+                        9.8 / HIGHEST_AIRSPEED,
+                        9.8 / LOWEST_AIRSPEED,
                     )
                 )
             )
             out["alpha"] = (moved["alpha"], sums["q"] - factor * sums["nz"])
         else:
-            steep = float(np.clip(_slope(sums["alpha"], sums["q"] - moved["alpha"]), 0.0, STIFFEST))
+            steep = float(
+                np.clip(
+                    _slope(sums["alpha"], sums["q"] - moved["alpha"]), 0.0, LARGEST_LIFT_DAMPING
+                )
+            )
             out["alpha"] = (moved["alpha"], sums["q"] - steep * sums["alpha"])
     elif "q" in y and "nz" in y and columns.gravity_over_speed is not None:
         rate = sums["q"] - columns.gravity_over_speed * sums["nz"]
@@ -185,19 +197,19 @@ def _share_of_lift(load: np.ndarray, flow: np.ndarray, surface: np.ndarray) -> f
     """
     load, flow, surface = (values - np.mean(values) for values in (load, flow, surface))
     power = float(load @ load)
-    if power <= FLOOR:
+    if power <= POWER_FLOOR:
         return 0.0
     both = np.stack([flow + surface, flow - surface])
     gram, right = both @ both.T, both @ load
     single = [
-        right[i] ** 2 / gram[i, i] if right[i] > 0.0 and gram[i, i] > FLOOR else 0.0
+        right[i] ** 2 / gram[i, i] if right[i] > 0.0 and gram[i, i] > POWER_FLOOR else 0.0
         for i in range(2)
     ]
     explained = max(single)
-    if np.linalg.det(gram) > FLOOR * max(gram[0, 0] * gram[1, 1], FLOOR):
+    if np.linalg.det(gram) > POWER_FLOOR * max(gram[0, 0] * gram[1, 1], POWER_FLOOR):
         factors = np.linalg.solve(gram, right)
         explained = float(factors @ right) if np.all(factors > 0.0) else explained
-    return max(1.0 - explained / power, FLOOR)
+    return max(1.0 - explained / power, POWER_FLOOR)
 
 
 def lag_of(columns: KinematicColumns) -> int:
@@ -212,7 +224,8 @@ def lag_of(columns: KinematicColumns) -> int:
         (
             lag
             for lag in range(2, most)
-            if float(values[:-lag] @ values[lag:]) / (len(values) - lag) < HALF * first
+            if float(values[:-lag] @ values[lag:]) / (len(values) - lag)
+            < HALF_PERIOD_CORRELATION * first
         ),
         most - 1,
     )
@@ -223,17 +236,17 @@ def _share(left: np.ndarray, right: np.ndarray, along: np.ndarray) -> float:
     the change of ``along``) is fitted.
     """
     power = float(left @ left + right @ right)
-    if power <= FLOOR:
+    if power <= POWER_FLOOR:
         return 0.0
     off = left - right
-    off = off - float(np.clip(_slope(along, off), -LATE, LATE)) * along
+    off = off - float(np.clip(_slope(along, off), -LONGEST_DELAY, LONGEST_DELAY)) * along
     return float(off @ off) / power
 
 
 def _slope(x: np.ndarray, y: np.ndarray) -> float:
     x, y = x - np.mean(x), y - np.mean(y)
     power = float(x @ x)
-    return float(x @ y) / power if power > FLOOR else 0.0
+    return float(x @ y) / power if power > POWER_FLOOR else 0.0
 
 
 def change(values: np.ndarray, lag: int) -> np.ndarray:
@@ -256,14 +269,14 @@ def _from_record(record: Record, gravity: float) -> float | None:
     if "airspeed" not in record.output_names:
         return None
     speed = float(np.median(record["airspeed"].values[record["airspeed"].valid]))
-    return gravity / speed if speed > SLOWEST else None
+    return gravity / speed if speed > LOWEST_AIRSPEED else None
 
 
 # ---- Every simple way in which columns may be misread
 
 DEGREES = math.degrees(1.0)
 PACES = {1e-3: "ms", 1e-6: "us"}
-QUICKEST = 5e-4  # s: no recorder of an aircraft's motion takes more than 2000 samples a second
+SHORTEST_STEP = 5e-4  # s: no recorder of an aircraft's motion takes more than 2000 samples a second
 UNITS = {"alpha": "deg", "q": "deg/s", "theta": "deg"}
 RENAME = "give each column its own name, or a channel map"
 NZ_REMEDY = "name the column nz [m/s2], or say its unit in a channel map"
@@ -327,7 +340,7 @@ def all_readings(columns: KinematicColumns) -> list[ColumnReading]:
         )
     step = float(np.median(np.diff(columns.time)))
     for factor, unit in PACES.items():
-        if factor * step < QUICKEST:
+        if factor * step < SHORTEST_STEP:
             continue
         remedy = f"name the column time [{unit}], or say its unit in a channel map"
         out.append(
@@ -353,15 +366,16 @@ def _reading(
 # ---- The pitch acceleration that a recorded control makes
 
 CONTROL_LATE = (0.0, 0.04, 0.08, 0.12, 0.16, 0.2, 0.25, 0.3)  # s, delays and lags of controls
-SURE = 8.0  # standard deviations; one lag for one sample is a rough count of what is independent
+# standard deviations; one lag for one sample is a rough count of what is independent
+SIGNIFICANT_SIGMAS = 8.0
 # share of q's change: 0.79 at least in a hundred records with any effect of the library
-EXPLAINED = 0.8
+LEAST_EXPLAINED_SHARE = 0.8
 # of what the other sign leaves: at 10 samples a second 0.37 of a light aircraft with the wrong
 # sign, at 50 0.1 with the right one
-RIVALLED = 0.25
+LARGEST_OTHER_SIGN_SHARE = 0.25
 # rows of one lag: with fewer, a pulse that begins between two of them is worth as much as what the
 # control does
-RESOLVED = 4
+FEWEST_ROWS_PER_PULSE = 4
 CONTROL_FEWEST = 12  # independent stretches of one lag
 
 
@@ -391,7 +405,7 @@ def control_power(columns: KinematicColumns) -> ControlPower | None:
         return None
     lag = lag_of(columns)
     left = change(y["q"], lag)
-    if lag < RESOLVED or len(left) // lag < CONTROL_FEWEST:
+    if lag < FEWEST_ROWS_PER_PULSE or len(left) // lag < CONTROL_FEWEST:
         return None
     sums = [
         change(integral(columns.time, y[name] - np.mean(y[name])), lag) for name in (partner, "q")
@@ -424,11 +438,11 @@ def sure(power: ControlPower) -> bool:
     period and works the other way, or by a motion that pitching feeds: of 1200 sound light aircraft
     at 8 to 50 samples a second one was told a turned sign so.
     """
-    unrivalled = 1.0 - power.explained < RIVALLED * (1.0 - power.opposed)
+    unrivalled = 1.0 - power.explained < LARGEST_OTHER_SIGN_SHARE * (1.0 - power.opposed)
     return (
         power.damped
-        and abs(power.value) > SURE * power.std
-        and power.explained > EXPLAINED
+        and abs(power.value) > SIGNIFICANT_SIGMAS * power.std
+        and power.explained > LEAST_EXPLAINED_SHARE
         and unrivalled
     )
 
@@ -468,11 +482,11 @@ def _delayed(time: np.ndarray, moved: np.ndarray, delay: float) -> np.ndarray:
 HEIGHT = "altitude"
 LENGTHS = {"ft": 0.3048, "km": 1000.0, "cm": 0.01, "mm": 0.001}
 # times less power than in metres, and than in any other unit: four times the amplitude
-CLEARLY = 16.0
+UNIT_POWER_RATIO = 16.0
 # share of the power about a straight line that the right unit leaves; noise and drag that varies
 # leave less
-RIGHT = 0.01
-SMOOTH = 40  # a velocity is the slope over two fortieths of the record
+CORRECT_UNIT_SHARE = 0.01
+VELOCITY_PARTS = 40  # a velocity is the slope over two fortieths of the record
 
 
 def height_unit(record: Record, expected: Expectations) -> list[RecordFinding]:
@@ -494,7 +508,7 @@ def height_unit(record: Record, expected: Expectations) -> list[RecordFinding]:
         for unit, factor in LENGTHS.items()
     )
     (best, unit), (second, _) = result[:2]
-    if best > RIGHT or CLEARLY * best > min(as_read, second):
+    if best > CORRECT_UNIT_SHARE or UNIT_POWER_RATIO * best > min(as_read, second):
         return []
     text = (
         f"is in {unit}, not in m: it falls under gravity as heights in {unit} do (unexplained "
@@ -539,7 +553,7 @@ def _height_unit_slope(t: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Slope of a line through the samples within a fortieth of the record on either side, by
     running sums.
     """
-    reach = max(2, len(t) // SMOOTH)
+    reach = max(2, len(t) // VELOCITY_PARTS)
     low = np.maximum(np.arange(len(t)) - reach, 0)
     high = np.minimum(np.arange(len(t)) + reach + 1, len(t))
     y = y - y[0]

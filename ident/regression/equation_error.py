@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.estimate import LARGEST, Estimate, Outcome
+from ident.estimate import LARGEST_NUMBER, Estimate, Outcome
 from ident.regression.state_histories import StateData, state_data, windows
 from ident.statistics.intervals import (
     UNDETERMINED,
@@ -41,12 +41,13 @@ from sim.propagation import drive_from_record, make_grid, propagate
 from sim.record import Channel, Record
 
 SIMULATED_STEP = 0.02  # s, of the simulation that gives instruments
-RUNAWAY = 3.0  # scatters of a state by which its simulation may leave the record and still serve
+# scatters of a state by which its simulation may leave the record and still serve
+RUNAWAY_SCATTERS = 3.0
 # at least squares and at the first estimate without its bias: a better instrument is no better
 # estimate
-SIMULATIONS = 2
+BIAS_SIMULATIONS = 2
 NARROWER = (1.0, 0.5, 0.25, 0.125)  # shares of a slope's window that are tried with instruments
-PAIRS = 6  # of added noise and its negative, from which the bias of least squares is found
+NOISE_PAIRS = 6  # of added noise and its negative, from which the bias of least squares is found
 
 
 @dataclass(frozen=True)
@@ -231,7 +232,8 @@ def _evaluate(
             for r in range(len(layout.records))
         ]
     sound = all(
-        np.all(np.abs(part.residual) < LARGEST) and np.all(np.abs(part.jacobian) < LARGEST)
+        np.all(np.abs(part.residual) < LARGEST_NUMBER)
+        and np.all(np.abs(part.jacobian) < LARGEST_NUMBER)
         for part in parts
     )
     return parts if sound else None
@@ -460,7 +462,7 @@ def _instrumental(
     outcome, done = Outcome.MAX_ITERATIONS, 0
     while True:
         done += 1
-        again = _simulated(layout, theta) if 1 < done <= SIMULATIONS else simulated
+        again = _simulated(layout, theta) if 1 < done <= BIAS_SIMULATIONS else simulated
         posed = None if again is None else _normal_problem(layout, theta, again)
         if again is None or posed is None:
             return None
@@ -581,7 +583,7 @@ def _parameters(layout: _Layout, r: int, theta: np.ndarray) -> np.ndarray:
 
 def _simulated(layout: _Layout, theta: np.ndarray) -> list[list[np.ndarray]] | None:
     """States of all records simulated from their first smoothed ones; None where one leaves its
-    record by ``RUNAWAY`` of its scatter.
+    record by ``RUNAWAY_SCATTERS`` of its scatter.
     """
     out = []
     for r, (record, data) in enumerate(zip(layout.records, layout.data, strict=True)):
@@ -603,7 +605,9 @@ def _simulated(layout: _Layout, theta: np.ndarray) -> list[list[np.ndarray]] | N
             )
         ]
         for here, there in zip(states, measured, strict=True):
-            if not np.all(np.isfinite(here)) or np.std(here - there) > RUNAWAY * np.std(there):
+            if not np.all(np.isfinite(here)) or np.std(here - there) > RUNAWAY_SCATTERS * np.std(
+                there
+            ):
                 return None
         out.append(states)
     return out
@@ -620,7 +624,7 @@ def _less_bias(
     """
     rng, n = np.random.default_rng(0), len(layout.shared)
     moves = []
-    for _ in range(PAIRS):
+    for _ in range(NOISE_PAIRS):
         noise = [
             squares.noise_std[:, None] * rng.standard_normal((len(squares.noise_std), len(record)))
             for record in layout.records
@@ -642,7 +646,7 @@ def _less_bias(
             both.append(found[:n])
         moves.append(0.5 * (both[0] + both[1]) - theta[:n])
     bias = np.mean(moves, axis=0)
-    uncertain = np.cov(np.array(moves).T).reshape(n, n) / PAIRS
+    uncertain = np.cov(np.array(moves).T).reshape(n, n) / NOISE_PAIRS
     return replace(
         squares,
         values=squares.values - bias,
@@ -689,7 +693,7 @@ def _unfinished(layout: _Layout, theta: np.ndarray) -> Estimate:
         theta[:n],
         wide,
         Outcome.DIVERGED,
-        -LARGEST,
+        -LARGEST_NUMBER,
         system.output_names,
         ones,
         blank,

@@ -23,7 +23,7 @@ from sim.record import Record
 
 # ---- Smoothing and slopes by polynomials fitted to a moving window of samples
 
-_EVEN = 1e-9  # of an interval, by which intervals of even sampling may differ
+_EVEN_SAMPLING_TOLERANCE = 1e-9  # of an interval, by which intervals of even sampling may differ
 _SMOOTHING_DEGREE = 2  # of the local polynomials that smooth a channel
 HALF_WIDTHS = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64)
 
@@ -59,7 +59,7 @@ def windows(time: np.ndarray, valid: np.ndarray, half_width: int, degree: int) -
     width = min(2 * half_width + 1, n)
     first = np.clip(np.arange(n) - half_width, 0, n - width)
     gaps = np.diff(time)
-    if n > 2 * width and np.all(valid) and np.ptp(gaps) < _EVEN * gaps[0]:
+    if n > 2 * width and np.all(valid) and np.ptp(gaps) < _EVEN_SAMPLING_TOLERANCE * gaps[0]:
         # All windows are alike but for the row that they are read at.
         few = windows(time[: 2 * width], valid[: 2 * width], half_width, degree)
         place = np.arange(n) - first

@@ -32,8 +32,8 @@ import numpy as np
 UNDETERMINED = 1e-14
 # the same where the sensitivities themselves are good to some digits only: differences of simulated
 # kinematics
-OPEN = 1e-9
-FOLLOWED = 1e-12  # share below which a step does not follow a direction at all
+DIFFERENCED_UNDETERMINED = 1e-9
+LEAST_STEP_EIGENVALUE_SHARE = 1e-12  # share below which a step does not follow a direction at all
 
 
 def conditional_scale(information: np.ndarray, size: np.ndarray) -> np.ndarray:
@@ -99,11 +99,11 @@ def variance_along(covariance: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 def bounded_inverse(information: np.ndarray) -> np.ndarray:
-    """Inverse ``(n, n)`` for a step, without the directions that hold less than FOLLOWED of the
-    scaled information.
+    """Inverse ``(n, n)`` for a step, without the directions that hold less than
+    LEAST_STEP_EIGENVALUE_SHARE of the scaled information.
     """
     square, values, vectors = _spectrum(information, 0.0)
-    determined = values > FOLLOWED * max(float(values[-1]), 1e-300)
+    determined = values > LEAST_STEP_EIGENVALUE_SHARE * max(float(values[-1]), 1e-300)
     return square * (
         (vectors * np.where(determined, 1.0 / np.where(determined, values, 1.0), 0.0)) @ vectors.T
     )
@@ -230,16 +230,17 @@ def determination(
 
 # ---- Profile-likelihood intervals
 
-DROP = 4.0  # of twice the log likelihood: what two sigmas are where it is a parabola; 95.4 %
-LEVEL = math.erf(math.sqrt(DROP / 2.0))
-CLOSE = 0.02  # of the root, to which an end is found: a hundredth of the interval
+# of twice the log likelihood: what two sigmas are where it is a parabola; 95.4 %
+TWICE_LOG_LIKELIHOOD_DROP = 4.0
+LEVEL = math.erf(math.sqrt(TWICE_LOG_LIKELIHOOD_DROP / 2.0))
+ENDPOINT_TOLERANCE = 0.02  # of the root, to which an end is found: a hundredth of the interval
 # times two sigmas (or the value itself, where that is less), beyond which a side is open: farther
 # out simulations fail first
-REACH = 16.0
-GROWTH = 4.0  # of a step outwards at most
-TRIES = 14  # refits of a side
-SKEWED = 1.25  # ratio of the two sides from which an interval counts as skewed
-OTHER = 0.25  # share by which sides may differ from two sigmas
+LARGEST_REACH = 16.0
+LARGEST_STEP_GROWTH = 4.0  # of a step outwards at most
+MOST_REFITS = 14  # refits of a side
+SKEWED_RATIO = 1.25  # ratio of the two sides from which an interval counts as skewed
+SIDE_DIFFERENCE_SHARE = 0.25  # share by which sides may differ from two sigmas
 
 State = TypeVar("State")
 # Minus the log likelihood with the parameter held at a value, all others at their best, and where
@@ -270,8 +271,10 @@ class ProfileInterval:
         if self.low is None or self.high is None or self.low_bound or self.high_bound:
             return False
         below, above = self.value - self.low, self.high - self.value
-        symmetric = all(abs(side / (2.0 * self.sigma) - 1.0) <= OTHER for side in (below, above))
-        return symmetric and 1.0 / SKEWED <= above / max(below, 1e-300) <= SKEWED
+        symmetric = all(
+            abs(side / (2.0 * self.sigma) - 1.0) <= SIDE_DIFFERENCE_SHARE for side in (below, above)
+        )
+        return symmetric and 1.0 / SKEWED_RATIO <= above / max(below, 1e-300) <= SKEWED_RATIO
 
 
 @dataclass
@@ -349,12 +352,18 @@ def profile_interval(
     cost : minus the log likelihood there.
     refit : see ``Refit``; handed the state of the refit before it on the same side, None first.
     inflation : variance of the estimate over that which the likelihood's curvature gives: the drop
-        is as many times ``DROP``, since a likelihood that takes coloured residuals for white is too
-        sharp by that.
+        is as many times ``TWICE_LOG_LIKELIHOOD_DROP``, since a likelihood that takes coloured
+        residuals for white is too sharp by that.
     """
     sigma = sigma if math.isfinite(sigma) and sigma > 0.0 else abs(value) or 1.0
     ends = [
-        _end(_Side(refit, value, cost), sigma, sign, bounds[sign > 0], math.sqrt(DROP * inflation))
+        _end(
+            _Side(refit, value, cost),
+            sigma,
+            sign,
+            bounds[sign > 0],
+            math.sqrt(TWICE_LOG_LIKELIHOOD_DROP * inflation),
+        )
         for sign in (-1.0, 1.0)
     ]
     (low, low_bound, down), (high, high_bound, up) = ends
@@ -371,9 +380,9 @@ def _end(
     inside, r_inside, outside, r_outside = 0.0, 0.0, math.inf, math.inf
     farthest = abs(bound - side.value)
     step = min(goal * size, farthest)
-    for _ in range(TRIES):
+    for _ in range(MOST_REFITS):
         r = side.root(side.value + sign * step)
-        if abs(r - goal) <= CLOSE * goal:
+        if abs(r - goal) <= ENDPOINT_TOLERANCE * goal:
             return side.value + sign * min(step * goal / r, farthest), False, side.better
         if r > goal:
             outside, r_outside = step, r
@@ -381,7 +390,9 @@ def _end(
             inside, r_inside = step, r
             if step >= farthest:
                 return bound, True, side.better
-            if step >= REACH * goal * max(size, sigma if sigma < REACH * size else size):
+            if step >= LARGEST_REACH * goal * max(
+                size, sigma if sigma < LARGEST_REACH * size else size
+            ):
                 return None, False, side.better
         step = _next(inside, r_inside, outside, r_outside, goal, farthest)
     # Where the only way out leads to values that cannot be computed, the likelihood has not said
@@ -396,8 +407,12 @@ def _next(
     midpoint if one end has no number.
     """
     if math.isinf(outside):
-        reached = inside * goal / r_inside if r_inside > goal / GROWTH else GROWTH * inside
-        return min(1.02 * reached, GROWTH * inside, farthest)
+        reached = (
+            inside * goal / r_inside
+            if r_inside > goal / LARGEST_STEP_GROWTH
+            else LARGEST_STEP_GROWTH * inside
+        )
+        return min(1.02 * reached, LARGEST_STEP_GROWTH * inside, farthest)
     if math.isinf(r_outside):
         return 0.5 * (inside + outside)
     share = (goal - r_inside) / (r_outside - r_inside)
@@ -407,7 +422,7 @@ def _next(
 # ---- Confidence intervals of a share
 
 SHARES_LEVEL = 0.95
-DRAWS = 2000  # of a bootstrap: the ends of a 95 % interval rest on its 50 outermost
+BOOTSTRAP_DRAWS = 2000  # of a bootstrap: the ends of a 95 % interval rest on its 50 outermost
 
 
 def clopper_pearson(count: float, of: float, level: float = SHARES_LEVEL) -> tuple[float, float]:
@@ -444,7 +459,7 @@ def clustered_share(
     runs, shares = len(of), counts / of
     if np.all(of == 1.0) or np.ptp(shares) == 0.0:
         return clopper_pearson(float(shares.sum()), runs, level)
-    samples = (rng.integers(runs, size=runs) for _ in range(DRAWS))
+    samples = (rng.integers(runs, size=runs) for _ in range(BOOTSTRAP_DRAWS))
     resampled = [counts[rows].sum() / of[rows].sum() for rows in samples]
     low, high = np.quantile(resampled, [0.5 * (1.0 - level), 0.5 * (1.0 + level)])
     return float(low), float(high)

@@ -44,32 +44,37 @@ from sim.record import Record
 
 # ---- A standard deviation that outliers do not move
 
-ROBUST = 1.4826  # median absolute deviation to sigma
+SIGMA_PER_MEDIAN_DEVIATION = 1.4826  # median absolute deviation to sigma
 
 
 def robust_sigma(values: np.ndarray) -> float:
     """Standard deviation from the median absolute deviation, insensitive to outliers."""
-    return float(ROBUST * np.median(np.abs(values - np.median(values)))) if values.size else 0.0
+    return (
+        float(SIGMA_PER_MEDIAN_DEVIATION * np.median(np.abs(values - np.median(values))))
+        if values.size
+        else 0.0
+    )
 
 
 def robust_sigma_about_zero(values: np.ndarray) -> float:
     """The same of values whose middle is known to be zero, such as differences of a signal that
     moves both ways.
     """
-    return float(ROBUST * np.median(np.abs(values)))
+    return float(SIGMA_PER_MEDIAN_DEVIATION * np.median(np.abs(values)))
 
 
 # ---- The white noise of a sensor
 
-SHORTEST = 16  # samples of a run that is looked at
+SHORTEST_RUN = 16  # samples of a run that is looked at
 # coefficients in the band; a standard deviation of fewer is known to worse than an eighth
-FEWEST = 32
-BEGIN = 0.5  # of the Nyquist frequency, above which no residual of a rigid body's motion has power
-BLOCKS = 12  # in which the band grows to the whole spectrum
-CHANCE = 0.01  # that a block of what belongs to the band is left out
+FEWEST_COEFFICIENTS = 32
+# of the Nyquist frequency, above which no residual of a rigid body's motion has power
+BAND_START_SHARE = 0.5
+BAND_BLOCKS = 12  # in which the band grows to the whole spectrum
+FALSE_REJECTION_PROBABILITY = 0.01  # that a block of what belongs to the band is left out
 LARGEST_GAP = 10.0  # sample intervals: a longer pause in the samples begins another run
-ITERATIONS = 12
-NOTHING = 1e-9  # of the power, below which none of it is white
+MOST_ITERATIONS = 12
+NEGLIGIBLE_POWER_SHARE = 1e-9  # of the power, below which none of it is white
 
 
 def sensor_noise(series: Sequence[np.ndarray]) -> float | None:
@@ -79,7 +84,7 @@ def sensor_noise(series: Sequence[np.ndarray]) -> float | None:
     ``series``: runs of residuals at even intervals, each ``(N,)`` and finite; of several, as of
     several records, one noise is estimated.
     """
-    runs = [np.asarray(each, dtype=float) for each in series if len(each) >= SHORTEST]
+    runs = [np.asarray(each, dtype=float) for each in series if len(each) >= SHORTEST_RUN]
     if not runs:
         return None
     # of the Nyquist frequency
@@ -87,18 +92,18 @@ def sensor_noise(series: Sequence[np.ndarray]) -> float | None:
     power = np.concatenate([_cosine_transform(run)[1:] ** 2 for run in runs])
     order = np.argsort(-share, kind="stable")
     share, power = share[order], power[order]
-    count = int(np.count_nonzero(share >= BEGIN))
-    if count < FEWEST or not power[:count].any():
+    count = int(np.count_nonzero(share >= BAND_START_SHARE))
+    if count < FEWEST_COEFFICIENTS or not power[:count].any():
         return None
     walk = 0.25 / np.sin(0.5 * np.pi * share) ** 2
-    ends = np.unique(np.linspace(count, len(share), BLOCKS).astype(int)).tolist()
+    ends = np.unique(np.linspace(count, len(share), BAND_BLOCKS).astype(int)).tolist()
     white, random = _fitted(power[:count], walk[:count])
     for end, further in pairwise(ends):
         block = power[end:further] / (white + random * walk[end:further])
-        if np.mean(block) > fdtri(further - end, end, 1.0 - CHANCE):
+        if np.mean(block) > fdtri(further - end, end, 1.0 - FALSE_REJECTION_PROBABILITY):
             break
         white, random = _fitted(power[:further], walk[:further])
-    return float(np.sqrt(white)) if white > NOTHING * float(np.mean(power)) else None
+    return float(np.sqrt(white)) if white > NEGLIGIBLE_POWER_SHARE * float(np.mean(power)) else None
 
 
 def _cosine_transform(x: np.ndarray) -> np.ndarray:
@@ -130,7 +135,7 @@ def _fitted(power: np.ndarray, walk: np.ndarray) -> tuple[float, float]:
     step; neither below zero.
     """
     white, random = float(np.mean(power)), 0.0
-    for _ in range(ITERATIONS):
+    for _ in range(MOST_ITERATIONS):
         weight = (white + random * walk) ** -2.0
         n, u, v = float(weight.sum()), float(weight @ walk), float((weight * walk) @ walk)
         y, z = float(weight @ power), float((weight * walk) @ power)
@@ -139,7 +144,7 @@ def _fitted(power: np.ndarray, walk: np.ndarray) -> tuple[float, float]:
         level = (y - u * slope) / n
         slope, level = (slope, level) if slope > 0.0 else (0.0, y / n)
         if level <= 0.0:  # all of it is the motion
-            level, slope = 1e-3 * NOTHING * float(np.mean(power)), z / v
+            level, slope = 1e-3 * NEGLIGIBLE_POWER_SHARE * float(np.mean(power)), z / v
         white, random = level, slope
     return white, random
 
@@ -147,7 +152,7 @@ def _fitted(power: np.ndarray, walk: np.ndarray) -> tuple[float, float]:
 # ---- Measurement noise read off a record
 
 WITHIN_TWO_SIGMA = 0.9545  # share of a Gaussian inside the band
-_FEWEST = 20
+_FEWEST_DIFFERENCES = 20
 _STENCIL = np.array([-1.0, 3.0, -3.0, 1.0])
 
 
@@ -179,7 +184,7 @@ def noise_envelope(record: Record, stop: float | None = None) -> dict[str, float
             np.sum(_STENCIL**2)
         )
         where = f"{record.name}, channel {channel.name}"
-        if d.size < _FEWEST:
+        if d.size < _FEWEST_DIFFERENCES:
             raise RecordError(
                 f"{d.size} runs of four samples are too few for a noise envelope",
                 where=where,
@@ -196,18 +201,19 @@ def noise_envelope(record: Record, stop: float | None = None) -> dict[str, float
 
 # ---- Noise whose level changes along a series
 
-PARTS = 8
+RECORD_PARTS = 8
 LOCAL_LEVEL_FEWEST = 40  # differences of a part
-FACTOR = 1.5  # chosen: weights that are wrong by two in the variance hardly change a test
+# chosen: weights that are wrong by two in the variance hardly change a test
+NOTABLE_NOISE_RATIO = 1.5
 # standard deviation of the logarithm of a robust sigma of n fourth differences, times sqrt(n), by
 # simulation
-SCATTER = 1.6
+LOG_SIGMA_SCATTER = 1.6
 # of its standard deviations between the quietest and the loudest part: by chance once in 5000
 # series
-SURE = 4.5
+UNEVEN_NOISE_SIGMAS = 4.5
 # level by second over level by fourth differences, beyond which a part holds motion and tells no
 # noise
-MOTION = 1.25
+MOTION_NOISE_RATIO = 1.25
 
 
 def levelled(series: np.ndarray) -> np.ndarray:
@@ -219,18 +225,20 @@ def levelled(series: np.ndarray) -> np.ndarray:
     the others.
     """
     count = len(series)
-    parts = min(PARTS, count // LOCAL_LEVEL_FEWEST)
+    parts = min(RECORD_PARTS, count // LOCAL_LEVEL_FEWEST)
     if parts < 3:
         return series
     second, fourth = _differences(series, 2)[1:-1], _differences(series, 4)
     edges = np.linspace(0, len(fourth), parts + 1).astype(int)
     levels = np.array([robust_sigma_about_zero(fourth[a:b]) for a, b in pairwise(edges)])
     seconds = np.array([robust_sigma_about_zero(second[a:b]) for a, b in pairwise(edges)])
-    determined = (levels > 0.0) & (seconds < MOTION * levels)
+    determined = (levels > 0.0) & (seconds < MOTION_NOISE_RATIO * levels)
     if np.count_nonzero(determined) < 3:
         return series
     ratio = float(levels[determined].max() / levels[determined].min())
-    if ratio < FACTOR or np.log(ratio) < SURE * SCATTER * np.sqrt(2.0 * parts / len(fourth)):
+    if ratio < NOTABLE_NOISE_RATIO or np.log(
+        ratio
+    ) < UNEVEN_NOISE_SIGMAS * LOG_SIGMA_SCATTER * np.sqrt(2.0 * parts / len(fourth)):
         return series
     local = _running_level(fourth, int(len(fourth) / (4 * parts)))
     middle = np.clip(np.arange(count) - 2, 0, len(local) - 1)

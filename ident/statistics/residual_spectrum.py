@@ -27,9 +27,9 @@ from scipy.special import ndtr, stdtrit
 
 # ---- Power spectra of the residuals of a fit
 
-_PASSES = 8  # of the autocovariance towards that of the noise, at most
+_MOST_AUTOCOVARIANCE_PASSES = 8  # of the autocovariance towards that of the noise, at most
 # of each variance of the gradient, by which a pass moves it at the end: half a percent of a sigma
-_SETTLED = 0.01
+_SETTLED_VARIANCE_SHARE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,12 +102,14 @@ def score_covariance(records: Sequence[RecordScores], inverse: np.ndarray) -> Sc
     spectra = [_ScoreTransforms(each) for each in records if np.any(each.residual[each.valid])]
     n = len(inverse)
     middle = np.zeros((n, n))
-    for turn in range(_PASSES):
+    for turn in range(_MOST_AUTOCOVARIANCE_PASSES):
         before, middle = middle, np.zeros((n, n))
         for each in spectra:
             middle[np.ix_(each.scores.at, each.scores.at)] += each.middle()
         now, earlier = np.diag(middle), np.diag(before)
-        if turn == _PASSES - 1 or np.all(np.abs(now - earlier) <= _SETTLED * now):
+        if turn == _MOST_AUTOCOVARIANCE_PASSES - 1 or np.all(
+            np.abs(now - earlier) <= _SETTLED_VARIANCE_SHARE * now
+        ):
             break
         covariance = inverse @ middle @ inverse.T
         for each in spectra:
@@ -417,8 +419,8 @@ def good_length(least: int) -> int:
 
 # ---- Parameter covariance corrected for residuals that are not white
 
-_MANY = 1e6  # degrees of freedom from which the distribution is normal
-_FEWEST = 2.0  # fewest degrees of freedom for a quantile
+_NORMAL_DEGREES = 1e6  # degrees of freedom from which the distribution is normal
+_FEWEST_DEGREES = 2.0  # fewest degrees of freedom for a quantile
 
 
 def autocovariance(residual: np.ndarray, lags: int) -> np.ndarray:
@@ -501,7 +503,9 @@ def student_factor(variance: np.ndarray, spread: np.ndarray) -> np.ndarray:
         variance**2, spread, out=np.full_like(variance, np.inf), where=spread > 0
     )
     return np.where(
-        freedom < _MANY, stdtrit(np.clip(freedom, _FEWEST, _MANY), ndtr(2.0)) / 2.0, 1.0
+        freedom < _NORMAL_DEGREES,
+        stdtrit(np.clip(freedom, _FEWEST_DEGREES, _NORMAL_DEGREES), ndtr(2.0)) / 2.0,
+        1.0,
     )
 
 

@@ -14,7 +14,8 @@ from sim.errors import ModelError
 
 # ---- Are residuals or innovations what the noise alone would give? Two first tests
 
-LEVEL = 1e-4  # p-value below which a residual is no noise: of every sentence, table and verdict
+# p-value below which a residual is no noise: of every sentence, table and verdict
+WHITENESS_P_VALUE = 1e-4
 FAR_ABOVE = 2.0  # chosen: ratio of rms to robust sigma from which a residual is not called noise
 
 
@@ -33,7 +34,7 @@ class ResidualTest:
         """True where noise alone gives such a statistic more often than once in ten thousand
         records.
         """
-        return self.p_value > LEVEL
+        return self.p_value > WHITENESS_P_VALUE
 
 
 def ljung_box(
@@ -58,8 +59,8 @@ def ljung_box(
     statistic = float(n * (n + 2) * np.sum(r**2 / (n - np.arange(1, lags + 1))))
     p_value = _ljung_box_tail(statistic, lags, n)
     sentence = (
-        f"{'white' if p_value > LEVEL else 'not white'} over {lags} lags, lag-1 correlation "
-        f"{r[0]:.2f}"
+        f"{'white' if p_value > WHITENESS_P_VALUE else 'not white'} over {lags} lags, "
+        f"lag-1 correlation {r[0]:.2f}"
     )
     return ResidualTest("ljung-box", channel, statistic, p_value, sentence)
 
@@ -153,9 +154,9 @@ def residual_tests(
 
 # ---- Whether an estimated derivative can be believed beside the value that was declared of it
 
-SIGMAS = 2.0  # to either side: what an estimate may be by its own account
+INTERVAL_SIGMAS = 2.0  # to either side: what an estimate may be by its own account
 # a vehicle file is possibly 30 % wrong: ten of its sigmas from zero, as far as from a turned sign
-THREEFOLD = 3.0
+IMPLAUSIBLE_CHANGE_FACTOR = 3.0
 
 
 def contradiction(value: float, std: float, declared: float) -> str:
@@ -169,9 +170,9 @@ def contradiction(value: float, std: float, declared: float) -> str:
     if declared == 0.0 or not (math.isfinite(value) and math.isfinite(std) and std >= 0.0):
         return ""
     share, sigma = value / declared, abs(std / declared)
-    if share + SIGMAS * sigma < 0.0:
+    if share + INTERVAL_SIGMAS * sigma < 0.0:
         return "has the other sign"
-    if share - SIGMAS * sigma > THREEFOLD:
+    if share - INTERVAL_SIGMAS * sigma > IMPLAUSIBLE_CHANGE_FACTOR:
         return f"is {share:.2g} times as large"
     return ""
 
@@ -187,17 +188,22 @@ def shortfall(value: float, std: float, declared: float) -> str:
     if declared == 0.0 or not (math.isfinite(value) and math.isfinite(std) and std >= 0.0):
         return ""
     share, sigma = value / declared, abs(std / declared)
-    if abs(share) + SIGMAS * sigma >= 1.0 / THREEFOLD or share + SIGMAS * sigma < 0.0:
+    if (
+        abs(share) + INTERVAL_SIGMAS * sigma >= 1.0 / IMPLAUSIBLE_CHANGE_FACTOR
+        or share + INTERVAL_SIGMAS * sigma < 0.0
+    ):
         return ""
     return (
-        f"is {1.0 / share:.2g} times smaller" if share > SIGMAS * sigma else "is not told from zero"
+        f"is {1.0 / share:.2g} times smaller"
+        if share > INTERVAL_SIGMAS * sigma
+        else "is not told from zero"
     )
 
 
 # ---- Are residuals made by the inputs, or by something that the record does not hold?
 
 LAGS = (0.0, 0.06, 0.12, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.7, 2.2, 2.8)  # s, edges of means
-RIDGE = 0.01  # of a regressor's variance
+RIDGE_SHARE = 0.01  # of a regressor's variance
 # Share of a residual that the inputs predict, from which they make it. Measured in twelve flights
 # of the rigid model with 60 ms of delay: 0.17 to 0.89, the largest output 0.69 or more; in twelve
 # in turbulence: below zero.
@@ -243,7 +249,7 @@ def share_from_inputs(
         left, total = 0.0, float(series @ series)
         for fitted, held in (half, half[::-1]):
             a = np.where(usable[fitted, None], rows[fitted], 0.0)
-            ridge = RIDGE * len(a) * np.eye(a.shape[1])
+            ridge = RIDGE_SHARE * len(a) * np.eye(a.shape[1])
             weights = np.linalg.solve(a.T @ a + ridge, a.T @ series[fitted])
             left += float(np.sum((series[held] - rows[held] @ weights)[usable[held]] ** 2))
         shares[i] = 1.0 - left / total if total > 0.0 else 0.0
@@ -269,7 +275,7 @@ def _past_means(inputs: np.ndarray, interval: float) -> np.ndarray:
 
 # ---- What differs between two estimates by more than their uncertainty
 
-BEYOND = 2.0  # sigmas, as the bounds that NASA TM-101722 draws
+BOUND_SIGMAS = 2.0  # sigmas, as the bounds that NASA TM-101722 draws
 
 
 @dataclass(frozen=True)
@@ -311,7 +317,7 @@ class Comparison:
         return tuple(item for item in self.differences if item.beyond)
 
 
-def compare_estimates(first: Estimate, second: Estimate, limit: float = BEYOND) -> Comparison:
+def compare_estimates(first: Estimate, second: Estimate, limit: float = BOUND_SIGMAS) -> Comparison:
     """Compare two estimates parameter by parameter, and all together with both covariances.
 
     Raises

@@ -29,10 +29,10 @@ from sim.aerodynamics import Term
 from sim.errors import RecordError
 
 BODY, WIND, MOMENTS = ("CX", "CY", "CZ"), ("CD", "CY", "CL"), ("Cl", "Cm", "Cn")
-BANDWIDTH = 3.0  # Hz, of the smoothed derivative, where it is half in power
+DERIVATIVE_BANDWIDTH = 3.0  # Hz, of the smoothed derivative, where it is half in power
 NEEDED = ("airspeed", "alpha", "beta", "p", "q", "r", "ax", "ay", "az")
 _ZERO = (0.0, 0.0, 0.0)
-_SIMPSON = np.array([1.0, 4.0, 1.0]) / 6.0  # weights of the mean over an interval
+_SIMPSON_WEIGHTS = np.array([1.0, 4.0, 1.0]) / 6.0  # weights of the mean over an interval
 _FLOWN = ("airspeed", "alpha", "beta", "p", "q", "r")
 _LENGTHS = {"p": "span", "q": "chord", "r": "span"}  # of non-dimensional rates
 Point = tuple[float, float, float]
@@ -135,7 +135,7 @@ class Histories:
         """A term's weighted means over the windows, ``(M,)``, as a coefficient's are formed."""
         if axis in MOMENTS:
             between = np.broadcast_to(term.of(self.signals), self.signals["alpha"].shape)
-            values, kernel = _SIMPSON @ between, self.averaging
+            values, kernel = _SIMPSON_WEIGHTS @ between, self.averaging
         else:
             values = np.broadcast_to(term.of(self.samples), self.samples["alpha"].shape)
             kernel = np.convolve(self.averaging, (0.5, 0.5))
@@ -211,7 +211,7 @@ def histories_of(
     airframe: Airframe,
     surfaces: Mapping[str, np.ndarray],
     thrust: np.ndarray | float = 0.0,
-    bandwidth: float = BANDWIDTH,
+    bandwidth: float = DERIVATIVE_BANDWIDTH,
     *,
     held: bool = False,
 ) -> Histories:
@@ -259,7 +259,7 @@ def histories_of(
     turn = {rate: _windows(channels[rate], len(slope), rows) @ slope for rate in ("p", "q", "r")}
 
     def mean(values: np.ndarray) -> np.ndarray:
-        return np.asarray(_windows(_SIMPSON @ values, len(kernel), rows) @ kernel)
+        return np.asarray(_windows(_SIMPSON_WEIGHTS @ values, len(kernel), rows) @ kernel)
 
     T = np.broadcast_to(np.asarray(thrust, dtype=float), time.shape)
     samples = {**_flow(s, c), **surfaces}

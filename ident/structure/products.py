@@ -50,11 +50,13 @@ import numpy as np
 from ident.structure.coefficients import Histories
 from sim.aerodynamics import Term
 
-LARGE = 1.3  # residual over noise, above which a share of the residual is enough
-OF_RESIDUAL = 0.02  # that share
-ALIKE = 1e-9  # share of a column that the others leave, below which it is no column of its own
-RELIABLE = 0.3  # share of that part which has to be motion; the rest is noise of the signals
-_LAGS = 8  # of windows that overlap by half
+LARGE_RESIDUAL_RATIO = 1.3  # residual over noise, above which a share of the residual is enough
+OF_RESIDUAL = 0.02
+# share of a column that the others leave, below which it is no column of its own
+INDEPENDENT_COLUMN_SHARE = 1e-9
+# share of that part which has to be motion; the rest is noise of the signals
+LEAST_MOTION_SHARE = 0.3
+_WINDOW_LAGS = 8  # of windows that overlap by half
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +87,11 @@ class Products:
         variance, or less while the residual is clearly larger than the noise.
         """
         of_variance = least * self.spread
-        return min(of_variance, OF_RESIDUAL * sse) if sse > LARGE**2 * self.noise else of_variance
+        return (
+            min(of_variance, OF_RESIDUAL * sse)
+            if sse > LARGE_RESIDUAL_RATIO**2 * self.noise
+            else of_variance
+        )
 
     @property
     def spread(self) -> float:
@@ -157,7 +163,7 @@ class ScaledEquations:
     chosen : their places. scale : ``(k,)`` of all columns. gram, cross : of all, scaled, as
         measured; clean_gram, clean_cross : without the noise of the signals.
     inverse : ``(n, n)`` of the chosen ones, clean. share : of the noise that was taken out; below 1
-        where more would leave less of some direction than ``RELIABLE``.
+        where more would leave less of some direction than ``LEAST_MOTION_SHARE``.
     """
 
     chosen: list[int]
@@ -209,7 +215,7 @@ def clean_inverse(gram: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, floa
     if not np.any(noise):
         return inverse, 1.0
     largest = float(np.max(np.linalg.eigvals(inverse @ noise).real))
-    share = min(1.0, (1.0 - RELIABLE) / max(largest, 1e-300))
+    share = min(1.0, (1.0 - LEAST_MOTION_SHARE) / max(largest, 1e-300))
     return np.linalg.pinv(gram - share * noise, rcond=1e-12, hermitian=True), share
 
 
@@ -241,8 +247,8 @@ def gains_of(products: Products, chosen: Sequence[int]) -> tuple[np.ndarray, flo
         - 2.0 * np.einsum("ij,ij->j", n.gram[n.chosen], weights)
         + np.einsum("ij,ij->j", weights, own @ weights)
     )
-    good = (measured > ALIKE) & (clean > RELIABLE * measured)
-    gains = np.where(good, part**2 / np.maximum(measured, ALIKE), 0.0)
+    good = (measured > INDEPENDENT_COLUMN_SHARE) & (clean > LEAST_MOTION_SHARE * measured)
+    gains = np.where(good, part**2 / np.maximum(measured, INDEPENDENT_COLUMN_SHARE), 0.0)
     gains[n.chosen] = 0.0
     return gains, n.left(squares)
 
@@ -321,7 +327,7 @@ def covariance_of(
     ]
     even: list[Any] = []
     uneven: list[Any] = []
-    for lag in range(min(_LAGS, min(len(e) for e in residuals) - 1) + 1):
+    for lag in range(min(_WINDOW_LAGS, min(len(e) for e in residuals) - 1) + 1):
         together = sum(float(e[: len(e) - lag] @ e[lag:]) for e in residuals)
         pairs = [(X[: len(X) - lag] / scale, X[lag:] / scale) for X in parts]
         even.append(together / n * sum(a.T @ b for a, b in pairs))
@@ -334,7 +340,7 @@ def covariance_of(
 
 def _over_lags(products: Sequence[np.ndarray]) -> np.ndarray:
     """Weighted sum of ``(n, n)`` products by lag and their transposes."""
-    triangle = 1.0 - np.arange(len(products)) / (_LAGS + 1.0)
+    triangle = 1.0 - np.arange(len(products)) / (_WINDOW_LAGS + 1.0)
     for weights in (np.minimum(2.0 * triangle, 1.0), triangle):
         weights[0] = 0.5
         half = np.tensordot(weights, np.array(products), 1)

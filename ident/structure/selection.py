@@ -30,7 +30,7 @@ import numpy as np
 
 from ident.structure.coefficients import Histories
 from ident.structure.products import (
-    LARGE,
+    LARGE_RESIDUAL_RATIO,
     Alternative,
     Products,
     averaged_covariance,
@@ -47,11 +47,13 @@ from ident.structure.products import (
 from sim.aerodynamics import Term, is_linear, parents
 
 F_IN = 20.0  # partial F ratio: Klein and Morelli, section 5.4, for many samples
-LEAST = 2e-4  # share of the variance that a term has to explain
+LEAST_VARIANCE_SHARE = 2e-4  # share of the variance that a term has to explain
 NO_WORSE = 4.0  # partial F ratio, two sigmas, by which a simpler term may explain less
 CHANGED, MUCH = 1.0, 2.0  # sigmas by which a linear term that is clear, or any, moves another value
-CLEAR = 5.0  # partial F ratio of such a term
-COLLINEAR = 10.0  # variance inflation factor above which two terms are not told apart
+CLEAR_F_RATIO = 5.0  # partial F ratio of such a term
+LARGEST_VARIANCE_INFLATION = (
+    10.0  # variance inflation factor above which two terms are not told apart
+)
 AS_GOOD = 1e-6  # of a gain, within which two terms explain the same: the one offered first enters
 STEPWISE, ORTHOGONAL = "stepwise", "orthogonal"
 
@@ -185,26 +187,27 @@ def stepwise(
         other explain little alone. They leave as all terms do.
     hierarchical : a product enters after the linear terms of its symmetry, where they are offered.
 
-    A term enters with a partial F ratio of at least ``F_IN``, and if it explains ``LEAST`` of the
-    variance; ``OF_RESIDUAL`` of it is enough while the residual is above ``LARGE`` times the noise.
+    A term enters with a partial F ratio of at least ``F_IN``, and if it explains
+    ``LEAST_VARIANCE_SHARE`` of the variance; ``OF_RESIDUAL`` of it is enough while the residual is
+    above ``LARGE_RESIDUAL_RATIO`` times the noise.
     """
     above = _parents(products.terms, hierarchical)
     chosen, steps = _entered(products, first)
     seen: set[frozenset[int]] = set()
-    chosen = _supported(products, chosen, steps, above, F_IN, LEAST)
+    chosen = _supported(products, chosen, steps, above, F_IN, LEAST_VARIANCE_SHARE)
     while frozenset(chosen) not in seen:
         seen.add(frozenset(chosen))
         gains, sse = gains_of(products, chosen)
         gains = np.where([each.issubset(chosen) for each in above], gains, 0.0)
         best = _best(gains) if len(gains) else -1
         F = ratio_of(products, gains[best], sse - gains[best], len(chosen) + 1)
-        if best < 0 or F_IN > F or gains[best] < products.least_gain(LEAST, sse):
+        if best < 0 or F_IN > F or gains[best] < products.least_gain(LEAST_VARIANCE_SHARE, sse):
             chosen, exchanged = _exchanged(products, chosen, above, F_IN)
             steps += exchanged
             continue
         chosen = [*chosen, best]
         steps.append(_step(products, chosen, best, True, F))
-        chosen = _supported(products, chosen, steps, above, F_IN, LEAST)
+        chosen = _supported(products, chosen, steps, above, F_IN, LEAST_VARIANCE_SHARE)
     return chosen, steps
 
 
@@ -375,7 +378,10 @@ def _with_confounders(
             F = float(full[-1] ** 2 / max(variance, 1e-300))
             moved = np.abs(full[:-1] - values) / np.maximum(sigma, 1e-300)
             change = float(np.max(moved, where=asked, initial=0.0))
-            if change > (CHANGED if F > CLEAR else MUCH) or change**2 > COLLINEAR * F:
+            if (
+                change > (CHANGED if F > CLEAR_F_RATIO else MUCH)
+                or change**2 > LARGEST_VARIANCE_INFLATION * F
+            ):
                 found.append((change, F, come))
         if not found:
             return chosen, steps
@@ -487,7 +493,7 @@ def select(
         confounders=tuple(terms[i] for i in chosen[strong:]),
         alternative=None if other is None else _as_terms(other, terms),
     )
-    if not further or rms < LARGE * noise:
+    if not further or rms < LARGE_RESIDUAL_RATIO * noise:
         return found
     return _with_lacking(found, histories, further, products.spread)
 
@@ -519,7 +525,7 @@ def _with_lacking(
             gains[i] / sse,
         )
         for i in np.argsort(gains)[::-1][:3]
-        if gains[i] > 0.03 * sse and gains[i] > 0.1 * LEAST * spread
+        if gains[i] > 0.03 * sse and gains[i] > 0.1 * LEAST_VARIANCE_SHARE * spread
     ]
     return replace(found, lacking=tuple(each for each in told if each[1] > F_IN))
 

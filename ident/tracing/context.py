@@ -11,8 +11,8 @@ from sim.declaration.effect import AIRSPEEDS
 from sim.declaration.proposal import SearchContext
 from sim.record import Record
 
-_AROUND = 801  # bins of a smoothed spectrum, a hundred of a record's own
-_SLOWEST = 2.0  # Hz: slower updates are motion
+_SMOOTHED_BINS = 801  # bins of a smoothed spectrum, a hundred of a record's own
+_SLOWEST_UPDATE_RATE = 2.0  # Hz: slower updates are motion
 _MOST_PEAKS = 3  # peaks of a residual spectrum that start a search
 
 
@@ -123,8 +123,8 @@ def update_period(
         )
     frequency = np.fft.rfftfreq(size, interval)
     # What the maneuver itself brings falls with frequency: a line stands out of what is around it.
-    around = uniform_filter1d(power, _AROUND)
-    inside = (frequency > _SLOWEST) & (frequency < 0.5 / interval)
+    around = uniform_filter1d(power, _SMOOTHED_BINS)
+    inside = (frequency > _SLOWEST_UPDATE_RATE) & (frequency < 0.5 / interval)
     height = np.where(inside, power / np.maximum(around, 1e-300), 0.0)
     at = int(np.argmax(height))
     return 1.0 / float(frequency[at]) if height[at] > 0 else np.inf

@@ -13,9 +13,9 @@ from ident.tracing.diagnosis import Candidate, Step, Verdict
 from ident.tracing.evidence import Key, WeighedSet
 from ident.tracing.fitted_model import FittedModel
 from ident.tracing.problem import TraceProblem
-from ident.tracing.search import ALIKE, CLEAR, Search
+from ident.tracing.search import CLEAR_GAIN, CONFUSABLE_COSINE, Search
 from ident.tracing.steady_search import (
-    RIVAL,
+    CONFUSABLE_SETS_Z,
     is_steady,
     quiet_vuong,
     required_z,
@@ -26,10 +26,10 @@ from ident.tracing.whiteness import is_noise, whiteness
 from sim.declaration.effect import NoiseEffect, Station, full_name
 from sim.declaration.proposal import Traceable
 
-CERTAIN = 0.95  # probability of what is claimed
-SLIGHT = 1.1  # error over the noise up to which a discrepancy is of no consequence
+CLAIM_LEVEL = 0.95  # probability of what is claimed
+NEGLIGIBLE_RATIO = 1.1  # error over the noise up to which a discrepancy is of no consequence
 OVER_LEAST = 6.0  # times the least noise of a sensor: 1.8 times what high frequencies show
-SUPPORTED = 3.0  # z of an effect that brings little
+SUPPORTED_Z = 3.0  # z of an effect that brings little
 TWO_EVENTS = "two loads or gusts in passing are likelier one cause that the library lacks"
 ROUGH_AIR = "its evidence comes from the maneuvers: rough air acts between them as well"
 LITTLE = "it brings little, {:.1f} times its scatter over the record; {:.1f} are required"
@@ -189,7 +189,7 @@ def _acts_when_quiet(decision: Decision, name: str) -> bool:
     if smaller is None:
         return True
     declared, interval = decision.searches[0].declared, search.context.interval
-    return quiet_vuong(best.fitted, smaller.fitted, declared, interval) >= RIVAL
+    return quiet_vuong(best.fitted, smaller.fitted, declared, interval) >= CONFUSABLE_SETS_Z
 
 
 def _decided(search: Search, discrepancy: Traceable | None, leaves_noise: LeavesNoise) -> Decision:
@@ -237,7 +237,7 @@ def _decided_with_small_misfit(
     records. Here they are named by the levels of white noise. None also where nothing is named.
     """
     fitted = search.fit((*best.fitted.effects, discrepancy), best.fitted)
-    if fitted is None or _error_over_noise(best.fitted, fitted) > SLIGHT:
+    if fitted is None or _error_over_noise(best.fitted, fitted) > NEGLIGIBLE_RATIO:
         return None
     # What is wrong with a sensor is no matter of loads: beside them it is as large as before.
     tests, levels = whiteness(best.fitted.fit, "fitted"), noise_levels(best.fitted.fit)
@@ -259,7 +259,7 @@ def _decided_with_general_forms(search: Search, leaves_noise: LeavesNoise) -> De
     best = general.best()
     # A guard may be the same as a form: it gives way only where that is clearly likelier.
     guarded = search.best().names & problem.guards
-    if guarded and best.weight < search.best().weight + CLEAR:
+    if guarded and best.weight < search.best().weight + CLEAR_GAIN:
         return None
     if not (is_noise(best.fitted.fit) and leaves_noise(best.fitted)):
         return None
@@ -286,7 +286,7 @@ def _other_forms(search: Search, best: WeighedSet) -> WeighedSet:
             continue
         found = search.sets_with_replacement(smaller, others - {name})
         other = max(found, key=lambda one: one.weight, default=None)
-        if other is not None and other.weight > best.weight + CLEAR:
+        if other is not None and other.weight > best.weight + CLEAR_GAIN:
             best = other
     return best
 
@@ -304,7 +304,9 @@ def _group_probability(named: Named) -> float:
     return named.probability + sum(named.alternatives.values())
 
 
-def _decided_under_white_noise(search: Search, best: WeighedSet, clear: float = CLEAR) -> Decision:
+def _decided_under_white_noise(
+    search: Search, best: WeighedSet, clear: float = CLEAR_GAIN
+) -> Decision:
     """Decide under white noise: claim the certain effects, unless more effects leave noise; else
     the best set, by groups.
     """
@@ -330,28 +332,22 @@ def _decided_under_white_noise(search: Search, best: WeighedSet, clear: float = 
     # Where motion that any record may have is all, and uncertain, a declared model that leaves
     # noise stands.
     usual = all(each.traits.background for each in best.fitted.effects)
-    uncertain = min(map(_group_probability, named), default=1.0) < CERTAIN
+    uncertain = min(map(_group_probability, named), default=1.0) < CLAIM_LEVEL
     if usual and uncertain and is_noise(search.root.fitted.fit):
         named = [replace(each, within=best.fitted) for each in named]
         best = search.root
     if not named or best is search.root:
         verdict = Verdict.CONSISTENT
-    elif search.problem.guards & best.names or min(map(_group_probability, named)) < CERTAIN:
+    elif search.problem.guards & best.names or min(map(_group_probability, named)) < CLAIM_LEVEL:
         verdict = Verdict.UNEXPLAINED
     else:
-        alone = min(each.probability for each in named) >= CERTAIN
+        alone = min(each.probability for each in named) >= CLAIM_LEVEL
         verdict = Verdict.TRACED if alone else Verdict.AMBIGUOUS
     claimed = verdict in (Verdict.TRACED, Verdict.AMBIGUOUS)
     claims, hints = (tuple(named), ()) if claimed else ((), tuple(named))
     if not search.problem.guards & set(slight):
         hints += tuple(
-            Named(
-                name,
-                inclusion[name],
-                {},
-                reason=reason,
-                within=whole.fitted,
-            )
+            Named(name, inclusion[name], {}, reason=reason, within=whole.fitted)
             for name, reason in slight.items()
         )
     return Decision(verdict, best.fitted, search.root.fitted, claims, hints, (search,))
@@ -365,9 +361,9 @@ def _certain_part(search: Search, best: WeighedSet, sets: Mapping[Key, float]) -
     certain = frozenset(
         effect.name
         for effect in best.fitted.effects
-        if inclusion[effect.name] + sum(_alike(search, best, effect, sets).values()) >= CERTAIN
+        if inclusion[effect.name] + sum(_alike(search, best, effect, sets).values()) >= CLAIM_LEVEL
     )
-    return search.visited[certain] if sets.get(certain, 0.0) > 1.0 - CERTAIN else best
+    return search.visited[certain] if sets.get(certain, 0.0) > 1.0 - CLAIM_LEVEL else best
 
 
 def _without_weak_members(
@@ -410,12 +406,12 @@ def _drop_weak_members(
             z = vuong(best, smaller, search.context.interval)
             # Where the declared model leaves more than noise something acts, and it is the sole.
             acts = len(causes) == 1 and not is_noise(smaller.fitted.fit)
-            if z < SUPPORTED and not acts:
+            if z < SUPPORTED_Z and not acts:
                 slight.append((z, name, smaller))
         if not slight:
             break
         z, name, best = min(slight, key=lambda each: each[0])
-        left_out[name] = LITTLE.format(z, SUPPORTED)
+        left_out[name] = LITTLE.format(z, SUPPORTED_Z)
     return best, left_out
 
 
@@ -447,7 +443,7 @@ def _drop_guards(search: Search, best: WeighedSet) -> WeighedSet:
         plain = None if fitted is None else search.store(fitted)
     if plain is None or not is_noise(plain.fitted.fit):
         return best
-    return plain if _error_over_noise(plain.fitted, best.fitted) <= SLIGHT else best
+    return plain if _error_over_noise(plain.fitted, best.fitted) <= NEGLIGIBLE_RATIO else best
 
 
 def _named(search: Search, best: WeighedSet, effect: Traceable, sets: Mapping[Key, float]) -> Named:
@@ -463,7 +459,7 @@ def _named(search: Search, best: WeighedSet, effect: Traceable, sets: Mapping[Ke
         for each in search.candidates
         if each.traits.guard or (each.traits.general and not effect.traits.general)
     }
-    for name, each in _rivals(search, best, effect.name, CLEAR).items():
+    for name, each in _rivals(search, best, effect.name, CLEAR_GAIN).items():
         if name not in formless:
             odds[name] = max(each, odds.get(name, 0.0))
     return _with_shares(effect.name, mine + sum(alike.values()), odds)
@@ -490,14 +486,14 @@ def _alike(
         if effect.name in key:
             continue
         for name in key - best.names:
-            alike = search.alike.get(frozenset((name, effect.name)), 0.0) > ALIKE
+            alike = search.alike.get(frozenset((name, effect.name)), 0.0) > CONFUSABLE_COSINE
             if alike or name in (*traits.equivalents, *traits.twins, *effect.aliases):
                 found[name] = found.get(name, 0.0) + share
         new = key - best.names
         apart = abs(search.visited[key].fitted.fit.cost - best.fitted.fit.cost)
-        if len(key) == len(best.names) and len(new) == 1 and apart < RIVAL:
+        if len(key) == len(best.names) and len(new) == 1 and apart < CONFUSABLE_SETS_Z:
             equal |= new & set(traits.equivalents)  # to the data: priors alone tell the two apart
-    least = 0.05 * (1.0 - CERTAIN)
+    least = 0.05 * (1.0 - CLAIM_LEVEL)
     return {name: share for name, share in found.items() if share > least or name in equal}
 
 
@@ -561,7 +557,7 @@ def _prefer_named_by_kinematics(
             if rest < key
             and len(key) == len(best.names)
             and key - rest <= known
-            and vuong(best, one, search.context.interval) < RIVAL
+            and vuong(best, one, search.context.interval) < CONFUSABLE_SETS_Z
         ]
         if rivals:
             return _drop_local_evidence(search, max(rivals, key=lambda one: one.weight))
@@ -587,7 +583,7 @@ def _rivals(
         if name in key or len(new) != 1 or not rest - usual <= key:
             continue
         z = vuong(best, other, search.context.interval)
-        if z < RIVAL and 0.0 < best.weight - other.weight < clear:
+        if z < CONFUSABLE_SETS_Z and 0.0 < best.weight - other.weight < clear:
             p, rival = float(ndtr(z)), next(iter(new))
             # The relations between the sensors rest on no equation of forces: they decide then.
             even = 1.0 if rival in search.problem.named_by_kinematics else 0.0

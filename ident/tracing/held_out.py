@@ -30,7 +30,7 @@ from ident.tracing.fitted_model import (
     levels_of,
     local_names,
 )
-from ident.tracing.scan import KEPT, starts_at
+from ident.tracing.scan import KEPT_PLACES, starts_at
 from ident.tracing.whiteness import whiteness
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitProblem, Prior, lay_out
@@ -38,7 +38,7 @@ from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.record import Record
 
-COLOURED = 1e-3  # p-value of a residual test below which a residual is looked at once more
+COLOURED_P_VALUE = 1e-3  # p-value of a residual test below which a residual is looked at once more
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +123,8 @@ def doubted(out: HeldOut) -> bool:
     if out.informed is None:
         return False
     return (
-        min((test.p_value for test in whiteness(out.informed, "informed")), default=1.0) < COLOURED
+        min((test.p_value for test in whiteness(out.informed, "informed")), default=1.0)
+        < COLOURED_P_VALUE
     )
 
 
@@ -262,7 +263,7 @@ class _Others:
         """Add an effect of one record to a fit of ``rest``, from the starts that the records
         suggest and from ``further`` starts, and return the best fit.
         """
-        places = [start for _, start in starts_at(base, effect, search_context(base))[:KEPT]]
+        places = [start for _, start in starts_at(base, effect, search_context(base))[:KEPT_PLACES]]
         tries = [self.fit([*rest, effect], base.values.with_added(start)) for start in places]
         tries += [self.fit([*rest, effect], base.values, start) for start in further]
         return min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)

@@ -7,14 +7,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ident.statistics.residuals import LEVEL
+from ident.statistics.residuals import WHITENESS_P_VALUE
 from ident.tracing.between_records import (
     RecordScatter,
     of_each_record,
     scatter_between_records,
 )
 from ident.tracing.decision import (
-    CERTAIN,
+    CLAIM_LEVEL,
     Decision,
     Named,
     decided,
@@ -35,7 +35,7 @@ from ident.tracing.diagnosis import (
 from ident.tracing.fitted_model import FittedModel, quantities, records_of
 from ident.tracing.held_out import HeldOut, HeldOutData, predicted_by
 from ident.tracing.predictive import predictive_gains
-from ident.tracing.priors import FEWEST, ODDS
+from ident.tracing.priors import FAMILY_ODDS, FEWEST_FAMILY_MEMBERS
 from ident.tracing.problem import TraceProblem, no_progress
 from ident.tracing.result import After, Before, Judgement, not_noise, reported, residual_tests
 from ident.tracing.search import Search
@@ -46,7 +46,7 @@ from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.record import Record
 
-ALTERNATIVES = 2  # named at most: fixed by the format of a diagnosis
+MOST_ALTERNATIVES = 2  # named at most: fixed by the format of a diagnosis
 
 
 def diagnose(
@@ -153,7 +153,7 @@ def _still_needed(
         return ()
     as_recorded = replace(problem, records=records).fit(best.effects, best, rough=True)
     brought = np.inf if as_recorded is None else as_recorded.fit.cost - best.fit.cost
-    return spikes if brought > -np.log(ODDS / FEWEST) else ()
+    return spikes if brought > -np.log(FAMILY_ODDS / FEWEST_FAMILY_MEMBERS) else ()
 
 
 def _scatter(
@@ -202,7 +202,7 @@ class _HeldOutCheck:
     def leaves_noise(self, fitted: FittedModel) -> bool:
         """Whether what the set leaves of fitted and of held-out data is noise."""
         self.problem.progress("judging on data that were not fitted", 0.9)
-        return not not_noise(residual_tests(*self.ended(fitted)).all, LEVEL)
+        return not not_noise(residual_tests(*self.ended(fitted)).all, WHITENESS_P_VALUE)
 
 
 def _decided(
@@ -225,7 +225,7 @@ def _judged(
     """The decision with its residual tests, claims and cautions."""
     best = decision.best
     tests = residual_tests(best, out)
-    left = not_noise(tests.all, LEVEL)
+    left = not_noise(tests.all, WHITENESS_P_VALUE)
     verdict = decision.verdict
     gains = predictive_gains(decision.reference, best, held, out) if decision.named else ()
     guards = problem.guards
@@ -257,7 +257,7 @@ def _of_guards(problem: TraceProblem, decision: Decision) -> list[Caution]:
     what = f"what is missing behaves like {', '.join(guards)}, which is no effect of the library"
     most = max(each.probability for each in decision.hints if each.name in guards)
     asked = f"the probability of {' and '.join(guards)}, outside the library,"
-    requirement = Requirement(asked, most, 1.0 - CERTAIN, at_least=False)
+    requirement = Requirement(asked, most, 1.0 - CLAIM_LEVEL, at_least=False)
     return [Caution(Concern.GUARD, what, requirement=requirement)]
 
 
@@ -281,8 +281,8 @@ def _claim(
     likely = sorted(named.alternatives.items(), key=lambda item: -item[1])
     # Of forms without a cause of their own, or equal to the data, priors alone prefer one.
     equal = set(named.alternatives) if effect.traits.general else set(effect.traits.equivalents)
-    rivals = [name for name, share in likely if share > 1.0 - CERTAIN or name in equal]
-    others = [name for name in rivals if name not in guards][:ALTERNATIVES]
+    rivals = [name for name, share in likely if share > 1.0 - CLAIM_LEVEL or name in equal]
+    others = [name for name in rivals if name not in guards][:MOST_ALTERNATIVES]
     probability = {
         named.name: named.probability,
         **{name: named.alternatives[name] for name in others},

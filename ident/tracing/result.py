@@ -44,7 +44,7 @@ from sim.declaration.effect import DynamicsEffect
 from sim.record import Record
 
 _NONE: Mapping[str, float] = MappingProxyType({})
-LOST = 0.1  # of the noise that high frequencies show
+LOST_NOISE_SHARE = 0.1  # of the noise that high frequencies show
 
 
 def _under_each(
@@ -306,7 +306,7 @@ def _noise_levels(root: FittedModel, best: FittedModel) -> dict[str, float]:
         for name, level in levels.items():
             shown = noise_shown(root.fit, name) if name in root.system.output_names else None
             # Rough air or a discrepancy has taken in the noise of that sensor as well.
-            if shown is not None and (name in lost or level < LOST * shown):
+            if shown is not None and (name in lost or level < LOST_NOISE_SHARE * shown):
                 levels[name] = shown
     return levels
 

@@ -43,14 +43,15 @@ from sim.declaration.effect import NoiseEffect, full_name
 from sim.declaration.proposal import Refinable, SearchContext, Traceable
 from sim.errors import ModelError
 
-ROUNDS = 6
-LEADERS = 4  # single effects that a round fits; half as many sets of each larger size
-RIVALS = 3  # effects fitted in the place of a member; single ones beside which others are sought
+MOST_ROUNDS = 6
+FITTED_SINGLES = 4  # single effects that a round fits; half as many sets of each larger size
+# effects fitted in the place of a member; single ones beside which others are sought
+FITTED_RIVALS = 3
 SHARES = (1.0, 0.3, 0.1)  # of a step of the linear world, in turn, until a fit begun there improves
-IMPROVES = 0.3  # of what the linear world promises
+LEAST_REALISED_GAIN_SHARE = 0.3  # of what the linear world promises
 SHIFTS = (-0.6, -0.3, 0.3, 0.6)  # s, by which an event is moved to look for its time
-ALIKE = 0.95  # cosine of two signatures that the records do not tell apart
-CLEAR = 30.0  # log likelihood, beyond what a prior can take
+CONFUSABLE_COSINE = 0.95  # cosine of two signatures that the records do not tell apart
+CLEAR_GAIN = 30.0  # log likelihood, beyond what a prior can take
 WORTH_GOING_ON = 1.0  # log likelihood that further iterations of a fit have to bring
 PROCESS_NOISE_OFFERED = 1e-2  # p-value of a residual's test above which rough air is not tried
 
@@ -141,7 +142,9 @@ class Search:
         self.fits += 1
         found = self._weighed(fitted)
         best = max((one.weight for one in self.visited.values()), default=-math.inf)
-        while found.fitted.fit.outcome is Outcome.MAX_ITERATIONS and found.weight > best - CLEAR:
+        while (
+            found.fitted.fit.outcome is Outcome.MAX_ITERATIONS and found.weight > best - CLEAR_GAIN
+        ):
             further = self.fit(found.fitted.effects, found.fitted)
             if further is None or further.fit.cost > found.fitted.fit.cost - WORTH_GOING_ON:
                 break
@@ -159,7 +162,7 @@ class Search:
         for one in [*self.visited.values()]:
             for part, whole in ((one, new), (new, one)):
                 lost = part.fitted.fit.log_likelihood - whole.fitted.fit.log_likelihood
-                if part.names < whole.names and lost > CLEAR:
+                if part.names < whole.names and lost > CLEAR_GAIN:
                     self.visited[whole.names] = replace(whole, weight=-math.inf)
 
     def _weighed(self, fitted: FittedModel) -> WeighedSet:
@@ -195,7 +198,7 @@ class Search:
             if fitted is not None and (best is None or fitted.fit.cost < best.fit.cost):
                 best = fitted
             brought = parent.fitted.fit.cost - best.fit.cost if best is not None else -math.inf
-            if brought > IMPROVES * proposed.gain:
+            if brought > LEAST_REALISED_GAIN_SHARE * proposed.gain:
                 break
         return None if best is None else self.store(best)
 
@@ -216,7 +219,7 @@ class Search:
         Then each of its members is left out, and others are tried in its place.
         """
         _ = self.root
-        for _ in range(ROUNDS):
+        for _ in range(MOST_ROUNDS):
             best = self.best()
             if best.names in self.expanded or self.budget_spent:
                 break
@@ -272,7 +275,7 @@ class Search:
         other = Search(problem, self.candidates, self.base, self.title, self.discrepancy)
         other.alike, other.steps, other.tried = dict(self.alike), [*self.steps], [*self.tried]
         found = [other.root]
-        leading = sorted(self.visited.values(), key=lambda one: -one.weight)[: 2 * LEADERS]
+        leading = sorted(self.visited.values(), key=lambda one: -one.weight)[: 2 * FITTED_SINGLES]
         for one in leading:
             fitted = other.fit(one.fitted.effects, one.fitted) if self.added(one) else None
             if fitted is not None:
@@ -391,7 +394,7 @@ class Search:
         """Sets with one of the ``wanted`` effects beside those of ``smaller``: those that promise
         most in the linear world.
         """
-        proposed = self._proposed(smaller, 1, 0, wanted)[:RIVALS]
+        proposed = self._proposed(smaller, 1, 0, wanted)[:FITTED_RIVALS]
         made = (self.fit_proposed(smaller, each) for each in proposed)
         return [each for each in made if each is not None]
 
@@ -411,7 +414,7 @@ class Search:
     def _scan_beside_single_effects(self) -> None:
         """Scan at the single effects that promise most: that of the best set may stand for two."""
         singles = [one for one in self.visited.values() if len(self.added(one)) == 1]
-        for one in sorted(singles, key=lambda each: -each.weight)[:RIVALS]:
+        for one in sorted(singles, key=lambda each: -each.weight)[:FITTED_RIVALS]:
             if one.names not in self.expanded and not self.budget_spent:
                 self.expand(one, most=2)
 
@@ -420,7 +423,9 @@ class Search:
         found = [one for key, one in self.visited.items() if key.isdisjoint(without)]
         return max(found, key=lambda one: one.weight)
 
-    def expand(self, parent: WeighedSet, most: int = LEADERS, deepest: int | None = None) -> None:
+    def expand(
+        self, parent: WeighedSet, most: int = FITTED_SINGLES, deepest: int | None = None
+    ) -> None:
         """Scan at a set, weigh sets of leads there (up to ``deepest``), fit the leaders."""
         self.expanded.add(parent.names)
         beside = " + ".join(sorted(self.added(parent))) or "the declared model"
@@ -446,7 +451,7 @@ class Search:
                 made.append(self._with_events_moved(leading))
         rough = has_process_noise(parent.fitted.system)
         offered = self.base or not (rough or is_noise(parent.fitted.fit, PROCESS_NOISE_OFFERED))
-        if offered and most == LEADERS:
+        if offered and most == FITTED_SINGLES:
             made += self._with_process_noise(parent)
         self._log_round(parent, beside, made)
 
@@ -481,7 +486,9 @@ class Search:
 
     def _looks_like(self, name: str) -> tuple[str, ...]:
         """Names of effects whose signature is nearly that of one."""
-        pairs = [key for key, cosine in self.alike.items() if name in key and cosine > ALIKE]
+        pairs = [
+            key for key, cosine in self.alike.items() if name in key and cosine > CONFUSABLE_COSINE
+        ]
         return tuple(sorted(other for key in pairs for other in key - {name}))
 
     def _proposed(
@@ -493,7 +500,7 @@ class Search:
         scan about a leading set: beside other sets they are nearly the same.
         """
         ready = prepared(parent.fitted, set_prior(parent.fitted, self.context))
-        if most == LEADERS or not self.shown:
+        if most == FITTED_SINGLES or not self.shown:
             self.shown |= candidate_signatures(parent.fitted, self.candidates, self.context)
         shown = [one for one in self.shown.values() if most or one[0].name in wanted]
         leads = [

@@ -13,7 +13,7 @@ from ident.tracing.fitted_model import FittedModel, compiled_with
 from ident.whole_record.layout import FitLayout
 from ident.whole_record.linearise import join_intervals
 from ident.whole_record.record_problem import (
-    INCREMENT,
+    DIFFERENCE_STEP_SHARE,
     RecordProblem,
     changed_rows,
     interval_ends,
@@ -26,7 +26,7 @@ from sim.declaration.proposal import Probe, Traceable
 from sim.propagation import Drive, drive_from_record
 
 SLOPE_STEP = 1e-4  # of a parameter's declared size
-COARSE = 0.025  # s, a sub-step that ranks candidates well enough
+COARSE_STEP = 0.025  # s, a sub-step that ranks candidates well enough
 
 
 def motions_of(fitted: FittedModel) -> list[BaseMotion]:
@@ -51,7 +51,7 @@ def _coarse(old: RecordProblem, layout: FitLayout, system: System, p: np.ndarray
     return record_problem(
         old.record,
         system,
-        max(layout.settings.max_step, COARSE),
+        max(layout.settings.max_step, COARSE_STEP),
         (),
         (),
         valid=old.valid,
@@ -157,7 +157,7 @@ def base_motion(
     which the first ``known`` are not added; ``drive`` rows ``(M,)``.
     """
     size = np.sqrt(np.mean(states[:known] ** 2, axis=1))
-    steps = INCREMENT * np.where(size > 0, size, 1.0)
+    steps = DIFFERENCE_STEP_SHARE * np.where(size > 0, size, 1.0)
     start = np.repeat(states[:, None, :-1], 1 + known, axis=1)
     start[np.arange(known), 1 + np.arange(known)] += steps[:, None]
     with np.errstate(all="ignore"):

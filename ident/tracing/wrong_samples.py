@@ -23,7 +23,7 @@ from ident.tracing.diagnosis import Claim, Quantity, Step
 from ident.tracing.evidence import evidence_of
 from ident.tracing.fitted_model import FittedModel, is_event
 from ident.tracing.held_out import HeldOut
-from ident.tracing.priors import FEWEST, ODDS
+from ident.tracing.priors import FAMILY_ODDS, FEWEST_FAMILY_MEMBERS
 from ident.tracing.problem import TraceProblem
 from sim.declaration.effect import full_name
 from sim.record import Channel, Record
@@ -132,7 +132,7 @@ def cleaned_inputs(
         )
         fitted = trial.fit((), root)
         brought = root.fit.cost - fitted.fit.cost if fitted is not None else 0.0
-        if fitted is not None and brought > -math.log(ODDS / FEWEST):
+        if fitted is not None and brought > -math.log(FAMILY_ODDS / FEWEST_FAMILY_MEMBERS):
             unit = root.system.inputs[root.system.input_names.index(name)].unit
             known_to = max(float(np.ptp(problem.records[0][name].values)) * 1e-3, 1e-12)
             claims.append(

@@ -13,7 +13,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from ident.estimate import LARGEST, Outcome
+from ident.estimate import LARGEST_NUMBER, Outcome
 from ident.statistics import intervals
 from ident.statistics.intervals import (
     ProfileInterval,
@@ -29,7 +29,7 @@ from ident.statistics.minimise import (
     unresolved,
 )
 from ident.whole_record.layout import (
-    ROUNDING,
+    ROUNDING_SHARE,
     FitLayout,
     FitProblem,
     FitSettings,
@@ -40,20 +40,22 @@ from ident.whole_record.linearise import Linearisation, linearise
 
 # ---- Levenberg-Marquardt over whole records: the engine of every maximum-likelihood fit
 
-_REMEMBERED = 4  # steps whose change of gradient is used
+_REMEMBERED_STEPS = 4  # steps whose change of gradient is used
 # of log likelihood: what a step along a direction that the data hardly know may still promise (0.04
 # sigmas)
-_NOTHING = 1e-3
+_NEGLIGIBLE_GAIN = 1e-3
 # gain of log likelihood by a step below which its change of gradient is taken for curvature at the
 # optimum
-_NEAR = 1.0
+_CURVATURE_GAIN = 1.0
 _LEAST_CURVATURE = 0.1  # of what is expected, below which a step tells nothing
-_SLOW = 0.1  # of what the undamped step promises: a step that gains less creeps along a valley
-_NEARBY = 0.1  # of the undamped step, over which the curvature of a valley is measured
+# of what the undamped step promises: a step that gains less creeps along a valley
+_CREEPING_GAIN_SHARE = 0.1
+# of the undamped step, over which the curvature of a valley is measured
+_CURVATURE_STEP_SHARE = 0.1
 _WAY = (1.0, 0.5, 0.25, 0.125)  # shares of a curved step, tried in turn until one gains
 # trials in a row that change the likelihood by less than is enough, after which a fit that is only
 # compared ends
-_IDLE = 3
+_MOST_IDLE_TRIALS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,10 +172,10 @@ def fit_whole_records(
     fit, done = found.point, found.steps
     # At the optimum if the undamped step says so too. Steps along a direction that the data do not
     # know may stay long for ever; the likelihood settles.
-    ended = done == settings.iterations or search.idle == _IDLE
-    converged = (search.near or found.stuck or (ended and search.gain < _NOTHING)) and arrived(
-        found.model, fit.theta, settings
-    )
+    ended = done == settings.iterations or search.idle == _MOST_IDLE_TRIALS
+    converged = (
+        search.near or found.stuck or (ended and search.gain < _NEGLIGIBLE_GAIN)
+    ) and arrived(found.model, fit.theta, settings)
     return replace(
         _sound(joined_up(fit)) or fit,
         outcome=Outcome.CONVERGED if converged else Outcome.MAX_ITERATIONS,
@@ -218,7 +220,7 @@ class _Search:
         """Return the least damping: near the optimum no damping goes too far, and any would creep
         along directions that the data hardly determine.
         """
-        steady = not self.curved or self.gain <= _NEAR
+        steady = not self.curved or self.gain <= _CURVATURE_GAIN
         return LEAST_DAMPING if steady else self.problem.layout.settings.least_damping
 
     def settled(self, fit: Fit, model: LocalModel) -> bool:
@@ -227,7 +229,7 @@ class _Search:
         that is only compared gains no more.
         """
         settings = self.problem.layout.settings
-        if self.idle == _IDLE and settings.enough > 0.0:
+        if self.idle == _MOST_IDLE_TRIALS and settings.enough > 0.0:
             return True
         return self.near and arrived(model, fit.theta, settings)
 
@@ -251,7 +253,9 @@ class _Search:
         first = self.bare if damping <= self.refused else problem
         trial = evaluate(first, theta, carried(fit, theta))
         most_cost = fit.cost + unresolved(float(fit.counts.sum()))
-        level = trial is not None and abs(trial.cost - fit.cost) < max(settings.enough, _NOTHING)
+        level = trial is not None and abs(trial.cost - fit.cost) < max(
+            settings.enough, _NEGLIGIBLE_GAIN
+        )
         self.idle = self.idle + 1 if level else 0
         if first is self.bare and trial is not None and trial.cost <= most_cost:
             trial, self.refused = evaluate(problem, theta, carried(fit, theta)), 0.0
@@ -259,13 +263,13 @@ class _Search:
             self.refused = damping
             return None
         small = np.abs(trial.theta - fit.theta) < np.maximum(
-            settings.tolerance * model.scale, ROUNDING * np.abs(fit.theta)
+            settings.tolerance * model.scale, ROUNDING_SHARE * np.abs(fit.theta)
         )
         self.gain = self.valley.slow = fit.cost - trial.cost
         self.near = bool(np.all(small)) or self.gain < settings.enough
-        if self.curved and self.gain < _NEAR:
+        if self.curved and self.gain < _CURVATURE_GAIN:
             change = fit.normal_equations()[1] - trial.normal_equations()[1]
-            self.moves = [*self.moves[-_REMEMBERED + 1 :], (trial.theta - fit.theta, change)]
+            self.moves = [*self.moves[-_REMEMBERED_STEPS + 1 :], (trial.theta - fit.theta, change)]
         self.used = self.moves
         return trial
 
@@ -311,7 +315,7 @@ class _Valley:
         not creep, or no share of a curved one gains.
         """
         self.straight -= 1
-        enough = max(fit.layout.settings.enough, self.slow / _SLOW, _NOTHING)
+        enough = max(fit.layout.settings.enough, self.slow / _CREEPING_GAIN_SHARE, _NEGLIGIBLE_GAIN)
         if self.straight >= 0 or model.promised <= enough:
             return None
         step = model.scale * model.step(LEAST_DAMPING)
@@ -341,13 +345,15 @@ class _Valley:
         self, fit: Fit, model: LocalModel, step: np.ndarray, low: np.ndarray, high: np.ndarray
     ) -> np.ndarray | None:
         """Second-order term ``(n,)`` of the curve that begins along ``step``."""
-        near = self._at(fit, np.clip(fit.theta + _NEARBY * step, low, high))
+        near = self._at(fit, np.clip(fit.theta + _CURVATURE_STEP_SHARE * step, low, high))
         if near is None:
             return None
         pull = np.zeros(len(step))
         for r, (before, after) in enumerate(zip(fit.residuals, near.residuals, strict=True)):
             columns, jacobian = fit.layout.columns(r), fit.jacobians[r]
-            second = (after - before + jacobian @ (_NEARBY * step[columns])) * (2.0 / _NEARBY**2)
+            second = (after - before + jacobian @ (_CURVATURE_STEP_SHARE * step[columns])) * (
+                2.0 / _CURVATURE_STEP_SHARE**2
+            )
             pull[columns] += np.einsum("mnc,mn->c", jacobian, second / fit.variance[:, None])
         curved: np.ndarray = replace(model, gradient=model.scale * pull).step(LEAST_DAMPING)
         return model.scale * curved
@@ -358,9 +364,9 @@ def arrived(model: LocalModel, theta: np.ndarray, settings: FitSettings) -> bool
     than is enough, or than anyone could tell.
     """
     resolved = max(
-        settings.tolerance, float(np.max(ROUNDING * np.abs(theta) / model.scale, initial=0.0))
+        settings.tolerance, float(np.max(ROUNDING_SHARE * np.abs(theta) / model.scale, initial=0.0))
     )
-    return model.promised < max(settings.enough, 0.5 * resolved**2, _NOTHING)
+    return model.promised < max(settings.enough, 0.5 * resolved**2, _NEGLIGIBLE_GAIN)
 
 
 def evaluate(problem: FitProblem, theta: np.ndarray, guesses: list[np.ndarray]) -> Fit | None:
@@ -371,7 +377,10 @@ def evaluate(problem: FitProblem, theta: np.ndarray, guesses: list[np.ndarray]) 
     with np.errstate(all="ignore"):
         for r, recorded in enumerate(layout.problems):
             line = linearise(recorded, *layout.split(theta, r), guesses[r])
-            if not (np.all(np.abs(line.y) < LARGEST) and np.all(np.abs(line.jacobian) < LARGEST)):
+            if not (
+                np.all(np.abs(line.y) < LARGEST_NUMBER)
+                and np.all(np.abs(line.jacobian) < LARGEST_NUMBER)
+            ):
                 return None
             lines.append(line)
             residuals.append(np.where(recorded.valid, recorded.z - line.y, 0.0))
@@ -460,8 +469,8 @@ def _with_curvature(
 
 # ---- Refits of a whole-record fit with one parameter held, for profile-likelihood intervals
 
-ENOUGH = 1e-3  # of log likelihood, which moves an end by 1/4000 of it
-ITERATIONS = 30
+SETTLED_LOG_LIKELIHOOD = 1e-3  # of log likelihood, which moves an end by 1/4000 of it
+MOST_ITERATIONS = 30
 
 
 def profile_intervals(
@@ -493,7 +502,9 @@ def _refit(
     """Cost with unknown ``j`` held at a value; the others begin where the curvature at the maximum
     puts them.
     """
-    settings = replace(fit.layout.settings, enough=ENOUGH, iterations=ITERATIONS)
+    settings = replace(
+        fit.layout.settings, enough=SETTLED_LOG_LIKELIHOOD, iterations=MOST_ITERATIONS
+    )
 
     def refit(value: float, begun: Fit | None) -> tuple[float, Fit] | None:
         near = begun or fit

@@ -32,7 +32,7 @@ from sim.record import Record
 
 # ---- Layout of a whole-record fit: which unknowns there are, and which record sees which
 
-ROUNDING = 1e-11  # relative size of what a whole-record computation does not resolve
+ROUNDING_SHARE = 1e-11  # relative size of what a whole-record computation does not resolve
 
 
 @dataclass(frozen=True)
@@ -235,7 +235,7 @@ def lay_out(
                 for i in range(len(system.outputs))
             ]
         ),
-        np.maximum(ROUNDING * size, 1e-30) ** 2,
+        np.maximum(ROUNDING_SHARE * size, 1e-30) ** 2,
     )
 
 

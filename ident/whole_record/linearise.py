@@ -19,10 +19,10 @@ from typing import Any
 
 import numpy as np
 
-from ident.estimate import LARGEST
+from ident.estimate import LARGEST_NUMBER
 from ident.regression.state_histories import rate_relations, windows
 from ident.whole_record.record_problem import (
-    INCREMENT,
+    DIFFERENCE_STEP_SHARE,
     RecordProblem,
     changed_rows,
     driven_by,
@@ -35,7 +35,7 @@ from sim.maths import COMPLEX_STEP
 from sim.propagation import Drive
 from sim.record import Record
 
-SPAN = 60  # a slope is taken over two sixtieths of the record
+SLOPE_PARTS = 60  # a slope is taken over two sixtieths of the record
 
 
 def known_states(
@@ -64,7 +64,7 @@ def known_states(
             time, values = found[i]
             padded = np.pad(values, 2, mode="edge")
             calm = np.median([padded[k : k + len(values)] for k in range(5)], axis=0)
-            fit = windows(time, np.ones(len(time), dtype=bool), max(3, len(time) // SPAN), 1)
+            fit = windows(time, np.ones(len(time), dtype=bool), max(3, len(time) // SLOPE_PARTS), 1)
             slope = np.sum(fit.slope * fit.gather(calm), axis=1)
             found[j] = time[fit.usable], slope[fit.usable]
     return found
@@ -78,7 +78,7 @@ def _bias(system: System, name: str, p: Sequence[float] | np.ndarray | None) -> 
 
 
 # of a state's size: gaps that are left where the states simulated are linear in themselves
-_CLOSED = 1e-9
+_LARGEST_TRAJECTORY_GAP = 1e-9
 
 
 def guess_states(
@@ -123,13 +123,14 @@ def simulated_at_once(
         for last in (False, True):
             ends = _ends(problem, X, drive, p, free)
             defects = ends[:, 0].real - X[free, 1:]
-            if not np.all(np.abs(ends) < LARGEST):
+            if not np.all(np.abs(ends) < LARGEST_NUMBER):
                 return None
             if last:
                 return (
                     X
                     if np.all(
-                        np.abs(defects) <= _CLOSED * np.max(np.abs(X[free]), axis=1, keepdims=True)
+                        np.abs(defects)
+                        <= _LARGEST_TRAJECTORY_GAP * np.max(np.abs(X[free]), axis=1, keepdims=True)
                     )
                     else None
                 )
@@ -244,7 +245,7 @@ def _increments(problem: RecordProblem, guess: np.ndarray) -> tuple[np.ndarray, 
     if problem.exact:
         return np.full(len(problem.free), 1j * COMPLEX_STEP), np.full(len(guess), 1j * COMPLEX_STEP)
     size = np.sqrt(np.mean(guess**2, axis=1))
-    return problem.increment, INCREMENT * np.where(size > 0, size, 1.0)
+    return problem.increment, DIFFERENCE_STEP_SHARE * np.where(size > 0, size, 1.0)
 
 
 def _slopes(

@@ -25,11 +25,11 @@ from sim.declaration.model import System
 from sim.record import Channel, Record
 
 # of an output's motion: with more noise than that, integration errors are far below a sigma
-QUIET = 1e-3
-RICHARDSON = 16.0 / 15.0  # of the difference of steps h and h/2, order 4
+QUIET_NOISE_SHARE = 1e-3
+RICHARDSON_FACTOR = 16.0 / 15.0  # of the difference of steps h and h/2, order 4
 # times what smoothing leaves of a record without noise: a record that leaves more has noise of its
 # own
-ALIKE = 3.0
+LARGEST_SMOOTHING_RATIO = 3.0
 
 
 def with_integration_error(estimate: Estimate, fit: Fit) -> Estimate:
@@ -57,7 +57,7 @@ def with_integration_error(estimate: Estimate, fit: Fit) -> Estimate:
 
 def integration_error(fit: Fit) -> np.ndarray | None:
     """Error of all unknowns ``(n,)`` from the finite steps of the integration; None where the noise
-    is larger than ``QUIET`` or it fails.
+    is larger than ``QUIET_NOISE_SHARE`` or it fails.
     """
     layout = fit.layout
     if not _quiet(fit) or layout.prior is not None:
@@ -84,16 +84,18 @@ def integration_error(fit: Fit) -> np.ndarray | None:
         weight = np.where(problem.valid, 1.0 / fit.variance[:, None], 0.0)
         moved = weight * (better.lines[r].y - fit.lines[r].y)
         gradient[layout.columns(r)] -= np.einsum("mnc,mn->c", fit.jacobians[r], moved)
-    error = RICHARDSON * (inverse_information(fit.normal_equations()[0], fit.theta)[0] @ gradient)
+    error = RICHARDSON_FACTOR * (
+        inverse_information(fit.normal_equations()[0], fit.theta)[0] @ gradient
+    )
     return error if np.all(np.isfinite(error)) else None
 
 
 def _quiet(fit: Fit) -> bool:
-    """Whether some output has less noise than ``QUIET`` of its motion."""
+    """Whether some output has less noise than ``QUIET_NOISE_SHARE`` of its motion."""
     for i in np.flatnonzero(fit.layout.used):
         rows = [problem.z[i, problem.valid[i]] for problem in fit.layout.problems]
         motion = np.concatenate([row - np.mean(row) for row in rows if row.size])
-        if np.sqrt(fit.variance[i]) < QUIET * np.sqrt(np.mean(motion**2)):
+        if np.sqrt(fit.variance[i]) < QUIET_NOISE_SHARE * np.sqrt(np.mean(motion**2)):
             return True
     return False
 
@@ -113,7 +115,9 @@ def with_sampling_error(
     if calm is None:
         return estimate
     again = run_equation_error(calm, system)
-    quiet = np.any((estimate.noise_std < ALIKE * again.noise_std) & (again.noise_std > 0.0))
+    quiet = np.any(
+        (estimate.noise_std < LARGEST_SMOOTHING_RATIO * again.noise_std) & (again.noise_std > 0.0)
+    )
     error = again.values - estimate.values
     if (
         again.outcome not in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS)

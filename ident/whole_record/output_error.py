@@ -17,7 +17,7 @@ from math import ceil
 
 import numpy as np
 
-from ident.estimate import LARGEST, Estimate, Outcome
+from ident.estimate import LARGEST_NUMBER, Estimate, Outcome
 from ident.regression.equation_error import RegressionSettings, run_equation_error
 from ident.statistics.intervals import (
     add_normal_equations,
@@ -25,12 +25,12 @@ from ident.statistics.intervals import (
     inverse_information,
 )
 from ident.statistics.residual_spectrum import corrected_covariance
-from ident.statistics.residuals import THREEFOLD
+from ident.statistics.residuals import IMPLAUSIBLE_CHANGE_FACTOR
 from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records
 from ident.whole_record.layout import FitLayout, FitProblem, FitSettings, lay_out
 from ident.whole_record.numerical_errors import with_integration_error
 from ident.whole_record.unstable_motion import (
-    GROWN,
+    MOST_EFOLDINGS_AT_ONCE,
     fastest,
     fit_unstable,
     growth,
@@ -44,15 +44,15 @@ from sim.record import Record
 
 # e-foldings up to which a record is followed whole: with 15 and a faint motion fits take 50 steps,
 # cut in two they take 4
-FOLLOWED = 10.0
+MOST_EFOLDINGS_IN_ONE_FIT = 10.0
 # e-foldings of a piece at most, of a record that is not; sigmas grow by a tenth at most, with 6 by
 # half
-PIECE = 8.0
-FEWEST = 50  # samples of a piece, which has five unknowns or more of its own
-SAME = 0.1  # of log likelihood, by which two fits in one minimum may differ
+MOST_EFOLDINGS_PER_PIECE = 8.0
+FEWEST_PIECE_SAMPLES = 50  # samples of a piece, which has five unknowns or more of its own
+SAME_MINIMUM_LOG_LIKELIHOOD = 0.1  # of log likelihood, by which two fits in one minimum may differ
 # rms of a residual, in those of the channel about its mean, from which a simulation has run away;
 # one at rest leaves about 1
-RUNAWAY = 10.0
+RUNAWAY_RESIDUAL_RATIO = 10.0
 
 
 def fit_from_best_start(layout: FitLayout) -> Fit | None:
@@ -112,7 +112,7 @@ def _settled(begun: Fit | None, best: Fit | None) -> bool:
     return begun is best or (
         begun is not None
         and best is not None
-        and begun.cost - best.cost <= max(best.layout.settings.enough, SAME)
+        and begun.cost - best.cost <= max(best.layout.settings.enough, SAME_MINIMUM_LOG_LIKELIHOOD)
     )
 
 
@@ -206,10 +206,12 @@ def said_of_pieces(pieces: Sequence[Sequence[Record]]) -> str:
 
 def _cut(record: Record, grown: float) -> list[Record]:
     """Pieces of a record along which a motion grows by ``grown`` e-foldings, none with fewer than
-    ``FEWEST`` samples.
+    ``FEWEST_PIECE_SAMPLES`` samples.
     """
-    count = min(ceil(min(grown, 1e6) / PIECE), len(record) // FEWEST)
-    if grown <= FOLLOWED or count < 2:
+    count = min(
+        ceil(min(grown, 1e6) / MOST_EFOLDINGS_PER_PIECE), len(record) // FEWEST_PIECE_SAMPLES
+    )
+    if grown <= MOST_EFOLDINGS_IN_ONE_FIT or count < 2:
         return [record]
     return [
         record.window(record.time[rows[0]], record.time[rows[-1]])
@@ -225,7 +227,11 @@ def quiet(layout: FitLayout, theta: np.ndarray | None = None) -> bool:
     """Whether no mode of the motion grows enough to be met in parts, at ``theta`` (the start when
     None).
     """
-    return _start_growth(layout) <= GROWN if theta is None else growth(layout, theta) <= GROWN
+    return (
+        _start_growth(layout) <= MOST_EFOLDINGS_AT_ONCE
+        if theta is None
+        else growth(layout, theta) <= MOST_EFOLDINGS_AT_ONCE
+    )
 
 
 @lru_cache(maxsize=2)  # a fit asks for its start more than once
@@ -242,7 +248,7 @@ def runs_away(fit: Fit) -> bool:
         motion = np.concatenate([row - np.mean(row) for row in rows if row.size])
         error = np.concatenate([fit.residuals[r][i, valid] for r, valid in enumerate(known)])
         error = error - np.mean(error)  # a level apart is a bias, which the fit takes off at once
-        if np.sqrt(np.mean(error**2)) > RUNAWAY * np.sqrt(np.mean(motion**2)) > 0.0:
+        if np.sqrt(np.mean(error**2)) > RUNAWAY_RESIDUAL_RATIO * np.sqrt(np.mean(motion**2)) > 0.0:
             return True
     return False
 
@@ -290,7 +296,8 @@ def _better(found: list[Fit | None], *starts: Iterator[FitLayout]) -> Fit | None
 # ---- Output-error fit
 
 METHOD = "output-error"
-_NOISY = 1e3  # roundings from which a residual is one: nearly exact data leave a few
+# roundings from which a residual is one: nearly exact data leave a few
+_LEAST_NOISE_ROUNDINGS = 1e3
 __all__ = ["FitSettings", "fit_output_error"]
 
 
@@ -369,7 +376,7 @@ def degenerate(fit: Fit) -> bool:
     outweighs all others without bound.
     """
     above = np.sqrt(fit.variance / fit.layout.smallest)[fit.layout.used]
-    return bool(np.any(above <= 1.0) and np.any(above > _NOISY))
+    return bool(np.any(above <= 1.0) and np.any(above > _LEAST_NOISE_ROUNDINGS))
 
 
 def fit_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
@@ -457,7 +464,7 @@ def failed_estimate(layout: FitLayout, method: str = METHOD) -> Estimate:
         theta.copy(),
         np.diag(np.maximum(1.0, theta**2)),
         Outcome.DIVERGED,
-        -LARGEST,
+        -LARGEST_NUMBER,
         layout.system.output_names,
         np.ones(len(layout.used)),
         tuple(np.zeros_like(problem.z) for problem in layout.problems),
@@ -498,7 +505,7 @@ def failed_simulation(
         return ""
     name, unit, motion, error, _ = worst
     said = f"{name} error {error:.2g} {unit}, of a motion of {motion:.2g} {unit}"
-    if not error <= RUNAWAY * motion:
+    if not error <= RUNAWAY_RESIDUAL_RATIO * motion:
         return f"the free simulation runs away from the record ({said})"
     likelier = sum(
         count * math.log(max(error, 1e-300) / motion) for _, _, motion, error, count in known
@@ -516,7 +523,7 @@ def none_determined(sigmas: Iterable[tuple[float, float]]) -> bool:
     say. Values declared as zero do not count.
     """
     known = [(std, abs(declared)) for std, declared in sigmas if declared != 0.0]
-    return bool(known) and all(not std <= THREEFOLD * size for std, size in known)
+    return bool(known) and all(not std <= IMPLAUSIBLE_CHANGE_FACTOR * size for std, size in known)
 
 
 def failed_fit(fit: Fit, declared: Mapping[str, float]) -> tuple[str, str]:
@@ -562,10 +569,9 @@ def _remedy(fit: Fit) -> str:
     longest = max(
         float(problem.record.time[-1] - problem.record.time[0]) for problem in layout.problems
     )
-    if GROWN < rate * longest < math.inf:
-        cut = (
-            f"cut the records to single maneuvers of at most {FOLLOWED / rate:.2g} s (--from, --to)"
-        )
+    if MOST_EFOLDINGS_AT_ONCE < rate * longest < math.inf:
+        longest_fit = MOST_EFOLDINGS_IN_ONE_FIT / rate
+        cut = f"cut the records to single maneuvers of at most {longest_fit:.2g} s (--from, --to)"
         return (
             f"the motion is unstable and grows e-fold every {1.0 / rate:.2g} s, as of an aircraft "
             "that a controller holds: estimate with "

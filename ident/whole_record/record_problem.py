@@ -36,7 +36,7 @@ from sim.record import Record
 
 # ---- One record laid out for a whole-record fit
 
-INCREMENT = 1e-6  # of a parameter's or state's size, for forward differences
+DIFFERENCE_STEP_SHARE = 1e-6  # of a parameter's or state's size, for forward differences
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ def record_problem(
         held = system.parameters.values() if at is None else at
         drive = driven_by(record, system, held.tolist(), grid) if system.input_stages else recorded
     mask = measured if valid is None else measured & valid
-    increment = INCREMENT * np.array(sizes, dtype=float)
+    increment = DIFFERENCE_STEP_SHARE * np.array(sizes, dtype=float)
     return RecordProblem(
         record,
         system,
@@ -314,7 +314,7 @@ def _upright(p: Sequence[Any]) -> list[Any]:
 # ---- A record of linear equations under held inputs
 
 _ORDERS = {rk4_step: 4, euler_step: 1}
-_EVEN = 1e-9  # of a step: what time stamps may differ by for all steps to be one
+_EVEN_SAMPLING_TOLERANCE = 1e-9  # of a step: what time stamps may differ by for all steps to be one
 
 
 Line = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -439,7 +439,10 @@ class _Held:
 
 @lru_cache(maxsize=16)
 def _held(drive: Drive, grid: Grid) -> _Held | None:
-    if not constant_within_steps(drive) or np.ptp(grid.steps) > _EVEN * grid.steps[0]:
+    if (
+        not constant_within_steps(drive)
+        or np.ptp(grid.steps) > _EVEN_SAMPLING_TOLERANCE * grid.steps[0]
+    ):
         return None
     at = grid.sample
     every = slice(None, None, grid.substeps) if len(at) == len(grid.nodes) else at

@@ -29,9 +29,9 @@ from sim.maths import complex_step_jacobian
 
 # e-foldings along a record from which a motion is met in parts: below, a fit of the whole has no
 # trouble
-GROWN = 3.0
-_FIRST = 3.0  # e-foldings of the first part; each further part is twice as long
-_ROUGH = 0.3  # tolerance, in sigmas, of all parts but the whole
+MOST_EFOLDINGS_AT_ONCE = 3.0
+_FIRST_PART_EFOLDINGS = 3.0  # e-foldings of the first part; each further part is twice as long
+_PART_TOLERANCE = 0.3  # tolerance, in sigmas, of all parts but the whole
 # to a record's own unknowns, at most; of log likelihood: what gains less is left to the next step
 # of all
 _OWN_STEPS, _OWN_GAIN = 12, 0.1
@@ -212,8 +212,8 @@ def _parts(layout: FitLayout) -> Iterator[FitLayout]:
     length = max(
         float(problem.record.time[-1] - problem.record.time[0]) for problem in layout.problems
     )
-    span = _FIRST * length / max(growth(layout), _FIRST)
-    rough = replace(layout.settings, tolerance=max(_ROUGH, layout.settings.tolerance))
+    span = _FIRST_PART_EFOLDINGS * length / max(growth(layout), _FIRST_PART_EFOLDINGS)
+    rough = replace(layout.settings, tolerance=max(_PART_TOLERANCE, layout.settings.tolerance))
     while 0.0 < span < length:  # a growth beyond all numbers leaves no part
         problems = tuple(
             replace(each, valid=each.valid & (each.record.time - each.record.time[0] <= span))

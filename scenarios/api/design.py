@@ -11,7 +11,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.structure.coefficients import BANDWIDTH
+from ident.structure.coefficients import DERIVATIVE_BANDWIDTH
 from scenarios.api import tables
 from scenarios.api.record import Record, record_of
 from scenarios.api.records import Choices
@@ -298,9 +298,9 @@ def structure(
     validate: Source | Sequence[Source] = (),
     *,
     method: str = structures.METHODS[0],
-    degree: int = structures.DEGREE,
+    degree: int = structures.MOST_DEGREE,
     splines: int = 0,
-    bandwidth: float = BANDWIDTH,
+    bandwidth: float = DERIVATIVE_BANDWIDTH,
     terms: str | PathLike[str] | None = None,
     baseline: bool = False,
     hierarchical: bool = False,

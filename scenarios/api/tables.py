@@ -29,8 +29,7 @@ _WITH_VALUE = re.compile(r"(?<![\w-])--(method|hold|margins) ([a-z-]+)")
 _COMMAND = re.compile(
     r"\bflightid ([a-z]+)((?: (?:--(?!method|hold)[a-z-]+ [^\s;,]+|[A-Z]{3,}|[^\s;,]+\.[a-z]\w*))*)"
 )
-# Options whose keyword is another word: those that Python keeps for itself, and plurals.
-WORDS = {
+WORDS = {  # Options whose keyword is another word: those that Python keeps for itself, and plurals.
     "from": "start",
     "to": "stop",
     "class": "aircraft_class",
@@ -178,7 +177,7 @@ def _table(headings: Sequence[str], rows: Sequence[Sequence[str]], sides: Sequen
 
 # ---- A small table of texts and numbers: printed, shown in a notebook, or made a DataFrame
 
-SHOWN = 60  # letters of a cell in a terminal
+MOST_CELL_LETTERS = 60  # letters of a cell in a terminal
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -248,7 +247,9 @@ def _text(cell: Any) -> str:
 
 def _shortened(cell: Any) -> str:
     text = _text(cell)
-    return text if len(text) <= SHOWN else text[: SHOWN - 4].rstrip() + " ..."
+    return (
+        text if len(text) <= MOST_CELL_LETTERS else text[: MOST_CELL_LETTERS - 4].rstrip() + " ..."
+    )
 
 
 # ---- What there is: effects, models, vehicles and scenarios, each as a table

@@ -148,9 +148,9 @@ def scenario_or_own(
 # ---- Every failure as one line on stderr and an exit code
 
 LONGEST_WORD = 300  # characters of a path or name; the middle of a longer one is left out
-LONGEST = 3000  # characters of a line; the middle of a longer one is left out
+LONGEST_LINE = 3000  # characters of a line; the middle of a longer one is left out
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
-STOPPED = 130  # exit code of what Ctrl-C ended: 128 and the number of the signal
+INTERRUPTED_EXIT_CODE = 130  # exit code of what Ctrl-C ended: 128 and the number of the signal
 
 
 class Stopped(Exception):
@@ -189,7 +189,7 @@ def report(error: BaseException) -> int:
         return _say(_of_system(error), 2)
     name = type(error).__name__
     if isinstance(error, KeyboardInterrupt | Stopped) or name == "Abort":
-        return _say(f"stopped; {str(error) or 'nothing was written'}", STOPPED)
+        return _say(f"stopped; {str(error) or 'nothing was written'}", INTERRUPTED_EXIT_CODE)
     if name == "NoArgsIsHelpError":
         return _say("no command is given; see flightid --help", 2)
     if hasattr(error, "format_message") and hasattr(error, "exit_code"):
@@ -255,8 +255,8 @@ def _say(text: str, code: int) -> int:
         lambda word: f"{word[0][: LONGEST_WORD // 2]}...{word[0][-LONGEST_WORD // 4 :]}",
         line,
     )
-    if len(line) > LONGEST:
-        line = f"{line[: LONGEST // 2]} ... {line[-LONGEST // 2 :]}"
+    if len(line) > LONGEST_LINE:
+        line = f"{line[: LONGEST_LINE // 2]} ... {line[-LONGEST_LINE // 2 :]}"
     if sys.stderr is not None:  # it may be closed, or full: the exit code says enough then
         with contextlib.suppress(OSError, ValueError):
             print(f"flightid: {line}", file=sys.stderr)

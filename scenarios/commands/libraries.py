@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 # ---- flightid list, flightid effects and flightid vehicles: what there is
 
-COLUMNS = 80  # of a terminal, which a list fits
+TERMINAL_COLUMNS = 80  # of a terminal, which a list fits
 UNLIMITED = 1e9  # in SI: what effects write for no bound
 
 
@@ -72,7 +72,9 @@ def show_effects(name: str | None) -> None:
             print(
                 start
                 + textwrap.shorten(
-                    _first_clause(effect.explanation), COLUMNS - len(start), placeholder=" ..."
+                    _first_clause(effect.explanation),
+                    TERMINAL_COLUMNS - len(start),
+                    placeholder=" ...",
                 )
             )
         return
@@ -230,8 +232,8 @@ def _believed(effect: Effect, name: str, factor: float) -> str:
 
 # ---- flightid models
 
-SAME = 1e-12  # relative, of a call with arrays to single ones: rounding
-NEAR = 1e-5  # of complex steps to differences, whose own error is smaller
+SAME_VALUE_TOLERANCE = 1e-12  # relative, of a call with arrays to single ones: rounding
+SLOPE_TOLERANCE = 1e-5  # of complex steps to differences, whose own error is smaller
 
 
 def show_models(name: str | None) -> None:
@@ -387,7 +389,7 @@ def print_checks(model: Model) -> None:
     )
     apart = one_by_one(model)
     print(f"arrays of shape {SHAPE} against single numbers: {apart:.1g} apart")
-    if not apart <= SAME:
+    if not apart <= SAME_VALUE_TOLERANCE:
         raise ModelError(
             f"a call with arrays differs from single ones by {apart:.1g}",
             where=f"model {model.name}",
@@ -395,7 +397,7 @@ def print_checks(model: Model) -> None:
         )
     apart = steps_against_differences(model)
     print(f"complex steps against differences: {apart:.1g} apart")
-    if not apart <= NEAR:
+    if not apart <= SLOPE_TOLERANCE:
         raise ModelError(
             f"complex steps differ from differences by {apart:.1g}",
             where=f"model {model.name}",

@@ -11,7 +11,7 @@ from scenarios.compatibility.check import check_files
 from scenarios.compatibility.report import print_check
 from scenarios.files.measured.columns import read_record_file, with_names
 from scenarios.files.writing import write_text
-from scenarios.identification.assessment import PLAIN, Options
+from scenarios.identification.assessment import DEFAULT_OPTIONS, Options
 from scenarios.maneuvers import maneuvers_of, print_maneuvers
 from scenarios.prediction import PredictionRequest, predict_record, prediction_text
 from scenarios.preparation.declared_model import vehicle_text
@@ -100,14 +100,20 @@ def survey_records(
 
 # ---- flightid identify: a measured record to parameters, printed and written
 
-ALL = "all"  # of --profile: every parameter
+ALL_PARAMETERS = "all"  # of --profile: every parameter
 
 
 def options_of(
     profile: Sequence[str] | None, band: tuple[float, float] | None, engine: str | None = None
 ) -> Options:
     """Return the options of an identification other than the method."""
-    names = None if profile is None else () if ALL in profile else tuple(dict.fromkeys(profile))
+    names = (
+        None
+        if profile is None
+        else ()
+        if ALL_PARAMETERS in profile
+        else tuple(dict.fromkeys(profile))
+    )
     return Options(names, band, engine)
 
 
@@ -116,7 +122,7 @@ def identify_records(
     method: str,
     out: Path | None,
     figures: Formats,
-    options: Options = PLAIN,
+    options: Options = DEFAULT_OPTIONS,
     matrices: Path | None = None,
 ) -> None:
     """Read, identify, write the study and the linearised model's ``matrices``, print."""
@@ -230,8 +236,8 @@ def respond(
 
 # ---- flightid map
 
-CHANNELS, VEHICLE = "channels.toml", "vehicle.toml"
-SHOWN = 60  # characters of an expression
+CHANNEL_MAP_FILE, VEHICLE_FILE = "channels.toml", "vehicle.toml"
+MOST_EXPRESSION_LETTERS = 60  # characters of an expression
 
 
 def draft_map(
@@ -267,7 +273,7 @@ def draft_map(
     if draft.unused and len(draft.topics) == 1:
         print_paragraph(console(), unused_words(draft), indent=0)
     _write(out, draft)
-    print(f"\n{out / CHANNELS}, {out / VEHICLE}: drafts to check and complete")
+    print(f"\n{out / CHANNEL_MAP_FILE}, {out / VEHICLE_FILE}: drafts to check and complete")
     if draft.model:
         # What opened the file here opens it there.
         opening = [
@@ -275,7 +281,7 @@ def draft_map(
             f"--columns {columns}" if columns else "",
         ]
         words = " ".join(word for word in opening if word)
-        files = f"--channels {out / CHANNELS} --vehicle {out / VEHICLE}"
+        files = f"--channels {out / CHANNEL_MAP_FILE} --vehicle {out / VEHICLE_FILE}"
         print(
             f"next: flightid identify {path} --model {draft.model} "
             f"{files}{f' {words}' if words else ''}"
@@ -296,7 +302,9 @@ def _print_topics(draft: Draft, *, whole: bool) -> None:
             TableColumn("rows", [str(topic.rows) for topic in shown]),
             TableColumn("Hz", [f"{topic.rate:.4g}" if topic.rate else "" for topic in shown]),
             TableColumn(
-                "columns", [_short(", ".join(topic.columns), SHOWN) for topic in shown], left=True
+                "columns",
+                [_short(", ".join(topic.columns), MOST_EXPRESSION_LETTERS) for topic in shown],
+                left=True,
             ),
         ]
     )
@@ -316,7 +324,9 @@ def _print_channels(draft: Draft) -> None:
         [
             TableColumn("channel", [guess.channel for guess in usable], left=True),
             TableColumn(
-                "from", [_short(str(guess.choice.column), SHOWN) for guess in usable], left=True
+                "from",
+                [_short(str(guess.choice.column), MOST_EXPRESSION_LETTERS) for guess in usable],
+                left=True,
             ),
             TableColumn("samples", [str(guess.samples) for guess in usable]),
             TableColumn(
@@ -343,7 +353,7 @@ def _table(columns: list[TableColumn]) -> None:
 
 
 def _refuse_present(out: Path) -> None:
-    for name in (CHANNELS, VEHICLE):
+    for name in (CHANNEL_MAP_FILE, VEHICLE_FILE):
         if (out / name).exists():
             raise DeclarationError(
                 "there is such a file already",
@@ -355,8 +365,8 @@ def _refuse_present(out: Path) -> None:
 def _write(out: Path, draft: Draft) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
-        write_text(out / VEHICLE, vehicle_text(draft))
-        write_text(out / CHANNELS, map_text(draft))
+        write_text(out / VEHICLE_FILE, vehicle_text(draft))
+        write_text(out / CHANNEL_MAP_FILE, map_text(draft))
     except OSError as error:
         raise DeclarationError(
             f"cannot be written ({error.strerror or error})",
@@ -404,7 +414,7 @@ def find_structure(
     ----------
     request : records and vehicle file. options : how terms are offered and chosen. out : folder.
     """
-    from scenarios.structure.report import VEHICLE, structure_text, write_structure
+    from scenarios.structure.report import structure_text, write_structure
     from scenarios.structure.study import structure_of_files
 
     found = structure_of_files(request, options)
@@ -415,7 +425,7 @@ def find_structure(
         names = " ".join(str(each) for each in request.records)
         channels = "" if request.channels is None else f"--channels {request.channels} "
         print(
-            f"refine: flightid identify {names} --model aircraft --vehicle {out / VEHICLE} "
+            f"refine: flightid identify {names} --model aircraft --vehicle {out / VEHICLE_FILE} "
             f"{channels}--out FIT"
         )
         print(written_to(out))

@@ -13,7 +13,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.frequency_domain.online import HIGH, LOW, SPACING, frequencies
+from ident.frequency_domain.online import (
+    FREQUENCY_SPACING,
+    HIGHEST_FREQUENCY,
+    LOWEST_FREQUENCY,
+    frequencies,
+)
 from scenarios.files.vehicles import VehicleFile, read_vehicle, refuse_unknown_model
 from scenarios.identification.low_order import PAPER_START
 from scenarios.watching.loop_margins import (
@@ -148,7 +153,9 @@ def _frequencies(band: tuple[float, float] | None) -> np.ndarray:
             where="--band",
             remedy="give LOW HIGH in Hz, above 0",
         )
-    return frequencies(low, high, (high - low) * SPACING / (HIGH - LOW))
+    return frequencies(
+        low, high, (high - low) * FREQUENCY_SPACING / (HIGHEST_FREQUENCY - LOWEST_FREQUENCY)
+    )
 
 
 def _watch_in_frequency(

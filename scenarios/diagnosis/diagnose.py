@@ -213,10 +213,11 @@ def overflow_sentence(count: int) -> str:
     )
 
 
-DIGITS = 4  # of every number that is asked: what is printed is what was designed with
+DESIGN_DIGITS = 4  # of every number that is asked: what is printed is what was designed with
 # s of a flight: with less there is no room, with more a design could take longer than the diagnosis
 SHORTEST, LONGEST = 10.0, 20.0
-SMALLER = 2.0  # a hand is quicker, in peaks a second, where it does not go to the full deflection
+# a hand is quicker, in peaks a second, where it does not go to the full deflection
+SMALLER_DEFLECTION_RATE = 2.0
 
 
 def deciding_maneuver(
@@ -281,8 +282,8 @@ def _asked(
         amplitude=tuple(
             _text(name, size) for name, size in _peaks(model, records).items() if size > 0.0
         ),
-        duration=float(f"{span:.{DIGITS}g}"),
-        rate=float(f"{1.0 / interval:.{DIGITS}g}"),
+        duration=float(f"{span:.{DESIGN_DIGITS}g}"),
+        rate=float(f"{1.0 / interval:.{DESIGN_DIGITS}g}"),
         computer=not by_hand(model, records),
         command_names=_names(request, vehicle),
     )
@@ -295,7 +296,7 @@ def by_hand(model: Model, records: Sequence[Record]) -> bool:
     peaks = _peaks(model, records)
     return all(
         float(np.max(np.abs(np.diff(record[name].values)) / np.diff(record.time)))
-        <= SMALLER * peak / PILOT.rise
+        <= SMALLER_DEFLECTION_RATE * peak / PILOT.rise
         for record in records
         for name, peak in peaks.items()
         if name in record.input_names and len(record.time) > 1
@@ -303,7 +304,7 @@ def by_hand(model: Model, records: Sequence[Record]) -> bool:
 
 
 def _text(name: str, value: float) -> str:
-    return f"{name}={value:.{DIGITS}g}"
+    return f"{name}={value:.{DESIGN_DIGITS}g}"
 
 
 def _size(claim: Claim, d: Diagnosis) -> list[str]:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from scenarios.preparation.plan import Plan, Segment
 
 RECORDS_NAMED = 4  # of those checked
-APART = 3.0  # standard deviations within which two values agree
+AGREEING_SIGMAS = 3.0  # standard deviations within which two values agree
 PARAMETERS = {
     "delay": "delay",
     "lag": "time_constant",
@@ -291,7 +291,7 @@ def _unproven(claim: Claim, mine: Quantity, item: SensorEstimate | None) -> Agre
             found,
             f"{told}: contradicts the {with_sigma(mine)} of the diagnosis",
         )
-    if _apart(found, absent) > APART:
+    if _apart(found, absent) > AGREEING_SIGMAS:
         words = (
             f"agrees with the diagnosis, {with_sigma(mine)}, though it does not stand there by "
             "itself"
@@ -315,7 +315,7 @@ def worth_of(item: SensorEstimate | SensorFinding) -> float:
 
 
 def _differ(a: Quantity, b: Quantity, worth: float) -> bool:
-    return _apart(a, b) > APART and abs(a.value - b.value) > worth
+    return _apart(a, b) > AGREEING_SIGMAS and abs(a.value - b.value) > worth
 
 
 def _apart(a: Quantity, b: Quantity) -> float:
@@ -336,9 +336,9 @@ def _finite(*values: float) -> bool:
 
 
 # samples, two records of 25 s at 50 Hz: the cost grows with them, the search has the rest
-ENOUGH = 2600
+MOST_SAMPLES = 2600
 BANK = "phi"
-MOST = 12  # records, so that of each some twenty seconds at 10 Hz are left
+MOST_RECORDS = 12  # records, so that of each some twenty seconds at 10 Hz are left
 
 
 @dataclass(frozen=True)
@@ -388,7 +388,7 @@ def kinematics_of_files(
     plan: Plan | None = None,
 ) -> Kinematics:
     """Return the results of ``flightid check`` for all parts of files that measure the channels of
-    the model's relations, with about ``ENOUGH`` samples; failures are reported, not raised.
+    the model's relations, with about ``MOST_SAMPLES`` samples; failures are reported, not raised.
 
     ``choices``: a channel map. ``plan``: how they are prepared; its segments are not asked.
     """
@@ -409,10 +409,10 @@ def kinematics_of(
     records: Iterable[Record], settings: CompatibilitySettings, asked: Relations = PITCH
 ) -> Kinematics:
     """Check all records that measure what is needed, each at its own airspeed; of many samples the
-    liveliest stretch of each, about ``ENOUGH`` together.
+    liveliest stretch of each, about ``MOST_SAMPLES`` together.
 
     Several airspeeds tell the arm of a vane from a delay, so that no record is left out but beyond
-    ``MOST``. A check that fails is told, never raised.
+    ``MOST_RECORDS``. A check that fails is told, never raised.
     """
     from ident.compatibility.check import compatibility
 
@@ -424,7 +424,7 @@ def kinematics_of(
         chosen = [
             record for record in records if set(asked.needed) <= set(_measured(record, asked))
         ]
-        chosen = shortened(spread(chosen, MOST), ENOUGH, asked.rates)
+        chosen = shortened(spread(chosen, MOST_RECORDS), MOST_SAMPLES, asked.rates)
         names = tuple(record.name for record in chosen)
         if not chosen:
             return Kinematics(

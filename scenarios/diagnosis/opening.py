@@ -27,7 +27,7 @@ from scenarios.files.user_models import (
     side_at,
 )
 from scenarios.files.vehicles import BESIDE, VehicleFile, read_vehicle, vehicle_next_to
-from scenarios.preparation.declared_model import BETTER, outputs_with_bias
+from scenarios.preparation.declared_model import DECISIVE_LOG_LIKELIHOOD_RATIO, outputs_with_bias
 from scenarios.preparation.filtering import Parted
 from scenarios.preparation.plan import BY_HAND, Plan, Request, column_choices, declared_phase
 from scenarios.preparation.plausibility import split_off
@@ -499,7 +499,7 @@ class InputReading:
             return posed, diagnosis
         linear = self.posed()
         refit = refitted(diagnosis, posed.model, posed.records, linear.records)
-        if refit.rise > BETTER:
+        if refit.rise > DECISIVE_LOG_LIKELIHOOD_RATIO:
             return replace(linear, notes=read_again(linear.notes)), looped(linear)
         diagnosis, told = left_open(refit, diagnosis)
         return replace(posed, notes=(*posed.notes, *told)), diagnosis
@@ -555,7 +555,7 @@ def left_open(again: Refit, first: Diagnosis) -> tuple[Diagnosis, tuple[str, ...
     likelihood says, and values stay those of the first. And what is told of it. Unchanged, and
     nothing, where one reading is clearly likelier.
     """
-    if abs(again.rise) > BETTER:
+    if abs(again.rise) > DECISIVE_LOG_LIKELIHOOD_RATIO:
         return first, ()
     share = 1.0 / (1.0 + math.exp(-0.5 * again.rise))
     moved: list[str] = []

@@ -23,7 +23,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from scenarios.files.sources import LARGEST
+from scenarios.files.sources import LARGEST_NUMBER
 from scenarios.files.units import to_si
 from sim.errors import DeclarationError
 from sim.vehicles.factory import ABOVE_ZERO, FAMILIES, MODE_DERIVATIVES, WHOLE_AXES, mode_parameter
@@ -119,10 +119,14 @@ def quantity_in(target: str) -> Callable[[object], float]:
 
     def convert(value: object) -> float:
         number = plain(value)
-        if math.isfinite(number) and number != 0.0 and not 1.0 / LARGEST <= abs(number) <= LARGEST:
+        if (
+            math.isfinite(number)
+            and number != 0.0
+            and not 1.0 / LARGEST_NUMBER <= abs(number) <= LARGEST_NUMBER
+        ):
             what = (
-                f"{value!r:.60} lies beyond the numbers that are computed with, {1.0 / LARGEST:g} "
-                f"to {LARGEST:g}"
+                f"{value!r:.60} lies beyond the numbers that are computed with, "
+                f"{1.0 / LARGEST_NUMBER:g} to {LARGEST_NUMBER:g}"
             )
             raise PydanticCustomError(
                 "quantity", "extreme", {"what": what, "remedy": "check its exponent and its unit"}

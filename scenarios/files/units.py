@@ -22,8 +22,7 @@ Number = TypeVar("Number", float, np.ndarray)
 
 LOAD_FACTOR = "g"
 
-# Quantity that each of our units measures, and units a user may write for it.
-QUANTITIES = {
+QUANTITIES = {  # Quantity that each of our units measures, and units a user may write for it.
     "1": ("a pure number", "no unit"),
     "s": ("a time", "s, ms or min"),
     "rad": ("an angle", "rad, deg or mrad"),
@@ -56,7 +55,7 @@ _SI = {
 _CAPITALS = {name.upper(): name for name in _SI}
 _DEGREE = math.pi / 180.0
 _FACTOR = re.compile(r"([*/]?)(rad|deg|kg|Pa|N|m|s|1)(?:\*\*(-?\d+))?(?=[*/]|$)", re.ASCII)
-_LONGEST = 40  # characters of a unit: what is longer is none, and takes the parser long
+_LONGEST_UNIT = 40  # characters of a unit: what is longer is none, and takes the parser long
 # Powers beyond two digits, powers of powers and large numbers are no units; the library would work
 # them out.
 _EXPLOSIVE = re.compile(
@@ -116,7 +115,9 @@ def to_si(
         return value
     if not _is_tame(text):
         examples = QUANTITIES.get(target, ("", f"it in {target}, or leave the unit out"))[1]
-        raise error(f"unknown unit {unit[:_LONGEST]!r}", where=where, remedy=f"write {examples}")
+        raise error(
+            f"unknown unit {unit[:_LONGEST_UNIT]!r}", where=where, remedy=f"write {examples}"
+        )
     if target == LOAD_FACTOR:
         if text in (*_GRAVITIES, "1"):
             return value
@@ -143,7 +144,7 @@ def _is_tame(text: str) -> bool:
     parsed.
     """
     foreign = any(letter.isdecimal() and not letter.isascii() for letter in text)
-    return len(text) <= _LONGEST and not foreign and _EXPLOSIVE.search(text) is None
+    return len(text) <= _LONGEST_UNIT and not foreign and _EXPLOSIVE.search(text) is None
 
 
 def normal_form(unit: str) -> str:

@@ -26,7 +26,7 @@ from sim.errors import DeclarationError, ModelError
 
 TABLES = ("fixed", "bounds", "tied")
 STARTS = "derivatives"
-_AT = 1e-9  # of the larger bound, within which a value is at one
+_BOUND_TOLERANCE = 1e-9  # of the larger bound, within which a value is at one
 _TIE = 'write NAME = {parameter = "OTHER", factor = 0.5}, or a list of such terms'
 _NO_BOUNDS: Mapping[str, tuple[float, float]] = MappingProxyType({})
 
@@ -128,7 +128,7 @@ def side_at(value: float, bounds: tuple[float, float]) -> str:
     empty.
     """
     low, high = bounds
-    tolerance = _AT * max(abs(end) if math.isfinite(end) else 0.0 for end in bounds)
+    tolerance = _BOUND_TOLERANCE * max(abs(end) if math.isfinite(end) else 0.0 for end in bounds)
     if math.isfinite(low) and low - value >= -tolerance:
         return "lower"
     return "upper" if math.isfinite(high) and value - high >= -tolerance else ""

@@ -30,7 +30,7 @@ from sim.record import Record
 # ---- Records and results as files: CSV that reads back bit for bit, and strict JSON
 
 # characters of a file's name that its temporary one has, so that a long name can be used
-_SHORT = 40
+_TEMPORARY_NAME_LETTERS = 40
 RESPONSE = "response"  # file of a study's outputs over time
 PREDICTED = "predicted_"  # prefix of predicted outputs
 TRUE = "true_"  # prefix of true outputs
@@ -131,7 +131,7 @@ def write_text(path: Path, text: str) -> None:
 
 def write_content(path: Path, content: bytes) -> None:
     """Write a whole file or none, as ``write_text``."""
-    part = path.with_name(f".{path.name[:_SHORT]}.part")
+    part = path.with_name(f".{path.name[:_TEMPORARY_NAME_LETTERS]}.part")
     try:
         part.write_bytes(content)
         os.replace(part, path)

@@ -26,7 +26,7 @@ from scenarios.files.declarations import closest
 from scenarios.files.user_models import side_at
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.model_checks import Considered
-from scenarios.preparation.declared_model import BETTER
+from scenarios.preparation.declared_model import DECISIVE_LOG_LIKELIHOOD_RATIO
 from scenarios.preparation.filtering import Parted, parts_of, put_together
 from scenarios.preparation.recording import NOTHING_SEEN, HandledFinding, RecordCheck
 from scenarios.report.document import BY_ROW, SIGMAS, Column, Table, estimate, formatted, table
@@ -233,7 +233,7 @@ def trained_by(system: System, values: Mapping[str, float], settings: FitSetting
 
 # ---- Isolated wrong samples of a measured record
 
-PLACES = 3  # times that a sentence names
+MOST_NAMED_TIMES = 3  # times that a sentence names
 
 
 def isolated_outliers(
@@ -310,8 +310,8 @@ def with_outliers(
 
 def _seen(record: Record, name: str, mask: np.ndarray) -> HandledFinding:
     times, count = record.time[mask].tolist(), int(np.count_nonzero(mask))
-    places = ", ".join(f"{time:.4g} s" for time in times[:PLACES]) + (
-        " and so on" if count > PLACES else ""
+    places = ", ".join(f"{time:.4g} s" for time in times[:MOST_NAMED_TIMES]) + (
+        " and so on" if count > MOST_NAMED_TIMES else ""
     )
     channel = record[name]
     away = np.abs(channel.values - np.median(channel.values[channel.valid]))[mask]
@@ -482,7 +482,7 @@ def simulated(
 # ---- The same identification with the inputs read the other way between samples
 
 WORDS = {Hold.PREVIOUS: "held", Hold.LINEAR: "linear"}
-MOVED = 1.0  # sigmas of the estimate, from which the reading matters more than noise
+MOVED_SIGMAS = 1.0  # sigmas of the estimate, from which the reading matters more than noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -503,7 +503,7 @@ class OtherReading:
     @property
     def decided(self) -> bool:
         """Whether the data say that the reading used is the right one."""
-        return self.gain <= -BETTER
+        return self.gain <= -DECISIVE_LOG_LIKELIHOOD_RATIO
 
     @property
     def decision(self) -> str:
@@ -542,7 +542,9 @@ def other_reading(
     again = {row.name: row for row in read_otherwise}
     pairs = [(row, again[row.name]) for row in rows if row.name in again]
     moved = tuple(
-        (row, new) for row, new in pairs if abs(new.estimate - row.estimate) > MOVED * row.std > 0.0
+        (row, new)
+        for row, new in pairs
+        if abs(new.estimate - row.estimate) > MOVED_SIGMAS * row.std > 0.0
     )
     return OtherReading(used, opposite(used), moved, gain) if moved else None
 
@@ -654,4 +656,4 @@ class Options:
     engine: str | None = None
 
 
-PLAIN = Options()
+DEFAULT_OPTIONS = Options()

@@ -32,10 +32,10 @@ from ident.statistics.residuals import (
 )
 from ident.whole_record.layout import FitSettings, lay_out
 from ident.whole_record.output_error import UNDETERMINED, failed_simulation, none_determined
-from ident.whole_record.unstable_motion import GROWN, fastest, growth
+from ident.whole_record.unstable_motion import MOST_EFOLDINGS_AT_ONCE, fastest, growth
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.assessment import simulated
-from scenarios.preparation.declared_model import BETTER, better_by
+from scenarios.preparation.declared_model import DECISIVE_LOG_LIKELIHOOD_RATIO, better_by
 from scenarios.preparation.plan import ATTITUDE
 from scenarios.report.quantities import number_text, shown_in, spaced
 from scenarios.studies.published import Row
@@ -143,7 +143,7 @@ def with_weight_if_needed(
             "the pitch attitude is measured and not used: fits with and without the weight along "
             f"the flight path decide nothing ({found.why_open})",
         )
-    if gain < BETTER:
+    if gain < DECISIVE_LOG_LIKELIHOOD_RATIO:
         return (
             model,
             "the pitch attitude is measured and not used: the weight along the flight path "
@@ -175,7 +175,7 @@ def without_theta(model: Model, records: Sequence[Record]) -> tuple[Model, list[
 AIRCRAFT = ("rigid", "flexible", "loes", "lateral", "longitudinal")
 FREE_OF_CHARGE = ("delay", "inv_tau")  # of a low-order system: started anywhere, zero included
 # times, by which coloured noise must widen a standard deviation to be worth a caution
-NOTABLE = 1.25
+NOTABLE_WIDENING = 1.25
 # what corrected standard deviations lack at most: docs/estimators.md, Coverage
 STILL_SHORT = "10 % (in gusts 30 %)"
 CAUSES = "the model lacks something, a channel has a wrong sign or unit, or the file is wrong"
@@ -243,7 +243,7 @@ def coloured(estimate: Estimate) -> str:
         found is None
         or not found.significant
         or not found.factor.size
-        or found.factor.max() < NOTABLE
+        or found.factor.max() < NOTABLE_WIDENING
     ):
         return ""
     worst = int(np.argmax(found.factor))
@@ -297,7 +297,7 @@ FILTER_ERROR = (1.15, 0.92)
 # Of sample intervals, the share with lost rows from which unknown inputs bias a method by more than
 # half a sigma. Measured: rows dropped at random from flights with stepped inputs and white noise.
 LOST_ROWS: Mapping[str, float] = {"equation-error": 0.1, "output-error": 0.05}
-LONGER = 1.5  # times the usual interval: between that of one sample and of two
+LONG_INTERVAL_RATIO = 1.5  # times the usual interval: between that of one sample and of two
 INTENSITY = "gust-turbulence.sigma"
 
 
@@ -338,7 +338,7 @@ def _of_instability(
     known = {name: value for name, value in estimate.as_dict().items() if name in system.parameters}
     found = replace(system, parameters=system.parameters.with_values(known))
     layout = lay_out(records, found, FitSettings(), local=local)
-    if not GROWN <= growth(layout) < np.inf:
+    if not MOST_EFOLDINGS_AT_ONCE <= growth(layout) < np.inf:
         return ()
     return (
         f"the model is unstable at the estimate: its free simulation doubles small errors, such as "
@@ -372,7 +372,7 @@ def lost_rows(records: Sequence[Record]) -> float:
     longer, count = 0, 0
     for record in records:
         gaps = np.diff(record.time)
-        longer += int(np.count_nonzero(gaps > LONGER * np.quantile(gaps, 0.25)))
+        longer += int(np.count_nonzero(gaps > LONG_INTERVAL_RATIO * np.quantile(gaps, 0.25)))
         count += len(gaps)
     return longer / max(count, 1)
 

@@ -27,7 +27,7 @@ from scenarios.files.vehicles import (
     vehicle_next_to,
 )
 from scenarios.identification.assessment import (
-    PLAIN,
+    DEFAULT_OPTIONS,
     SETTLED,
     WORDS,
     IdentificationResult,
@@ -73,7 +73,7 @@ from scenarios.identification.methods import (
 )
 from scenarios.identification.model_checks import consider, considered_sentences
 from scenarios.preparation.declared_model import (
-    BETTER,
+    DECISIVE_LOG_LIKELIHOOD_RATIO,
     held_by_computer,
     likelier_by,
     model_of_file,
@@ -126,7 +126,7 @@ def identify(
     others: Sequence[Record] = (),
     model: Model | None = None,
     held_out: Sequence[Record] = (),
-    options: Options = PLAIN,
+    options: Options = DEFAULT_OPTIONS,
     *,
     trusted: bool = False,
 ) -> IdentificationResult:
@@ -403,7 +403,7 @@ class Identified:
         return f"<Identified: {self.found!r}>"
 
 
-def identify_files(request: Request, method: str, options: Options = PLAIN) -> Identified:
+def identify_files(request: Request, method: str, options: Options = DEFAULT_OPTIONS) -> Identified:
     """Read everything, fit, and say what the other reading of the inputs between samples would
     change where nobody said how to read them.
 
@@ -630,7 +630,7 @@ def _read_otherwise(
     if any(each.estimate.outcome not in SETTLED for each in (found, other)):
         return ready, found
     gain = _gain(found, other)
-    if gain >= BETTER and not all(
+    if gain >= DECISIVE_LOG_LIKELIHOOD_RATIO and not all(
         held_by_computer(record) for record in (found.record, *found.others)
     ):
         if options.profile is not None:

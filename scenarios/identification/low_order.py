@@ -142,7 +142,7 @@ DENSITY: Mapping[str, float] = MappingProxyType({"q": 1e-6})
 DERIVED = ("natural_frequency", "damping_ratio", "delay")
 # the model's perturbations from trim; nz has a zero of its own, nz_0
 PERTURBED = ("alpha", "q", "stick")
-QUIET = 0.5  # s at the record's beginning
+QUIET_START_TIME = 0.5  # s at the record's beginning
 _FEWEST_QUIET = 8
 # noise deviations: scatter of a channel at rest, and a level that is no scatter
 _STILL, _OFF_TRIM = 3.0, 5.0
@@ -219,10 +219,10 @@ def trim_of(record: Record, noise: Mapping[str, float]) -> dict[str, float]:
     """Levels of alpha, q and stick where the record begins at rest and off zero; empty where it
     begins in motion or about zero.
 
-    At rest: for ``QUIET`` s the stick does not move at all and no output scatters by more than
-    three noise deviations.
+    At rest: for ``QUIET_START_TIME`` s the stick does not move at all and no output scatters by
+    more than three noise deviations.
     """
-    quiet = record.time <= record.time[0] + QUIET
+    quiet = record.time <= record.time[0] + QUIET_START_TIME
     levels = {}
     for channel in record.channels:
         use = quiet & channel.valid
@@ -290,7 +290,7 @@ def mean_delay(delays: np.ndarray, weights: np.ndarray) -> tuple[float, float]:
 
 
 SCHEMA = "flightid/state-space/1"
-NEIGHBOURS = 11  # samples whose slope is the velocity of a falling body
+VELOCITY_SAMPLES = 11  # samples whose slope is the velocity of a falling body
 
 
 def state_space_of(found: IdentificationResult) -> StateSpace:
@@ -333,8 +333,8 @@ def _middle(record: Record) -> dict[str, float]:
     """
     channel = record["altitude"]
     t, h = record.time[channel.valid], channel.values[channel.valid]
-    first = max(0, (len(t) - NEIGHBOURS) // 2)
-    near = slice(first, first + NEIGHBOURS)
+    first = max(0, (len(t) - VELOCITY_SAMPLES) // 2)
+    near = slice(first, first + VELOCITY_SAMPLES)
     at = float(t[near].mean())
     velocity, altitude = np.polyfit(t[near] - at, h[near], 1)
     return {"altitude": float(altitude), "velocity": float(velocity)}

@@ -172,7 +172,7 @@ SIMULATED = (
     "simulation with the estimated parameters held fixed; only initial states and biases are "
     "fitted to each record"
 )
-LIKELIER = 0.1  # of log likelihood, by which a refit must beat the estimate to be worth a word
+NOTABLE_REFIT_GAIN = 0.1  # log likelihood by which a refit must beat the estimate to be told
 
 
 def bound_lines(at_bounds: Sequence[AtBound], tied: Sequence[Row]) -> list[str]:
@@ -211,7 +211,7 @@ def interval_sentences(intervals: Sequence[ProfileInterval]) -> list[str]:
     skewed = [each.name for each in odd if not _open(each)]
     if skewed:
         said.append(f"the interval is not +- 2 sigma: {', '.join(skewed)}; quote the interval")
-    better = [each.name for each in intervals if each.better > LIKELIER]
+    better = [each.name for each in intervals if each.better > NOTABLE_REFIT_GAIN]
     if better:
         said.append(
             f"likelier values than the estimate were found along {', '.join(better)}: the fit was "
@@ -444,9 +444,7 @@ def _estimates(caption: str, found: IdentificationResult, rows: Sequence[Row]) -
 
 
 def _considered(found: IdentificationResult) -> list[Block]:
-    """Return the contribution of uncertain constants to the sigmas; empty if no constant is
-    uncertain.
-    """
+    """Return the contribution of uncertain constants to the sigmas; empty if there is none."""
     if found.considered is None or not found.considered.constants:
         return []
     return [considered_table(found.considered, tuple(row.name for row in found.rows))]

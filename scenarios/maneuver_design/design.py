@@ -55,10 +55,11 @@ from sim.declaration.proposal import RangedCurve, Traceable
 from sim.effects.library import find_effect
 from sim.errors import DeclarationError, ModelError
 
-ATTEMPTS = 16  # most amplitudes tried
-USUALLY = 4  # attempts with a correction in proportion
-STUBBORN = 3.0  # exponent of the corrections after these: at a rate limit the peak hardly changes
-INSIDE = 0.999  # of a limit: a finer simulation differs by less
+MOST_ATTEMPTS = 16  # most amplitudes tried
+PROPORTIONAL_ATTEMPTS = 4  # attempts with a correction in proportion
+# exponent of the corrections after these: at a rate limit the peak hardly changes
+LATER_CORRECTION_EXPONENT = 3.0
+LIMIT_SHARE = 0.999  # of a limit: a finer simulation differs by less
 TOO_WILD = 0.2  # by which a maneuver whose simulation leaves all measure is made smaller
 
 
@@ -97,7 +98,7 @@ def within_limits(
     amplitude = np.array([*setting.limits.amplitude.values()])[:, None]
     rate = np.array([setting.limits.rate.get(name, np.inf) for name in setting.limits.amplitude])
     scale = min(1.0, start)
-    for attempt in range(ATTEMPTS):
+    for attempt in range(MOST_ATTEMPTS):
         rows = no_faster(scale * amplitude * shapes, rate, setting.maneuver_limits.interval)
         planned = setting.planned(rows, quick=quick)
         try:
@@ -113,7 +114,12 @@ def within_limits(
             return LimitedManeuver(
                 rows, scale, planned, simulated(planned), extremes, bound_by, margins
             )
-        scale, bound_by = scale * INSIDE / worst ** (1.0 if attempt < USUALLY else STUBBORN), name
+        scale, bound_by = (
+            scale
+            * LIMIT_SHARE
+            / worst ** (1.0 if attempt < PROPORTIONAL_ATTEMPTS else LATER_CORRECTION_EXPONENT),
+            name,
+        )
     raise DeclarationError(
         f"no maneuver stays within {bound_by or 'the limits'}",
         where="--limits",
@@ -149,8 +155,8 @@ def used_shares(setting: Setting, extremes: Mapping[str, tuple[float, float]]) -
     return shares
 
 
-DRAWS = 8  # of the noise
-NEED = 0.5  # random error from which a response says nothing
+NOISE_DRAWS = 8
+USELESS_RANDOM_ERROR = 0.5  # random error from which a response says nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +186,7 @@ class PredictedResponses:
     @property
     def criterion(self) -> float:
         """Geometric mean of the random errors, each 50 % at most: the lower, the better."""
-        return float(np.exp(np.mean(np.log(np.minimum(self.random_error, NEED)))))
+        return float(np.exp(np.mean(np.log(np.minimum(self.random_error, USELESS_RANDOM_ERROR)))))
 
 
 def predicted_responses(setting: Setting, flight: LimitedManeuver) -> PredictedResponses:
@@ -196,7 +202,7 @@ def predicted_responses(setting: Setting, flight: LimitedManeuver) -> PredictedR
     noise = np.array([setting.noise[name] for name in names])[:, None]
     rng = np.random.default_rng(1)
     coherence, errors = [], []
-    for _ in range(DRAWS):
+    for _ in range(NOISE_DRAWS):
         measured = clean + noise * rng.standard_normal(clean.shape)
         records, _ = decimated(
             [EvenSignals(setting.maneuver_limits.interval, flight.rows, measured)], high
@@ -212,9 +218,9 @@ def predicted_responses(setting: Setting, flight: LimitedManeuver) -> PredictedR
 
 # ---- The effects that are to be told apart
 
-MOST = 3  # effects at once: a diagnosis names two alternatives at most
+MOST_EFFECTS = 3  # effects at once: a diagnosis names two alternatives at most
 RANGE = ("low", "high")  # of a curve
-HALVINGS = 24
+MOST_HALVINGS = 24
 
 
 def rivals_of(request: DesignRequest, model: Model) -> tuple[Traceable, ...]:
@@ -228,11 +234,11 @@ def rivals_of(request: DesignRequest, model: Model) -> tuple[Traceable, ...]:
     names = list(request.tell)
     if not names:
         return ()
-    if not 2 <= len(names) <= MOST or len(set(names)) < len(names):
+    if not 2 <= len(names) <= MOST_EFFECTS or len(set(names)) < len(names):
         raise DeclarationError(
             f"{len(names)} effects",
             where="--tell",
-            remedy=f"name two different effects, {MOST} at most: --tell A,B",
+            remedy=f"name two different effects, {MOST_EFFECTS} at most: --tell A,B",
         )
     rivals = []
     for name in names:
@@ -302,7 +308,7 @@ def barely_detectable(effect: Traceable, reference: Planned) -> Acting:
             where="--size found",
             remedy="give it a size",
         )
-    for _ in range(HALVINGS):
+    for _ in range(MOST_HALVINGS):
         middle = 0.5 * (low + high)
         low, high = (
             (low, middle)

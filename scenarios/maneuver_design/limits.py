@@ -82,10 +82,10 @@ USUAL: Mapping[str, tuple[float, float]] = {
     },
 }
 ANGLE_OF_ATTACK = 8.0 * DEGREE  # rad, on either side of the trim
-PITCH = 20.0 * DEGREE  # rad, on either side of the trim
-SPEED = 0.1  # share of the airspeed, on either side
-DEFLECTION = 5.0 * DEGREE
-THRUST = 0.05  # of the weight
+PITCH_LIMIT = 20.0 * DEGREE  # rad, on either side of the trim
+AIRSPEED_LIMIT_SHARE = 0.1  # share of the airspeed, on either side
+DEFLECTION_LIMIT = 5.0 * DEGREE
+THRUST_LIMIT_SHARE = 0.05  # of the weight
 
 
 @dataclass(frozen=True)
@@ -117,9 +117,9 @@ def usual_limits(model: Model, rest: Mapping[str, float]) -> Limits:
         if name == "alpha" and signal.unit == "rad":
             outputs[name] = (at - ANGLE_OF_ATTACK, at + ANGLE_OF_ATTACK)
         elif name == "theta" and signal.unit == "rad":
-            outputs[name] = (at - PITCH, at + PITCH)
+            outputs[name] = (at - PITCH_LIMIT, at + PITCH_LIMIT)
         elif name == "airspeed" and at > 0.0:
-            outputs[name] = ((1.0 - SPEED) * at, (1.0 + SPEED) * at)
+            outputs[name] = ((1.0 - AIRSPEED_LIMIT_SHARE) * at, (1.0 + AIRSPEED_LIMIT_SHARE) * at)
         elif name in USUAL and (not is_own(model) or signal.unit in ("rad", "rad/s")):
             outputs[name] = USUAL[name]
     return Limits(
@@ -200,9 +200,9 @@ def _keys(model: Model) -> dict[str, tuple[str, str, str]]:
 def _usual_amplitude(model: Model, name: str, unit: str) -> float:
     """An angle of some degrees; thrust of a share of the weight; one of any other unit."""
     if unit == "rad":
-        return DEFLECTION
+        return DEFLECTION_LIMIT
     if name == "thrust" and "mass" in model.parameters:
-        return THRUST * model.parameters["mass"].value * G0
+        return THRUST_LIMIT_SHARE * model.parameters["mass"].value * G0
     return 1.0
 
 

@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 
 # ---- A design in lines for the terminal
 
-LEAST = 0.05  # chance, below which no maneuver is said to decide
+LEAST_DECIDING_PROBABILITY = 0.05  # chance, below which no maneuver is said to decide
 
 
 def design_text(design: DesignResult, width: int = WIDTH, details: str = BELOW) -> str:
@@ -107,7 +107,7 @@ def verdict_of(design: DesignResult) -> str:
     best, names = design.best, " or ".join(each.effect.name for each in design.acting)
     if not names:
         return f"FLY: {maneuver_text(design, best)}"
-    if best.chance < LEAST:
+    if best.chance < LEAST_DECIDING_PROBABILITY:
         return f"NONE DECIDES: within these limits no maneuver tells {names}"
     return (
         f"FLY: {maneuver_text(design, best)} tells {names} with a chance of {percent(best.chance)}"
@@ -332,7 +332,7 @@ def design_page(design: DesignResult, figure_files: Sequence[Drawn] = ()) -> Pag
         kind=f"{setting.model.name} model, {setting.maneuver_limits.time[-1]:g} s at "
         f"{setting.rate:g} Hz",
         verdict=capital(word.lower()),
-        tone="open" if with_rivals and design.best.chance < LEAST else "good",
+        tone="open" if with_rivals and design.best.chance < LEAST_DECIDING_PROBABILITY else "good",
         sentence=as_sentence(rest),
         summary=(),
         warnings=(),

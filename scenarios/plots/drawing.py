@@ -31,8 +31,8 @@ from scenarios.plots.style import bold_title, hide_bold_title
 from scenarios.report.figure_formats import PDF, PNG, SVG, USUAL, Drawn, Formats, caption_of
 from scenarios.report.plot_data import BAND, HELD, LINE, POINTS, Curve, Panel, PlotData, as_kept
 
-MOST = 4000  # samples of a curve; of more the extremes of each interval are kept
-CURVES = 40  # of one figure that zooms
+MOST_CURVE_SAMPLES = 4000  # samples of a curve; of more the extremes of each interval are kept
+MOST_ZOOMING_CURVES = 40  # of one figure that zooms
 # Of words in a panel that a figure that zooms does without: a table beside it has them.
 ORNAMENT = "ornament"
 _SCALES = ("linear", "log")
@@ -55,7 +55,8 @@ def plot_data(figure: Figure) -> PlotData | None:
     """The panels of a finished figure with their curves, or None where something in it cannot be
     drawn from curves over a rising abscissa: bars, error bars, maps, words in a panel.
 
-    Curves of more than ``MOST`` samples keep the smallest and the largest value of each interval.
+    Curves of more than ``MOST_CURVE_SAMPLES`` samples keep the smallest and the largest value of
+    each interval.
     """
     panels = [panel for panel in figure.axes if panel.get_visible()]
     if not panels or not all(map(_plain_panel, panels)):
@@ -87,7 +88,7 @@ def plot_data(figure: Figure) -> PlotData | None:
                 panel.get_yscale() == "log",
             )
         )
-    if sum(len(panel.curves) for panel in out) > CURVES * len(out):
+    if sum(len(panel.curves) for panel in out) > MOST_ZOOMING_CURVES * len(out):
         return None
     return as_kept(PlotData(tuple(out)))
 
@@ -236,10 +237,12 @@ def _dash(line: Line2D) -> tuple[float, ...]:
 
 
 def _thinned(curve: Curve) -> Curve:
-    """The curve with ``MOST`` samples at most: of each interval the smallest and the largest."""
-    if len(curve.x) <= MOST:
+    """The curve with ``MOST_CURVE_SAMPLES`` samples at most: of each interval the smallest and
+    the largest.
+    """
+    if len(curve.x) <= MOST_CURVE_SAMPLES:
         return curve
-    edges = np.linspace(0, len(curve.x), MOST // 2 + 1).astype(int)
+    edges = np.linspace(0, len(curve.x), MOST_CURVE_SAMPLES // 2 + 1).astype(int)
     chosen: list[int] = []
     for start, stop in pairwise(edges.tolist()):
         part = curve.y[start:stop]
@@ -319,18 +322,22 @@ _WRITERS: Mapping[str, Callable[[Figure], bytes]] = {
 # ---- A figure as an <svg> element of a page, with a description for screen readers
 
 POINTS_PER_INCH = 72.0
-SCALE = 1.75  # pixels a point, where there is room
+PIXELS_PER_POINT = 1.75  # pixels a point, where there is room
 # points: a wider figure is moved sideways on a small screen rather than made too small to read
-FULL = 400.0
-LONG = 128  # vertices from which the outline of an area is simplified
-TOLERANCE = 0.25  # points by which a simplified line may be off, a quarter of its width
-ARCS = 8  # curves of matplotlib's disc
-DOT = 2  # cells in the diameter of a dot: of several dots in one cell a single one is drawn
+WIDEST_SCALED_FIGURE = 400.0
+LONG_OUTLINE = 128  # vertices from which the outline of an area is simplified
+OUTLINE_TOLERANCE = 0.25  # points by which a simplified line may be off, a quarter of its width
+DISC_ARCS = 8  # curves of matplotlib's disc
+# cells in the diameter of a dot: of several dots in one cell a single one is drawn
+CELLS_PER_DOT = 2
 
-TALLEST = 1.15  # height over width of a drawing that is printed
-LOWEST = 0.5  # height of a printed panel over that on the screen
+TALLEST_ASPECT = 1.15  # height over width of a drawing that is printed
+PRINTED_HEIGHT_SHARE = 0.5  # height of a printed panel over that on the screen
 # Letters stay text, in the font of the page.
-_PAGE: dict[Any, Any] = _VECTOR | {"svg.fonttype": "none", "path.simplify_threshold": TOLERANCE}
+_PAGE: dict[Any, Any] = _VECTOR | {
+    "svg.fonttype": "none",
+    "path.simplify_threshold": OUTLINE_TOLERANCE,
+}
 _OF_FILE = re.compile(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->", re.DOTALL)
 _STYLE = re.compile(r' style="([^"]*)"')
 _PATH = re.compile(r' d="([^"]*)"')
@@ -371,9 +378,9 @@ def _for_a_sheet(figure: Figure, stem: str, left_out: float) -> str:
     would stand upon each other.
     """
     width, height = figure.get_size_inches()
-    if height > TALLEST * width:
-        wide = max(width, LOWEST * height / TALLEST)
-        figure.set_size_inches(wide, TALLEST * wide)
+    if height > TALLEST_ASPECT * width:
+        wide = max(width, PRINTED_HEIGHT_SHARE * height / TALLEST_ASPECT)
+        figure.set_size_inches(wide, TALLEST_ASPECT * wide)
     try:
         return page_svg(figure, stem, left_out * figure.get_figheight() / height)
     finally:
@@ -441,13 +448,13 @@ def page_svg(figure: Figure, stem: str, left_out: float = 0.0) -> str:
     body = _IDENTIFIER.sub(rf"\g<1>figure-{stem}-", body).replace("xlink:href", "href")
     body = re.sub(r">\s+<", "><", body).strip()
     mapped = bool(figure.findobj(QuadMesh))  # colours that stand for numbers stay as they are
-    kinds = [*(["full"] if width > FULL else []), *(["mapped"] if mapped else [])]
+    kinds = [*(["full"] if width > WIDEST_SCALED_FIGURE else []), *(["mapped"] if mapped else [])]
     wide = f' class="{" ".join(kinds)}"' if kinds else ""
     top = left_out * POINTS_PER_INCH
     seen = height - top
     return (
-        f'<svg viewBox="0 {top:g} {width:g} {seen:g}" width="{SCALE * width:.0f}" '
-        f'height="{SCALE * seen:.0f}"{wide} role="img" '
+        f'<svg viewBox="0 {top:g} {width:g} {seen:g}" width="{PIXELS_PER_POINT * width:.0f}" '
+        f'height="{PIXELS_PER_POINT * seen:.0f}"{wide} role="img" '
         f'aria-label="{escape(description(figure), quote=True)}">{body}'
     )
 
@@ -482,10 +489,10 @@ def _attributes(match: re.Match[str]) -> str:
 def _path_data(match: re.Match[str]) -> str:
     """Path data with one decimal; a long outline without curves simplified as lines are."""
     data = match[1]
-    if data.count("L") >= LONG and data.count("M") == 1 and data.rstrip().endswith("z"):
+    if data.count("L") >= LONG_OUTLINE and data.count("M") == 1 and data.rstrip().endswith("z"):
         numbers = np.array(re.findall(r"-?[\d.]+", data), dtype=float).reshape(-1, 2)
         line = Outline(numbers)
-        line.should_simplify, line.simplify_threshold = True, TOLERANCE
+        line.should_simplify, line.simplify_threshold = True, OUTLINE_TOLERANCE
         clean = line.cleaned(simplify=True)
         points = np.asarray(clean.vertices)[np.asarray(clean.codes) != Outline.STOP].tolist()
         data = "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points) + "z"
@@ -497,7 +504,7 @@ def _path_data(match: re.Match[str]) -> str:
 
 class PageRenderer(RendererSVG):
     """Matplotlib's SVG with the discs of a line as one path of strokes without length, where it has
-    an element for each; of discs that cover each other to a part of ``DOT`` one is drawn.
+    an element for each; of discs that cover each other to a part of ``CELLS_PER_DOT`` one is drawn.
     """
 
     def draw_markers(
@@ -517,7 +524,9 @@ class PageRenderer(RendererSVG):
             return
         points = np.asarray(trans.transform(path.vertices))
         points = points[np.all(np.isfinite(points), axis=1)]
-        _, first = np.unique(np.round(points * (DOT / (size + edge))), axis=0, return_index=True)
+        _, first = np.unique(
+            np.round(points * (CELLS_PER_DOT / (size + edge))), axis=0, return_index=True
+        )
         strokes = np.repeat(points[np.sort(first)], 2, axis=0)
         codes = np.tile([Outline.MOVETO, Outline.LINETO], len(first))
         look = self.new_gc()
@@ -533,7 +542,7 @@ class PageRenderer(RendererSVG):
 
 def _diameter(mark: Outline, transform: Transform) -> float:
     """The diameter of a mark that is a disc, zero of any other."""
-    if mark.codes is None or np.count_nonzero(mark.codes == Outline.CURVE4) < 3 * ARCS:
+    if mark.codes is None or np.count_nonzero(mark.codes == Outline.CURVE4) < 3 * DISC_ARCS:
         return 0.0
     width, height = np.ptp(mark.get_extents(transform).get_points(), axis=0).tolist()
     return float(width) if abs(width - height) < 1e-6 * width else 0.0

@@ -61,14 +61,14 @@ TRUE: dict[str, Any] = {"color": BLACK, "linestyle": (0, (4, 2)), "linewidth": 0
 ZERO: dict[str, Any] = {"color": BLACK, "linewidth": 0.6}
 
 _UNSEEN = str.maketrans("", "", "${}_^")
-_SMALL = 4.0  # points; a mark below it is enlarged in the legend
+_SMALLEST_MARK = 4.0  # points; a mark below it is enlarged in the legend
 _TITLE_ROW = 0.17  # inches
 _LEGEND_ROW = 0.16  # inches
-_CHARACTER = 0.066  # inches, width of a character
-_HANDLE = 0.55  # inches, width of a line in the legend
-_SMALLEST = 6.0  # points, of a label that has little room
+_CHARACTER_WIDTH = 0.066  # inches, width of a character
+_HANDLE_WIDTH = 0.55  # inches, width of a line in the legend
+_SMALLEST_LABEL = 6.0  # points, of a label that has little room
 _MOST = 8, 5  # numbers at an axis, along and up
-_BOLD = 1.1  # how much wider bold letters are
+_BOLD_WIDTH_RATIO = 1.1  # how much wider bold letters are
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +203,7 @@ def finish(
             columnspacing=1.6,
         )
         for handle in drawn.legend_handles:
-            if isinstance(handle, Line2D) and handle.get_markersize() < _SMALL:
+            if isinstance(handle, Line2D) and handle.get_markersize() < _SMALLEST_MARK:
                 handle.set_markersize(2.5 * handle.get_markersize())
     return figure
 
@@ -246,7 +246,7 @@ def hide_bold_title(figure: Figure) -> float:
 def folded(text: str, width: float, points: float = LABEL_SIZE) -> list[str]:
     """A text in lines that fit ``width`` inches, broken at words."""
     return textwrap.wrap(
-        text, max(8, int(width * TICK_SIZE / (_CHARACTER * points))), break_long_words=False
+        text, max(8, int(width * TICK_SIZE / (_CHARACTER_WIDTH * points))), break_long_words=False
     )
 
 
@@ -255,7 +255,10 @@ def text_width(text: str, points: float = LABEL_SIZE) -> float:
     character each.
     """
     return (
-        _CHARACTER * points / TICK_SIZE * len(re.sub(r"\\[a-zA-Z]+", "x", text).translate(_UNSEEN))
+        _CHARACTER_WIDTH
+        * points
+        / TICK_SIZE
+        * len(re.sub(r"\\[a-zA-Z]+", "x", text).translate(_UNSEEN))
     )
 
 
@@ -385,16 +388,16 @@ def _fitted_label(panel: Axes, available_width: float) -> None:
     points = float(panel.yaxis.label.get_fontsize())
     wide = text_width(panel.get_ylabel(), points)
     if wide > available_width:
-        panel.yaxis.label.set_fontsize(max(_SMALLEST, points * available_width / wide))
+        panel.yaxis.label.set_fontsize(max(_SMALLEST_LABEL, points * available_width / wide))
 
 
 def _title_lines(title: str, width: float) -> list[tuple[str, bool]]:
     """Folded lines, and whether each is bold."""
     first, *rest = title.split("\n")
     available_width = width - 0.3
-    return [(line, True) for line in folded(first, available_width / _BOLD, TITLE_SIZE)] + [
-        (line, False) for text in rest for line in folded(text, available_width)
-    ]
+    return [
+        (line, True) for line in folded(first, available_width / _BOLD_WIDTH_RATIO, TITLE_SIZE)
+    ] + [(line, False) for text in rest for line in folded(text, available_width)]
 
 
 def _labelled(sheet: Sheet) -> dict[str, Any]:
@@ -409,5 +412,5 @@ def _legend_columns(labels: Sequence[str], width: float) -> int:
     """Number of columns that fit beside each other, from the estimated length of the labels."""
     if not labels:
         return 1
-    widths = [text_width(label, TICK_SIZE) + _HANDLE for label in labels]
+    widths = [text_width(label, TICK_SIZE) + _HANDLE_WIDTH for label in labels]
     return len(labels) if sum(widths) <= width else max(1, int(width / max(widths)))

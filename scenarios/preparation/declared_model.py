@@ -33,10 +33,11 @@ from sim.vehicles.factory import MODE_CONSTANTS, model_from_constants
 
 # The vehicle file speaks of frequency and damping; the equations of omega and zeta.
 FILE_NAMES = {"frequency": "omega", "damping": "zeta", "generalized_mass": "generalized_mass"}
-SLOW = 1e-9  # rad/s, below which a root is an integrator
-RESOLVED = 0.15  # of a root's time: a Runge-Kutta step of that length is good to a millionth
-FINEST = 200.0  # sub-steps between samples: what is quicker still does not show
-RARE = 10.0  # usual sub-steps: samples that lie farther apart are of a slower motion
+INTEGRATOR_ROOT = 1e-9  # rad/s, below which a root is an integrator
+# of a root's time: a Runge-Kutta step of that length is good to a millionth
+RESOLVED_STEP_SHARE = 0.15
+MOST_SUB_STEPS = 200.0  # sub-steps between samples: what is quicker still does not show
+RARE_SAMPLE_STEPS = 10.0  # usual sub-steps: samples that lie farther apart are of a slower motion
 
 
 def model_of_file(vehicle: VehicleFile) -> Model:
@@ -95,8 +96,11 @@ def step_for(model: Model, records: Sequence[Record], usual: float) -> float:
 def step_of(model: Model, interval: float, usual: float) -> float:
     """Sub-step of a user model for samples ``interval`` apart, s."""
     sizes = root_sizes(compile_model(model), inputs_at_rest(model))
-    quick = RESOLVED / float(np.max(sizes)) if len(sizes) else math.inf
-    return min(max(quick, interval / FINEST), usual if interval <= RARE * usual else interval)
+    quick = RESOLVED_STEP_SHARE / float(np.max(sizes)) if len(sizes) else math.inf
+    return min(
+        max(quick, interval / MOST_SUB_STEPS),
+        usual if interval <= RARE_SAMPLE_STEPS * usual else interval,
+    )
 
 
 def root_sizes(system: System, u: list[float]) -> np.ndarray:
@@ -108,7 +112,7 @@ def root_sizes(system: System, u: list[float]) -> np.ndarray:
         lambda x: system.f(0.0, x, u, p), system.initial.values().tolist()
     )
     sizes = np.abs(np.linalg.eigvals(slopes)) if np.all(np.isfinite(slopes)) else np.zeros(0)
-    return np.asarray(sizes[sizes > SLOW])
+    return np.asarray(sizes[sizes > INTEGRATOR_ROOT])
 
 
 def _coupling(name: str, modes: int) -> bool:
@@ -125,13 +129,14 @@ def _coupling(name: str, modes: int) -> bool:
 
 # of twice the log likelihood, in samples that count as independent, from which a reading is no
 # chance
-BETTER = 10.0
-AGAINST = 2.0  # the same of one record, beyond which it contradicts
+DECISIVE_LOG_LIKELIHOOD_RATIO = 10.0
+CONTRADICTING_LOG_LIKELIHOOD_RATIO = 2.0  # the same of one record, beyond which it contradicts
 # within a half of the log likelihood of the minimum
-SETTINGS = FitSettings(max_step=0.02, iterations=60, enough=0.5, coloured=False)
-BEYOND = 1e50
-LARGEST = 3000  # samples that the comparison looks at
-UNMOVED = 0.7  # of an input's steps: where so many are nothing at all, a computer may have held it
+COMPARISON_SETTINGS = FitSettings(max_step=0.02, iterations=60, enough=0.5, coloured=False)
+LARGEST_NUMBER = 1e50
+MOST_COMPARED_SAMPLES = 3000  # samples that the comparison looks at
+# of an input's steps: where so many are nothing at all, a computer may have held it
+UNMOVED_STEP_SHARE = 0.7
 # of the other steps: where so many follow one another, a hand or an actuator moved it through them
 IN_PASSING = 0.5
 Reading = tuple[Model, list[Record]]
@@ -169,7 +174,7 @@ def better_by(
     Controls count from their trim (``from_trim``).
     """
     if any(
-        np.max(np.abs(channel.values)) > BEYOND
+        np.max(np.abs(channel.values)) > LARGEST_NUMBER
         for record in first[1]
         for channel in record.channels
     ):
@@ -324,7 +329,7 @@ def likelier_by(
             if count and old > 0.0 and new > 0.0:
                 total[k] += share * count * np.log(old / new)
     result = float(np.sum(total))
-    return 0.0 if np.min(total * np.sign(result)) < -AGAINST else result
+    return 0.0 if np.min(total * np.sign(result)) < -CONTRADICTING_LOG_LIKELIHOOD_RATIO else result
 
 
 def with_hold(records: Sequence[Record], hold: Hold) -> list[Record]:
@@ -346,7 +351,7 @@ def _leaps(steps: np.ndarray) -> bool:
     moves = steps != 0.0
     onward = moves[1:] & moves[:-1] & (np.sign(steps[1:]) == np.sign(steps[:-1]))
     passing = float(np.sum(onward)) / max(1.0, float(np.sum(moves)))
-    return bool(np.mean(moves) < 1.0 - UNMOVED and passing < IN_PASSING)
+    return bool(np.mean(moves) < 1.0 - UNMOVED_STEP_SHARE and passing < IN_PASSING)
 
 
 def linear_by(
@@ -371,7 +376,9 @@ def linear_by(
 def _layout(reading: Reading, outputs: Sequence[str], local: Collection[str]) -> FitLayout:
     model, records = reading
     biased = model.with_biases(outputs_with_bias(model, outputs))
-    settings = replace(SETTINGS, max_step=step_for(model, records, SETTINGS.max_step))
+    settings = replace(
+        COMPARISON_SETTINGS, max_step=step_for(model, records, COMPARISON_SETTINGS.max_step)
+    )
     return lay_out(records, compile_model(biased, list(outputs)), settings, local=local)
 
 
@@ -384,12 +391,12 @@ def _outputs(records: Sequence[Record], model: Model) -> list[str]:
 
 
 def _some(records: Sequence[Record]) -> list[Record]:
-    """The first records, up to ``LARGEST`` samples."""
+    """The first records, up to ``MOST_COMPARED_SAMPLES`` samples."""
     some, count = [], 0
     for record in records:
         some.append(record)
         count += len(record)
-        if count >= LARGEST:
+        if count >= MOST_COMPARED_SAMPLES:
             break
     return some
 

@@ -30,8 +30,7 @@ COMMANDS = ("roll_command", "pitch_command", "yaw_command", "thrust_command")
 INPUTS = (*SURFACES, *COMMANDS)
 # Columns in which PX4 says what flies, and the number that means a multirotor.
 ROTARY_WING = {"vehicle_status.vehicle_type": 1.0, "vehicle_status.is_rotary_wing": 1.0}
-# Units as they stand behind a name without brackets.
-SPELT = {
+SPELT = {  # Units as they stand behind a name without brackets.
     "deg": "deg", "rad": "rad", "ktas": "kt", "kts": "kt", "ft": "ft", "ftmsl": "ft", "degs": "deg/s", "rads": "rad/s", "g": "g",  # noqa: E501
     "dps": "deg/s", "rps": "rad/s", "fps": "ft/s", "fps2": "ft/s2", "mps": "m/s", "mps2": "m/s2", "psf": "lbf/ft2",  # noqa: E501
 }  # fmt: skip
@@ -63,8 +62,8 @@ BEYOND = {"rad": 1.6, "rad/s": 8.0}
 NEVER = {"rad": BEYOND["rad"], "rad/s": 20.0}
 MOST_UNUSED = 60  # columns of a log that are listed without a channel
 COMMENT_WIDTH = 100  # characters of a line of a draft
-EVEN = 1e-3  # of the step, by which the steps of a clock may differ
-GAPS = 0.02  # share of the steps of a clock that may be gaps
+EVEN_CLOCK_TOLERANCE = 1e-3  # of the step, by which the steps of a clock may differ
+MOST_GAP_SHARE = 0.02  # share of the steps of a clock that may be gaps
 # topics that hold no measured motion
 NO_MEASUREMENT = re.compile(r"setpoint|_sp\b|status|innov|target|reference|command")
 
@@ -375,8 +374,8 @@ def _even_column(topic: Topic) -> Guess | None:
         usual = float(np.median(steps))
         if values[0] in (0.0, 1.0) and np.all(steps == 1.0):
             continue
-        odd = np.abs(steps - usual) >= EVEN * usual
-        if (np.all(steps[odd] > usual) and np.mean(odd) < GAPS) or grid_of_coarse_stamps(
+        odd = np.abs(steps - usual) >= EVEN_CLOCK_TOLERANCE * usual
+        if (np.all(steps[odd] > usual) and np.mean(odd) < MOST_GAP_SHARE) or grid_of_coarse_stamps(
             values
         ) is not None:
             return Guess(TIME, ColumnChoice(index + 1), "increases in even steps, as a clock does")

@@ -31,13 +31,13 @@ from sim.record import Channel, Hold, Record
 
 # ---- What a measured record needs before it is fitted: inputs about their trim
 
-REST = 0.05  # of an input's span, within which it rests
-LEAST = 0.3  # s of rest at the beginning, without which nothing is known of the trim
-OFF = 0.1  # of an input's span, that its middle is from zero where a zero is no trim
+REST_SHARE = 0.05  # of an input's span, within which it rests
+SHORTEST_REST = 0.3  # s of rest at the beginning, without which nothing is known of the trim
+OFFSET_SHARE = 0.1  # of an input's span, that its middle is from zero where a zero is no trim
 # channels in which a motion shows at once
 QUICK = ("alpha", "q", "nz", "az", "beta", "p", "r", "ny", "ay")
 # of a channel's scatter over the record, by which it may change while the aircraft rests
-STILL = 0.3
+STILL_SHARE = 0.3
 
 
 def of_totals(model: Model) -> bool:
@@ -71,7 +71,7 @@ def trim_sentence(record: Record, name: str) -> str:
     """Sentence if no trim of an input was found although it is not zero; else empty."""
     values, unit = record[name].values, record[name].unit
     middle = float(np.median(values))
-    if abs(middle) <= OFF * float(np.ptp(values)):
+    if abs(middle) <= OFFSET_SHARE * float(np.ptp(values)):
         return ""
     shown = f"{np.degrees(middle):.3g} deg" if unit == "rad" else f"{middle:.3g} {unit}"
     taken = (
@@ -92,10 +92,10 @@ def _trim(record: Record, values: np.ndarray) -> float:
     span = float(np.ptp(values))
     if span == 0.0:
         return 0.0
-    start = float(np.median(values[: max(1, int(np.searchsorted(time, time[0] + LEAST)))]))
-    away = np.abs(values - start) > REST * span
+    start = float(np.median(values[: max(1, int(np.searchsorted(time, time[0] + SHORTEST_REST)))]))
+    away = np.abs(values - start) > REST_SHARE * span
     until = int(np.argmax(away)) if np.any(away) else len(values)
-    if until < 2 or time[until - 1] - time[0] < LEAST:
+    if until < 2 or time[until - 1] - time[0] < SHORTEST_REST:
         return 0.0
     # The last sample before the move may already be on its way.
     until = max(2, until - 1)
@@ -103,9 +103,9 @@ def _trim(record: Record, values: np.ndarray) -> float:
     # time, and at the end.
     usual = max(
         abs(float(np.median(some)) - start)
-        for some in (values, values[int(np.searchsorted(time, time[-1] - LEAST)) :])
+        for some in (values, values[int(np.searchsorted(time, time[-1] - SHORTEST_REST)) :])
     )
-    if usual > REST * span and any(
+    if usual > REST_SHARE * span and any(
         _moves(channel, until) for channel in record.outputs if channel.name in QUICK
     ):
         return 0.0
@@ -134,14 +134,14 @@ def _moves(channel: Channel, until: int) -> bool:
     """
     first, every = channel.values[:until][channel.valid[:until]], channel.values[channel.valid]
     half = len(first) // 2
-    return half > 0 and abs(float(np.mean(first[half:]) - np.mean(first[:half]))) > STILL * float(
-        np.std(every)
-    )
+    return half > 0 and abs(
+        float(np.mean(first[half:]) - np.mean(first[:half]))
+    ) > STILL_SHARE * float(np.std(every))
 
 
 # ---- Load factors from accelerometers
 
-MIDDLE = 1.5  # largest plausible ratio of a signal that stands still to one g
+LARGEST_REST_LOAD = 1.5  # largest plausible ratio of a signal that stands still to one g
 # Load factor -> the accelerometer that serves in its place, and the sign between them.
 ACCELEROMETERS: Mapping[str, tuple[str, float]] = MappingProxyType(
     {"nz": ("az", -1.0), "ny": ("ay", 1.0), "nx": ("ax", 1.0)}
@@ -173,7 +173,7 @@ def with_load_factors(record: Record, kept: Collection[str] = ()) -> tuple[Recor
         factor = Channel.of(name, "g", np.where(force.valid, sign * force.values / G0, np.nan))
         outputs = tuple(factor if each.name == channel else each for each in record.outputs)
         level = float(np.median(factor.values[factor.valid]))
-        if name == "nz" and level < -1.0 / MIDDLE:
+        if name == "nz" and level < -1.0 / LARGEST_REST_LOAD:
             what = (
                 f"the middle of az is {-G0 * level:+.3g} m/s2, but az is positive down: {-G0:.3g} "
                 "m/s2 in level flight"
@@ -192,10 +192,10 @@ def with_load_factors(record: Record, kept: Collection[str] = ()) -> tuple[Recor
 
 MEASURED = ("airspeed", "dynamic_pressure")
 # s, of the weights that smooth a measured speed: the short period is faster, the speed slower
-WINDOW = 1.0
-DESPIKED = 9.0  # medians of the distance from the neighbours' median
-BEGINNING = 0.5  # s, over which the trim's pressure is the mean
-APART = 0.1  # of the declared airspeed or density, from which a word is due
+SPEED_SMOOTHING_TIME = 1.0
+SPIKE_MEDIANS = 9.0  # medians of the distance from the neighbours' median
+TRIM_AVERAGING_TIME = 0.5  # s, over which the trim's pressure is the mean
+NOTABLE_DIFFERENCE_SHARE = 0.1  # of the declared airspeed or density, from which a word is due
 
 
 @dataclass(frozen=True)
@@ -334,13 +334,17 @@ def flow_doubts(records: Sequence[Record], model: Model) -> list[str]:
 
 
 def _far(means: Mapping[str, float], model: Model, name: str) -> tuple[str, str, str] | None:
-    """Records whose mean is more than ``APART`` off the declared value, their means, and the
-    declared one; None where all are near.
+    """Records whose mean is more than ``NOTABLE_DIFFERENCE_SHARE`` off the declared value, their
+    means, and the declared one; None where all are near.
     """
     if not means:
         return None
     declared = model.parameters[name].value
-    result = {record: mean for record, mean in means.items() if abs(mean / declared - 1.0) > APART}
+    result = {
+        record: mean
+        for record, mean in means.items()
+        if abs(mean / declared - 1.0) > NOTABLE_DIFFERENCE_SHARE
+    }
     if not result:
         return None
     shown = list(
@@ -356,7 +360,9 @@ def _carrying(record: Record, flow: Flow | None, model: Model, added: Sequence[S
     air = p["air_density"].value if "air_density" in p else 1.0
     density = flow.density if flow.density is not None else np.full(n, air)
     pressure = 0.5 * density * flow.speed**2
-    resting = pressure[: max(1, int(np.searchsorted(record.time, record.time[0] + BEGINNING)))]
+    resting = pressure[
+        : max(1, int(np.searchsorted(record.time, record.time[0] + TRIM_AVERAGING_TIME)))
+    ]
     level = float(np.mean(resting))
     if "mass" in p and "wing_area" in p:
         lift = p["mass"].value * G0 / p["wing_area"].value * (1.0 / level - 1.0 / pressure)
@@ -385,7 +391,7 @@ def _smooth(record: Record, channel: Channel) -> np.ndarray:
     time, step = record.time, float(np.median(np.diff(record.time)))
     grid = np.linspace(time[0], time[-1], max(2, 1 + round((time[-1] - time[0]) / step)))
     even = np.interp(grid, time[usable], channel.values[usable])
-    half = min(round(0.5 * WINDOW / step), len(even) - 1)
+    half = min(round(0.5 * SPEED_SMOOTHING_TIME / step), len(even) - 1)
     if half > 0:
         # Beyond its ends the signal goes on as the line through its first and its last window does.
         before, behind = np.arange(-half, 0), np.arange(1, half + 1)
@@ -419,14 +425,14 @@ def _spikes(values: np.ndarray) -> np.ndarray:
     padded = np.concatenate([values[2:0:-1], values, values[-2:-4:-1]])
     away = np.abs(values - np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1))
     return np.asarray(
-        away > max(DESPIKED * float(np.median(away)), 1e-3 * float(np.median(np.abs(values))))
+        away > max(SPIKE_MEDIANS * float(np.median(away)), 1e-3 * float(np.median(np.abs(values))))
     )
 
 
 # ---- A measured pitch attitude as a recorded input of the equations
 
 PARTLY = "the pitch attitude is not measured in all records: a phugoid keeps its own"
-FEWEST = 0.5  # of the samples, without which a channel with gaps tells no motion
+LEAST_SAMPLE_SHARE = 0.5  # of the samples, without which a channel with gaps tells no motion
 
 
 def wants_attitude(model: Model) -> bool:
@@ -470,7 +476,10 @@ def without_attitude(record: Record) -> Record:
 
 
 def _tells(record: Record) -> bool:
-    return ATTITUDE in record.output_names and float(np.mean(record[ATTITUDE].valid)) > FEWEST
+    return (
+        ATTITUDE in record.output_names
+        and float(np.mean(record[ATTITUDE].valid)) > LEAST_SAMPLE_SHARE
+    )
 
 
 def _from_begin(record: Record) -> Channel:
@@ -483,5 +492,7 @@ def _from_begin(record: Record) -> Channel:
     finite_rows = np.flatnonzero(channel.valid)
     finite_rows = np.delete(finite_rows, input_spikes(channel.values[finite_rows]))
     values = np.interp(time, time[finite_rows], channel.values[finite_rows])
-    level = float(np.mean(values[: max(1, int(np.searchsorted(time, time[0] + BEGINNING)))]))
+    level = float(
+        np.mean(values[: max(1, int(np.searchsorted(time, time[0] + TRIM_AVERAGING_TIME)))])
+    )
     return Channel.of(ATTITUDE, "rad", interval_means(values - level, record.hold))

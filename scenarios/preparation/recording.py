@@ -25,7 +25,7 @@ from sim.record import Channel, Record
 
 TRUST = "--trust-record"
 WARNED, NOTED = "a warning", "only noted"
-BEYOND = 1e50  # squares of larger numbers leave the range of finite ones
+LARGEST_NUMBER = 1e50  # squares of larger numbers leave the range of finite ones
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +126,7 @@ def checked_records(
     out, seen = [], []
     for record in records:
         _refuse_endless(record)
-        if any(np.max(np.abs(channel.values)) > BEYOND for channel in record.channels):
+        if any(np.max(np.abs(channel.values)) > LARGEST_NUMBER for channel in record.channels):
             out.append(record)  # no measurement; whoever fits it says so
             continue
         for finding in inspect(record, expected):
@@ -203,7 +203,7 @@ def _with_remedy(one: HandledFinding) -> str:
 
 # ---- The raw look in words and for the JSON files
 
-SHOWN = 3  # places of one finding that a table has room for
+MOST_NAMED_PLACES = 3  # places of one finding that a table has room for
 
 
 def record_content(look: RecordCheck) -> dict[str, Any]:
@@ -275,8 +275,10 @@ def _content(one: HandledFinding) -> dict[str, Any]:
 def _when(finding: RecordFinding) -> str:
     if not finding.times:
         return "throughout"
-    return ", ".join(_span(finding.times[:SHOWN])) + (
-        f" and {len(finding.times) - SHOWN} more" if len(finding.times) > SHOWN else ""
+    return ", ".join(_span(finding.times[:MOST_NAMED_PLACES])) + (
+        f" and {len(finding.times) - MOST_NAMED_PLACES} more"
+        if len(finding.times) > MOST_NAMED_PLACES
+        else ""
     )
 
 

@@ -41,8 +41,7 @@ _LATEX = {
     "^": r"\textasciicircum{}",
     **{mark: f"\\{mark}" for mark in "&%$#_{}"},
 }
-# Signs beyond ASCII that tables contain; what is not here is left to the LaTeX engine.
-_SIGNS = {
+_SIGNS = {  # Signs beyond ASCII that tables contain; what is not here is left to the LaTeX engine.
     "σ": r"$\sigma$",
     "±": r"$\pm$",
     "−": "$-$",
@@ -170,7 +169,7 @@ def _escaped(text: str) -> str:
 # ---- XLSX: full precision
 
 _SHEET = re.compile(r"[\[\]:*?/\\']")
-_LONGEST = 31  # letters of a sheet's name in XLSX
+_LONGEST_SHEET_NAME = 31  # letters of a sheet's name in XLSX
 
 
 def write_workbook(tables: Sequence[Table], path: Path) -> Path:
@@ -218,11 +217,11 @@ def write_workbook(tables: Sequence[Table], path: Path) -> Path:
 
 
 def _sheet_name(caption: str, there: Sequence[str]) -> str:
-    plain = " ".join(_SHEET.sub(" ", caption).split())[:_LONGEST].strip() or "table"
+    plain = " ".join(_SHEET.sub(" ", caption).split())[:_LONGEST_SHEET_NAME].strip() or "table"
     name, number = plain, 2
     while name.lower() in {each.lower() for each in there}:
         suffix = f" {number}"
-        name, number = plain[: _LONGEST - len(suffix)] + suffix, number + 1
+        name, number = plain[: _LONGEST_SHEET_NAME - len(suffix)] + suffix, number + 1
     return name
 
 
@@ -297,7 +296,7 @@ def write_tables(page: Page, folder: Path) -> tuple[Path, ...]:
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 PDF = "report.pdf"
-PATIENCE = 60.0  # s
+BROWSER_TIMEOUT = 60.0  # s
 
 
 def browser() -> str | None:
@@ -343,7 +342,7 @@ def write_pdf(folder: Path) -> Path:
             (folder / PAGE).resolve().as_uri(),
         ]
         try:
-            subprocess.run(words, check=True, capture_output=True, timeout=PATIENCE)
+            subprocess.run(words, check=True, capture_output=True, timeout=BROWSER_TIMEOUT)
             content = made.read_bytes()
         except (OSError, subprocess.SubprocessError):
             raise FlightidError(

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from jinja2 import Template
 
 SCHEMA = "flightid/report/1"
-_MOST = 1_000_000  # of digits and rows that a page may ask for
+_LARGEST_REQUEST = 1_000_000  # of digits and rows that a page may ask for
 _TAG = "svg|g|defs|clipPath|rect|path|text|tspan|use"
 _ATTRIBUTE = (
     r'\s(?:href="#[\w-]+"|'
@@ -235,7 +235,7 @@ def _number(value: Any) -> float:
 
 
 def _count(value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= _MOST:
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= _LARGEST_REQUEST:
         raise TypeError(f"{value!r:.40} is no count")
     return value
 
@@ -255,7 +255,8 @@ def _drawing(value: Any) -> str:
     return text
 
 
-PLOTS = 2_500_000  # characters of drawings and their data on one page, which stays below 3 MB
+# characters of drawings and their data on one page, which stays below 3 MB
+MOST_DRAWING_CHARACTERS = 2_500_000
 _DARK = {
     **{
         "paper": "#14171b",
@@ -374,7 +375,10 @@ def _plots(page: Page) -> dict[str, str]:
     """The data of figures by name, as many of them from the first as keep the page short; none of
     figures whose name is there twice.
     """
-    found, room = {}, PLOTS - sum(len(each.svg) for each in _figures(page.sections))
+    found, room = (
+        {},
+        MOST_DRAWING_CHARACTERS - sum(len(each.svg) for each in _figures(page.sections)),
+    )
     for each in _figures(page.sections):
         if each.plot is None or each.name in found:
             continue

@@ -20,7 +20,7 @@ from typing import NamedTuple
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 
-from ident.statistics.residuals import LEVEL, ResidualTest
+from ident.statistics.residuals import WHITENESS_P_VALUE, ResidualTest
 from ident.tracing.diagnosis import Quantity
 from scenarios.files.sources import escaped, styled_stream
 
@@ -98,8 +98,7 @@ CHANNELS = {
 }
 
 
-# Which equation of motion a channel is measured along.
-AXES = {
+AXES = {  # Which equation of motion a channel is measured along.
     **{
         "airspeed": "speed",
         "nx": "speed",
@@ -188,7 +187,7 @@ def span_text(low: float, high: float) -> str:
 
 # ---- Numbers and single lines as the terminal shows them
 
-GROWING = 2.0  # sigmas of a time constant below zero, from which a mode is said to grow
+GROWING_MODE_SIGMAS = 2.0  # sigmas of a time constant below zero, from which a mode is said to grow
 
 
 class EscapingConsole(Console):
@@ -253,7 +252,7 @@ def _derived_text(key: str, value: float, std: float) -> str:
     unit = "" if "damping" in key else " s" if key.endswith(("delay", "constant")) else " rad/s"
     grows = (
         f" (grows, doubled after {-value * math.log(2.0):.3g} s)"
-        if key.endswith("time_constant") and value < -GROWING * std
+        if key.endswith("time_constant") and value < -GROWING_MODE_SIGMAS * std
         else ""
     )
     words = key.replace("_", " ").replace("dutch", "Dutch")
@@ -274,7 +273,7 @@ def test_line(tests: Sequence[ResidualTest]) -> str:
         return (
             "residual: consistent with noise ("
             + "; ".join(f"{t.channel} p = {t.p_value:.2g}" for t in tests)
-            + f"; a test fails below p = {LEVEL:g})"
+            + f"; a test fails below p = {WHITENESS_P_VALUE:g})"
             if tests
             else ""
         )

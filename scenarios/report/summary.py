@@ -13,7 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from ident.flying_qualities.levels import STANDARD, WORST, FlightPhase, ModeLevel
+from ident.flying_qualities.levels import STANDARD, WORST_LEVEL, FlightPhase, ModeLevel
 from ident.statistics.residuals import ResidualTest
 from scenarios.report.quantities import (
     derived_line,
@@ -294,7 +294,7 @@ def _parted(word: str, size: int) -> str:
 
 # ---- Levels of flying qualities in words, and as they stand in the JSON files
 
-LEAST = 0.01  # probability from which a level is named among several
+LEAST_NAMED_PROBABILITY = 0.01  # probability from which a level is named among several
 QUANTITIES: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
         "damping_ratio": ("damping ratio", ""),
@@ -322,7 +322,7 @@ def level_text(level: ModeLevel) -> str:
         (
             (share, number)
             for number, share in enumerate(level.probabilities, start=1)
-            if share >= LEAST
+            if share >= LEAST_NAMED_PROBABILITY
         ),
         reverse=True,
     )
@@ -410,7 +410,7 @@ def changes(before: Sequence[ModeLevel], after: Sequence[ModeLevel]) -> list[str
 
 
 def _named(number: int) -> str:
-    return "below level 3" if number == WORST else f"level {number}"
+    return "below level 3" if number == WORST_LEVEL else f"level {number}"
 
 
 def _percent(share: float) -> str:
@@ -440,7 +440,7 @@ def _content(level: ModeLevel) -> dict[str, Any]:
 
 # ---- The summary that every study begins with
 
-SHOWN = 3  # numbers that a summary names
+MOST_NAMED_NUMBERS = 3  # numbers that a summary names
 BELOW = "below; --out FOLDER keeps them"
 PAGE = "report.html"  # in the folder of every study
 TEXT = "study.txt"  # what its command printed, or more
@@ -498,10 +498,10 @@ def result_phrase(
     values: Sequence[tuple[str, float, float, str]], derived: Mapping[str, tuple[float, float]]
 ) -> str:
     """Return the quantities that follow from the parameters, if any, and the first parameters
-    (name, value, sigma, unit), ``SHOWN`` in all.
+    (name, value, sigma, unit), ``MOST_NAMED_NUMBERS`` in all.
     """
-    follows = derived_line(dict(list(derived.items())[:SHOWN]))
-    room = SHOWN - min(len(derived), SHOWN)
+    follows = derived_line(dict(list(derived.items())[:MOST_NAMED_NUMBERS]))
+    room = MOST_NAMED_NUMBERS - min(len(derived), MOST_NAMED_NUMBERS)
     named = [value_phrase(*each) for each in values[:room]]
     more = f"; {len(values) - room} more" if named and len(values) > room else ""
     return "; ".join([*([follows] if follows else []), *named]) + more

@@ -122,10 +122,11 @@ def cell_text(cell: Cell, apart: bool = False) -> str:
 
 Advance = Callable[[str, float], None]
 
-SHORT = 2.0  # s, before which nothing is shown
-EVERY = 10.0  # s, between plain lines
-LOOK = 0.2  # s, between looks at what was told
-EARLY = 0.02  # of the work, before which nothing is known of the time that is left
+QUIET_START_TIME = 2.0  # s, before which nothing is shown
+PLAIN_LINE_INTERVAL = 10.0  # s, between plain lines
+POLL_INTERVAL = 0.2  # s, between looks at what was told
+# of the work, before which nothing is known of the time that is left
+LEAST_SHARE_FOR_ESTIMATE = 0.02
 
 
 @dataclass
@@ -141,7 +142,11 @@ class LastProgress:
     def line(self, now: float) -> str:
         """``"37 of 100 flights, 24 s, about 41 s left"``."""
         passed = now - self.since
-        left = passed * (1.0 - self.share) / self.share if EARLY < self.share < 1.0 else 0.0
+        left = (
+            passed * (1.0 - self.share) / self.share
+            if LEAST_SHARE_FOR_ESTIMATE < self.share < 1.0
+            else 0.0
+        )
         return ", ".join(
             [
                 *([self.stage] if self.stage else []),
@@ -196,8 +201,8 @@ def time_text(seconds: float) -> str:
 
 
 def _lines(told: LastProgress, ended: threading.Event) -> None:
-    """A plain line every ``EVERY`` seconds until the work has ended."""
-    while not ended.wait(EVERY):
+    """A plain line every ``PLAIN_LINE_INTERVAL`` seconds until the work has ended."""
+    while not ended.wait(PLAIN_LINE_INTERVAL):
         with contextlib.suppress(OSError, ValueError):  # stderr may be closed
             print(f"flightid: {told.line(time.monotonic())}", file=sys.stderr, flush=True)
 
@@ -206,7 +211,7 @@ def _bar(told: LastProgress, ended: threading.Event) -> None:
     """A bar that is taken away when the work has ended; one that only moves where no share is
     known.
     """
-    if ended.wait(SHORT):
+    if ended.wait(QUIET_START_TIME):
         return
     from rich.progress import BarColumn, Progress, TextColumn
 
@@ -226,7 +231,7 @@ def _bar(told: LastProgress, ended: threading.Event) -> None:
                 total=1.0 if told.share else None,
                 completed=told.share,
             )
-            if ended.wait(LOOK):
+            if ended.wait(POLL_INTERVAL):
                 return
 
 

@@ -29,7 +29,7 @@ from scenarios.responses.reading import Names, ReadSignals
 from sim.errors import DeclarationError, FlightidError
 
 MINUS, PLUS = "minus", "plus"
-DIFFER = 0.05  # chance below which maneuvers are said to differ
+DIFFERING_P_VALUE = 0.05  # chance below which maneuvers are said to differ
 UNITS = {"gain": "dB", "phase": "deg", "delay": "s", "distance": "-"}
 WORDS = {
     "gain_increase": "gain increase",
@@ -149,7 +149,7 @@ def _cautions(
     elif contradicted:
         out.append(sign_caution(names.references[0], names.inputs[0], names.outputs[0], sign))
     for one in worst:
-        if one.p_value < DIFFER:
+        if one.p_value < DIFFERING_P_VALUE:
             out.append(
                 f"{WORDS[one.name]}: the maneuvers differ by more than chance (p = "
                 f"{one.p_value:.2g}); go by the worst one"

@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 
 # ---- Frequency responses in the terminal: a summary, notes, and a table for each response
 
-ROWS = 12  # frequencies of a printed table
+PRINTED_FREQUENCIES = 12  # frequencies of a printed table
 
 
 def print_responses(
@@ -178,8 +178,8 @@ def band_sentence(estimates: ResponseEstimates, row: int, column: int) -> str:
 
 
 def shown_rows(count: int) -> np.ndarray:
-    """Return the positions of at most ``ROWS`` frequencies, evenly spread."""
-    return np.unique(np.linspace(0, count - 1, min(count, ROWS)).round().astype(int))
+    """Return the positions of at most ``PRINTED_FREQUENCIES`` frequencies, evenly spread."""
+    return np.unique(np.linspace(0, count - 1, min(count, PRINTED_FREQUENCIES)).round().astype(int))
 
 
 def response_table(

@@ -207,8 +207,8 @@ class StudyColumn:
 
 # ---- Which parameters studies share, in which order, and in which unit
 
-MODES = 9  # as many elastic modes have an order of their own
-FEWEST = 2
+MOST_ORDERED_MODES = 9  # as many elastic modes have an order of their own
+FEWEST_STUDIES = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +249,7 @@ def compare_columns(columns: Sequence[StudyColumn]) -> SideBySide:
     ------
     DeclarationError : fewer than two of them, or no parameter that two of them estimate.
     """
-    if len(columns) < FEWEST:
+    if len(columns) < FEWEST_STUDIES:
         raise DeclarationError(
             "one study has nothing beside it",
             where=columns[0].label if columns else "compare",
@@ -267,7 +267,11 @@ def compare_columns(columns: Sequence[StudyColumn]) -> SideBySide:
         for name in values
     }
     names = _ordered(
-        {name for name, count in counted.items() if count >= FEWEST and name not in separate}
+        {
+            name
+            for name, count in counted.items()
+            if count >= FEWEST_STUDIES and name not in separate
+        }
     )
     if not names:
         what = f"{', '.join(column.label for column in columns)} share no parameter"
@@ -289,7 +293,8 @@ def compare_columns(columns: Sequence[StudyColumn]) -> SideBySide:
         name
         for values in derived
         for name in values
-        if sum(name in other for other in derived) >= FEWEST and len(_units(name, derived)) == 1
+        if sum(name in other for other in derived) >= FEWEST_STUDIES
+        and len(_units(name, derived)) == 1
     }
     return SideBySide(tuple(columns), names, _ordered(both - set(names)), single, separate)
 
@@ -309,7 +314,7 @@ def _ordered(names: set[str]) -> tuple[str, ...]:
     """
     known = [
         *RIGID_DERIVATIVES,
-        *(name for name, _, _ in mode_units(MODES)),
+        *(name for name, _, _ in mode_units(MOST_ORDERED_MODES)),
         *BALLISTIC_DERIVATIVES,
         *LOES_DERIVATIVES,
         *LOES_OFFSETS,

@@ -224,7 +224,7 @@ ESTIMATES = "estimate +- sigma"
 REFERENCE = "what the study's model should find: true, or condensed where it lacks modes"
 ERRORS = "error in % (in standard deviations)"
 PUBLISHED_ERRORS = "error of the published value in % (in its own standard deviations)"
-LIMIT = 3.0  # combined sigmas from which two studies are said to disagree
+DISAGREEING_SIGMAS = 3.0  # combined sigmas from which two studies are said to disagree
 
 
 def compared_page(compared: SideBySide, figure_files: Sequence[Drawn] = ()) -> Page:
@@ -237,8 +237,8 @@ def compared_page(compared: SideBySide, figure_files: Sequence[Drawn] = ()) -> P
     return Page(
         title="Studies side by side",
         kind=", ".join(labels),
-        verdict="" if sigmas is None else "apart" if sigmas > LIMIT else "alike",
-        tone="plain" if sigmas is None else "fair" if sigmas > LIMIT else "good",
+        verdict="" if sigmas is None else "apart" if sigmas > DISAGREEING_SIGMAS else "alike",
+        tone="plain" if sigmas is None else "fair" if sigmas > DISAGREEING_SIGMAS else "good",
         sentence=as_sentence(told) if told else "",
         summary=(as_sentence(shared),),
         warnings=tuple(
@@ -419,16 +419,16 @@ def _named(column: Study) -> str:
 
 # ---- Studies side by side in the terminal
 
-CELL = 17  # terminal columns of an estimate with its sigma
-FIXED = 40  # terminal columns of parameter, unit and true value
+ESTIMATE_COLUMNS = 17  # terminal columns of an estimate with its sigma
+FIXED_COLUMNS = 40  # terminal columns of parameter, unit and true value
 
 
 def print_compared(compared: SideBySide) -> None:
     """Print the studies, then tables of estimates, errors and published values."""
     out = console()
     numbered = (
-        sum(len(GAP) + max(len(column.label), CELL) for column in compared.columns)
-        > out.width - FIXED
+        sum(len(GAP) + max(len(column.label), ESTIMATE_COLUMNS) for column in compared.columns)
+        > out.width - FIXED_COLUMNS
     )
     for place, column in enumerate(compared.columns, start=1):
         headings = [

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 MAIN = "structure.json"
 SCHEMA = "flightid/structure/1"
 VEHICLE = "vehicle.toml"
-TOGETHER = 0.98  # correlation of two surfaces: a variance inflation of 25
+COLLINEAR_CORRELATION = 0.98  # correlation of two surfaces: a variance inflation of 25
 
 
 def structure_text(found: FoundStructure, width: int = WIDTH, details: str = BELOW) -> str:
@@ -244,7 +244,7 @@ def _surfaces_together(found: FoundStructure) -> list[str]:
         f"{one} and {other} move together (correlation {float(rows[one] @ rows[other]):.3f}). "
         "Their effects cannot be separated. Move one after the other."
         for one, other in combinations(rows, 2)
-        if abs(float(rows[one] @ rows[other])) > TOGETHER
+        if abs(float(rows[one] @ rows[other])) > COLLINEAR_CORRELATION
     ]
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.structure.coefficients import (
-    BANDWIDTH,
+    DERIVATIVE_BANDWIDTH,
     MOMENTS,
     NEEDED,
     Airframe,
@@ -44,11 +44,11 @@ from sim.record import Hold, Record
 from sim.vehicles.aircraft import SENSORS, Aircraft, aircraft_model
 
 METHODS = (STEPWISE, ORTHOGONAL)
-DEGREE = 2
+MOST_DEGREE = 2
 LARGEST_DEGREE = 4
 MOST_SPLINES = 5
 DRAG = ("CX", "CD")  # a surface adds drag to whichever side it is deflected
-_FEW = 1e-6  # of a signal's spread, below which it did not move
+_UNMOVED_SHARE = 1e-6  # of a signal's spread, below which it did not move
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,8 @@ class StructureOptions:
     """
 
     method: str = STEPWISE
-    bandwidth: float = BANDWIDTH
-    degree: int = DEGREE
+    bandwidth: float = DERIVATIVE_BANDWIDTH
+    degree: int = MOST_DEGREE
     splines: int = 0
     terms: Path | None = None
     baseline: bool = False
@@ -280,7 +280,9 @@ def predicted_r2(found: FoundStructure, records: Sequence[Record]) -> dict[str, 
     return told
 
 
-def coefficients_of(record: Record, aircraft: Aircraft, bandwidth: float = BANDWIDTH) -> Histories:
+def coefficients_of(
+    record: Record, aircraft: Aircraft, bandwidth: float = DERIVATIVE_BANDWIDTH
+) -> Histories:
     """Coefficient histories of a record.
 
     Raises
@@ -392,7 +394,7 @@ def _moved(histories: Sequence[Histories], aircraft: Aircraft) -> list[str]:
         if name in mixed:
             continue
         values = np.concatenate([h.samples[name] for h in histories])
-        least = 0.03 if name == "mach" else _FEW
+        least = 0.03 if name == "mach" else _UNMOVED_SHARE
         if np.ptp(values) > least:
             moved.append(name)
     if not moved:

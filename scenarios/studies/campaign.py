@@ -261,7 +261,7 @@ def _nees(error: np.ndarray, covariance: np.ndarray) -> float | None:
 
 RESAMPLING_SEED = 1  # of the interval over all parameters: the same runs give the same interval
 ALONE = Execution()
-FEWEST = 2  # runs, of which alone a scatter can be told
+FEWEST_RUNS = 2  # runs, of which alone a scatter can be told
 
 
 @dataclass(frozen=True, eq=False)
@@ -361,7 +361,7 @@ def fly_campaign(
     root = scenario.seed if seed is None else seed
     work = EstimatorRuns(scenario, known[method], again)
     table = run_study(work, manner.asked(runs, root, work.block, "runs"), progress)
-    if not table.whole and len(table) < FEWEST:
+    if not table.whole and len(table) < FEWEST_RUNS:
         raise KeyboardInterrupt(f"{len(table)} of {runs} runs had ended")
     return campaign_of(work, table, root)
 
@@ -375,7 +375,7 @@ def campaign_of(work: EstimatorRuns, table: RowTable, root: int) -> CampaignRuns
     ]
     kept = np.array([way == SOUND for way in ways], dtype=bool)
     failures = dict(Counter(way for way in ways if way != SOUND).most_common())
-    if np.sum(kept) < FEWEST:
+    if np.sum(kept) < FEWEST_RUNS:
         what = f"{np.sum(~kept)} of {len(kept)} runs broke down ({next(iter(failures), '')})"
         raise ModelError(
             what,

@@ -85,11 +85,12 @@ def wrong_sigmas(found: CampaignStatistics) -> tuple[Wrong, ...]:
 
 # ---- Why each wrong sigma is wrong, and the right one beside it with its own coverage
 
-NEAR = 0.15  # of a logarithm: as near as a foretold size of the errors has to come to theirs
+# of a logarithm: as near as a foretold size of the errors has to come to theirs
+PREDICTED_SIZE_TOLERANCE = 0.15
 # misfits in units of the noise: below the first none, above the second what process noise by
 # likelihood would stand for
 LITTLE, LARGE = 0.05, 0.3
-GONE = 0.3  # share of a bias at or below which a tenth of the noise has taken it away
+REMOVED_BIAS_SHARE = 0.3  # share of a bias at or below which a tenth of the noise has taken it away
 SOME_BIAS = 0.15  # of the mean square error, from which on it is asked where a bias comes from
 OF_BIAS = 0.5  # of the mean square error from which on a bias is more than half of it
 PRIOR, COLOUR, NOISE, MODEL, OPEN = "prior", "colour", "noise", "model", "open"
@@ -195,7 +196,7 @@ def findings_of(
 def _near(foretold: float, seen: float, runs: int) -> bool:
     """Whether a foretold size of the errors is that which was seen."""
     return foretold > 0.0 and abs(math.log(foretold / seen)) <= max(
-        NEAR, 3.0 / math.sqrt(2.0 * runs)
+        PREDICTED_SIZE_TOLERANCE, 3.0 / math.sqrt(2.0 * runs)
     )
 
 
@@ -207,12 +208,15 @@ def _by_prior(wrong: Wrong, bound: Bound | None, statistics: CampaignStatistics)
     # of the method.
     if (
         bound is None
-        or abs(math.log(wrong.statistics.reported / float(bound.stated[wrong.at]))) > 2.0 * NEAR
+        or abs(math.log(wrong.statistics.reported / float(bound.stated[wrong.at])))
+        > 2.0 * PREDICTED_SIZE_TOLERANCE
     ):
         return None
     foretold, share = predicted_by_prior(bound, wrong.at)
     errors = statistics.sigmas[wrong.at]
-    if (share < 0.2 and foretold < 1.0 + NEAR) or not _near(foretold, wrong.rms, len(errors)):
+    if (share < 0.2 and foretold < 1.0 + PREDICTED_SIZE_TOLERANCE) or not _near(
+        foretold, wrong.rms, len(errors)
+    ):
         return None
     return Finding(
         wrong,
@@ -295,7 +299,8 @@ def _left(
         if (
             first is not None
             and quiet is not None
-            and abs(quiet.errors[wrong.at].mean()) < GONE * abs(first.errors[wrong.at].mean())
+            and abs(quiet.errors[wrong.at].mean())
+            < REMOVED_BIAS_SHARE * abs(first.errors[wrong.at].mean())
         ):
             cause = NOISE
     return Finding(

@@ -52,10 +52,11 @@ from sim.truth.flight import Truth
 
 # ---- What the best estimator with a method's priors could do on a campaign's flight
 
-WIDE = 30.0  # priors by which a filter about exact data is told next to nothing
+WIDE_PRIOR_FACTOR = 30.0  # priors by which a filter about exact data is told next to nothing
 FILTERS = ("ekf", "ukf")
-_STEP = 1e-4  # of differences, as a share of a parameter
-_LEAST = 1e-10  # of the largest singular value: what differences of flights still resolve
+_DIFFERENCE_STEP_SHARE = 1e-4  # of differences, as a share of a parameter
+# of the largest singular value: what differences of flights still resolve
+_RESOLVED_SINGULAR_VALUE_SHARE = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +150,7 @@ def _forced(
     if any(name not in system.state_names for name in model.noise.process_density):
         return None  # a parameter that drifts has no one value that could be bounded
     free = model.parameters.free_names
-    prior = {name: WIDE * estimation.start[name].std for name in free}
+    prior = {name: WIDE_PRIOR_FACTOR * estimation.start[name].std for name in free}
     if not all(map(math.isfinite, prior.values())):
         return None
     exact = replace(
@@ -237,11 +238,16 @@ def cramer_rao(
         )
 
     columns = [
-        slope(partial(valued, name=name), _STEP * (abs(model.parameters[name].value) or 1.0))
+        slope(
+            partial(valued, name=name),
+            _DIFFERENCE_STEP_SHARE * (abs(model.parameters[name].value) or 1.0),
+        )
         for name in names
     ]
     columns += [
-        slope(partial(started, name=state.name), _STEP * max(abs(state.value), 1.0))
+        slope(
+            partial(started, name=state.name), _DIFFERENCE_STEP_SHARE * max(abs(state.value), 1.0)
+        )
         for state in model.initial
     ]
     count = len(columns[0]) // len(noise)
@@ -255,7 +261,7 @@ def cramer_rao(
     size = np.linalg.norm(jacobian, axis=0)
     size[size == 0.0] = np.inf  # a state whose start moves nothing
     # Of the slopes themselves, not of their products, which have half the digits.
-    inverse = np.linalg.pinv(jacobian / size, rcond=_LEAST)
+    inverse = np.linalg.pinv(jacobian / size, rcond=_RESOLVED_SINGULAR_VALUE_SHARE)
     return dict(
         zip(names, (np.linalg.norm(inverse, axis=1) / size)[: len(names)].tolist(), strict=True)
     )

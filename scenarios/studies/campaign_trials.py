@@ -36,15 +36,15 @@ from sim.record import Record
 
 RUNS, ALONE = 16, 4  # of which the likelihood is taken: of a batch, of filters one by one
 LEAST, MOST = -7.0, 7.0  # of the logarithm of a factor on a standard deviation
-BETTER = 2.0  # of a log likelihood: what tells one level from another
+BETTER_LOG_LIKELIHOOD = 2.0  # of a log likelihood: what tells one level from another
 # logarithms of factors by which process noise that seemed to be none is tried again
 LITTLE = (-1.5, -3.5)
 # of the search: differences of logarithms, Newton steps, and halvings of one that leads astray
 BESIDE, STEPS, HALVINGS = 0.05, 6, 4
 STATES, PARAMETERS = "process noise of states", "process noise of parameters"
 # of a state's initial deviation in one second: where the search for undeclared process noise begins
-BEGUN = 0.02
-CLOSE = 0.05  # share within which two levels are the same for every purpose
+STARTING_NOISE_SHARE = 0.02
+SAME_LEVEL_SHARE = 0.05  # share within which two levels are the same for every purpose
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Level:
         if self.assumed == 0.0 or self.found == 0.0:
             return self.assumed == self.found
         off = abs(math.log(self.found / self.assumed))
-        return off <= max(2.0 * self.spread, CLOSE)
+        return off <= max(2.0 * self.spread, SAME_LEVEL_SHARE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,17 +119,19 @@ def _searched(work: EstimatorRuns, records: Sequence[Record], many: bool) -> Lev
     for at in range(first, plan.size):
         # Whether there is any process noise is asked, not read off a slope: towards none the
         # likelihood is flat.
-        theta, value = _better(cost, theta, value, at, -math.inf, BETTER if plan.declared else 0.0)
+        theta, value = _better(
+            cost, theta, value, at, -math.inf, BETTER_LOG_LIKELIHOOD if plan.declared else 0.0
+        )
     theta, value, spreads = _newton(cost, theta, value)
     gone = [at for at in range(first, plan.size) if math.isinf(theta[at])]
     for at in gone:
         for little in LITTLE:
-            theta, value = _better(cost, theta, value, at, little, -BETTER)
+            theta, value = _better(cost, theta, value, at, little, -BETTER_LOG_LIKELIHOOD)
     if any(math.isfinite(theta[at]) for at in gone):
         theta, value, spreads = _newton(cost, theta, value)
     for at in range(first, plan.size):
         if math.isfinite(theta[at]):
-            theta, value = _better(cost, theta, value, at, -math.inf, BETTER)
+            theta, value = _better(cost, theta, value, at, -math.inf, BETTER_LOG_LIKELIHOOD)
     return Levels(plan.levels(theta, spreads), len(records), plan.changed(theta))
 
 
@@ -206,7 +208,7 @@ class _Plan:
         outputs = {name: model.noise.measurement_std[name] for name in system.output_names}
         units = {signal.name: signal.unit for signal in model.equations.outputs}
         density = estimation.process_noise or {
-            name: (BEGUN * each.std) ** 2
+            name: (STARTING_NOISE_SHARE * each.std) ** 2
             for name, each in estimation.initial.items()
             if 0.0 < each.std < math.inf
         }
@@ -292,8 +294,8 @@ def _cost_of(
 # ---- What runs leave at the reference values
 
 RESIDUALS_RUNS, RESIDUALS_ALONE = 32, 6  # from which residuals are taken
-HELD = 1e-6  # of a parameter's prior deviation: how far it may go from the reference
-FINE = 4  # steps of a sample
+HELD_PRIOR_SHARE = 1e-6  # of a parameter's prior deviation: how far it may go from the reference
+STEPS_PER_SAMPLE = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,13 +323,13 @@ def residuals_of(work: EstimatorRuns, seeds: Sequence[int]) -> Residuals | None:
     """Return the residuals of the first runs; None if the model held at the reference diverges."""
     estimation, reference = work.estimation, work.common.reference
     model = work.common.model.with_values({name: reference[name] for name in work.parameters})
-    held = {name: HELD * max(abs(reference[name]), 1e-3) for name in work.parameters}
+    held = {name: HELD_PRIOR_SHARE * max(abs(reference[name]), 1e-3) for name in work.parameters}
     model = replace(model, parameters=model.parameters.with_prior(held)).with_noise(
         replace(model.noise, process_density={})
     )
     filtered = replace(estimation, method="ekf", process_noise={}, passes=1)
     system = compiled(filtered, model)
-    settings = FilterSettings(max_step=1.0 / (FINE * work.seen.flight.rate))
+    settings = FilterSettings(max_step=1.0 / (STEPS_PER_SAMPLE * work.seen.flight.rate))
     many = is_batched(filtered, bool(work.seen.flight.feedback))
     records = [
         work.record_of(seed) for seed in seeds[: RESIDUALS_RUNS if many else RESIDUALS_ALONE]
@@ -426,8 +428,8 @@ def predicted_by_colour(bound: Bound, residuals: Residuals) -> np.ndarray | None
 TRIALS_RUNS, TRIALS_ALONE = 64, 12  # that are computed again: of a batch, of methods one by one
 # passes more, each started at the result of the one before with a spread of so many of its sigmas
 FURTHER, SPREAD = 3, 20.0
-TENTH = 0.1
-PART = 4  # steps of a sample, where a filter's are made finer
+REDUCED_NOISE_SHARE = 0.1
+FILTER_STEPS_PER_SAMPLE = 4  # steps of a sample, where a filter's are made finer
 
 START, TRIALS_STEPS, LEVELS = "start", "steps", "levels"
 
@@ -541,11 +543,11 @@ def _changes(
         out[START] = replace(
             estimation, passes=estimation.passes + FURTHER, spread=min(estimation.spread, SPREAD)
         )
-        step = 1.0 / (PART * work.seen.flight.rate)
+        step = 1.0 / (FILTER_STEPS_PER_SAMPLE * work.seen.flight.rate)
         if (
             estimation.integration != "rk4"
             or 0 < estimation.terms < 3
-            or min(estimation.max_step, PART * step) > 0.02
+            or min(estimation.max_step, FILTER_STEPS_PER_SAMPLE * step) > 0.02
         ):
             out[TRIALS_STEPS] = replace(
                 estimation, integration="rk4", terms=3, max_step=min(estimation.max_step, step)
@@ -562,7 +564,9 @@ def _changes(
         },
     )
     finer = (
-        min(estimation.max_step, 0.01) / PART if math.isfinite(estimation.max_step) else 0.01 / PART
+        min(estimation.max_step, 0.01) / FILTER_STEPS_PER_SAMPLE
+        if math.isfinite(estimation.max_step)
+        else 0.01 / FILTER_STEPS_PER_SAMPLE
     )
     return (
         out
@@ -618,9 +622,14 @@ def quiet_trial(trials: Trials) -> Trial | None:
     """
     work = trials.work
     noise = {
-        name: TENTH * value for name, value in work.common.truth.noise_std.items() if value > 0.0
+        name: REDUCED_NOISE_SHARE * value
+        for name, value in work.common.truth.noise_std.items()
+        if value > 0.0
     }
-    told = {name: TENTH * value for name, value in work.common.model.noise.measurement_std.items()}
+    told = {
+        name: REDUCED_NOISE_SHARE * value
+        for name, value in work.common.model.noise.measurement_std.items()
+    }
     estimation = replace(work.estimation, flown_noise_std=noise, noise_std=told)
     quiet = EstimatorRuns(work.scenario, estimation)
     records = [quiet.record_of(seed) for seed in trials.seeds]

@@ -37,8 +37,7 @@ CONDENSED = (
     "condensed: the value that the derivative has in the fitted model if all modes that the model "
     "lacks follow their loads at once; errors are against this value"
 )
-# The scenario's key ``distance`` in words.
-DISTANCES = {
+DISTANCES = {  # The scenario's key ``distance`` in words.
     "same equations and step": "same equations, computed with the same steps",
     "same equations, finer step": (
         "same equations; the motion of the flight is computed more exactly than that of the model"
@@ -186,7 +185,7 @@ HEADINGS = (
     "share_from_prior",
     "claimed_std",
 )
-FEW = 6  # parts of a direction that are written
+MOST_WRITTEN_PARTS = 6  # parts of a direction that are written
 
 
 def determination_content(method: MethodDetermination) -> dict[str, Any]:
@@ -201,7 +200,10 @@ def determination_content(method: MethodDetermination) -> dict[str, Any]:
         "directions_unseen": found.unseen,
         "strengths": found.strengths.tolist(),
         "directions": [
-            {"strength": float(found.strengths[at]), "parts": dict(found.composition(at, FEW))}
+            {
+                "strength": float(found.strengths[at]),
+                "parts": dict(found.composition(at, MOST_WRITTEN_PARTS)),
+            }
             for at in range(len(found.names) - found.unseen)
         ],
         "parameters": {

@@ -19,7 +19,7 @@ import numpy as np
 from ident.banks.bank import BankEstimate, run_bank
 from ident.banks.delays import ENGINES
 from ident.estimate import Estimate, Outcome
-from ident.filters.ekf import SETTLED, FilterSettings, run_ekf
+from ident.filters.ekf import SETTLED_SIGMAS, FilterSettings, run_ekf
 from ident.filters.one_record import Exponential, Taylor
 from scenarios.files.user_models import inputs_at_rest
 from scenarios.studies.declaration import Estimation, FlightPlan, ManeuverPlan, Scenario, Start
@@ -64,7 +64,7 @@ from sim.vehicles.library import VehicleData, read_parameter_set
 # ---- From a scenario's flight to a record and its truth
 
 # s, since when an input has been at rest: before all that a record or an effect looks back to
-EVER = -1e6
+START_OF_REST = -1e6
 SMOOTH = ("sweep", "multisine")
 STEPS = {"rk4": rk4_step, "euler": euler_step}
 
@@ -173,7 +173,7 @@ def maneuvers_by_input(
     ------
     DeclarationError : a maneuver lacks a number or moves an input that is not there.
     """
-    by_input = {name: Sum((step(value, EVER),)) for name, value in rest.items()}
+    by_input = {name: Sum((step(value, START_OF_REST),)) for name, value in rest.items()}
     for number, plan in enumerate(plans, start=1):
         if plan.input not in inputs:
             known = ", ".join(sorted(inputs)) or "none"
@@ -201,7 +201,7 @@ def held_alike(
     smooth = {plan.input for plan in plans if plan.kind in SMOOTH}
     if all(plan.kind in SMOOTH for plan in plans):
         return {**by_input}
-    times = (EVER, *time[1:].tolist(), math.inf)
+    times = (START_OF_REST, *time[1:].tolist(), math.inf)
     return {
         **by_input,
         **{
@@ -484,7 +484,7 @@ def _filtered(estimation: Estimation, record: Record, model: Model) -> Estimate:
         )
         moved = np.max(np.abs(again.values - estimate.values) / estimate.std, initial=0.0)
         estimate = replace(again, iterations=done + 1)
-        if moved < SETTLED:
+        if moved < SETTLED_SIGMAS:
             break
     return estimate
 
@@ -570,7 +570,7 @@ def _initial_states(model: Model, initial: Mapping[str, Start], place: str) -> P
 # ---- Estimates of many records of one flight
 
 # runs, of which a batch has a multiple: linear algebra adds up a single column in another order
-LANES = 8
+BATCH_MULTIPLE = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -619,7 +619,7 @@ def batched(estimation: Estimation, records: Sequence[Record], model: Model) -> 
     many there are.
     """
     count = len(records)
-    filled = [*records, *[records[0]] * (-count % LANES)]
+    filled = [*records, *[records[0]] * (-count % BATCH_MULTIPLE)]
     system, settings = compiled(estimation, model), filter_settings(estimation)
     z = np.stack([each.output_array(system.output_names)[0] for each in filled], axis=2)
     degrees = int(records[0].output_array(system.output_names)[1].sum())
@@ -659,7 +659,7 @@ def _narrowed_passes(
     for _ in range(1, estimation.passes):
         if active.size == 0:
             break
-        taken = np.concatenate([active, np.full(-active.size % LANES, active[0])])
+        taken = np.concatenate([active, np.full(-active.size % BATCH_MULTIPLE, active[0])])
         std = np.sqrt(np.maximum(np.diagonal(covariance[taken], axis1=1, axis2=2).T[n_x:], 0.0))
         prior = np.repeat(declared[:, None], taken.size, axis=1)
         prior[n_x:] = np.minimum(prior[n_x:], estimation.spread * std)
@@ -678,5 +678,5 @@ def _narrowed_passes(
         ]
         mean[:, active], covariance[active] = again.mean[:, kept], again.covariance[kept]
         sound[active], nis[active] = again.sound[kept], again.nis.sum(axis=0)[kept]
-        active = active[again.sound[kept] & (moved >= SETTLED)]
+        active = active[again.sound[kept] & (moved >= SETTLED_SIGMAS)]
     return mean, covariance, sound, nis

@@ -33,7 +33,7 @@ from scenarios.studies.page import study_page
 from scenarios.studies.study import MethodDetermination, MethodResult, StudyResult
 from scenarios.studies.sweep import Sweep, criteria_of, sweep_csv
 from scenarios.studies.text import print_study
-from sim.truth.flight import TOLERANCE, Truth
+from sim.truth.flight import INTEGRATION_TOLERANCE, Truth
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -449,7 +449,7 @@ def truth_content(truth: Truth) -> dict[str, Any]:
         "noise_std": dict(truth.noise_std),
         "process_density": dict(truth.process_density),
         "distance": truth.distance.value,
-        **({"tolerance": TOLERANCE} if truth.step is None else {"step": truth.step}),
+        **({"tolerance": INTEGRATION_TOLERANCE} if truth.step is None else {"step": truth.step}),
         "method": truth.method,
     }
 

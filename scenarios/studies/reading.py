@@ -48,7 +48,7 @@ from sim.errors import DeclarationError, ModelError
 
 # ---- A user's own model in a scenario
 
-WIDEST = 1.0  # of a state at the start where its file gives zero, in the state's unit
+ZERO_START_RANGE = 1.0  # of a state at the start where its file gives zero, in the state's unit
 
 
 def model_files(names: Iterable[str]) -> dict[str, OwnModel]:
@@ -92,7 +92,7 @@ def completed(estimation: Estimation, measured: Iterable[str]) -> Estimation:
     ``measured``, starts, initial states.
 
     A parameter starts where the file says, with half of that as its standard deviation; a state
-    likewise, with at least ``WIDEST`` of its unit.
+    likewise, with at least ``ZERO_START_RANGE`` of its unit.
     """
     model = estimation.own
     assert model is not None
@@ -100,7 +100,10 @@ def completed(estimation: Estimation, measured: Iterable[str]) -> Estimation:
     free = [name for name in model.parameters.free_names if name not in estimation.held]
     prior = with_priors(model, free).parameters
     starts = {name: Start(prior[name].value, prior[name].prior_std) for name in free}
-    begun = {item.name: Start(item.value, max(abs(item.value), WIDEST)) for item in model.initial}
+    begun = {
+        item.name: Start(item.value, max(abs(item.value), ZERO_START_RANGE))
+        for item in model.initial
+    }
     return replace(
         estimation,
         outputs=estimation.outputs

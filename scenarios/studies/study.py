@@ -183,19 +183,19 @@ class MethodDetermination:
 
     @property
     def overclaimed(self) -> tuple[str, ...]:
-        """Parameters with a stated deviation below ``HONEST`` of what record and prior together
-        allow.
+        """Parameters with a stated deviation below ``LEAST_HONEST_RATIO`` of what record and prior
+        together allow.
         """
         ratio = self.claimed / self.found.posterior_std
         return tuple(
             name
             for name, value in zip(self.found.names, ratio.tolist(), strict=True)
-            if value < HONEST
+            if value < LEAST_HONEST_RATIO
         )
 
 
 # the nonlinearity of these records and the noise level found from one change a deviation by a tenth
-HONEST = 0.8
+LEAST_HONEST_RATIO = 0.8
 
 
 def determine(

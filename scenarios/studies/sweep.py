@@ -204,7 +204,8 @@ def _estimated(
 
 # ---- From which degree of flexibility on a rigid model no longer serves
 
-WHITE = 1e-3  # smallest probability of a white residual: that of `ident.statistics.residuals`
+# smallest probability of a white residual: that of `ident.statistics.residuals`
+WHITENESS_P_VALUE = 1e-3
 # one for each coefficient of the denominator and of two numerators, one initial state
 NUMBERS_PER_STATE = 3 + 1
 FIT = "output-error"
@@ -244,7 +245,7 @@ def criteria_of(points: Sequence[SweepPoint]) -> tuple[Criterion, ...]:
         _criterion(
             "whiteness",
             "the residual of the rigid fit is no longer white",
-            math.log10(WHITE),
+            math.log10(WHITENESS_P_VALUE),
             True,
             points,
             _whiteness,

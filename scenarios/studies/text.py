@@ -61,8 +61,8 @@ from scenarios.studies.sweep import Criterion, Sweep, SweepPoint, criteria_of
 
 # ---- What records and priors determine, in the terminal
 
-KEPT = 0.95  # of the prior's deviation: above it a record has said nothing to speak of
-SHOWN = 3  # directions of each kind that are named
+UNINFORMED_SHARE = 0.95  # of the prior's deviation: above it a record has said nothing to speak of
+MOST_NAMED_DIRECTIONS = 3  # directions of each kind that are named
 
 
 def determination_blocks(methods: Sequence[MethodDetermination]) -> list[Block]:
@@ -75,7 +75,11 @@ def determination_blocks(methods: Sequence[MethodDetermination]) -> list[Block]:
         for m in methods
     ]
     share = [dict(zip(m.found.names, m.found.prior_share.tolist(), strict=True)) for m in methods]
-    shown = [name for name in first.names if any(each.get(name, 1.0) < KEPT for each in ratio)]
+    shown = [
+        name
+        for name in first.names
+        if any(each.get(name, 1.0) < UNINFORMED_SHARE for each in ratio)
+    ]
     shown.sort(key=lambda name: ratio[0][name])
     labels = [method.estimation.name for method in methods]
     blocks: list[Block] = [
@@ -99,8 +103,8 @@ def determination_blocks(methods: Sequence[MethodDetermination]) -> list[Block]:
     if rest:
         blocks.append(
             Prose(
-                f"the other {rest} of {len(first.names)} parameters keep more than {KEPT:g} of "
-                "their prior's sigma with every method"
+                f"the other {rest} of {len(first.names)} parameters keep more than "
+                f"{UNINFORMED_SHARE:g} of their prior's sigma with every method"
             )
         )
     for method in methods:
@@ -120,7 +124,10 @@ def determination_sentences(method: MethodDetermination) -> tuple[str, ...]:
         f"does ({found.effective:.1f} numbers settled); along {found.unseen} directions the "
         "outputs do not change at all, whatever the noise"
     ]
-    best, least = range(min(SHOWN, seen)), range(max(seen - SHOWN, 0), seen)
+    best, least = (
+        range(min(MOST_NAMED_DIRECTIONS, seen)),
+        range(max(seen - MOST_NAMED_DIRECTIONS, 0), seen),
+    )
     said.append(f"{label}: known best: {'; '.join(_direction(method, at) for at in best)}")
     said.append(f"{label}: seen least: {'; '.join(_direction(method, at) for at in least)}")
     if method.overclaimed:
@@ -140,7 +147,7 @@ def _direction(method: MethodDetermination, at: int) -> str:
 
 # ---- A sweep in the terminal
 
-LEAST = -20  # logarithm of a probability below which its size says no more
+LEAST_LOG_PROBABILITY = -20  # logarithm of a probability below which its size says no more
 HEADINGS = {"likelihood": "BIC gain of a mode", "whiteness": "p(white)", "misfit": ""}
 
 
@@ -243,7 +250,10 @@ def _criterion_cell(name: str, value: float) -> Cell:
     if name != "whiteness":
         return Number(value, digits=0)
     share = 10.0**value
-    return Number(share, shown=f"{share:.2g}" if value > LEAST else f"< 1e{LEAST}")
+    return Number(
+        share,
+        shown=f"{share:.2g}" if value > LEAST_LOG_PROBABILITY else f"< 1e{LEAST_LOG_PROBABILITY}",
+    )
 
 
 def _error(point: SweepPoint, method: int, name: str) -> Cell:

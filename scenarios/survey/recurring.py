@@ -27,7 +27,7 @@ from ident.pooling import (
 
 # flights that claim an effect or name it as an alternative, from which it may recur
 FEWEST_NAMED = 2
-MOST = 5  # effects that are tried together: 32 sets a flight
+MOST_EFFECTS = 5  # effects that are tried together: 32 sets a flight
 
 DiagnosesByFlight = Mapping[str, Mapping[str, Any]]
 
@@ -58,7 +58,9 @@ def candidates(diagnoses: DiagnosesByFlight) -> tuple[str, ...]:
         for name in named
         if named[name] >= FEWEST_NAMED and claimed[name] and not is_of_flight(name)
     ]
-    return tuple(sorted(wanted, key=lambda name: (-claimed[name], -named[name], name))[:MOST])
+    return tuple(
+        sorted(wanted, key=lambda name: (-claimed[name], -named[name], name))[:MOST_EFFECTS]
+    )
 
 
 def is_of_flight(name: str) -> bool:
@@ -107,10 +109,10 @@ def starts_of(diagnoses: DiagnosesByFlight, names: Sequence[str]) -> dict[str, f
 # ---- Which effects recur: judged over all flights together
 
 # effects that a search may name, for which the chance of a false recurrence is counted
-LIBRARY = 60
-EQUAL = 3.0  # twice the log likelihood, as in a diagnosis: below it two names are equal
-CLEARLY = 10.0  # of that sum. chosen, as what an addition has to bring in a diagnosis
-PRESENT = 0.5  # probability from which an effect belongs to a flight's model
+LIBRARY_SIZE = 60
+EQUAL_CHI_SQUARE = 3.0  # twice the log likelihood, as in a diagnosis: below it two names are equal
+CLEAR_CHI_SQUARE = 10.0  # of that sum. chosen, as what an addition has to bring in a diagnosis
+PRESENT_PROBABILITY = 0.5  # probability from which an effect belongs to a flight's model
 
 
 @dataclass(frozen=True)
@@ -252,7 +254,7 @@ def _preferred(
     }
     if not likely:
         return name
-    equal = [one for one, each in likely.items() if each > max(likely.values()) - EQUAL]
+    equal = [one for one, each in likely.items() if each > max(likely.values()) - EQUAL_CHI_SQUARE]
     if len(equal) == 1:
         return equal[0]
     differ = {
@@ -262,7 +264,7 @@ def _preferred(
         )
         for one in equal
     }
-    steady = [one for one in equal if differ[one] < min(differ.values()) + CLEARLY]
+    steady = [one for one in equal if differ[one] < min(differ.values()) + CLEAR_CHI_SQUARE]
     claims = Counter(
         e["name"] for flight in diagnoses.values() for e in flight["effects"] if e["claimed"]
     )
@@ -292,7 +294,7 @@ def recurrence_of_effect(
     evidence, able = evidence_of(fits, name, sets)
     if able.sum() < 2:
         return None
-    result = recurrence(evidence.of(np.flatnonzero(able)), LIBRARY)
+    result = recurrence(evidence.of(np.flatnonzero(able)), LIBRARY_SIZE)
     if able.all():
         return result
     probability = np.full(len(able), result.share)
@@ -313,7 +315,7 @@ def assigned(
             result = recurrence_of_effect(fits, name, now)
             if result is not None:
                 now = [
-                    each | {name} if p > PRESENT else each - {name}
+                    each | {name} if p > PRESENT_PROBABILITY else each - {name}
                     for each, p in zip(now, result.probability, strict=True)
                 ]
         if now == before:
@@ -363,8 +365,8 @@ def _recurring_of(
 
 # twice the log likelihood, of a flight's own effect beside those that recur. chosen, as in a
 # diagnosis
-NEEDED = 10.0
-ROUNDS = 4  # of asking flights for their own effects again; far more than it takes
+NEEDED_CHI_SQUARE = 10.0
+MOST_ROUNDS = 4  # of asking flights for their own effects again; far more than it takes
 
 
 def recurring_with_other_effects(
@@ -381,7 +383,7 @@ def recurring_with_other_effects(
     less likely; then all flights are asked again.
     """
     left = (False,) * len(fits)
-    for _ in range(ROUNDS):
+    for _ in range(MOST_ROUNDS):
         now = [
             {**each, "sets": each["sets_without"]} if without else each
             for each, without in zip(fits, left, strict=True)
@@ -409,7 +411,7 @@ def _needless(fitted: Mapping[str, Any], taken: frozenset[str]) -> bool:
 
     return (
         "sets_without" in fitted
-        and 2.0 * (most(fitted["sets"]) - most(fitted["sets_without"])) < NEEDED
+        and 2.0 * (most(fitted["sets"]) - most(fitted["sets_without"])) < NEEDED_CHI_SQUARE
     )
 
 
@@ -417,7 +419,7 @@ def _needless(fitted: Mapping[str, Any], taken: frozenset[str]) -> bool:
 
 # rate of false discoveries among the trends, and among the derivatives said to differ
 FALSE_DISCOVERY_RATE = 0.05
-UNDETERMINED = 1e6  # sigma over the value, from which a flight says nothing of it
+UNDETERMINED_SIGMA_RATIO = 1e6  # sigma over the value, from which a flight says nothing of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -485,7 +487,7 @@ def estimates(
             {
                 n: (float(v), float(s))
                 for n, v, s in zip(each["declared"], value, sigma, strict=False)
-                if 0 < s < UNDETERMINED * max(abs(v), 1e-12)
+                if 0 < s < UNDETERMINED_SIGMA_RATIO * max(abs(v), 1e-12)
             }
         )
     return out

@@ -30,7 +30,13 @@ from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines, wrapp
 from scenarios.report.terminal import table_as_lines
 from scenarios.survey.flights import FOLDER
 from scenarios.survey.growing import GROWING_SCHEMA
-from scenarios.survey.recurring import EQUAL, FALSE_DISCOVERY_RATE, LIBRARY, Derivative, Recurring
+from scenarios.survey.recurring import (
+    EQUAL_CHI_SQUARE,
+    FALSE_DISCOVERY_RATE,
+    LIBRARY_SIZE,
+    Derivative,
+    Recurring,
+)
 from scenarios.survey.survey import SurveyResult
 
 # ---- What a survey found, in sentences and rows that terminal, page and JSON share
@@ -39,7 +45,7 @@ from scenarios.survey.survey import SurveyResult
 # outputs alike.
 AT_THE_INPUT = ("actuator-lag", "actuator-second-order", "input-delay", "input-recorded-late")
 FORCES = ("CL_", "CD_", "CX_", "CY_", "CZ_")
-FAR = 1e-99  # a chance below it is told as one
+LEAST_P_VALUE = 1e-99  # a chance below it is told as one
 HAS, HAS_NOT, UNTOLD = "has it", "does not have it", "undecided"
 
 
@@ -128,8 +134,8 @@ def _effect_change(survey: SurveyResult, each: Recurring, local: str) -> str:
 
 def rivals_phrase(each: Recurring) -> str:
     """Effects that the evidence excludes, and those that it does not."""
-    equal = [name for name, margin in each.rivals.items() if margin < EQUAL]
-    margins = {name: margin for name, margin in each.rivals.items() if margin >= EQUAL}
+    equal = [name for name, margin in each.rivals.items() if margin < EQUAL_CHI_SQUARE]
+    margins = {name: margin for name, margin in each.rivals.items() if margin >= EQUAL_CHI_SQUARE}
     out = []
     if equal:
         out.append(
@@ -281,7 +287,7 @@ def effects_table(survey: SurveyResult) -> Table:
 
     whose = {"aircraft": "the aircraft"}
     chances = [
-        Number(p, shown=f"{p:.1g}" if p > FAR else f"<{FAR:.0e}")
+        Number(p, shown=f"{p:.1g}" if p > LEAST_P_VALUE else f"<{LEAST_P_VALUE:.0e}")
         for p in (each.recurrence.p_value for each in some)
     ]
     return table(
@@ -396,7 +402,7 @@ def survey_content(survey: SurveyResult, created: str) -> dict[str, Any]:
         "headline": rest,
         "effects": [effect_content(each, survey) for each in survey.recurs],
         "tried": list(survey.tried),
-        "candidates": LIBRARY,
+        "candidates": LIBRARY_SIZE,
         "alone": {name: list(flights) for name, flights in survey.alone.items()},
         "needless": {name: list(flights) for name, flights in survey.needless.items()},
         "unfitted": dict(survey.unfitted),

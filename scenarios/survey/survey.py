@@ -24,7 +24,7 @@ from scenarios.survey.recurring import (
     starts_of,
 )
 
-FITTING = 0.75  # share of the work that is the diagnoses
+DIAGNOSIS_SHARE = 0.75  # share of the work that is the diagnoses
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -113,10 +113,17 @@ def survey_flights(
     survey = read_flights(path)
     tell("reading", 0.0)
     had = survey_files(
-        survey, folder, jobs, figures, lambda stage, share: tell(stage, FITTING * share), cluster
+        survey,
+        folder,
+        jobs,
+        figures,
+        lambda stage, share: tell(stage, DIAGNOSIS_SHARE * share),
+        cluster,
     )
     names = candidates(had.diagnoses)
-    begun = FITTING if had.computed else 0.0  # so that the time that is left follows from the share
+    begun = (
+        DIAGNOSIS_SHARE if had.computed else 0.0
+    )  # so that the time that is left follows from the share
     fits, refitted, unfitted = _fits(
         had,
         names,

@@ -17,7 +17,7 @@ from scenarios.files.sources import versions
 from scenarios.tasks.processes import run_in_processes
 from scenarios.tasks.work import DECIDING, Ended, Task, Work
 
-IDLE = 30.0  # s after which a process that has nothing to do is ended
+IDLE_TIMEOUT = 30.0  # s after which a process that has nothing to do is ended
 
 _lock = threading.Lock()
 _sweeping = threading.Lock()  # held while a sweep is due
@@ -109,13 +109,13 @@ def _lane(content: bytes, token: str, longest: float | None) -> _Lane | tuple[st
 
 def _sweep_later() -> None:
     if _sweeping.acquire(blocking=False):
-        timer = threading.Timer(IDLE / 2.0, _sweep)
+        timer = threading.Timer(IDLE_TIMEOUT / 2.0, _sweep)
         timer.daemon = True
         timer.start()
 
 
 def _sweep() -> None:
-    _end_idle(IDLE)
+    _end_idle(IDLE_TIMEOUT)
     _sweeping.release()
     if _idle:
         _sweep_later()

@@ -58,8 +58,8 @@ if sys.platform != "win32":
 
 
 START_METHOD = "FLIGHTID_START_METHOD"  # environment: "fork" (as if unset) or "spawn"
-LOOK = 0.5  # s between looks whether all processes live
-LIVES = 2  # processes that may die over one block, before it is given up
+CHECK_INTERVAL = 0.5  # s between looks whether all processes live
+MOST_DEATHS_PER_BLOCK = 2  # processes that may die over one block, before it is given up
 THREADS = (
     "OPENBLAS_NUM_THREADS",
     "OMP_NUM_THREADS",
@@ -193,7 +193,7 @@ def run_in_processes(
             while given < len(blocks) and len(waiting) < jobs:
                 give(given, 1)
                 given += 1
-            done = wait(waiting, timeout=LOOK, return_when=FIRST_COMPLETED).done
+            done = wait(waiting, timeout=CHECK_INTERVAL, return_when=FIRST_COMPLETED).done
             for future in done | {each for each, to in waiting.items() if not to.pool.active}:
                 to = waiting.pop(future)
                 try:
@@ -208,7 +208,7 @@ def run_in_processes(
                     )
                 except BrokenProcessPool as error:
                     _end(pools, to.pool)
-                    if to.life < LIVES:
+                    if to.life < MOST_DEATHS_PER_BLOCK:
                         give(to.at, to.life + 1)
                         continue
                     ended = failed_by_circumstance(
@@ -232,7 +232,7 @@ def _result(future: Future[list[Ended]]) -> list[Ended]:
     died.
     """
     try:
-        if not wait([future], timeout=LOOK).done:
+        if not wait([future], timeout=CHECK_INTERVAL).done:
             raise BrokenProcessPool("")
         return future.result()
     except ProcessExpired as error:
@@ -304,7 +304,7 @@ def _run(block: Sequence[Task]) -> list[Ended]:
 
 # ---- Who runs blocks of tasks: this process, or several of this machine
 
-WORTH = 2.0  # s of work left in one process, from which starting others pays
+LEAST_WORK_FOR_POOL = 2.0  # s of work left in one process, from which starting others pays
 
 
 def available_cores() -> int:
@@ -334,9 +334,9 @@ def run_blocks(
             started = time.perf_counter()
             yield run_block(work, blocks[at])
             at += 1
-            if jobs > 1 and (time.perf_counter() - started) * (len(blocks) - at) > WORTH * jobs / (
-                jobs - 1.0
-            ):
+            if jobs > 1 and (time.perf_counter() - started) * (
+                len(blocks) - at
+            ) > LEAST_WORK_FOR_POOL * jobs / (jobs - 1.0):
                 break
     if at < len(blocks):
         yield from run_in_processes(work, blocks[at:], jobs, longest)

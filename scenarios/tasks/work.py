@@ -366,9 +366,10 @@ def _shown(value: Any) -> str:
 
 # ---- Rows kept in a folder as they come
 
-EVERY = 5.0  # s between shards: what a power cut costs at most, beside the blocks under way
-MOST = 50_000  # rows in one shard
-MANY = 16  # shards, from which they are made one when the study ends
+# s between shards: what a power cut costs at most, beside the blocks under way
+SHARD_INTERVAL = 5.0
+MOST_SHARD_ROWS = 50_000
+MOST_SHARDS = 16  # shards, from which they are made one when the study ends
 LOCK = ".lock"
 
 
@@ -427,7 +428,7 @@ class Shards:
     def add(self, ended: Sequence[Ended]) -> None:
         """Keep what has ended, written by and by. Raises OSError, as where the disk is full."""
         self._buffer += ended
-        if time.monotonic() - self._since > EVERY or len(self._buffer) >= MOST:
+        if time.monotonic() - self._since > SHARD_INTERVAL or len(self._buffer) >= MOST_SHARD_ROWS:
             self.flush()
 
     def flush(self) -> None:
@@ -446,7 +447,7 @@ class Shards:
     def compact(self) -> None:
         """Make many shards one; wherever it is cut short, no row is lost and none counts twice."""
         found = self._readable()
-        if len(found) < MANY:
+        if len(found) < MOST_SHARDS:
             return
         columns = joined(all_columns(self.work), [columns for _, columns in found])
         self._write(in_order(columns, int(columns["number"].max()) + 1))

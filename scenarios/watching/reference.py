@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ident.estimate import Estimate
-from ident.statistics.residuals import BEYOND
+from ident.statistics.residuals import BOUND_SIGMAS
 from scenarios.files.sources import InputFile, read_json, resolved
 from scenarios.files.vehicles import VehicleFile, read_vehicle, vehicle_with_file
 from scenarios.identification.low_order import DERIVED, PAPER_START
@@ -209,7 +209,7 @@ class CrossValidation:
         """Whether it lies outside the reference's bounds: more than two standard deviations of the
         difference.
         """
-        return self.z is not None and abs(self.z) > BEYOND
+        return self.z is not None and abs(self.z) > BOUND_SIGMAS
 
 
 @dataclass(frozen=True)

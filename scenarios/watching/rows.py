@@ -30,16 +30,16 @@ from scenarios.files.measured.columns import (
 )
 from scenarios.files.measured.derived import source_columns, with_derived
 from scenarios.files.measured.expressions import is_plain_name
-from scenarios.files.sources import LARGEST, InputFile
+from scenarios.files.sources import LARGEST_NUMBER, InputFile
 from scenarios.files.units import to_si
 from sim.errors import RecordError
 
 # ---- Complete lines as they arrive, from a file that grows or from standard input
 
-TICK = 0.1  # s between two looks at a source that has nothing new
+POLL_INTERVAL = 0.1  # s between two looks at a source that has nothing new
 LARGEST_PIECE = 1 << 16
 STANDARD_INPUT = 0  # file descriptor
-AHEAD = 16  # pieces of standard input that wait to be taken
+MOST_WAITING_PIECES = 16  # pieces of standard input that wait to be taken
 LONGEST_LINE = 1 << 20
 _NOT_LINES = (".gz", ".parquet", ".pq", ".mat")
 
@@ -124,7 +124,7 @@ def growing_file(path: Path, until_end: bool) -> Iterator[Read]:
                 return piece
             if until_end or (path.is_file() and os.fstat(file.fileno()).st_size < file.tell()):
                 return None
-            time.sleep(TICK)
+            time.sleep(POLL_INTERVAL)
             return b""
 
         yield read
@@ -136,7 +136,7 @@ def standard_input() -> Read:
     A thread waits for the pipe, since Windows can only wait for sockets; it reads a few pieces
     ahead.
     """
-    pieces: queue.Queue[bytes | OSError] = queue.Queue(AHEAD)
+    pieces: queue.Queue[bytes | OSError] = queue.Queue(MOST_WAITING_PIECES)
     ended = False
 
     def wait() -> None:
@@ -155,7 +155,7 @@ def standard_input() -> Read:
         if ended:
             return None
         try:
-            piece = pieces.get(timeout=TICK)
+            piece = pieces.get(timeout=POLL_INTERVAL)
         except queue.Empty:
             return b""
         if isinstance(piece, OSError):
@@ -175,7 +175,7 @@ def standard_input() -> Read:
 INPUTS, OUTPUTS = (STICK,), ("alpha", "q", "nz")
 ROWS_AHEAD = 1.0  # s: a time stamp further ahead is believed when the next one bears it out
 UNWRAP = re.compile(r"\bunwrap\s*\(")
-LOST = 600.0  # s: after a gap this long nothing of the motion before is known
+LONGEST_BRIDGED_GAP = 600.0  # s: after a gap this long nothing of the motion before is known
 
 
 @dataclass(frozen=True)
@@ -245,8 +245,8 @@ class Order(NamedTuple):
     """How far the stream has come: time (s) and inputs of the last row, and a row that waits to be
     borne out by the next.
 
-    ``lost`` is the time at which the stream jumped by more than ``LOST``; nothing is taken after
-    it.
+    ``lost`` is the time at which the stream jumped by more than ``LONGEST_BRIDGED_GAP``; nothing is
+    taken after it.
     """
 
     time: float = -math.inf
@@ -478,9 +478,9 @@ def in_order(
 ) -> tuple[np.ndarray, list[Fault], Order]:
     """The rows that go on from ``order``, ``(signals, N)``, with their faults.
 
-    A row whose time is missing, repeated or goes back is left out. One that is more than ``AHEAD``
-    later than the last waits until the next is later still, else it is left out. A missing input
-    holds its last value; before there is one, the row is left out.
+    A row whose time is missing, repeated or goes back is left out. One that is more than
+    ``MOST_WAITING_PIECES`` later than the last waits until the next is later still, else it is left
+    out. A missing input holds its last value; before there is one, the row is left out.
     """
     if _goes_on(table, order):
         return (
@@ -514,7 +514,7 @@ def in_order(
             ahead, ahead_row = order.waiting, order.waiting_row
             order = order._replace(waiting=None)
             if time > ahead[0]:
-                if ahead[0] - order.time > LOST and order.time > -math.inf:
+                if ahead[0] - order.time > LONGEST_BRIDGED_GAP and order.time > -math.inf:
                     order = order._replace(lost=order.time)
                     faults += [
                         Fault(each, f"the time jumps from {order.time:g} s to {ahead[0]:g} s")
@@ -544,7 +544,7 @@ def at_end(order: Order, height: int = 2 + len(OUTPUTS)) -> tuple[np.ndarray, li
     faults: list[Fault] = []
     if order.waiting is not None:
         row, number, order = order.waiting, order.waiting_row, order._replace(waiting=None)
-        if row[0] - order.time > LOST and order.time > -math.inf:
+        if row[0] - order.time > LONGEST_BRIDGED_GAP and order.time > -math.inf:
             faults.append(Fault(number, f"the time jumps from {order.time:g} s to {row[0]:g} s"))
         else:
             order = _accept(row, number, order, rows, faults)
@@ -592,7 +592,7 @@ def _plain_numbers(line: bytes, places: Sequence[int], width: int) -> list[float
         result = [float(cells[place]) for place in places]
     except ValueError:
         return None
-    return result if max(result) <= LARGEST and min(result) >= -LARGEST else None
+    return result if max(result) <= LARGEST_NUMBER and min(result) >= -LARGEST_NUMBER else None
 
 
 def _careful(line: bytes, places: Sequence[int], width: int) -> list[float]:
@@ -618,7 +618,7 @@ def _number(cell: str) -> float:
             raise ValueError(f"{_shown(cell)} is not a number") from None
     if "_" in cell:
         raise ValueError(f"{_shown(cell)} is not a number")
-    if abs(value) > LARGEST:
+    if abs(value) > LARGEST_NUMBER:
         raise ValueError(f"{_shown(cell)} is no measurement")
     return value
 

@@ -72,17 +72,17 @@ from sim.record import Channel, Record
 
 # ---- A watch in progress
 
-BEGINNING = 2.0  # s that are collected before the filter starts
-FEWEST = 40  # rows of it
-SPIKE = 30.0  # standard deviations of the innovation
+STARTING_TIME = 2.0  # s that are collected before the filter starts
+FEWEST_STARTING_ROWS = 40
+SPIKE_SIGMAS = 30.0  # standard deviations of the innovation
 # what a vehicle file gives a start of
 STARTED = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau")
 RELINEARISED_ROWS = 1600  # 40 s at 40 Hz: two seconds of computing
 # of the rows at the last attempt: all of them together then cost five times the last one
-GROWN = 1.25
+ATTEMPT_GROWTH = 1.25
 # rows over which the stick should not have moved before a part of a record begins: the longest
 # delay and the lag
-STEADY = 20
+STEADY_STICK_ROWS = 20
 UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g"}
 
 
@@ -147,7 +147,11 @@ def take(session: Session, rows: np.ndarray) -> list[WatchStep]:
             float(block[0, column])
             for block, column in ((session.taken[0], 0), (session.taken[-1], -1))
         ]
-        return start(session) if times[1] - times[0] >= BEGINNING and session.rows >= FEWEST else []
+        return (
+            start(session)
+            if times[1] - times[0] >= STARTING_TIME and session.rows >= FEWEST_STARTING_ROWS
+            else []
+        )
     return _filter(session, session.taken[-1])
 
 
@@ -164,7 +168,9 @@ def start(session: Session) -> list[WatchStep]:
     noise = noise_levels(record)
     session.offsets = trim_of(record, noise)
     session.system = filter_system(less(record, session.offsets), session.vehicle, noise)
-    session.bank = online_bank(session.system, float(np.median(np.diff(record.time))), gate=SPIKE)
+    session.bank = online_bank(
+        session.system, float(np.median(np.diff(record.time))), gate=SPIKE_SIGMAS
+    )
     session.others = bank_of_starts(session.bank, moved_starts(session.bank, STARTED))
     session.taken = [np.concatenate(session.taken, axis=1)]
     return _filter(session, session.taken[0])
@@ -277,7 +283,7 @@ def _refined(
 
 def _wanted(session: Session, state: BankState) -> bool:
     assert session.bank is not None
-    if state.rows_seen - session.first < GROWN * (session.tried - session.first):
+    if state.rows_seen - session.first < ATTEMPT_GROWTH * (session.tried - session.first):
         return False
     if session.refined is None:
         return informative_enough(session.bank, state, STARTED)
@@ -316,7 +322,7 @@ def onset(record: Record, first: int) -> int:
     """
     stick = record["stick"].values[first:]
     away = np.abs(stick - np.median(stick))
-    return max(first, first + int(np.argmax(away > 0.05 * away.max())) - FEWEST)
+    return max(first, first + int(np.argmax(away > 0.05 * away.max())) - FEWEST_STARTING_ROWS)
 
 
 def steadiest(record: Record, first: int, last: int) -> int:
@@ -326,13 +332,19 @@ def steadiest(record: Record, first: int, last: int) -> int:
     stick, pitching = record["stick"].values, np.zeros(len(record))
     if "q" in record.output_names:
         pitching = np.abs(np.where(record["q"].valid, record["q"].values, np.inf))
-    moved = np.ptp(np.lib.stride_tricks.sliding_window_view(stick, STEADY), axis=1)
-    rows = np.arange(max(first, STEADY - 1), last)
+    moved = np.ptp(np.lib.stride_tricks.sliding_window_view(stick, STEADY_STICK_ROWS), axis=1)
+    rows = np.arange(max(first, STEADY_STICK_ROWS - 1), last)
     largest = [
         max(float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0)), 1e-12)
         for values in (stick, pitching)
     ]
-    return int(rows[np.argmin(moved[rows - STEADY + 1] / largest[0] + pitching[rows] / largest[1])])
+    return int(
+        rows[
+            np.argmin(
+                moved[rows - STEADY_STICK_ROWS + 1] / largest[0] + pitching[rows] / largest[1]
+            )
+        ]
+    )
 
 
 def _on(bank: OnlineBank, state: BankState | None, rows: Rows) -> list[BankState]:
@@ -358,7 +370,7 @@ def _rows_of(session: Session, block: np.ndarray) -> Rows:
 
 STOPPED = "stopped by the user"
 # rows that are filtered before they are written and shown: a few hundredths of a second
-TOGETHER = 200
+ROWS_PER_BATCH = 200
 
 
 @dataclass
@@ -449,7 +461,9 @@ def _session(watch: Watch, header: Header) -> Session:
 
 def pieces(session: Session | None, rows: np.ndarray) -> Iterator[np.ndarray]:
     """Rows cut where a second of the stream begins, so that what is shown does not hang on how they
-    came: one second at a time until the filter has started, later as many as ``TOGETHER`` holds."""
+    came: one second at a time until the filter has started, later as many as
+    ``ROWS_PER_BATCH`` holds.
+    """
     if session is None or not rows.size:
         return
     cuts = [*(np.flatnonzero(np.diff(np.floor(rows[0]))) + 1).tolist(), rows.shape[1]]
@@ -457,7 +471,9 @@ def pieces(session: Session | None, rows: np.ndarray) -> Iterator[np.ndarray]:
     while first < rows.shape[1]:
         ahead = [cut for cut in cuts if cut > first]
         fitting = (
-            [cut for cut in ahead if cut <= first + TOGETHER] if session.bank is not None else []
+            [cut for cut in ahead if cut <= first + ROWS_PER_BATCH]
+            if session.bank is not None
+            else []
         )
         last = max(fitting, default=ahead[0])
         yield rows[:, first:last]

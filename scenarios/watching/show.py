@@ -19,7 +19,11 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import Estimate
-from ident.flying_qualities.stability_margins import NORMAL, REQUIRED_GAIN, REQUIRED_PHASE
+from ident.flying_qualities.stability_margins import (
+    NORMAL_HALF_WIDTH,
+    REQUIRED_GAIN,
+    REQUIRED_PHASE,
+)
 from scenarios.files.sources import InputFile, versions
 from scenarios.files.writing import study_folder, write_json, write_record, write_text
 from scenarios.report.document import (
@@ -94,12 +98,12 @@ from scenarios.watching.study import (
     so_far,
 )
 
-SHOWN = 4  # parameters in a line, the best known ones
+SHOWN_PARAMETERS = 4  # parameters in a line, the best known ones
 
 
 def line(session: SpectralSession, point: Point, left_out: int) -> str:
     """A second of the stream in one line."""
-    rows = estimate_of(point, session)[:SHOWN]
+    rows = estimate_of(point, session)[:SHOWN_PARAMETERS]
     texts = [
         f"{each['name']} {number_text(each['value'], each['std'])} +- "
         f"{number_text(each['std'], each['std'])}"
@@ -282,7 +286,7 @@ def estimate_blocks(content: Mapping[str, Any]) -> list[Block]:
     ]
 
 
-REFRESH = 0.25  # s between two drawings of the live table
+REFRESH_INTERVAL = 0.25  # s between two drawings of the live table
 
 
 def view_of(watch: Watch, session: Session, step: WatchStep | None = None) -> View:
@@ -328,7 +332,7 @@ class Show:
             return
         if self.live is not None:
             now = time.monotonic()
-            if now - self._drawn >= REFRESH:
+            if now - self._drawn >= REFRESH_INTERVAL:
                 self._drawn = now
                 self.live.update(live_table(view_of(self._watch, session)), refresh=True)
             return
@@ -526,7 +530,7 @@ class FollowLoop:
         items = []
         for key, margin in shown(point):
             text = f"{margin.size.value:.3g} ({interval_text(margin)})"
-            half = 0.5 * (margin.high - margin.low) / NORMAL
+            half = 0.5 * (margin.high - margin.low) / NORMAL_HALF_WIDTH
             items.append(
                 {
                     "name": key,

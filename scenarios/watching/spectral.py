@@ -38,7 +38,7 @@ from sim.vehicles.factory import model_from_constants
 
 METHOD = "frequency-domain"
 UNKNOWN = "not determined"
-BEFORE = 1e-9  # s, by which a row may lie before a second and still begin it
+SECOND_TOLERANCE = 1e-9  # s, by which a row may lie before a second and still begin it
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,12 +140,12 @@ def take(session: SpectralSession, rows: np.ndarray) -> list[Point]:
         return []
     if session.begun is None:
         session.begun = float(rows[0, 0])
-    cuts = np.flatnonzero(np.diff(np.floor(rows[0] - session.begun + BEFORE))) + 1
+    cuts = np.flatnonzero(np.diff(np.floor(rows[0] - session.begun + SECOND_TOLERANCE))) + 1
     out = []
     for part in np.split(rows, cuts, axis=1):
         if session.waiting:
-            before = session.waiting[-1][0, -1] - session.begun + BEFORE
-            if np.floor(part[0, 0] - session.begun + BEFORE) > np.floor(before):
+            before = session.waiting[-1][0, -1] - session.begun + SECOND_TOLERANCE
+            if np.floor(part[0, 0] - session.begun + SECOND_TOLERANCE) > np.floor(before):
                 out += regress(session)
         session.waiting.append(part)
     return out

@@ -22,7 +22,13 @@ from scenarios.x29.declaration import (
     printed_noise,
     printed_start,
 )
-from scenarios.x29.estimating import LARGE, LoopMethodResult, Misfit, OverSeeds, between_grid_points
+from scenarios.x29.estimating import (
+    LARGE_CORRELATION,
+    LoopMethodResult,
+    Misfit,
+    OverSeeds,
+    between_grid_points,
+)
 from scenarios.x29.findings import (
     bias_rows,
     not_identifiable,
@@ -134,8 +140,8 @@ def procedure_and_printed(
 
 
 def noted_pairs(study: LoopStudy, column: str) -> list[tuple[str, str, float, float, float]]:
-    """Pairs whose published correlation is above ``LARGE``: published, of the paper's procedure
-    here, of the refined filter.
+    """Pairs whose published correlation is above ``LARGE_CORRELATION``: published, of the paper's
+    procedure here, of the refined filter.
     """
     names, C = printed_correlation(column)
     bank, history = study.single_pass.bank, study.result.estimate.history
@@ -144,7 +150,7 @@ def noted_pairs(study: LoopStudy, column: str) -> list[tuple[str, str, float, fl
     out = []
     for i, a in enumerate(names):
         for j, b in enumerate(names[:i]):
-            if abs(C[i, j]) > LARGE:
+            if abs(C[i, j]) > LARGE_CORRELATION:
                 out.append(
                     (
                         b,
@@ -270,7 +276,7 @@ def loop_comparison(study: LoopStudy) -> dict[str, Any]:
 
 def correlation_content(estimate: Estimate) -> dict[str, Any]:
     """Correlation matrix of states and parameters after the last sample, and the pairs above
-    ``LARGE``.
+    ``LARGE_CORRELATION``.
     """
     history = estimate.history
     assert history is not None
@@ -282,7 +288,7 @@ def correlation_content(estimate: Estimate) -> dict[str, Any]:
         [names[i], names[j], float(C[i, j])]
         for i in range(len(names))
         for j in range(i)
-        if abs(C[i, j]) > LARGE
+        if abs(C[i, j]) > LARGE_CORRELATION
     ]
     return {"names": list(names), "matrix": C.tolist(), "large": large}
 

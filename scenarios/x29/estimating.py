@@ -41,7 +41,7 @@ from sim.record import Record
 
 # ---- The low-order filter of a closed-loop scenario
 
-SETTLED = 0.1  # sigmas: a restart that moves nothing further has settled
+SETTLED_SIGMAS = 0.1  # sigmas: a restart that moves nothing further has settled
 ROUGH_DELAYS = tuple(0.0875 + 0.0125 * i for i in range(7))  # s, for variants
 
 
@@ -197,7 +197,7 @@ def _at(system: System, delay: float) -> System:
 
 # ---- What a study of the low-order filter measures of its own misfit
 
-LARGE = 0.9  # size of a correlation that is worth a mark
+LARGE_CORRELATION = 0.9  # size of a correlation that is worth a mark
 
 
 @dataclass(frozen=True)
@@ -296,7 +296,7 @@ def misfit(
 
 # ---- The same record estimated in other ways than the scenario's own
 
-PASSES = 5  # of plain filters that start again from their own result
+RESTART_PASSES = 5  # of plain filters that start again from their own result
 
 
 @dataclass(frozen=True, eq=False)
@@ -377,7 +377,9 @@ def all_restarts(ways: MethodInputs, delays: Sequence[float]) -> dict[str, Resta
     return {label: single_pass_restarts(setting, delays) for label, setting in settings.items()}
 
 
-def single_pass_restarts(setting: SetUp, delays: Sequence[float], passes: int = PASSES) -> Restarts:
+def single_pass_restarts(
+    setting: SetUp, delays: Sequence[float], passes: int = RESTART_PASSES
+) -> Restarts:
     """Plain filters at held delays, ``passes`` times each from its last parameters with the same
     P0.
     """

@@ -32,7 +32,7 @@ from sim.closed_loop.airframe import load_x29
 QUARTERED = ("L_alpha", "M_alpha", "M_delta", "M_q", "inv_tau")
 # what lag, delay and short period trade against each other
 COMPARED = ("M_alpha", "M_delta", "M_q", "inv_tau")
-FAR = 3.0  # combined sigmas from the printed value that count as missed
+MISSED_SIGMAS = 3.0  # combined sigmas from the printed value that count as missed
 SHORT_PERIOD = ("L_alpha", "M_alpha", "L_q", "M_q")
 FREE_SHIFT = ("M_0", "delta_0")
 RULE_HOLDS = 0.05  # of a sigma: three printed digits round by less
@@ -231,11 +231,11 @@ def _methods(study: LoopStudy, column: str) -> Iterator[str]:
         / math.hypot(paper.std[name], printed[name].std or 0.0)
         for name in COMPARED
     }
-    missed = [name for name in COMPARED if abs(sigmas[name]) > FAR]
+    missed = [name for name in COMPARED if abs(sigmas[name]) > MISSED_SIGMAS]
     verdict = (
         f"misses {', '.join(missed)} of its own {table}"
         if missed
-        else f"comes within {FAR:g} sigmas of its own {table}"
+        else f"comes within {MISSED_SIGMAS:g} sigmas of its own {table}"
     )
     text = ", ".join(
         f"{name} {paper.values[name]:.4g} for {printed[name].value:g} ({sigmas[name]:+.1f} sigmas)"
@@ -346,8 +346,8 @@ def _same_direction(pair: np.ndarray, before: float, after: float) -> bool:
 
 # ---- What a study of the closed loop says beyond its tables
 
-BEYOND = 2.0  # sigmas
-DISAGREE = 0.1  # of a frequency
+NOTABLE_SIGMAS = 2.0
+DISAGREEING_FREQUENCY_SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -375,7 +375,7 @@ def bias_rows(study: LoopStudy) -> tuple[BiasRow, ...]:
             continue
         expected = equivalent - HALF_FRAME if name == "delay" else equivalent
         sigmas = (value - expected) / std
-        if abs(sigmas) > BEYOND:
+        if abs(sigmas) > NOTABLE_SIGMAS:
             rows.append(BiasRow(name, value, expected, sigmas))
     return tuple(rows)
 
@@ -388,7 +388,7 @@ def not_identifiable(estimate: Estimate) -> tuple[tuple[str, str, float], ...]:
     for i, name in enumerate(estimate.names):
         if name in ("L_0", "M_0", "delta_0", "nz_0"):
             continue
-        small = abs(estimate.values[i]) < BEYOND * estimate.std[i]
+        small = abs(estimate.values[i]) < NOTABLE_SIGMAS * estimate.std[i]
         if small or name == "L_delta":
             row = estimate.correlation[i].copy()
             row[i] = 0.0
@@ -438,7 +438,8 @@ def sentences(study: LoopStudy) -> tuple[str, ...]:
     if (
         record is not None
         and own_frequency is not None
-        and abs(record["natural_frequency"] / own_frequency.value - 1.0) > DISAGREE
+        and abs(record["natural_frequency"] / own_frequency.value - 1.0)
+        > DISAGREEING_FREQUENCY_SHARE
     ):
         off = 100.0 * (record["natural_frequency"] / own_frequency.value - 1.0)
         out.append(

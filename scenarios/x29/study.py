@@ -27,7 +27,7 @@ from ident.statistics.residuals import Comparison, ResidualTest, compare_estimat
 from scenarios.studies.catalogue import load_document
 from scenarios.x29.declaration import LoopScenario, SimulatedLoop, fly_loop, low_order_model
 from scenarios.x29.estimating import (
-    SETTLED,
+    SETTLED_SIGMAS,
     LoopMethodResult,
     MethodInputs,
     Misfit,
@@ -57,7 +57,7 @@ from sim.declaration.model import Noise
 from sim.errors import DeclarationError, RecordError
 
 FREE_IN_RESPONSE = ("L_alpha", "M_alpha", "L_delta", "M_delta", "M_q", "inv_tau", "delay")
-DEPTH = 4  # scenarios that start from one another
+MOST_CHAINED_SCENARIOS = 4  # scenarios that start from one another
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,7 +246,7 @@ def _restarted(
             again.estimate.values[: len(result.estimate.names)]
             - result.estimate.values[: len(again.estimate.names)]
         )
-        settled = bool(np.max(np.abs(moved / again.estimate.std[: len(moved)])) < SETTLED)
+        settled = bool(np.max(np.abs(moved / again.estimate.std[: len(moved)])) < SETTLED_SIGMAS)
         result = again
         passes.append(result.estimate)
         if settled:
@@ -292,7 +292,7 @@ def starting_values(scenario: LoopScenario, depth: int = 0) -> Mapping[str, floa
     estimation = scenario.estimation
     if estimation.start:
         return estimation.start
-    if depth == DEPTH:
+    if depth == MOST_CHAINED_SCENARIOS:
         raise DeclarationError(
             "scenarios start from one another in a circle",
             where=f"scenario {scenario.name}",
@@ -463,7 +463,7 @@ def _restarts(study: LoopStudy) -> Iterator[str]:
     moved = np.abs(last.values[:n] - before.values[:n]) / last.std[:n]
     at, count = int(np.argmax(moved)), len(study.passes) - 1
     times = f"{count} restart{'s' * (count != 1)}"
-    if moved[at] < SETTLED:
+    if moved[at] < SETTLED_SIGMAS:
         yield (
             f"settled after {times}: the last one moves nothing by more than {moved[at]:.2f} "
             f"sigmas ({last.names[at]})"

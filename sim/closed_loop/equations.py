@@ -206,7 +206,7 @@ def _tustin(n0: float, n1: float, d0: float, d1: float, frame: float) -> tuple[f
 _HALVINGS = 20
 # Slack before a limit counts as passed, in parts of the limit; it keeps rounding from switching a
 # mode to and fro.
-_SLACK = 1e-10
+_LIMIT_SLACK = 1e-10
 
 
 class RamMode(IntEnum):
@@ -304,7 +304,7 @@ def advance(
     Returns the state and modes at its end, and the modes that were active on the way in order
     (empty when all rams were free).
     """
-    if modes == ALL_FREE and np.abs(stepper.watch @ state).max() <= 1.0 + _SLACK:
+    if modes == ALL_FREE and np.abs(stepper.watch @ state).max() <= 1.0 + _LIMIT_SLACK:
         return stepper.free @ state, modes, ()
     # A new command moves the rate of a ram without servo at once.
     modes = _modes_after(stepper, state, modes)
@@ -350,10 +350,10 @@ def _modes_after(stepper: Stepper, state: np.ndarray, modes: Modes) -> Modes:
 def _mode_after(
     mode: RamMode, wanted: float, position: float, rate: float, lower: float, upper: float
 ) -> RamMode:
-    slack = _SLACK * (upper - lower)
+    slack = _LIMIT_SLACK * (upper - lower)
     within = lower - slack <= position <= upper + slack
     if mode is RamMode.FREE:
-        stays = within and abs(wanted) <= rate * (1.0 + _SLACK)
+        stays = within and abs(wanted) <= rate * (1.0 + _LIMIT_SLACK)
     elif mode is RamMode.RATE_UP:
         stays = within and wanted >= rate
     elif mode is RamMode.RATE_DOWN:

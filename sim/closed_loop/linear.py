@@ -297,14 +297,14 @@ def _named(
 
 FITTED_NAMES = ("L_alpha", "M_alpha", "M_q", "M_delta", "L_delta", "inv_tau", "delay")
 # dB per unit of the natural logarithm of a gain; weight 1 (equivalent-system matching)
-_DECIBEL = 20.0 / math.log(10.0)
+_DECIBELS_PER_NEPER = 20.0 / math.log(10.0)
 # square root of the usual weight 0.01745 of an error of 1 deg, per rad
-_PHASE = math.sqrt(0.01745) * 180.0 / math.pi
+_PHASE_WEIGHT_ROOT = math.sqrt(0.01745) * 180.0 / math.pi
 # Start of the search, and sizes of the parameters.
 _START = np.array([-2.0, -10.0, -4.0, 0.3, 0.0, 12.0, 0.1])
 _SCALE = np.array([1.0, 10.0, 3.0, 0.3, 0.01, 10.0, 0.1])
-_STEPS = 12  # most Gauss-Newton steps from a near start
-_SETTLED = 1e-6  # largest last step, as a share of each parameter's size
+_MOST_STEPS = 12  # most Gauss-Newton steps from a near start
+_SETTLED_STEP_SHARE = 1e-6  # largest last step, as a share of each parameter's size
 
 
 class FitOutcome(Enum):
@@ -404,7 +404,9 @@ def fit_equivalent(
             )
             / response
         )
-        return np.concatenate([_DECIBEL * ratio.real.ravel(), _PHASE * ratio.imag.ravel()])
+        return np.concatenate(
+            [_DECIBELS_PER_NEPER * ratio.real.ravel(), _PHASE_WEIGHT_ROOT * ratio.imag.ravel()]
+        )
 
     if (
         near is not None
@@ -435,13 +437,13 @@ def _from_near(
             equivalent_response(values, omega, airspeed, gravity, L_q) / response[:, None, :]
         )
         return (
-            np.concatenate([_DECIBEL * ratio.real, _PHASE * ratio.imag])
+            np.concatenate([_DECIBELS_PER_NEPER * ratio.real, _PHASE_WEIGHT_ROOT * ratio.imag])
             .transpose(0, 2, 1)
             .reshape(-1, columns.shape[1])
         )
 
     with np.errstate(all="ignore"):
-        for _ in range(_STEPS):
+        for _ in range(_MOST_STEPS):
             result = errors(p[:, None] + np.column_stack([np.zeros(len(p)), np.diag(nudge)]))
             if not np.all(np.isfinite(result)):
                 return None
@@ -449,7 +451,7 @@ def _from_near(
                 (result[:, 1:] - result[:, :1]) / 1e-7, -result[:, 0], rcond=None
             )[0]
             p = p + _SCALE * step
-            if np.abs(step).max() < _SETTLED:
+            if np.abs(step).max() < _SETTLED_STEP_SHARE:
                 return _system(
                     p, L_q, float(result[:, 0] @ result[:, 0] / response.size), FitOutcome.CONVERGED
                 )

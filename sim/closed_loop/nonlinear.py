@@ -154,26 +154,26 @@ def _check(times: tuple[float, ...], levels: tuple[float, ...]) -> None:
 
 # ---- Frames of the computer in which nothing is limited
 
-FRAMES = 32  # at a time: more cost more for each, fewer do not repay the call
-INSIDE = 1.0 - 1e-9  # of a limit, within which rounding does not decide
+FRAMES_PER_BLOCK = 32  # at a time: more cost more for each, fewer do not repay the call
+LIMIT_SHARE = 1.0 - 1e-9  # of a limit, within which rounding does not decide
 
 
 @dataclass(frozen=True, eq=False)
 class FrameBlock:
-    """``FRAMES`` steps of ``w' = A w + b r`` at once.
+    """``FRAMES_PER_BLOCK`` steps of ``w' = A w + b r`` at once.
 
     Attributes
     ----------
-    from_start : ``((FRAMES + 1) d, d)``, w at every frame from w at the first.
-    from_input : ``((FRAMES + 1) d, FRAMES)``, from r.
+    from_start : ``((FRAMES_PER_BLOCK + 1) d, d)``, w at every frame from w at the first.
+    from_input : ``((FRAMES_PER_BLOCK + 1) d, FRAMES_PER_BLOCK)``, from r.
     """
 
     from_start: np.ndarray
     from_input: np.ndarray
 
     def states(self, start: np.ndarray, driven: np.ndarray) -> np.ndarray:
-        """w at the frames of ``driven (k,)``, at most ``FRAMES`` of them, and at the one after the
-        last: ``(k + 1, d)``.
+        """w at the frames of ``driven (k,)``, at most ``FRAMES_PER_BLOCK`` of them, and at the one
+        after the last: ``(k + 1, d)``.
         """
         d, k = start.size, driven.size
         rows = (k + 1) * d
@@ -185,24 +185,27 @@ class FrameBlock:
 def stretch(A: np.ndarray, b: np.ndarray) -> FrameBlock:
     """Prepare ``A (d, d)``, ``b (d,)``."""
     d = b.size
-    powers, pulses = np.empty((FRAMES + 1, d, d)), np.zeros((FRAMES + 1, d, FRAMES))
+    powers, pulses = (
+        np.empty((FRAMES_PER_BLOCK + 1, d, d)),
+        np.zeros((FRAMES_PER_BLOCK + 1, d, FRAMES_PER_BLOCK)),
+    )
     powers[0] = np.eye(d)
-    for j in range(FRAMES):
+    for j in range(FRAMES_PER_BLOCK):
         powers[j + 1] = A @ powers[j]
     answer = powers[:-1] @ b
-    for j in range(1, FRAMES + 1):
+    for j in range(1, FRAMES_PER_BLOCK + 1):
         pulses[j, :, :j] = answer[:j][::-1].T
-    return FrameBlock(powers.reshape(-1, d), pulses.reshape(-1, FRAMES))
+    return FrameBlock(powers.reshape(-1, d), pulses.reshape(-1, FRAMES_PER_BLOCK))
 
 
 def filtered(block: Matrices, driven: np.ndarray) -> np.ndarray:
     """Output ``(N,)`` of a sampled block with one input and one output, from rest."""
     prepared, out = stretch(block.A, block.B[:, 0]), np.empty(driven.size)
     state = np.zeros(block.A.shape[0])
-    for k in range(0, driven.size, FRAMES):
-        part = driven[k : k + FRAMES]
+    for k in range(0, driven.size, FRAMES_PER_BLOCK):
+        part = driven[k : k + FRAMES_PER_BLOCK]
         states = prepared.states(state, part)
-        out[k : k + FRAMES] = states[:-1] @ block.C[0] + block.D[0, 0] * part
+        out[k : k + FRAMES_PER_BLOCK] = states[:-1] @ block.C[0] + block.D[0, 0] * part
         state = states[-1]
     return out
 
@@ -230,9 +233,9 @@ class FreeFrames:
         """w at the frames from ``start`` on that are free, and at the one after them, ``(f + 1,
         d)``; ``reference (k,)`` g at the frames.
         """
-        states = self.prepared.states(start, reference[:FRAMES])
+        states = self.prepared.states(start, reference[:FRAMES_PER_BLOCK])
         seen = np.abs(states[:-1] @ self.watch.T + self.offset).max(axis=1)
-        limited = np.flatnonzero(~(seen < INSIDE))
+        limited = np.flatnonzero(~(seen < LIMIT_SHARE))
         return states if limited.size == 0 else states[: limited[0] + 1]
 
 
@@ -268,8 +271,8 @@ def free_frames(x29: X29, steppers: Sequence[Stepper], departure: float) -> Free
 
 Stick = Callable[[np.ndarray], np.ndarray]
 # Beyond this angle of attack (rad) linear derivatives mean nothing and the flight is broken off.
-_DEPARTURE = 1.0
-_WAIT = 8  # frames that are stepped one by one after one that was limited
+_DEPARTURE_ALPHA = 1.0
+_SINGLE_FRAMES_AFTER_LIMIT = 8  # frames that are stepped one by one after one that was limited
 
 
 class FlightOutcome(Enum):
@@ -411,7 +414,7 @@ def _fly(x29: X29, reference: np.ndarray, pieces: int) -> _FrameStates:
     system, law = plant(x29), law_matrices(x29.law)
     n, count = system.A.shape[0], reference.size
     steppers = _steppers(x29, pieces)
-    free = free_frames(x29, steppers, _DEPARTURE)
+    free = free_frames(x29, steppers, _DEPARTURE_ALPHA)
     mix = mixing(x29)
     lower = np.array([surface.lower - surface.trim for surface in x29.surfaces])
     upper = np.array([surface.upper - surface.trim for surface in x29.surfaces])
@@ -434,10 +437,10 @@ def _fly(x29: X29, reference: np.ndarray, pieces: int) -> _FrameStates:
                 ahead[:-1] @ free.command,
             )
             state[:n], computer, k = ahead[-1, :n], ahead[-1, n:], part.stop
-            again = k if len(ahead) > FRAMES else k + _WAIT
+            again = k if len(ahead) > FRAMES_PER_BLOCK else k + _SINGLE_FRAMES_AFTER_LIMIT
             continue
         states[k] = state[:n]
-        if abs(state[0]) > _DEPARTURE:
+        if abs(state[0]) > _DEPARTURE_ALPHA:
             outcome, count = FlightOutcome.DEPARTED, k + 1
             break
         command[k] = u_p = float(law.C[0] @ computer)

@@ -110,7 +110,7 @@ class Traits:
 
 # of half the sampling rate: above it a few samples a period are no oscillation, and any derivative
 # can hide in it
-RESOLVED = 0.8
+RESOLVED_FREQUENCY_SHARE = 0.8
 
 _NONE: Mapping[str, float] = MappingProxyType({})
 _proposal_NO_RANGES: Mapping[str, tuple[float, float]] = MappingProxyType({})

@@ -366,14 +366,14 @@ def place(model: str, what: str, function: Answer, error: BaseException) -> str:
 
 # of a value, or of one: how far beside the starts slopes are compared, since at zero itself many
 # curves have a kink
-ASIDE = 0.01
-DIFFERENCE = 1e-6  # of a value, or of ``ASIDE``: step of the differences
+TRIAL_OFFSET = 0.01
+DIFFERENCE_STEP_SHARE = 1e-6  # of a value, or of ``TRIAL_OFFSET``: step of the differences
 # of the sizes of the terms: rounding of a difference, with three digits to spare for what cancels
 # inside
-TERMS = 1e-12
+TERM_ROUNDING = 1e-12
 # by which a difference and a complex step may be apart: a curve as sharp as the step of a
 # difference is no curve
-SLOPE = 1e-3
+SLOPE_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -599,7 +599,7 @@ def neighbouring_point(starts: Starts, side: float) -> Starts:
     def moved(some: Mapping[str, Any], first: int) -> dict[str, Any]:
         amounts = (1.0 + 0.1 * math.sin(first + i) for i in range(len(some)))
         return {
-            name: value + side * ASIDE * amount * (abs(value) or 1.0)
+            name: value + side * TRIAL_OFFSET * amount * (abs(value) or 1.0)
             for (name, value), amount in zip(some.items(), amounts, strict=True)
         }
 
@@ -619,7 +619,7 @@ def _compare_slopes(equations: OwnEquations, at: Starts) -> None:
     exact, result, steps = [], [], []
     for of_signal, name in names:
         value = (at.signals if of_signal else at.parameters)[name]
-        step = DIFFERENCE * (abs(value) or ASIDE)
+        step = DIFFERENCE_STEP_SHARE * (abs(value) or TRIAL_OFFSET)
         stepped = evaluated(equations, changed(at, of_signal, name, complex(value, COMPLEX_STEP)))
         exact.append([np.imag(each) / COMPLEX_STEP for each in stepped.values()])
         sides = [
@@ -631,14 +631,17 @@ def _compare_slopes(equations: OwnEquations, at: Starts) -> None:
         )
         steps.append(step)
     slopes = np.array(exact)
-    terms = np.max(np.abs(slopes) * np.array(steps)[:, None] / DIFFERENCE, axis=0) + np.abs(base)
+    terms = np.max(
+        np.abs(slopes) * np.array(steps)[:, None] / DIFFERENCE_STEP_SHARE, axis=0
+    ) + np.abs(base)
     for k, (_, name) in enumerate(names):
         difference = result[k]
         if difference is None:
             continue
         differs = (
             np.abs(slopes[k] - difference)
-            > SLOPE * np.maximum(np.abs(slopes[k]), np.abs(difference)) + TERMS * terms / steps[k]
+            > SLOPE_TOLERANCE * np.maximum(np.abs(slopes[k]), np.abs(difference))
+            + TERM_ROUNDING * terms / steps[k]
         )
         if np.any(differs):
             what, answer = list(evaluated(equations, at))[int(np.argmax(differs))]

@@ -18,7 +18,7 @@ import numpy as np
 from sim.declaration.effect import Parameter, ParameterSet, Signal
 from sim.declaration.model import Model
 from sim.declaration.user_equations import (
-    ASIDE,
+    TRIAL_OFFSET,
     Answer,
     OwnEquations,
     Signals,
@@ -35,7 +35,7 @@ from sim.maths import COMPLEX_STEP, complex_step_jacobian
 # ---- What the parameters of a user's own model multiply
 
 TrialAnswer = tuple[str, str]  # "rates" or "readings", and the name
-APART = 1e-9  # share of the largest slope, below which two slopes differ by rounding only
+SLOPE_TOLERANCE = 1e-9  # share of the largest slope, below which two slopes differ by rounding only
 
 
 def multiplying(equations: OwnEquations, starts: Starts, names: Sequence[str]) -> tuple[str, ...]:
@@ -68,7 +68,7 @@ def products(
     result = []
     for signal in (*equations.states, *equations.inputs):
         value = here.signals[signal.name]
-        moved = changed(here, True, signal.name, value + ASIDE * (abs(value) or 1.0))
+        moved = changed(here, True, signal.name, value + TRIAL_OFFSET * (abs(value) or 1.0))
         for name in names:
             there = _slopes(equations, moved, False, name)
             rates = {
@@ -111,13 +111,14 @@ def _slopes(
 
 
 def _differ(slopes: Sequence[float]) -> bool:
-    return bool(np.ptp(slopes) > APART * np.max(np.abs(slopes)))
+    return bool(np.ptp(slopes) > SLOPE_TOLERANCE * np.max(np.abs(slopes)))
 
 
 # ---- Observable sensor biases of a user model
 
-ALIKE = 2.0  # largest scale factor of a sensor that reads a state
-RANK = 1e-9  # share of the largest singular value, below which a direction is unobservable
+LARGEST_SCALE_FACTOR = 2.0  # largest scale factor of a sensor that reads a state
+# share of the largest singular value, below which a direction is unobservable
+UNOBSERVABLE_SHARE = 1e-9
 
 
 def observable_biases(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
@@ -164,7 +165,10 @@ def refuse_misnamed(equations: OwnEquations, starts: Starts) -> None:
                 where=where,
                 remedy=remedy,
             )
-        if not any(1.0 / ALIKE < C[i, j] < ALIKE or not np.isfinite(C[i, j]) for C in slopes):
+        if not any(
+            1.0 / LARGEST_SCALE_FACTOR < C[i, j] < LARGEST_SCALE_FACTOR or not np.isfinite(C[i, j])
+            for C in slopes
+        ):
             problem = (
                 "it has the name of a state and reads something else (it moves "
                 f"{slopes[0][i, j]:.3g} times as far)"
@@ -212,7 +216,7 @@ def _seen(A: np.ndarray, C: np.ndarray, biases: Sequence[int]) -> int:
     rows = [row]
     for _ in range(n + k - 1):
         rows.append(rows[-1] @ step)
-    return int(np.linalg.matrix_rank(np.vstack(rows), rtol=RANK))
+    return int(np.linalg.matrix_rank(np.vstack(rows), rtol=UNOBSERVABLE_SHARE))
 
 
 # ---- A user's own model

@@ -19,7 +19,8 @@ from sim.maths import G0, clip, combine, cos, natural_shapes, once_for_alike, sh
 
 # ---- What a channel showed at earlier times, for sensors that read late
 
-APERTURE = 0.001  # s; a jump that meets a sample is spread over it, as cells do for a delayed input
+# s; a jump that meets a sample is spread over it, as cells do for a delayed input
+JUMP_SPREAD_TIME = 0.001
 
 
 def each_run_earlier(
@@ -32,8 +33,8 @@ def each_run_earlier(
     ``SensorEffect.act``; ``values`` broadcast with the batch axes, and runs in which they are alike
     are worked out together. ``edges`` ``(M + 1,)`` count from the record's start, s. Before the
     start the first value holds. Just before an edge at which the channel jumps (within
-    ``APERTURE``) the value goes over linearly from that before the jump to that after it, so that
-    the outputs are continuous in the time that is shown.
+    ``JUMP_SPREAD_TIME``) the value goes over linearly from that before the jump to that after it,
+    so that the outputs are continuous in the time that is shown.
     """
     begin, end, steps = np.asarray(begin), np.asarray(end), np.asarray(steps)
     given = [np.asarray(value) for value in values]
@@ -68,7 +69,7 @@ def _earlier(
     gap = (edges[k + 1] - then)[:, None]
     after, before = begin[k + 1], end[k]
     ramp = gap * ((end - begin[:-1]) / steps[:, None])[k]
-    aperture = np.minimum(APERTURE, steps[k])[:, None]
+    aperture = np.minimum(JUMP_SPREAD_TIME, steps[k])[:, None]
     spread = np.where(
         gap.real < aperture, after - ramp - gap / aperture * (after - before), before - ramp
     )
@@ -78,7 +79,7 @@ def _earlier(
 
 # ---- Events at a time
 
-WIDTH = 0.01  # s, one usual sub-step
+USUAL_SUB_STEP = 0.01  # s, one usual sub-step
 SLOW_WIDTH = 0.1  # s, for bodies that are tracked over minutes
 
 
@@ -92,7 +93,7 @@ def risen(time: Any, at: Any, width: float) -> Any:
     return once_for_alike(lambda at: clip((time - at) / width + 0.5, 0.0, 1.0), at)
 
 
-def edge_width(interval: float, usual: float = WIDTH) -> float:
+def edge_width(interval: float, usual: float = USUAL_SUB_STEP) -> float:
     """Largest whole fraction of a sampling interval that is at most ``usual``: the sub-step of a
     fit.
     """
@@ -248,8 +249,7 @@ def load_parameters(
     )
 
 
-# Coefficients by port, of the aircraft and of the low-order equivalent system.
-_COEFFICIENTS = {
+_COEFFICIENTS = {  # Coefficients by port, of the aircraft and of the low-order equivalent system.
     "lift": ("CL", "L"),
     "moment": ("Cm", "M"),
     "side_force": ("CY",),

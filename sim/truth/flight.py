@@ -160,7 +160,7 @@ def _without_break(maneuver: Maneuver, a: np.ndarray, b: np.ndarray) -> np.ndarr
 
 EXACT = "exact, linear"  # exact solution of linear equations
 SMOOTH = "LSODA"  # SciPy's integrator for smooth inputs
-TOLERANCE = 1e-9  # of the motion's size, at the end of a flight
+INTEGRATION_TOLERANCE = 1e-9  # of the motion's size, at the end of a flight
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,8 +174,8 @@ class SimulatedMotion:
 def by_tolerance(
     system: System, p: Sequence[float], by_input: tuple[Maneuver, ...], time: np.ndarray
 ) -> SimulatedMotion | None:
-    """Motion at ``time`` (s, ``(N,)``) within ``TOLERANCE``, inputs as the maneuvers give them;
-    None where no method keeps it.
+    """Motion at ``time`` (s, ``(N,)``) within ``INTEGRATION_TOLERANCE``, inputs as the maneuvers
+    give them; None where no method keeps it.
 
     None too for effects on the input path: they act on means over cells, and so do not leave inputs
     that are functions of time.

@@ -27,7 +27,7 @@ from sim.maths import arctan, cos, real, sin, sqrt, where
 
 EULER, QUATERNION = "euler", "quaternion"
 Vector = tuple[Any, Any, Any]
-_TINY = 1e-300  # beside which a zero may divide
+_ZERO_GUARD = 1e-300  # beside which a zero may divide
 
 
 class Attitude(Protocol):
@@ -169,7 +169,7 @@ def _angle(y: Any, x: Any) -> Any:
     """The angle of the direction (x, y), -pi to pi, by functions that keep complex steps."""
     size = sqrt(x * x + y * y)
     # tan of half the angle, by the form that loses no digits on its side of the y axis.
-    ahead, off = real(x) >= 0.0, where(real(y) >= 0.0, y + _TINY, y - _TINY)
+    ahead, off = real(x) >= 0.0, where(real(y) >= 0.0, y + _ZERO_GUARD, y - _ZERO_GUARD)
     return 2.0 * arctan(where(ahead, y, size - x) / where(ahead, size + x, off))
 
 

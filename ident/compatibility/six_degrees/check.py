@@ -41,7 +41,7 @@ from ident.compatibility.six_degrees.kinematics import (
     unknowns_of,
 )
 from ident.compatibility.six_degrees.search import (
-    SECANT,
+    SECANT_STEP,
     SixDegreeSearch,
     alike,
     clocks,
@@ -372,7 +372,7 @@ def drift_of(
     beside = linear(
         fit(begin.signals, [faults[i] for i in (*members, j)], begin),
         faults,
-        np.full(len(faults), SECANT),
+        np.full(len(faults), SECANT_STEP),
     )
     item = _estimate(beside.joint, by_output_error(beside, 0), faults, [*members, j], j)
     if not item.determined or item.gain < charge or abs(item.smoother.value) < faults[j].worth:

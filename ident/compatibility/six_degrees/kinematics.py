@@ -46,7 +46,7 @@ from ident.compatibility.kinematics import (
     shown,
     summed,
 )
-from ident.compatibility.signals import EDGE, KinematicSignals, isolated
+from ident.compatibility.signals import IGNORED_ENDS, KinematicSignals, isolated
 from sim.errors import RecordError
 from sim.maths import G0
 from sim.record import Record
@@ -75,8 +75,8 @@ CHANNELS = (
 )
 BEYOND = ("beta", "phi", "psi", *HEIGHTS)  # outputs that the longitudinal relations do not have
 WRAPPED = ("phi", "psi")
-_INCREMENTAL = 0.5  # g: a mean load below is one without the weight
-_STEEPEST = 1.4  # rad: nearer to the vertical Euler angles are no measurement
+_INCREMENTAL_LOAD = 0.5  # g: a mean load below is one without the weight
+_STEEPEST_PITCH = 1.4  # rad: nearer to the vertical Euler angles are no measurement
 
 
 def recorded(record: Record) -> tuple[str, ...]:
@@ -144,7 +144,7 @@ def ready(
         wrong = isolated(record.time[there], values[there])
         spikes[name] = int(np.count_nonzero(wrong))
         there[np.flatnonzero(there)[wrong]] = False
-        if name == "theta" and np.any(np.abs(values[there]) > _STEEPEST):
+        if name == "theta" and np.any(np.abs(values[there]) > _STEEPEST_PITCH):
             where = f"{record.name}, channel theta"
             raise RecordError(
                 "an attitude near the vertical, where bank and heading mean nothing",
@@ -154,12 +154,12 @@ def ready(
         raw[name], valid[name] = np.interp(record.time, record.time[there], values[there]), there
     if (z := load_on("z", channels)) is not None:
         weight = 1.0 if z == "nz" else -G0
-        if float(np.median(raw[z])) / weight < _INCREMENTAL:
+        if float(np.median(raw[z])) / weight < _INCREMENTAL_LOAD:
             raw[z] = raw[z] + weight
             notes.append(f"{z} of {record.name} is without the weight, which is added")
     relation_list = relations(channels, speed=airspeed is not None or "airspeed" in channels)
     used = {name for joined in relation_list.values() for name in joined}
-    edge = EDGE if record.time[-1] - record.time[0] > 50.0 * EDGE else 0.0
+    edge = IGNORED_ENDS if record.time[-1] - record.time[0] > 50.0 * IGNORED_ENDS else 0.0
     inside = (record.time >= record.time[0] + edge) & (record.time <= record.time[-1] - edge)
     speed = (
         raw["airspeed"]
@@ -512,10 +512,11 @@ _CHANGES: dict[str, Callable[[KinematicSignals, _CorrectedMotion, Values], np.nd
 
 # ---- Unknowns of each record in six degrees of freedom
 
-_LEVEL = 0.15  # rad: an angle that is not recorded, of which the record's constant is fitted
-_SPEED = 0.015  # share by which an airspeed that is not recorded may be off
+# rad: an angle that is not recorded, of which the record's constant is fitted
+_UNRECORDED_ANGLE_STD = 0.15
+_AIRSPEED_UNCERTAINTY = 0.015  # share by which an airspeed that is not recorded may be off
 # of the size that is worth a word: the standard deviation of a bias before the record is seen
-_LOOSE = 5.0
+_BIAS_PRIOR_FACTOR = 5.0
 _WITHOUT_BIAS = ("psi", *HEIGHTS)  # where it is another start
 
 
@@ -527,16 +528,16 @@ def unknowns_of(s: KinematicSignals) -> tuple[Unknown, ...]:
     for name in s.channels:
         if name not in _WITHOUT_BIAS:
             size = SensorFault(name, BIAS).plausible
-            out.append(Unknown((name, BIAS), 0.02 * size, _LOOSE * size))
+            out.append(Unknown((name, BIAS), 0.02 * size, _BIAS_PRIOR_FACTOR * size))
     if any(name in s.outputs for name in HEIGHTS):
         out.append(Unknown(("wind", BIAS), 1e-2, SensorFault("wind", BIAS).plausible))
     turns, flows = {"alpha", "phi", "psi", "beta"} & set(s.outputs), {"beta"} & set(s.outputs)
     if "theta" not in s.channels and turns:
-        out.append(Unknown(("level", "theta"), 1e-3, _LEVEL))
+        out.append(Unknown(("level", "theta"), 1e-3, _UNRECORDED_ANGLE_STD))
     if "alpha" not in s.channels and flows:
-        out.append(Unknown(("level", "alpha"), 1e-3, _LEVEL))
+        out.append(Unknown(("level", "alpha"), 1e-3, _UNRECORDED_ANGLE_STD))
     if "airspeed" not in s.channels and {"alpha", "beta"} & set(s.outputs):
-        out.append(Unknown(("airspeed", SCALE), 1e-3, _SPEED))
+        out.append(Unknown(("airspeed", SCALE), 1e-3, _AIRSPEED_UNCERTAINTY))
     return tuple(out)
 
 

@@ -13,16 +13,18 @@ import numpy as np
 from ident.statistics.residual_spectrum import autocovariance
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Quantity
-from ident.tracing.whiteness import FEWEST_SAMPLES, LARGEST, ResidualPart, residual_part
+from ident.tracing.whiteness import FEWEST_SAMPLES, RUNAWAY_RESIDUAL, ResidualPart, residual_part
 from scenarios.diagnosis.diagnose import Tracing, overflow_sentence
 from scenarios.diagnosis.report.wording import nothing_stands
 from scenarios.files.user_models import is_of_aircraft
 from scenarios.report.quantities import CHANNELS, displayed, shown_in, spaced
 
-WINDOW = 2.0  # s, in which a residual is called large: about one short period
-SHIFT = 0.5  # s, by which a residual may follow or precede what it goes with
+LARGE_RESIDUAL_WINDOW = 2.0  # s, in which a residual is called large: about one short period
+LARGEST_RESIDUAL_SHIFT = 0.5  # s, by which a residual may follow or precede what it goes with
 WORTH_A_WORD = 0.25  # a smaller correlation explains less than a sixteenth of the power
-SURE = 4.0  # standard deviations of chance (Bartlett), the best of a few dozen signals being told
+CORRELATE_SIGMAS = (
+    4.0  # standard deviations of chance (Bartlett), the best of a few dozen signals being told
+)
 
 
 @dataclass(frozen=True)
@@ -47,8 +49,8 @@ class Leftover:
 
     ``rms`` in the channel's unit; ``correlation`` of neighbouring samples. ``peak`` (Hz): largest
     power per frequency; ``below`` (Hz): four fifths of the power lie below it. ``record`` (from 0),
-    ``begin``, ``end`` (s): the ``WINDOW`` with the largest mean square, ``times`` its root over
-    ``rms``. ``company``: None where it goes with nothing that was looked at.
+    ``begin``, ``end`` (s): the ``LARGE_RESIDUAL_WINDOW`` with the largest mean square, ``times``
+    its root over ``rms``. ``company``: None where it goes with nothing that was looked at.
     """
 
     channel: str
@@ -134,7 +136,7 @@ def _when(parts: Sequence[ResidualPart], rms: float) -> tuple[FittedRecord, floa
     best = (parts[0].item, 0.0, 0.0, -1.0)
     for part in parts:
         time = part.item.record.time
-        size = min(max(3, round(WINDOW / part.interval)), len(time))
+        size = min(max(3, round(LARGE_RESIDUAL_WINDOW / part.interval)), len(time))
         squares, counts = (
             np.convolve(x, np.ones(size), mode="valid")
             for x in (part.residual**2, part.used.astype(float))
@@ -155,7 +157,9 @@ def _company(parts: Sequence[ResidualPart]) -> Company | None:
         if min(sizes) <= 0.0:
             continue
         interval = max(part.interval for part in parts)
-        shifts = np.arange(-int(SHIFT / interval), int(SHIFT / interval) + 1)
+        shifts = np.arange(
+            -int(LARGEST_RESIDUAL_SHIFT / interval), int(LARGEST_RESIDUAL_SHIFT / interval) + 1
+        )
         scale = np.sqrt(sum(sizes) * sum(float(part.residual @ part.residual) for part in parts))
         r = (
             sum(
@@ -169,7 +173,7 @@ def _company(parts: Sequence[ResidualPart]) -> Company | None:
             / scale
         )
         at = int(np.argmax(np.abs(r)))
-        if abs(r[at]) > WORTH_A_WORD and abs(r[at]) > SURE * chance:
+        if abs(r[at]) > WORTH_A_WORD and abs(r[at]) > CORRELATE_SIGMAS * chance:
             found.append(
                 (
                     abs(r[at]) / chance,
@@ -214,8 +218,8 @@ def _signal(part: ResidualPart, name: str, form: str) -> np.ndarray:
         time = item.record.time
         values = np.clip(
             np.interp(time, time[known], (item.record[name].values - item.after[row])[known]),
-            -LARGEST,
-            LARGEST,
+            -RUNAWAY_RESIDUAL,
+            RUNAWAY_RESIDUAL,
         )
     values = values - values.mean()
     if form == "rate":
@@ -252,7 +256,7 @@ def _chance(a: np.ndarray, b: np.ndarray) -> float:
     )
 
 
-FEW = 2  # parameters whose values are worth comparing between records
+FEW_PARAMETERS = 2  # parameters whose values are worth comparing between records
 FORMS = {
     "itself": "{}",
     "rate": "the rate of {}",
@@ -260,9 +264,9 @@ FORMS = {
     "product": "the product of {} and the {control}",
 }
 # of both spreads together, from which a joint value and the mean of the records do not agree
-APART = 2.0
+DISAGREEING_SIGMAS = 2.0
 LARGEST_SHOWN = 1e30
-EVEN = 1.6  # times the rms, up to which no moment stands out
+LARGEST_EVEN_PEAK = 1.6  # times the rms, up to which no moment stands out
 
 
 def evidence_sentences(claim: Claim) -> list[str]:
@@ -292,7 +296,7 @@ def apart_text(claim: Claim) -> str:
         weight = sigmas**-2
         mean = float(values @ weight / weight.sum())
         scatter = math.sqrt(float(np.sum(((values - mean) / sigmas) ** 2)) / (len(values) - 1))
-        if scatter > APART:
+        if scatter > DISAGREEING_SIGMAS:
             told.append(f"{name} differs between them by {scatter:.1f} of their sigmas")
     return "; ".join(told)
 
@@ -302,7 +306,7 @@ def by_record_text(by_record: Sequence[Mapping[str, Quantity]]) -> str:
     whose numbers trade off.
     """
     names = list(by_record[0]) if by_record else []
-    if not 0 < len(names) <= FEW:
+    if not 0 < len(names) <= FEW_PARAMETERS:
         return ""
     told = []
     for name in names:
@@ -341,7 +345,7 @@ def warnings_of(tracing: Tracing) -> list[str]:
         ]
     cautions = [caution for caution in d.warnings if caution.test is not None]
     failed = [caution.test for caution in cautions if caution.test is not None]
-    lines = cautions if len(failed) > FEW else []
+    lines = cautions if len(failed) > FEW_PARAMETERS else []
     told = [caution.sentence for caution in d.warnings if caution not in lines]
     told += [overflow_sentence(tracing.overflows)] if tracing.overflows else []
     if failed:
@@ -376,7 +380,7 @@ def leftover_sentence(left: Leftover, tracing: Tracing) -> str:
         f"neighbouring samples correlated by {left.correlation:.2f}",
         f"most power near {left.peak:.2g} Hz, four fifths of it below {left.below:.2g} Hz",
     ]
-    if left.times > EVEN:
+    if left.times > LARGEST_EVEN_PEAK:
         record = tracing.diagnosis.fitted[left.record].record.name
         parts.append(
             f"largest in {record} from {left.begin:.1f} to {left.end:.1f} s, {left.times:.1f} "

@@ -241,7 +241,7 @@ TONES = {
     Verdict.AMBIGUOUS: "fair",
     Verdict.UNEXPLAINED: "open",
 }
-PRINTED = 10  # candidates that stand on paper
+PRINTED_CANDIDATES = 10  # candidates that stand on paper
 CANDIDATES_NOTE = (
     "Gain: increase of the log evidence when the candidate is added. Log odds: log posterior odds, "
     "the gain plus the log of the prior odds; above zero the candidate is more probable than its "
@@ -404,7 +404,7 @@ def _search(tracing: Tracing) -> tuple[Section, ...]:
     steps = Bullets(tuple(step.sentence for step in d.steps), numbered=True)
     guarded = any(candidate.name.startswith(GUARD) for candidate in d.candidates)
     caption = "Every candidate, the best of each round first"
-    table = tables.candidates_table(d, caption, len(d.candidates), PRINTED)
+    table = tables.candidates_table(d, caption, len(d.candidates), PRINTED_CANDIDATES)
     note = Prose(f"{CANDIDATES_NOTE} {GUARD_NOTE}" if guarded else CANDIDATES_NOTE, "note")
     columns = (
         Column("model"),

@@ -49,14 +49,14 @@ from scenarios.report.document import (
 from scenarios.report.quantities import is_frequency, shown_in, with_sigma
 from scenarios.report.summary import changes, level_text, levels_content, levels_heading, limit_text
 
-MOVED = 2.0  # sigmas
+MOVED_SIGMAS = 2.0
 SIGMA_NOTE = "+- sigma, widened by the scatter between records"
 Move = tuple[str, Quantity, Quantity]  # a name, and its quantity before and after
-SHOWN = 6  # candidates of a round
+SHOWN_CANDIDATES = 6  # candidates of a round
 
 
 def candidates_table(
-    d: Diagnosis, caption: str, count: int = SHOWN, printed: int | None = None
+    d: Diagnosis, caption: str, count: int = SHOWN_CANDIDATES, printed: int | None = None
 ) -> Table:
     """The best candidates of each round at each set, by gain; of several forms of one effect the
     best. ``printed``: rows that stand on paper.
@@ -172,7 +172,7 @@ def move_cell(sigmas: float) -> Cell:
     """A move in sigmas, marked beyond two; a dash where there is none."""
     if abs(sigmas) < 0.05:
         return MISSING
-    mark = " *" if abs(sigmas) > MOVED else "  "
+    mark = " *" if abs(sigmas) > MOVED_SIGMAS else "  "
     return Number(sigmas, unit=SIGMAS, shown=f"{sigmas:+.1f} sigma{mark}")
 
 
@@ -207,7 +207,7 @@ def member_tables(d: Diagnosis, caption: str) -> list[Table]:
 def _member(quantity: Quantity | None, first: Quantity | None) -> Cell:
     if quantity is None:
         return MISSING
-    apart = first is not None and abs(quantity.value - first.value) > MOVED * math.hypot(
+    apart = first is not None and abs(quantity.value - first.value) > MOVED_SIGMAS * math.hypot(
         quantity.std, first.std
     )
     return brief_estimate(quantity.value, quantity.std, "*" if apart else "")
@@ -243,7 +243,9 @@ def moved_title(d: Diagnosis) -> str:
             "costs"
         )
     any_moved = any(
-        abs(moved(d.before[name], d.after[name])) > MOVED for name in d.before if name in d.after
+        abs(moved(d.before[name], d.after[name])) > MOVED_SIGMAS
+        for name in d.before
+        if name in d.after
     )
     return (
         "derivatives (* moved by more than two sigmas of both together)"

@@ -24,7 +24,7 @@ from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.opening import effort_sentence
 from scenarios.diagnosis.report.evidence import evidence_sentences, scatter_text, warnings_of
 from scenarios.diagnosis.report.tables import (
-    MOVED,
+    MOVED_SIGMAS,
     candidates_table,
     derivatives_table,
     derived_of,
@@ -346,7 +346,7 @@ def _most_moved(d: Diagnosis) -> str:
         name: abs(moved(d.before[name], d.after[name])) for name in d.before if name in d.after
     }
     name = max(moves, key=lambda each: moves[each], default="")
-    return name if name and moves[name] > MOVED else ""
+    return name if name and moves[name] > MOVED_SIGMAS else ""
 
 
 # what a number that has run away is written as: it reads back everywhere, and its square is finite

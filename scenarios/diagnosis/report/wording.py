@@ -37,7 +37,7 @@ def record_labels(tracing: Tracing) -> list[str]:
 
 
 SENSOR_NOISE, RESIDUAL = "sensor noise (estimated)", "residual"
-EQUAL = 1e-9  # relative, to which a residual is its noise
+EQUAL_NOISE_TOLERANCE = 1e-9  # relative, to which a residual is its noise
 
 
 def noise_headings(d: Diagnosis) -> tuple[str, ...]:
@@ -64,7 +64,11 @@ def residual_levels(d: Diagnosis) -> dict[str, float]:
 
 def _apart(d: Diagnosis, channel: str, left: Mapping[str, float]) -> bool:
     noise = d.noise_floor.get(channel)
-    return noise is not None and channel in left and abs(left[channel] - noise) > EQUAL * noise
+    return (
+        noise is not None
+        and channel in left
+        and abs(left[channel] - noise) > EQUAL_NOISE_TOLERANCE * noise
+    )
 
 
 def _declared(d: Diagnosis, channel: str) -> float:
@@ -126,7 +130,7 @@ def as_declared(d: Diagnosis) -> Diagnosis:
     )
 
 
-_NAMED = 2  # parameters that are not determined, up to which each is told
+_MOST_NAMED_PARAMETERS = 2  # parameters that are not determined, up to which each is told
 _TIMES = ("time", "start", "begin", "duration")
 
 
@@ -225,9 +229,14 @@ def parameter_text(claim: Claim, wording: Wording) -> str:
         for name, quantity in claim.parameters.items()
         if name not in vague
     ]
-    if len(vague) > _NAMED:
+    if len(vague) > _MOST_NAMED_PARAMETERS:
         told.append(f"{vague[0]} and {len(vague) - 1} more {UNDETERMINED}")
-    return ", ".join([*told, *(f"{name} {UNDETERMINED}" for name in vague if len(vague) <= _NAMED)])
+    return ", ".join(
+        [
+            *told,
+            *(f"{name} {UNDETERMINED}" for name in vague if len(vague) <= _MOST_NAMED_PARAMETERS),
+        ]
+    )
 
 
 def _fields(claim: Claim, wording: Wording) -> dict[str, str]:
@@ -305,16 +314,20 @@ def separating_maneuvers(
     return [(tuple(names), maneuver) for maneuver, names in grouped.items()]
 
 
-LEAST = 0.005  # half a per cent rounds to nothing
+LEAST_PRINTED_SHARE = 0.005  # half a per cent rounds to nothing
 
 
 def shown_probability(claim: Claim) -> dict[str, float]:
     """The claimed name first, then what could take its place, the likeliest first; three digits,
-    without what is below ``LEAST``.
+    without what is below ``LEAST_PRINTED_SHARE``.
 
     Empty of hints.
     """
-    found = {name: p for name, p in claim.probability.items() if math.isfinite(p) and p >= LEAST}
+    found = {
+        name: p
+        for name, p in claim.probability.items()
+        if math.isfinite(p) and p >= LEAST_PRINTED_SHARE
+    }
     return {
         name: round(found[name], 3)
         for name in sorted(found, key=lambda name: (name != claim.name, -found[name], name))
@@ -335,7 +348,11 @@ def probability_sentence(claim: Claim) -> str:
         if name != claim.name
     )
     told = f"Probability of this cause: {_percent(mine)}{f'; {rest}' if rest else ''}"
-    equal = [name for name in claim.alternatives if claim.probability.get(name, 1.0) < LEAST]
+    equal = [
+        name
+        for name in claim.alternatives
+        if claim.probability.get(name, 1.0) < LEAST_PRINTED_SHARE
+    ]
     if not equal:
         return told
     many = " and ".join(equal)
@@ -345,6 +362,6 @@ def probability_sentence(claim: Claim) -> str:
 
 def _percent(p: float) -> str:
     """Whole per cents; neither none nor all of it, which is never known."""
-    if p < LEAST:
+    if p < LEAST_PRINTED_SHARE:
         return "below 1 %"
-    return f"{max(1.0, 100.0 * p):.0f} %" if p < 1.0 - LEAST else "above 99 %"
+    return f"{max(1.0, 100.0 * p):.0f} %" if p < 1.0 - LEAST_PRINTED_SHARE else "above 99 %"

@@ -30,11 +30,11 @@ from sim.errors import RecordError
 
 FORMAT = "ArduPilot DataFlash"
 SUFFIXES = (".bin",)
-BINARY = b"\xa3\x95\x80"
+BINARY_START = b"\xa3\x95\x80"
 TEXT = (b"\nFMT, 128,", b"\nFMT,128,")
-MAGIC = (BINARY, *TEXT)
+MAGIC = (BINARY_START, *TEXT)
 EXTRA = "drones"
-HEAD = 3  # bytes of a message before its fields
+HEADER_BYTES = 3  # bytes of a message before its fields
 CLOCKS = {"TimeUS": "us", "TimeMS": "ms"}
 FIXED_POINT = "cCeEL"  # format letters whose integers are scaled
 ADMINISTRATION = ("FMT", "FMTU", "UNIT", "MULT", "PARM", "MSG", "CMD", "MODE", "EV", "ERR", "VER")
@@ -48,7 +48,7 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
         from pymavlink import DFReader  # noqa: F401
     except ImportError as error:
         raise missing_library(error, path, FORMAT, EXTRA) from None
-    text = not raw.startswith(BINARY) and any(begins_with(raw, mark) for mark in TEXT)
+    text = not raw.startswith(BINARY_START) and any(begins_with(raw, mark) for mark in TEXT)
     result = _of_text(path, raw) if text else _of_bytes(path, raw)
     if not result:
         raise no_table(path, (), "give a log that holds messages")
@@ -223,10 +223,10 @@ def _fields(layout: Any, content: np.ndarray, offsets: np.ndarray) -> dict[str, 
     """
     formats = [letter for letter in layout.msg_fmts]
     kinds = np.dtype([(f"f{n}", _dtype(letter)) for n, letter in enumerate(formats)])
-    offsets = offsets[offsets + HEAD + kinds.itemsize <= content.size]
+    offsets = offsets[offsets + HEADER_BYTES + kinds.itemsize <= content.size]
     if not offsets.size or len(formats) != len(layout.columns):
         return None
-    rows = np.lib.stride_tricks.sliding_window_view(content, kinds.itemsize)[offsets + HEAD]
+    rows = np.lib.stride_tricks.sliding_window_view(content, kinds.itemsize)[offsets + HEADER_BYTES]
     values = np.ascontiguousarray(rows).view(kinds)[:, 0]
     columns: dict[str, np.ndarray] = {}
     for n, (name, letter, multiplier) in enumerate(

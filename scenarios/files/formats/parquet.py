@@ -17,7 +17,7 @@ FORMAT = "Parquet"
 SUFFIXES = (".parquet", ".pq", ".feather", ".ft", ".arrow")
 MAGIC = (b"PAR1", b"ARROW1", b"FEA1")
 EXTRA = ""
-ROWS = 1 << 16  # of a batch: what is held twice at a time
+ROWS_PER_BATCH = 1 << 16  # of a batch: what is held twice at a time
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
@@ -84,7 +84,7 @@ def _batches(raw: bytes, *, feather: bool) -> tuple[Any, int, Iterator[Any]]:
         return (
             file.schema_arrow,
             file.metadata.num_rows,
-            file.iter_batches(batch_size=ROWS, use_threads=False),
+            file.iter_batches(batch_size=ROWS_PER_BATCH, use_threads=False),
         )
     if raw.startswith(b"FEA1"):
         table = feather_format.read_table(io.BytesIO(raw))

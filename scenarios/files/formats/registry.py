@@ -41,7 +41,7 @@ BZIP2 = b"BZh"  # first bytes of the file
 XZ = b"\xfd7zXZ\x00"  # first bytes of the file
 ZIP = b"PK\x03\x04"  # first bytes of the file
 PACKED = {".gz": "gzip", ".bz2": "bzip2", ".xz": "xz"}
-FOOTER = 20  # rows below a table that may be remarks or sums
+MOST_FOOTER_ROWS = 20  # rows below a table that may be remarks or sums
 
 
 @lru_cache(maxsize=1)
@@ -168,7 +168,7 @@ def _without_footer(topic: Topic) -> Topic:
     if (isinstance(first, np.ndarray) and first.dtype != object) or len(first) != count:
         return topic
     kept = count
-    while kept and count - kept < FOOTER and _is_remark(first[kept - 1]):
+    while kept and count - kept < MOST_FOOTER_ROWS and _is_remark(first[kept - 1]):
         kept -= 1
     if kept in (0, count) or not is_number(str(first[kept - 1])):
         return topic

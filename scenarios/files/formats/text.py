@@ -49,10 +49,10 @@ BLANKS = " "
 COMMENT = "#"
 COMMENTS = ("#", "%", "//")
 UNNAMED = "column {}"
-LONGEST = 100_000  # characters of a line
-BEGINNING = 200_000  # bytes in which the layout of a large file is found
-BLOCK = 4_000_000  # bytes that are parsed at a time
-LARGE = 500_000  # bytes from which a plain file is parsed column by column
+LONGEST_LINE = 100_000  # characters of a line
+LAYOUT_BYTES = 200_000  # bytes in which the layout of a large file is found
+BLOCK_BYTES = 4_000_000  # bytes that are parsed at a time
+LARGE_FILE_BYTES = 500_000  # bytes from which a plain file is parsed column by column
 _DECLARED = re.compile(r"sep=(.)\s*", re.IGNORECASE)
 _SAVE = "save it as CSV in UTF-8, as Parquet or as MAT"
 _JSON = re.compile(rb"\s*(?:\{\s*\"|\[\s*[\[{])")
@@ -68,9 +68,9 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
     ------
     RecordError : no text, empty, or columns that cannot be told apart.
     """
-    if _JSON.match(raw[:BEGINNING]):
+    if _JSON.match(raw[:LAYOUT_BYTES]):
         raise RecordError("JSON is not read", where=str(path), remedy=_SAVE)
-    if len(raw) > LARGE and (topic := _large(path, raw)) is not None:
+    if len(raw) > LARGE_FILE_BYTES and (topic := _large(path, raw)) is not None:
         return (topic,)
     text, notes = _text(path, raw)
     with _long_cells(len(text)):
@@ -148,7 +148,7 @@ def _layout(path: Path, text: str) -> Layout:
 
 def _large(path: Path, raw: bytes) -> Topic | None:
     """A large plain file, parsed by pyarrow or pandas; None if it needs the careful reader."""
-    begin = raw[:BEGINNING]
+    begin = raw[:LAYOUT_BYTES]
     try:
         head = begin[: begin.rindex(b"\n") + 1].decode("utf-8-sig")
         layout = _layout(path, head)
@@ -336,7 +336,7 @@ def _detected(text: str) -> tuple[str, int, bool] | None:
         lines.append(line.rstrip("\r\n"))
         if len(lines) >= LOOKED_AT:
             break
-    if any(len(line) > LONGEST or line.count('"') % 2 for line in lines):
+    if any(len(line) > LONGEST_LINE or line.count('"') % 2 for line in lines):
         return None  # cells that go on over several lines
     filled = [line for line in lines if line.strip()]
     if len(filled) < 2:
@@ -463,7 +463,7 @@ def _marked_columns(raw: bytes, at: int, separator: str, width: int) -> list[np.
             false_values=[],
         )
 
-    reading = arrow_csv.ReadOptions(column_names=every, block_size=BLOCK)
+    reading = arrow_csv.ReadOptions(column_names=every, block_size=BLOCK_BYTES)
     count = raw.count(b"\n", at) + (not raw.endswith(b"\n"))
     try:
         first = arrow_csv.open_csv(

@@ -24,7 +24,7 @@ CLOCK_STEP = ("Ts", "dt", "Dt", "DT", "ts", "sample_time", "T_s")
 CLOCKS = ("time", "t", "Time", "TIME", "T", "timestamp", "tout", "SamplingInstants")
 IDDATA = {"u": ("InputData", "u"), "y": ("OutputData", "y")}
 SIGNALS = ("signals", "Signals")
-FEWEST = 3  # rows of a matrix that is a table
+FEWEST_TABLE_ROWS = 3  # rows of a matrix that is a table
 
 
 def topics_of_variables(path: Path, variables: Mapping[str, Any]) -> tuple[Topic, ...]:
@@ -65,7 +65,7 @@ def _simplified(value: Any) -> Any:
             {name: each if name in SIGNALS else _simplified(each) for name, each in value.items()}
         )
     structs = _structs(value)
-    if len(structs) >= FEWEST and all(
+    if len(structs) >= FEWEST_TABLE_ROWS and all(
         each.keys() == structs[0].keys() and all(map(_is_one, each.values())) for each in structs
     ):
         return {name: np.array([float(each[name]) for each in structs]) for name in structs[0]}
@@ -73,7 +73,7 @@ def _simplified(value: Any) -> Any:
         return value
     if (
         value.ndim == 2
-        and len(value) > FEWEST
+        and len(value) > FEWEST_TABLE_ROWS
         and all(isinstance(cell, str) for cell in value[0])
         and all(map(_is_one, value[1:].flat))
     ):
@@ -84,7 +84,7 @@ def _simplified(value: Any) -> Any:
         if isinstance(each, np.ndarray) and each.dtype.kind in "fiub"
     ]
     if len(vectors) == value.size and all(
-        each.ndim == 1 and FEWEST <= each.size == vectors[0].size for each in vectors
+        each.ndim == 1 and FEWEST_TABLE_ROWS <= each.size == vectors[0].size for each in vectors
     ):
         return np.column_stack(vectors)
     return value
@@ -288,7 +288,7 @@ def _columns(
     numeric = {key: _upright(value) for key, value in flat.items() if _is_numeric(value)}
     rows = _rows(numeric)
     chosen = {key: value for key, value in numeric.items() if value.shape[0] == rows}
-    if not chosen or rows < FEWEST:
+    if not chosen or rows < FEWEST_TABLE_ROWS:
         return {}, 0, []
     clocked = any(word in numeric for word in CLOCKS)
     columns: dict[str, np.ndarray] = {}
@@ -356,12 +356,12 @@ def _rows(numeric: Mapping[str, np.ndarray]) -> int:
         ),
         None,
     )
-    if clock is not None and clock.shape[0] >= FEWEST:
+    if clock is not None and clock.shape[0] >= FEWEST_TABLE_ROWS:
         return int(clock.shape[0])
     counts: dict[int, int] = {}
     for value in numeric.values():
         counts[value.shape[0]] = counts.get(value.shape[0], 0) + value.shape[1]
-    long = {rows: count for rows, count in counts.items() if rows >= FEWEST}
+    long = {rows: count for rows, count in counts.items() if rows >= FEWEST_TABLE_ROWS}
     return max(long, key=lambda rows: (long[rows] * rows, rows), default=0)
 
 

@@ -20,8 +20,8 @@ import numpy as np
 from sim.errors import RecordError
 from sim.maths import G0
 
-LONGEST = 500  # characters
-DEEPEST = 40
+LONGEST_EXPRESSION = 500  # characters
+DEEPEST_NESTING = 40
 _QUOTED = re.compile(r"`([^`]+)`")
 _PATH = re.compile(r"(?<![\w.`\])])([A-Za-z_]\w*(?:\[\d+\])?(?:\.[A-Za-z_]\w*(?:\[\d+\])?)*)")
 
@@ -216,11 +216,11 @@ def parse(text: str, where: str) -> Expression:
     ------
     RecordError : it is too long, no arithmetic, or calls what is no function here.
     """
-    if len(text) > LONGEST:
+    if len(text) > LONGEST_EXPRESSION:
         raise RecordError(
             f"an expression of {len(text)} characters",
             where=where,
-            remedy=f"write at most {LONGEST}",
+            remedy=f"write at most {LONGEST_EXPRESSION}",
         )
     names: dict[str, str] = {}
 
@@ -290,7 +290,7 @@ _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
 
 def _check(node: ast.AST, text: str, where: str, names: Mapping[str, str], depth: int) -> None:
     wrong = RecordError(f"{text!r} has more in it than arithmetic", where=where, remedy=_REMEDY)
-    if depth > DEEPEST:
+    if depth > DEEPEST_NESTING:
         raise wrong
     inner: list[ast.AST] = []
     if isinstance(node, ast.Constant):

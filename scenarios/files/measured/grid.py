@@ -31,11 +31,11 @@ from sim.errors import RecordError
 
 SAME_RATE = 1.5  # ratio of rates below which two topics count as equally fast
 BELOW_HALF = 0.8  # corner of the low-pass, as a share of half the new rate
-ORDER = 4
+FILTER_ORDER = 4
 SI_TRIED = ("rad", "rad/s", "m/s", "m", "s", "N", "Pa", "m/s2", "kg", "kg/m3", "m2", "rad/s2")
 NO_NAMES = ("", "index", "unnamed: 0")  # headers of an index that has no name
 FIRST_CELLS = 5  # cells that say whether a column holds dates
-JITTER = 0.1  # of the step, from which an uneven clock is said
+UNEVEN_CLOCK_SHARE = 0.1  # of the step, from which an uneven clock is said
 Place = tuple[int, int]  # topic and column
 
 
@@ -319,7 +319,9 @@ def grid_of(
         step = float(np.median(steps))
         jitter = float(np.median(np.abs(steps - step)))
         said = f"the clock of {topics[fastest].name}, {1.0 / step:.4g} Hz"
-        said += f" with a jitter of {1e3 * jitter:.2g} ms" if jitter > JITTER * step else ""
+        said += (
+            f" with a jitter of {1e3 * jitter:.2g} ms" if jitter > UNEVEN_CLOCK_SHARE * step else ""
+        )
     if grid.size < 2:
         raise RecordError(
             "the topics share fewer than two samples",
@@ -446,7 +448,7 @@ def _smoothed(time: np.ndarray, values: np.ndarray, own: float, step: float) -> 
     even = time[0] + own * np.arange(int((time[-1] - time[0]) / own * (1.0 + 1e-9)) + 1)
     if even.size < 20:
         return values
-    sections = butter(ORDER, 0.5 * BELOW_HALF / step, fs=1.0 / own, output="sos")
+    sections = butter(FILTER_ORDER, 0.5 * BELOW_HALF / step, fs=1.0 / own, output="sos")
     smooth = sosfiltfilt(
         sections, np.interp(even, time, values), padlen=min(even.size - 1, round(6.0 * step / own))
     )

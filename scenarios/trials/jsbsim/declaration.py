@@ -221,7 +221,7 @@ def _read_by_loads(path: Path) -> Iterator[str]:
 # ---- Faults of sensors and surfaces
 
 Signals = Mapping[str, np.ndarray]
-STILL = 1e-9  # rad of one frame, below which a surface stands
+STILL_DEFLECTION = 1e-9  # rad of one frame, below which a surface stands
 
 
 def spoiled(signals: Signals, flight: JsbsimFlight) -> dict[str, np.ndarray]:
@@ -250,7 +250,7 @@ def ahead_of_play(surface: np.ndarray, half: float) -> np.ndarray:
     While the surface moves the drive is ``half`` ahead of it; while it stands, the drive crosses
     the play at its own pace, here evenly from one motion to the next. It begins in the middle.
     """
-    moving = np.sign(np.where(np.abs(np.diff(surface)) > STILL, np.diff(surface), 0.0))
+    moving = np.sign(np.where(np.abs(np.diff(surface)) > STILL_DEFLECTION, np.diff(surface), 0.0))
     at = np.flatnonzero(moving)
     if len(at) == 0:
         return surface.copy()
@@ -276,11 +276,11 @@ def named(flight: JsbsimFlight) -> dict[str, dict[str, float]]:
 
 # ---- Commands of a flight
 
-HAND = 0.15  # s that a hand takes from one level to the next
-QUIET = 2.0  # s before anything moves
-HIGHEST = 2.2  # of a multisine, over the frequency of the mode
-CREST = 0.5  # rms of a multisine over its peak
-LEVER = 5.0  # s that a throttle is held
+HAND_TRAVEL_TIME = 0.15  # s that a hand takes from one level to the next
+QUIET_START_TIME = 2.0  # s before anything moves
+HIGHEST_FREQUENCY_RATIO = 2.2  # of a multisine, over the frequency of the mode
+RMS_TO_PEAK = 0.5  # rms of a multisine over its peak
+THROTTLE_HOLD_TIME = 5.0  # s that a throttle is held
 # When a control first moves and when again, in parts of the record.
 SLOTS: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "rigid": {"elevator": (0.0, 0.55)},
@@ -307,8 +307,8 @@ def commands(
 
 
 def by_hand(values: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """The mean of a command over the last ``HAND`` seconds: steps become ramps."""
-    width = max(1, round(HAND / float(time[1] - time[0])))
+    """The mean of a command over the last ``HAND_TRAVEL_TIME`` seconds: steps become ramps."""
+    width = max(1, round(HAND_TRAVEL_TIME / float(time[1] - time[0])))
     whole = np.concatenate([np.zeros(width), np.cumsum(values)])
     return np.asarray((whole[width:] - whole[:-width]) / width)
 
@@ -320,11 +320,12 @@ def rehearsal(control: str, size: float, unit: float, time: np.ndarray) -> dict[
 
 def _steps(flight: JsbsimFlight, control: str, size: float, unit: float) -> Maneuver:
     first, again = (
-        QUIET + share * (flight.duration - QUIET) for share in SLOTS[flight.axis][control]
+        QUIET_START_TIME + share * (flight.duration - QUIET_START_TIME)
+        for share in SLOTS[flight.axis][control]
     )
     if control == "throttle":
         # In proportion where the record is short.
-        held = min(LEVER, 0.1 * flight.duration)
+        held = min(THROTTLE_HOLD_TIME, 0.1 * flight.duration)
         return Sum((doublet(size, held, first), doublet(-0.7 * size, 0.6 * held, again)))
     if flight.maneuver == "doublet":
         return Sum((doublet(size, 1.7 * unit, first), doublet(-0.8 * size, unit, again)))
@@ -338,12 +339,18 @@ def _multisines(
     1.6/frequency).
     """
     moved = [control for control in CONTROLS[flight.axis] if control != "throttle"]
-    period = flight.duration - QUIET - 1.0
+    period = flight.duration - QUIET_START_TIME - 1.0
     highest = max(
         3 * len(moved),
-        round(period * HIGHEST * 1.6 / min(units[control] for control in moved) / (2.0 * np.pi)),
+        round(
+            period
+            * HIGHEST_FREQUENCY_RATIO
+            * 1.6
+            / min(units[control] for control in moved)
+            / (2.0 * np.pi)
+        ),
     )
     made = orthogonal_multisines(
-        [CREST * sizes[control] for control in moved], period, 2, highest, QUIET
+        [RMS_TO_PEAK * sizes[control] for control in moved], period, 2, highest, QUIET_START_TIME
     )
     return dict(zip(moved, made, strict=True))

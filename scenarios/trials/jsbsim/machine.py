@@ -34,15 +34,15 @@ from sim.errors import DeclarationError
 SLUG = 14.59390293720636  # kg
 POUND = SLUG * FOOT  # N in a pound force
 INERTIA = SLUG * FOOT**2  # kg m2 in a slug ft2
-FRAMES = 400.0  # Hz at least
+LEAST_FRAME_RATE = 400.0  # Hz at least
 # JSBSim's integrator of second order; its own choice for rotation, Euler's, has the rates half a
 # step late
 ADAMS_BASHFORTH = 3
-MILSPEC = 3  # JSBSim's number of the Dryden turbulence of MIL-F-8785C
+MILSPEC_TURBULENCE = 3  # JSBSim's number of the Dryden turbulence of MIL-F-8785C
 WIND_AT_20_FT = 25.0  # ft/s
-ENGINES = 4  # engines at most
-THROTTLE = 0.6  # starting throttle, 0 to 1
-MIXTURE = 0.87  # mixture, 0 to 1
+MOST_ENGINES = 4
+STARTING_THROTTLE = 0.6
+MIXTURE = 0.87
 AT_REST = 0.02  # ft/s2 and rad/s2
 MOST_BANK = math.radians(75.0)  # rad, largest bank angle of a flight
 MOST_PITCH = math.radians(60.0)  # rad, largest pitch angle of a flight
@@ -55,9 +55,10 @@ MOST_AILERON = 0.12  # rad
 PITCH_GAIN = 0.3  # rad of elevator per rad of pitch
 PITCHING_GAIN = 0.15  # rad of elevator per rad/s of pitch rate
 SPEED_GAIN = 0.1  # throttle per m/s of airspeed
-PATIENCE = 4.0  # 1/s: how fast the pilot takes up what play or a damper keeps of a surface
-PROBE = 0.2  # share of the full command that finds a surface's travel
-PROBED = 0.5  # s that the command lasts
+# 1/s: how fast the pilot takes up what play or a damper keeps of a surface
+PILOT_INTEGRAL_RATE = 4.0
+PROBE_COMMAND_SHARE = 0.2  # share of the full command that finds a surface's travel
+PROBE_TIME = 0.5  # s that the command lasts
 LEAST_REACH = 0.02  # rad: a smaller travel at full command counts as none
 
 # What is read after each step, with its SI factor. The total body forces hold neither weight nor
@@ -197,16 +198,18 @@ def _reaches(condition: Condition) -> Mapping[str, float]:
     machine, surfaces = trimmed(condition), surfaces_of(condition.aircraft)
     neutral = {name: machine[surface.property] for name, surface in surfaces.items()}
     for name in surfaces:
-        machine[f"fcs/{name}-cmd-norm"] += PROBE
+        machine[f"fcs/{name}-cmd-norm"] += PROBE_COMMAND_SHARE
     moved = dict.fromkeys(surfaces, 0.0)
-    for _ in range(round(PROBED / condition.step)):
+    for _ in range(round(PROBE_TIME / condition.step)):
         machine.run()
         for name, surface in surfaces.items():
             moved[name] = max(
                 moved[name], surface.scale * (machine[surface.property] - neutral[name]), key=abs
             )
     return {
-        name: change / PROBE for name, change in moved.items() if abs(change) > LEAST_REACH * PROBE
+        name: change / PROBE_COMMAND_SHARE
+        for name, change in moved.items()
+        if abs(change) > LEAST_REACH * PROBE_COMMAND_SHARE
     }
 
 
@@ -226,7 +229,7 @@ class _Pilot:
         self._machine, self._hands, self._share, self._leveller = (
             machine,
             hands,
-            PATIENCE * step,
+            PILOT_INTEGRAL_RATE * step,
             leveller,
         )
         self._at = {name: machine[f"fcs/{name}-cmd-norm"] for name in (*hands, "throttle")}
@@ -260,7 +263,7 @@ class _Pilot:
             pushed = wanted.get(
                 "throttle", SPEED_GAIN * FOOT * (self._speed - machine["velocities/vt-fps"])
             )
-            for engine in range(ENGINES):
+            for engine in range(MOST_ENGINES):
                 machine[f"fcs/throttle-cmd-norm[{engine}]"] = min(
                     1.0, max(0.0, self._at["throttle"] + pushed)
                 )
@@ -290,7 +293,7 @@ def trimmed(condition: Condition) -> Any:
         raise _no_trim(condition, "accelerations are left")
     if condition.rough_air:
         machine["simulation/randomseed"] = machine["atmosphere/randomseed"] = condition.air_seed
-        machine["atmosphere/turb-type"] = MILSPEC
+        machine["atmosphere/turb-type"] = MILSPEC_TURBULENCE
         machine["atmosphere/turbulence/milspec/windspeed_at_20ft_AGL-fps"] = WIND_AT_20_FT
         machine["atmosphere/turbulence/milspec/severity"] = condition.rough_air
     return machine
@@ -333,9 +336,9 @@ def _load_and_trim(machine: Any, condition: Condition) -> None:
     ] = ADAMS_BASHFORTH
     machine["propulsion/fuel_freeze"] = 1
     machine["propulsion/set-running"] = -1
-    for engine in range(ENGINES):
+    for engine in range(MOST_ENGINES):
         machine[f"fcs/throttle-cmd-norm[{engine}]"], machine[f"fcs/mixture-cmd-norm[{engine}]"] = (
-            THROTTLE,
+            STARTING_THROTTLE,
             MIXTURE,
         )
     machine.do_trim(1)

@@ -63,14 +63,14 @@ from sim.vehicles.flexibility import condense
 # ---- Comparable truth: what the fitted model finds in the same flight without sensor noise
 
 _NONE: Mapping[str, float] = MappingProxyType({})
-FINER = FitSettings(iterations=120, tolerance=3e-3, enough=2e-4, coloured=False)
+NOISE_FREE_SETTINGS = FitSettings(iterations=120, tolerance=3e-3, enough=2e-4, coloured=False)
 # sigmas of the estimate: the spread of the prior that only decides what the flight leaves open
-HELD = 100.0
+OPEN_PRIOR_SIGMAS = 100.0
 # sigmas of the estimate, beyond which the noise-free flight does not determine a parameter
-OPEN = 3.0
+UNDETERMINED_SIGMAS = 3.0
 TURBULENCE = "gust-turbulence"
-MOVED = 1.0  # sigma of the estimate, from which a difference is told
-SAME = 0.1  # of a sigma: integration and sampling
+NOTABLE_SIGMAS = 1.0  # sigma of the estimate, from which a difference is told
+NUMERICAL_SIGMAS = 0.1  # of a sigma: integration and sampling
 NOISE_SEED = 7  # any draw gives the same sum of squares
 
 
@@ -172,7 +172,9 @@ def _comparable(
         if name in values and _same(values[name], true[name], estimates.get(name))
     }
     left = tuple(
-        name for name in std if name in estimates and std[name] > OPEN * estimates[name].std
+        name
+        for name in std
+        if name in estimates and std[name] > UNDETERMINED_SIGMAS * estimates[name].std
     )
     values |= {name: truth.condensed[name] for name in left if name in truth.condensed}
     derived = modes_of(layout.system, estimate, slow_states(trained), truth.modes)
@@ -182,7 +184,7 @@ def _comparable(
 
 
 def _same(value: float, true: float, estimate: Quantity | None) -> bool:
-    return estimate is not None and abs(value - true) <= SAME * estimate.std
+    return estimate is not None and abs(value - true) <= NUMERICAL_SIGMAS * estimate.std
 
 
 def noise_free_fit(
@@ -219,12 +221,12 @@ def refit(
     """A trained model fitted to records, from what it was trained to; None where there is no finite
     cost.
 
-    Declared priors count once a record. ``fixed`` : estimates to which a prior of ``HELD`` sigmas
-    ties what is left open.
+    Declared priors count once a record. ``fixed`` : estimates to which a prior of
+    ``OPEN_PRIOR_SIGMAS`` sigmas ties what is left open.
     """
     _, system = compiled_with(model, trained.effects, trained.outputs)
     local = [name for effect in trained.effects for name in local_names(effect)]
-    settings = replace(FINER, max_step=trained.settings.max_step)
+    settings = replace(NOISE_FREE_SETTINGS, max_step=trained.settings.max_step)
     free_layout = lay_out(records, system, settings, local=local)
     begin, guesses = carried(free_layout, None, {**trained.shared, **trained.own[0]})
     layout = lay_out(records, system, settings, local=local, start=begin)
@@ -240,7 +242,9 @@ def _tied(layout: FitLayout, prior: Prior | None, fixed: Mapping[str, Quantity])
     if not at:
         return prior
     means = np.array([fixed[layout.shared[i]].value for i in at])
-    weights = np.array([(HELD * max(fixed[layout.shared[i]].std, 1e-150)) ** -2 for i in at])
+    weights = np.array(
+        [(OPEN_PRIOR_SIGMAS * max(fixed[layout.shared[i]].std, 1e-150)) ** -2 for i in at]
+    )
     if prior is None:
         return Prior(np.array(at), means, np.diag(weights))
     n = len(layout.names)
@@ -327,12 +331,12 @@ def _of_the_gearing(
     for name, true in truth.values.items():
         if name not in comparable.values or name not in estimates:
             continue
-        if abs(comparable.values[name] - other.values[name]) > MOVED * estimates[name].std:
+        if abs(comparable.values[name] - other.values[name]) > NOTABLE_SIGMAS * estimates[name].std:
             geared.append(
                 f"{name} {other.values[name]:.4g} with a straight gearing, "
                 f"{comparable.values[name]:.4g} as flown"
             )
-        if abs(other.values[name] - true) > MOVED * estimates[name].std:
+        if abs(other.values[name] - true) > NOTABLE_SIGMAS * estimates[name].std:
             rest.append(
                 f"{name} {true:.4g} by the frequency response, {other.values[name]:.4g} in this "
                 "flight"

@@ -176,10 +176,10 @@ def lagged_made_for(equations: Equations) -> tuple[Traceable, ...]:
     return tuple(candidates)
 
 
-SPACING = 1.12  # of the frequencies tried, besides the peaks of the residual's spectrum
-FASTEST = 60.0  # rad/s
+FREQUENCY_RATIO = 1.12  # of the frequencies tried, besides the peaks of the residual's spectrum
+HIGHEST_FREQUENCY = 60.0  # rad/s
 # ports that swing as one, as lift and moment do; each further one has two more sizes to pay for
-TOGETHER = 2
+MOST_COUPLED_PORTS = 2
 
 
 @dataclass(frozen=True)
@@ -262,8 +262,8 @@ class PeriodicLoads:
         frequencies.
         """
         slowest = max(1.0, 6.0 * math.pi / max(context.duration, 1.0))
-        fastest = min(0.5 * math.pi / context.interval, FASTEST)
-        count = max(2, math.ceil(math.log(max(fastest / slowest, 1.1)) / math.log(SPACING)))
+        fastest = min(0.5 * math.pi / context.interval, HIGHEST_FREQUENCY)
+        count = max(2, math.ceil(math.log(max(fastest / slowest, 1.1)) / math.log(FREQUENCY_RATIO)))
         grid = [slowest * (fastest / slowest) ** (i / (count - 1)) for i in range(count)]
         peaks = [
             frequency for frequency in context.residual_peaks if slowest <= frequency <= fastest
@@ -289,7 +289,7 @@ def periodic_made_for(equations: Equations) -> tuple[Traceable, ...]:
         return ()
     moved = {port for port, _, _ in equations.products}
     ports = [port for port in ports_without(PERIODIC_LOADS, equations) if port.name in moved]
-    together = [ports] if 0 < len(ports) <= TOGETHER else [[port] for port in ports]
+    together = [ports] if 0 < len(ports) <= MOST_COUPLED_PORTS else [[port] for port in ports]
     return tuple(
         PeriodicLoads(
             tuple(p.unit for p in some),

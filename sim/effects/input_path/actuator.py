@@ -34,7 +34,7 @@ from sim.maths import (
     where,
 )
 
-SLOWEST = 5.0  # s, of what is no surface: an engine, a valve
+LONGEST_LAG = 5.0  # s, of what is no surface: an engine, a valve
 USUAL_OF_ENGINES = 1.0  # s: turbofans from near idle take longer, propellers are quicker
 
 
@@ -89,7 +89,7 @@ class ActuatorLag:
                     "loses amplitude there, a delay does not"
                 )
             },
-            plausible={"time_constant": (0.0, 0.5 if has_size(self.unit) else SLOWEST)},
+            plausible={"time_constant": (0.0, 0.5 if has_size(self.unit) else LONGEST_LAG)},
             usual={} if has_size(self.unit) else {"time_constant": USUAL_OF_ENGINES},
             twins=all_labelled(("actuator-second-order",), self.label),
         )
@@ -137,10 +137,11 @@ UNLIMITED = 1e9
 # its slower pole is then 34 times slower than the other: a lag to any record, and a fit need not
 # run on to infinity
 MOST_DAMPED = 3.0
-SERVO = 0.7  # damping of a well-made servo
+SERVO_DAMPING = 0.7  # damping of a well-made servo
 # rad/s, a factor of three apart: a fit closes half of that; late by 1.4 over these
 FREQUENCIES = (45.0, 15.0)
-NEAR = 1e-3  # of the squared angle, below which four terms of a series are exact to rounding
+# of the squared angle, below which four terms of a series are exact to rounding
+SERIES_ANGLE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -217,7 +218,7 @@ class ActuatorSecondOrder:
         """Well damped, at frequencies that the sampling shows."""
         fastest = 3.0 / context.interval
         shown = [frequency for frequency in FREQUENCIES if frequency < fastest] or [FREQUENCIES[-1]]
-        return [Probe({"frequency": frequency, "damping": SERVO}) for frequency in shown]
+        return [Probe({"frequency": frequency, "damping": SERVO_DAMPING}) for frequency in shown]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Mean of the exact response over each cell, for an input that is constant within cells."""
@@ -271,10 +272,10 @@ def _transition(h: np.ndarray, frequency: Any, damping: Any) -> np.ndarray:
     sinh(r)/r.
     """
     square = (damping * damping - 1.0) * (frequency * h) ** 2
-    near = np.abs(square) < NEAR
+    near = np.abs(square) < SERIES_ANGLE
     # Both are even in r; by a series where the root, which has no slope at zero, would spoil the
     # derivative.
-    r = sqrt(np.where(near, NEAR, square).astype(complex))
+    r = sqrt(np.where(near, SERIES_ANGLE, square).astype(complex))
     decay = damping * frequency * h
     slow, fast = exp(r - decay), exp(-r - decay)
     C = np.where(

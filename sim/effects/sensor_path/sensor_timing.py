@@ -212,7 +212,7 @@ def delay_made_for(equations: Equations) -> tuple[Traceable, ...]:
 
 
 EVERY = (2, 3, 4, 5, 8, 10)  # samples between updates that a search tries
-LONGEST = 0.5  # s
+LONGEST_DELAY = 0.5  # s
 CLOSER = (
     "a fast and steady motion (a sweep), or the raw column before any smoothing: a channel that is "
     "held goes in stairs, a late one does not"
@@ -297,9 +297,9 @@ class SensorHold:
         move an update from sample to sample.
         """
         interval = context.interval
-        periods = [every * interval for every in EVERY if 0 < every * interval <= LONGEST]
+        periods = [every * interval for every in EVERY if 0 < every * interval <= LONGEST_DELAY]
         result = context.update_periods.get(self.channel)
-        if result is not None and 1.5 * interval < result <= LONGEST:
+        if result is not None and 1.5 * interval < result <= LONGEST_DELAY:
             periods.append(result)
         tried = [
             (period, first * interval)

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.tracing.decision import CERTAIN
+from ident.tracing.decision import CLAIM_LEVEL
 from ident.tracing.diagnosis import Diagnosis, Verdict
 from ident.tracing.loop import diagnose
 from sim.declaration.model import Model
@@ -50,7 +50,7 @@ def test_each_is_named_with_the_other_beside_it_and_both_sets_of_derivatives(
     d = diagnosed(record)
     (claim,) = d.effects
     assert (d.verdict, claim.name, claim.alternatives) == (Verdict.TRACED, name, (other,))
-    assert claim.probability[name] > CERTAIN
+    assert claim.probability[name] > CLAIM_LEVEL
     under = claim.derivatives_under
     assert list(under) == [name, other] and under[name] == d.after
     right, wrong = under[name]["CL_de"], under[other]["CL_de"]
