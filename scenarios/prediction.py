@@ -396,9 +396,7 @@ TITLE = "simulation with the study's parameters held fixed; initial states and b
 
 
 def prediction_text(found: PredictionResult, width: int = WIDTH) -> str:
-    """Return the text of a prediction: record and model, warnings, and the errors channel by
-    channel.
-    """
+    """Return the text of a prediction: record, model, warnings, and errors by channel."""
     record, kept = found.record, found.kept
     effects = [effect.name for effect in kept.after.effects]
     lines = wrapped(f"{_samples(found)}; {predicting_model(found)} ({found.study})", width)

@@ -129,7 +129,7 @@ ON_THE_GRID = 0.02
 # ratio of the noise by second and by fourth differences: 1 for white noise, 10 and more for motion
 # alone
 LARGEST_WHITE_RATIO = 1.5
-RESOLVED_SHARE = 0.7
+RESOLVED_BITS = 0.7
 # of a converter's step, within which nine tenths of the differences lie on its multiples; a fifth
 # of them by chance
 MULTIPLE_TOLERANCE = 0.1
@@ -186,7 +186,7 @@ class Series:
         """Whether the noise is seen above the least bit. Rounding makes noise of a third of a bit
         look like 0.6.
         """
-        return self.white and self.noise > RESOLVED_SHARE * self.least_bit
+        return self.white and self.noise > RESOLVED_BITS * self.least_bit
 
     @property
     def span(self) -> float:
@@ -286,9 +286,8 @@ def _lattice_step(sizes: np.ndarray, step: float) -> float:
             return 0.0
         step = float(count @ near / (count @ count))
     several = len(np.unique(count[count > 0.0])) > 1
-    return (
-        step if several and np.mean(np.abs(near / step - count) < MULTIPLE_TOLERANCE) > 0.9 else 0.0
-    )
+    whole = np.abs(near / step - count) < MULTIPLE_TOLERANCE
+    return step if several and np.mean(whole) > 0.9 else 0.0
 
 
 def _blurred_step(moving: np.ndarray) -> float:
