@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from scipy.special import chdtrc, expit, ndtr, stdtr, stdtrit
 
-# ---- A flight's estimates once other flights have told a value that they share
+# ---- A flight's estimates, given a value that it shares with other flights
 
 
 def conditioned(
@@ -48,7 +48,7 @@ def without_one(
     return left @ (np.linalg.solve(covariance, value) - np.linalg.solve(own_covariance, own)), left
 
 
-# ---- Many questions asked at once
+# ---- Multiple tests: false discovery rate
 
 
 def adjusted(p_values: np.ndarray) -> np.ndarray:

@@ -165,7 +165,7 @@ def proportional_priors(parameters: ParameterSet, engineering: Mapping[str, floa
     return parameters.with_prior(priors)
 
 
-# ---- Keeps what a filter does, sample by sample, and turns it into an Estimate
+# ---- Histories of a filter, sample by sample, and its Estimate
 
 LOG_TWO_PI = float(np.log(2.0 * np.pi))
 
@@ -317,18 +317,18 @@ class FilterBuffers(NamedTuple):
 def empty_history(problem: FilterProblem) -> FilterBuffers:
     """Return the arrays of a pass; transitions are the identity."""
     n, (m, N) = len(problem.names), problem.valid.shape
-    whole, mean, output = (N, n, n), (N, n), (N, m)
-    transition = np.array(np.broadcast_to(np.eye(n), whole), order="C")
+    covariance_shape, mean_shape, output_shape = (N, n, n), (N, n), (N, m)
+    transition = np.array(np.broadcast_to(np.eye(n), covariance_shape), order="C")
     arrays = (
-        np.empty(mean),
-        np.empty(whole),
-        np.empty(mean),
-        np.empty(whole),
+        np.empty(mean_shape),
+        np.empty(covariance_shape),
+        np.empty(mean_shape),
+        np.empty(covariance_shape),
         transition,
-        np.empty(output),
+        np.empty(output_shape),
         np.empty((N, m, m)),
     )
-    return FilterBuffers(*arrays, np.empty((N, m, n)), np.empty(output))
+    return FilterBuffers(*arrays, np.empty((N, m, n)), np.empty(output_shape))
 
 
 def finished(problem: FilterProblem, buffers: FilterBuffers, method: str) -> Estimate | None:

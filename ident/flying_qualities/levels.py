@@ -6,12 +6,12 @@ constant speed gives n/alpha = (V/g) (-L_alpha + L_delta M_alpha/M_delta) / (L_q
 M_q/M_delta), which is -(V/g) L_alpha for L_delta = 0, L_q = 1; the control anticipation parameter
 is CAP = w^2 / (n/alpha) (Bihrle, AFFDL-TR-65-198, 1966).
 
-Draws of the modes' characteristics, Gaussian, are turned into damping, frequency and times one by
-one and held against all limits of a mode at once: what a level is worth is the share of the draws
+Each Gaussian draw of the modes' characteristics is turned into damping, frequency and times, and
+compared with all limits of a mode at once. The probability of a level is the share of the draws
 that reach it.
 
 Low-order forms that are fitted to frequency responses (short period, roll mode, Dutch roll) are
-held against the same limits. For the form ``pitch`` at constant speed n/alpha = V / (g T_theta2)
+compared with the same limits. For the form ``pitch`` at constant speed n/alpha = V / (g T_theta2)
 and CAP = omega^2 / (n/alpha) (MIL-STD-1797A, 4.2.1.2; Bihrle, AFFDL-TR-65-198, 1966).
 Limits of the levels: ``handling_qualities.toml``.
 """

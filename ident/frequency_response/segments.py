@@ -312,11 +312,15 @@ def hann_of_blocks(
     size = STEPS_PER_WINDOW * hop
     length, count = size * step, parts.shape[2] - STEPS_PER_WINDOW + 1
     shift = 1.0 / length
-    plain = []
+    unwindowed = []
     for block, each in zip(parts, (frequency, frequency - shift, frequency + shift), strict=True):
-        late = np.exp(-2j * math.pi * step * hop * np.outer(np.arange(STEPS_PER_WINDOW), each))
-        plain.append(sum(block[:, m : m + count] * late[m] for m in range(STEPS_PER_WINDOW)))
-    middle, below, above = plain
+        block_delays = np.exp(
+            -2j * math.pi * step * hop * np.outer(np.arange(STEPS_PER_WINDOW), each)
+        )
+        unwindowed.append(
+            sum(block[:, m : m + count] * block_delays[m] for m in range(STEPS_PER_WINDOW))
+        )
+    middle, below, above = unwindowed
     energy = 1.0 / math.sqrt(0.375 * size)
     rows = [energy * (0.5 * middle - 0.25 * (below + above))]
     if derivatives > 0:
@@ -345,9 +349,9 @@ def overlap_of(spans: np.ndarray, owner: np.ndarray) -> csr_array:
 
 
 @lru_cache(4)
-def _overlap(places_in_time: bytes, owners: bytes) -> csr_array:
-    spans = np.frombuffer(places_in_time).reshape(-1, 2)
-    owner = np.frombuffer(owners, np.int64)
+def _overlap(span_bytes: bytes, owner_bytes: bytes) -> csr_array:
+    spans = np.frombuffer(span_bytes).reshape(-1, 2)
+    owner = np.frombuffer(owner_bytes, np.int64)
     start, length = spans[:, 0], spans[:, 1]
     grid = np.arange(STEPS_PER_WINDOW * _SAMPLES_PER_WINDOW_STEP) / (
         STEPS_PER_WINDOW * _SAMPLES_PER_WINDOW_STEP
@@ -475,10 +479,12 @@ def estimate_response(
     Suu, Syy = (np.abs(U) ** 2).mean(axis=0), (np.abs(Y) ** 2).mean(axis=1)
     Syu = (Y * np.conj(U)).mean(axis=1)
     coherence = np.abs(Syu) ** 2 / np.maximum(Suu * Syy, np.finfo(float).tiny)
-    between = (1.0 - np.exp(-1j * omega * step)) / (1j * omega * step)
-    is_held = between if record.hold is Hold.PREVIOUS else np.abs(between) ** 2
+    zero_order_hold = (1.0 - np.exp(-1j * omega * step)) / (1j * omega * step)
+    hold_response = (
+        zero_order_hold if record.hold is Hold.PREVIOUS else np.abs(zero_order_hold) ** 2
+    )
     return SingleInputResponse(
-        omega, names, Syu / Suu / is_held, coherence, (tapers + 1) * math.pi / (count * step)
+        omega, names, Syu / Suu / hold_response, coherence, (tapers + 1) * math.pi / (count * step)
     )
 
 

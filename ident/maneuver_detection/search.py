@@ -82,7 +82,7 @@ TIME_AFTER_INPUT = 4.0  # s after the input, in which the response goes on
 AVERAGING_TIME = 0.1  # s, over which samples are averaged; a twentieth of a shorter maneuver
 FEWEST_AVERAGES_PER_PARAMETER = 3.0
 LARGEST_CORRECTED_CORRELATION = 0.95  # largest correlation of neighbours that is corrected for
-LARGEST_T_VALUE = 1000.0  # of a t value: noise-free records have no other limit
+LARGEST_T_VALUE = 1000.0  # records without noise have no other limit
 
 
 def excitation_of(stretch: EvenSegment, start: float, end: float, axis: str) -> dict[str, float]:
@@ -246,13 +246,13 @@ def trim_points(
     """
     size = stretch.samples(SHORTEST_TRIM)
     steady = quiet.copy()
-    looked = [
+    recorded = [
         (name, stretch.outputs[name], spread)
         for name, spread in TRIM_SPREAD.items()
         if name in stretch.outputs
     ]
     for name, values, spread in [
-        *looked,
+        *recorded,
         *((name, stretch.inputs[name], spread) for name, spread in controls.items()),
     ]:
         smooth = uniform_filter1d(values, stretch.samples(1.0), mode="nearest")
@@ -268,8 +268,8 @@ def trim_points(
         low, high = max(0, first - size // 2), min(quiet.size, last + size // 2)
         while low < first and not quiet[low:first].all():
             low += 1 + int(np.flatnonzero(~quiet[low:first])[-1])
-        loud = np.flatnonzero(~quiet[last:high])
-        high = last + int(loud[0]) if loud.size else high
+        not_quiet = np.flatnonzero(~quiet[last:high])
+        high = last + int(not_quiet[0]) if not_quiet.size else high
         if (high - low) * stretch.step >= SHORTEST_TRIM:
             if out and stretch.time[low] <= out[-1].end:
                 low = int(np.searchsorted(stretch.time, out.pop().start))
@@ -290,8 +290,8 @@ def mean_conditions(stretch: EvenSegment, start: float, end: float) -> dict[str,
         ("height", "height"),
     )
     return {
-        shown: float(np.mean(stretch.outputs[name][rows]))
-        for name, shown in names
+        condition: float(np.mean(stretch.outputs[name][rows]))
+        for name, condition in names
         if name in stretch.outputs
     }
 
@@ -414,7 +414,7 @@ def _maneuvers_of(stretch: EvenSegment) -> list[DetectedManeuver]:
     candidates = with_pulls(stretch, activities, candidates)
     candidates = [each for each in candidates if not _rolls_into(stretch, each, turning)]
     candidates = without_reactions(activities, candidates)
-    moves = [*(_maneuver(stretch, each) for each in candidates), *turning]
+    maneuvers = [*(_maneuver(stretch, each) for each in candidates), *turning]
     # A slow ramp of a control is no deviation from the running trim, and no trim point either.
     steady = {
         name: np.maximum(
@@ -422,7 +422,7 @@ def _maneuvers_of(stretch: EvenSegment) -> list[DetectedManeuver]:
         )
         for name, each in activities.items()
     }
-    calm = trim_points(stretch, _quiet(stretch, activities, moves), steady)
+    trims = trim_points(stretch, _quiet(stretch, activities, maneuvers), steady)
     return [
         replace(
             each,
@@ -431,7 +431,7 @@ def _maneuvers_of(stretch: EvenSegment) -> list[DetectedManeuver]:
             if each.axis == ALL_AXES
             else excitation_of(stretch, each.start, each.end, each.axis),
         )
-        for each in (*moves, *calm)
+        for each in (*maneuvers, *trims)
     ]
 
 
@@ -453,13 +453,13 @@ def _ratio(activity: Activity, rows: slice | None = None) -> np.ndarray:
 
 
 def _quiet(
-    stretch: EvenSegment, activities: Mapping[str, Activity], moves: Sequence[DetectedManeuver]
+    stretch: EvenSegment, activities: Mapping[str, Activity], maneuvers: Sequence[DetectedManeuver]
 ) -> np.ndarray:
     """Samples at which no control moves beyond its rest level and no maneuver is flown."""
     quiet = np.ones(stretch.time.size, dtype=bool)
     for activity in activities.values():
         quiet &= _ratio(activity) <= ACTIVE_RATIO
-    for each in moves:
+    for each in maneuvers:
         quiet[stretch.rows(each.start, each.end)] = False
     return quiet
 

@@ -5,10 +5,10 @@ Control 66(1), 2021: the step from one filtered covariance to the next is an ele
 A (I + P J)^-1 P A^T + C, and elements combine associatively.
 
 The residual of a deterministic fit is e = H x + v with x the process noise, see
-`ident.process_noise.linear_noise`. Its innovations, nu[k]
-= e[k] minus its prediction from e[0 .. k - 1], are white; the columns of the Jacobian pass through
-the same linear filter (Jategaonkar, Flight Vehicle System Identification, ch. 5). Covariances come
-from an associative scan, the states from one banded triangular solve.
+`ident.process_noise.linear_noise`. Its innovations, nu[k] = e[k] minus the prediction of e[k] from
+e[0 .. k - 1], are white. The columns of the Jacobian pass through the same linear filter
+(Jategaonkar, Flight Vehicle System Identification, ch. 5). Covariances come from an associative
+scan, the states from one banded triangular solve.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ Combine = Callable[[Elements, Elements], Elements]
 
 
 def scan(combine: Combine, elements: Elements) -> Elements:
-    """All prefixes of ``elements`` along the first axis; ``combine(first, second)`` takes
-    stacks.
+    """Return the combinations of the first 1, 2, ... ``elements`` along the first axis (an
+    associative scan); ``combine(first, second)`` takes stacks.
     """
     count = len(elements[0])
     if count < 2:

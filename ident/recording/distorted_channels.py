@@ -1,8 +1,8 @@
 """Distorted channels: flat extremes, steps of the zero, hum, filtered channels.
 
-At each row a straight line through the samples before and one through those after are extrapolated
-to the middle between them; their difference forgets a level, a slope and a curvature. What inputs
-and other channels explain of it, by least squares, is taken off.
+Steps: two straight lines, through the samples before and after each row, are extrapolated to the
+row. A level, a slope and a curvature cancel in their difference. The part of the difference that
+inputs and other channels explain, by least squares, is subtracted.
 
 White noise of a sensor fills the spectrum up to half the sample rate, and a converter's rounding
 does so behind any filter. Where the spectrum is flat up to a cutoff and empty above it, what was
@@ -45,8 +45,8 @@ CONTINUOUS_INPUT_SHARE = 0.3
 
 
 def clipped(series: Series, count: int, *, is_input: bool = False) -> list[RecordFinding]:
-    """Find levels at which a channel is flat, and mask these samples; of an input they are only
-    noted, since it may be at its stop.
+    """Find levels at which a channel is flat, and mask these samples. An input may be at its stop:
+    its flat levels are noted and not masked.
     """
     if is_input and np.mean(np.diff(series.values) != 0.0) < CONTINUOUS_INPUT_SHARE:
         return []
@@ -54,23 +54,23 @@ def clipped(series: Series, count: int, *, is_input: bool = False) -> list[Recor
     for sign in (1.0, -1.0):
         values = sign * series.values
         level = float(np.max(values))
-        at = values == level
-        runs = runs_of(at)
+        at_level = values == level
+        runs = runs_of(at_level)
         # A run at either end of the record may be a rest.
         inside = [(b, e) for b, e in runs if b > 0 and e < len(values)]
         if (
-            np.count_nonzero(at) < FEWEST_AT_LEVEL
+            np.count_nonzero(at_level) < FEWEST_AT_LEVEL
             or not inside
             or max(e - b for b, e in inside) < FEWEST_IN_A_ROW
         ):
             continue
-        if _piles_up(series, values, level, at) or any(
+        if _piles_up(series, values, level, at_level) or any(
             _cornered(series, values, b, e) for b, e in inside
         ):
             out.append(
                 _finding(
                     series,
-                    at,
+                    at_level,
                     sign * level,
                     "highest" if sign > 0 else "lowest",
                     count,
@@ -80,7 +80,7 @@ def clipped(series: Series, count: int, *, is_input: bool = False) -> list[Recor
     return out
 
 
-def _piles_up(series: Series, values: np.ndarray, level: float, at: np.ndarray) -> bool:
+def _piles_up(series: Series, values: np.ndarray, level: float, at_level: np.ndarray) -> bool:
     """Return whether more samples are at the level than noise leaves there; the density of noise
     falls towards an extreme.
     """
@@ -90,7 +90,7 @@ def _piles_up(series: Series, values: np.ndarray, level: float, at: np.ndarray) 
     below = np.count_nonzero((values < level) & (values >= level - 3.5 * width))
     per_level = below / 3.0 * (min(1.0, series.least_bit / width) if series.least_bit else 1e-6)
     # Poisson's probability of as many samples at the level or more.
-    return bool(gammainc(np.count_nonzero(at), 2.0 * per_level + 0.5) < CHANCE_OF_PILE)
+    return bool(gammainc(np.count_nonzero(at_level), 2.0 * per_level + 0.5) < CHANCE_OF_PILE)
 
 
 def _cornered(series: Series, values: np.ndarray, begin: int, end: int) -> bool:
@@ -113,14 +113,14 @@ def _cornered(series: Series, values: np.ndarray, begin: int, end: int) -> bool:
 
 
 def _finding(
-    series: Series, at: np.ndarray, level: float, word: str, count: int, *, is_input: bool
+    series: Series, at_level: np.ndarray, level: float, word: str, count: int, *, is_input: bool
 ) -> RecordFinding:
-    runs = runs_of(at)
+    runs = runs_of(at_level)
     times = tuple((float(series.time[b]), float(series.time[e - 1])) for b, e in runs if e - b > 1)
     numbers = {"level": FindingQuantity(level, series.unit)}
     text = (
-        f"flat at its {word} value, {shown(level, series.unit)}, for {int(np.count_nonzero(at))} "
-        "samples"
+        f"flat at its {word} value, {shown(level, series.unit)}, for "
+        f"{int(np.count_nonzero(at_level))} samples"
     )
     if is_input:
         said = f"is {text}: at its stop, or clipped by the recorder"
@@ -134,7 +134,7 @@ def _finding(
             numbers,
         )
     mask = np.zeros(count, dtype=bool)
-    mask[series.rows[at]] = True
+    mask[series.rows[at_level]] = True
     remedy = "widen the channel's range, or fly a smaller maneuver"
     return RecordFinding(
         series.name,
@@ -194,12 +194,12 @@ def zero_steps(
     }
     jumps = {name: _jumps(column, length) for name, column in values.items()}
     # A step of the control is a kink of the pitch rate: the input's sum goes beside it.
-    driven = [
+    input_sums = [
         _jumps(np.cumsum(values[each.name] - np.mean(values[each.name])), length) for each in inputs
     ]
-    weight = float(np.sqrt(2.0 * np.sum(_weights(length) ** 2)))
+    noise_gain = float(np.sqrt(2.0 * np.sum(_weights(length) ** 2)))
     quiet = {
-        each.name: max(weight * each.noise + each.least_bit, _usual(jumps[each.name]))
+        each.name: max(noise_gain * each.noise + each.least_bit, _usual(jumps[each.name]))
         for each in series
     }
     still = _still(
@@ -207,31 +207,31 @@ def zero_steps(
     )
     out = []
     for each in series:
-        left = _unexplained(
-            jumps[each.name], [*(jumps[name] for name in jumps if name != each.name), *driven]
+        residual = _unexplained(
+            jumps[each.name], [*(jumps[name] for name in jumps if name != each.name), *input_sums]
         )
-        for at in _peaks(
-            left,
-            weight * each.noise + each.least_bit,
+        for peak in _peaks(
+            residual,
+            noise_gain * each.noise + each.least_bit,
             length,
-            round(min(SURROUNDINGS_TIME / step, len(left))),
+            round(min(SURROUNDINGS_TIME / step, len(residual))),
         ):
-            near = slice(max(0, at - 2), at + 3)
+            near = slice(max(0, peak - 2), peak + 3)
             calm = all(
                 np.max(np.abs(jumps[other.name][near])) < OTHER_JUMP_SIGMAS * quiet[other.name]
                 for other in series
                 if other is not each
             )
             if each.name == "nz" and _is_load(
-                series, values, rows[at + length], float(left[at]), gravity_over_speed
+                series, values, rows[peak + length], float(residual[peak]), gravity_over_speed
             ):
                 continue
             if (
                 calm
-                and still[at + length]
-                and not _touches(masked.get(each.name), rows[at : at + 2 * length])
+                and still[peak + length]
+                and not _touches(masked.get(each.name), rows[peak : peak + 2 * length])
             ):
-                out.append(_zero_steps_finding(each, rows[at + length], float(left[at])))
+                out.append(_zero_steps_finding(each, rows[peak + length], float(residual[peak])))
     return out
 
 
@@ -254,9 +254,9 @@ def _is_load(
         or len(time) != len(values["nz"])
     ):
         return False
-    at = time[np.searchsorted(known["nz"].rows, row)]
-    near = np.abs(time - at) < CORNER_TIME
-    t = time[near] - at
+    step_time = time[np.searchsorted(known["nz"].rows, row)]
+    near = np.abs(time - step_time) < CORNER_TIME
+    t = time[near] - step_time
     rate = (values["q"] - gravity_over_speed * (values["nz"] - np.mean(values["nz"])))[near]
     path = values["alpha"][near] - np.concatenate(
         [[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))]
@@ -321,34 +321,35 @@ def _jumps(values: np.ndarray, length: int) -> np.ndarray:
 
 
 def _unexplained(jump: np.ndarray, others: Sequence[np.ndarray]) -> np.ndarray:
-    """Step minus the part that steps of other channels explain by least squares, without the
-    largest.
+    """Return the steps minus the part that steps of other channels explain by least squares; the
+    largest steps take no part in this fit.
     """
     moving = [other for other in others if np.any(other)]
     if not moving:
         return jump
     rows = np.stack(moving).T
     keep = np.ones(len(jump), dtype=bool)
-    left = jump
+    residual = jump
     for _ in range(2):
         coefficients = np.linalg.lstsq(rows[keep], jump[keep], rcond=None)[0]
-        left = jump - rows @ coefficients
-        keep = np.abs(left) < 4.0 * _usual(left)
+        residual = jump - rows @ coefficients
+        keep = np.abs(residual) < 4.0 * _usual(residual)
         if np.count_nonzero(keep) < 4 * rows.shape[1]:
             break
-    return np.asarray(left)
+    return np.asarray(residual)
 
 
 def _usual(jump: np.ndarray) -> float:
+    """Return the robust standard deviation of the jumps, above zero."""
     return max(robust_sigma_about_zero(jump), 1e-300)
 
 
-def _peaks(left: np.ndarray, noise: float, length: int, around: int) -> list[int]:
+def _peaks(residual: np.ndarray, noise: float, length: int, around: int) -> list[int]:
     """Rows of steps above the noise and their surroundings, without a partner of opposite sign."""
-    size = np.abs(left)
+    size = np.abs(residual)
     out: list[int] = []
-    least = STEP_SIGMAS * max(_usual(left), noise)
-    taken = np.zeros(len(left), dtype=bool)
+    least = STEP_SIGMAS * max(_usual(residual), noise)
+    taken = np.zeros(len(residual), dtype=bool)
     for at in np.argsort(size)[::-1][: 20 * MOST_JUMPS]:
         if size[at] < least or len(out) > MOST_JUMPS:
             break
@@ -356,7 +357,7 @@ def _peaks(left: np.ndarray, noise: float, length: int, around: int) -> list[int
             continue
         taken[max(0, at - 2 * length) : at + 2 * length + 1] = True
         near = slice(max(0, at - 2 * length), at + 2 * length + 1)
-        opposite = float(np.max(-np.sign(left[at]) * left[near]))
+        opposite = float(np.max(-np.sign(residual[at]) * residual[near]))
         away = np.concatenate(
             [
                 size[max(0, at - around - length) : max(0, at - length)],
@@ -465,14 +466,16 @@ def _over_floor(power: np.ndarray, first: int) -> np.ndarray:
     """Power of each frequency over the noise floor, from the median of its neighbours; from
     ``first`` on, without the last.
     """
-    some = power[first:-1]
-    if len(some) < FLOOR_BINS:
+    above_lowest = power[first:-1]
+    if len(above_lowest) < FLOOR_BINS:
         return np.zeros(0)
-    padded = np.pad(some, FLOOR_BINS, mode="reflect" if len(some) > FLOOR_BINS else "edge")
+    padded = np.pad(
+        above_lowest, FLOOR_BINS, mode="reflect" if len(above_lowest) > FLOOR_BINS else "edge"
+    )
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * FLOOR_BINS + 1)
     beside = np.delete(windows, np.s_[FLOOR_BINS - LINE_BINS : FLOOR_BINS + LINE_BINS + 1], axis=1)
     floor = np.median(beside, axis=1) / math.log(2.0)
-    return np.asarray(some / np.maximum(floor, 1e-300))
+    return np.asarray(above_lowest / np.maximum(floor, 1e-300))
 
 
 def _refined(bent: np.ndarray, step: float, near: float, spacing: float) -> float:
@@ -484,11 +487,11 @@ def _refined(bent: np.ndarray, step: float, near: float, spacing: float) -> floa
     return float(grid[int(np.argmax(np.abs(turn @ (window * bent))))])
 
 
-def _parts(bent: np.ndarray, step: float, at: float, count: int) -> np.ndarray:
+def _parts(bent: np.ndarray, step: float, line_frequency: float, count: int) -> np.ndarray:
     """Complex amplitude of the line in each part of a record; ``bent``: second differences."""
     number = np.arange(len(bent))
-    turned = bent * np.exp(-2j * math.pi * at * step * number)
-    gain = (2.0 * math.sin(math.pi * at * step)) ** 2
+    turned = bent * np.exp(-2j * math.pi * line_frequency * step * number)
+    gain = (2.0 * math.sin(math.pi * line_frequency * step)) ** 2
     parts = []
     for rows in np.array_split(number, count):
         weights = np.hanning(len(rows) + 2)[1:-1]
@@ -501,10 +504,10 @@ def _coherence(parts: np.ndarray) -> float:
     return float(abs(np.mean(parts)) ** 2) / power if power > 0.0 else 0.0
 
 
-def _in_input(other: Series, at: float) -> bool:
+def _in_input(other: Series, line_frequency: float) -> bool:
     """Whether an input has the line itself with one phase throughout, at its own sample rate."""
     step = float(np.median(np.diff(other.time)))
-    parts = _parts(np.diff(other.values[:MOST_SAMPLES], 2), step, at, FEWEST_PARTS)
+    parts = _parts(np.diff(other.values[:MOST_SAMPLES], 2), step, line_frequency, FEWEST_PARTS)
     return abs(np.mean(parts)) > INPUT_LINE_SHARE * other.span and _coherence(parts) > 0.5
 
 

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 
 def check_records(request: Request, out: Path | None, figures: Formats) -> None:
-    """Read, check, write the study, print."""
+    """Check records, write the study into ``out`` and print the findings."""
     found = check_files(request)
     if out is not None:
         from scenarios.compatibility.report import write_check
@@ -65,8 +65,9 @@ def survey_records(
     progress: bool = True,
     cluster: str | None = None,
 ) -> None:
-    """Read, diagnose what is new, pool, write, print; ``progress`` False: nothing is shown of how
-    far it is. ``cluster`` : a Dask address.
+    """Diagnose the new flights of a campaign, pool all of them, write and print the survey.
+
+    ``progress`` : whether a progress bar is shown. ``cluster`` : address of a Dask scheduler.
     """
     from scenarios.survey.report import survey_text
     from scenarios.survey.survey import survey_flights
@@ -100,7 +101,7 @@ def survey_records(
 
 # ---- flightid identify: a measured record to parameters, printed and written
 
-ALL_PARAMETERS = "all"  # of --profile: every parameter
+ALL_PARAMETERS = "all"  # value of --profile
 
 
 def options_of(
@@ -125,7 +126,7 @@ def identify_records(
     options: Options = DEFAULT_OPTIONS,
     matrices: Path | None = None,
 ) -> None:
-    """Read, identify, write the study and the linearised model's ``matrices``, print."""
+    """Identify records, write the study and the linearised model's ``matrices``, and print."""
     from scenarios.files.measured.columns import path_of
     from scenarios.identification.identify import identify_files
     from scenarios.identification.low_order import refuse_place, state_space_of, write_state_space
@@ -159,7 +160,7 @@ def identify_records(
 def search_record(
     record: Path, channels: Path | None, plan: Plan, out: Path | None, figures: Formats
 ) -> None:
-    """Read, search, write the folder, print."""
+    """Find the maneuvers of a record, write them into ``out`` and print them."""
     from scenarios.files.declarations import read_channel_map
 
     found = maneuvers_of(record, read_channel_map(channels) if channels is not None else None, plan)
@@ -176,8 +177,7 @@ def search_record(
 
 
 def predict_with_study(asked: PredictionRequest, out: Path | None, figures: Formats) -> None:
-    """Read, predict, write, print."""
-
+    """Predict a record with the model of a study, write the prediction and print it."""
     found = predict_record(asked)
     if out is not None:
         from scenarios.prediction import write_prediction
@@ -206,7 +206,7 @@ def respond(
     pilot: tuple[float | None, float | None] = (None, None),
     model: tuple[str | None, Path | None] = (None, None),
 ) -> None:
-    """Read, estimate, write the folder, print.
+    """Estimate frequency responses, write them into ``out`` and print them.
 
     ``names`` : inputs, outputs, references. ``options`` : band, windows, tapers, least coherence.
     ``fit`` : forms, fixed parameters, shared poles. ``bandwidth`` : rate or attitude, what the
@@ -382,8 +382,9 @@ def _short(text: str, most: int) -> str:
 def diagnose_records(
     request: Request, out: Path | None, figures: Formats, *, progress: bool = True
 ) -> None:
-    """Read, trace, write the study, print; ``progress`` False: nothing is shown of how far it
-    is.
+    """Trace what the model of a record lacks, write the study and print it.
+
+    ``progress`` : whether a progress bar is shown.
     """
     with progress_bar(progress, counted=False) as tell:
         from scenarios.diagnosis.diagnose import diagnose_files
@@ -408,7 +409,7 @@ def diagnose_records(
 def find_structure(
     request: Request, options: StructureOptions, out: Path | None, figures: Formats
 ) -> None:
-    """Read, choose, write, print.
+    """Choose the terms of the aerodynamic coefficients, write a vehicle file of them and print.
 
     Parameters
     ----------

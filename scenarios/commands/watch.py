@@ -1,5 +1,5 @@
-"""`flightid watch`: a stream identified while it arrives, shown against a reference, written as it
-goes; and the stability margins of a loop in it.
+"""`flightid watch`: identification of a stream while it arrives, compared with a reference and
+written continuously; and the stability margins of a loop in it.
 """
 
 from __future__ import annotations

@@ -5,17 +5,22 @@ Body axes, x forward, y to the right, z down; flat earth, wind that does not cha
 Morelli, Aircraft System Identification, AIAA 2006, ch. 10; Jategaonkar, Flight Vehicle System
 Identification, AIAA 2006, ch. 10):
 
-phi_dot = p + tan(theta) (q sin(phi) + r cos(phi)), theta_dot = q cos(phi) - r sin(phi), psi_dot =
-(q sin(phi) + r cos(phi))/cos(theta), V alpha_dot cos(beta) = V [q cos(beta) - sin(beta) (p
-cos(alpha) + r sin(alpha))] + Z cos(alpha) - X sin(alpha), V beta_dot = V [p sin(alpha) - r
-cos(alpha)] - X cos(alpha) sin(beta) + Y cos(beta) - Z sin(alpha) sin(beta), V_dot = X cos(alpha)
-cos(beta) + Y sin(beta) + Z sin(alpha) cos(beta), h_dot = V [cos(alpha) cos(beta) sin(theta) -
-sin(beta) sin(phi) cos(theta) - sin(alpha) cos(beta) cos(phi) cos(theta)] + w, X = ax - g
-sin(theta), Y = ay + g cos(theta) sin(phi), Z = az + g cos(theta) cos(phi); w is the wind's climb.
+    phi_dot = p + tan(theta) (q sin(phi) + r cos(phi))
+    theta_dot = q cos(phi) - r sin(phi)
+    psi_dot = (q sin(phi) + r cos(phi)) / cos(theta)
+    V alpha_dot cos(beta) = V [q cos(beta) - sin(beta) (p cos(alpha) + r sin(alpha))]
+        + Z cos(alpha) - X sin(alpha)
+    V beta_dot = V [p sin(alpha) - r cos(alpha)]
+        - X cos(alpha) sin(beta) + Y cos(beta) - Z sin(alpha) sin(beta)
+    V_dot = X cos(alpha) cos(beta) + Y sin(beta) + Z sin(alpha) cos(beta)
+    h_dot = V [cos(alpha) cos(beta) sin(theta) - sin(beta) sin(phi) cos(theta)
+        - sin(alpha) cos(beta) cos(phi) cos(theta)] + w
+    X = ax - g sin(theta), Y = ay + g cos(theta) sin(phi), Z = az + g cos(theta) cos(phi)
 
-What is not recorded is taken as follows. theta, alpha: constants of the record, fitted. phi, beta:
-zero. p: the change of phi. r in phi_dot = p + psi_dot sin(theta): a coordinated turn, psi_dot = g
-tan(phi)/V. q: what holds theta. ax: what holds the airspeed. A load's other terms without it: none.
+with w the vertical wind. Channels that are not recorded are replaced: theta and alpha by constants
+of the record, which are fitted; phi and beta by zero; p by the change of phi; r in phi_dot = p +
+psi_dot sin(theta) by a coordinated turn, psi_dot = g tan(phi)/V; q by the rate that holds theta; ax
+by the acceleration that holds the airspeed. Without a load, its terms in other equations are zero.
 """
 
 from __future__ import annotations
