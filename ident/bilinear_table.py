@@ -38,8 +38,8 @@ class Bilinear:
     table: np.ndarray
 
     def at(self, w: np.ndarray) -> np.ndarray:
-        """Jacobian and, as a further column, values, ``(B, m, n + 1)``, at ``w (B, 1 + n +
-        inputs)``.
+        """Return the Jacobian and, as a further column, values, ``(B, m, n + 1)``, at ``w (B, 1 + n
+        + inputs)``.
         """
         B, width = w.shape
         out = (w @ self.table).reshape(B, -1, self.n + width)
@@ -110,7 +110,7 @@ def system_tables(system: System, p: Sequence[Any]) -> tuple[Bilinear, Bilinear]
 
 
 def constant_within_steps(drive: Drive) -> bool:
-    """Whether the inputs do not change within a step."""
+    """Return whether the inputs do not change within a step."""
     return all(
         a is b is c or (np.array_equal(a, b) and np.array_equal(a, c))
         for a, b, c in zip(*drive.stages, strict=True)
@@ -126,8 +126,8 @@ def _scalar_or_row(value: Any) -> Any:
 
 
 def _table(constant: np.ndarray, at_rest: np.ndarray, twice: np.ndarray, n: int) -> np.ndarray:
-    """Table from values and Jacobian ``(m, size)`` at zero and the second derivatives ``(m, size,
-    size)``.
+    """Return the table from values and Jacobian ``(m, size)`` at zero and the second derivatives
+    ``(m, size, size)``.
     """
     m, size = at_rest.shape
     slopes = np.concatenate([at_rest[None], np.moveaxis(twice, 2, 0)])
@@ -152,8 +152,8 @@ def _agrees(function: Function, table: Bilinear) -> bool:
 
 
 def _values_and_slopes(function: Function, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values ``(m, K)`` and Jacobians ``(m, size, K)`` at points ``(size, K)``, by complex steps in
-    one call.
+    """Return the values ``(m, K)`` and Jacobians ``(m, size, K)`` at points ``(size, K)``, by
+    complex steps in one call.
     """
     size, count = points.shape
     out = function(list(points[:, None, :] + (1j * COMPLEX_STEP) * np.eye(size)[:, :, None]))

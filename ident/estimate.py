@@ -176,7 +176,7 @@ class Estimate:
         )
 
     def as_dict(self) -> dict[str, float]:
-        """Values by name, for ``Model.with_values``."""
+        """Return the values by name, for ``Model.with_values``."""
         return {name: float(value) for name, value in zip(self.names, self.values, strict=True)}
 
 

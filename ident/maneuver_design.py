@@ -73,8 +73,8 @@ class KnownLevels:
         residuals: Sequence[np.ndarray],
         counts: np.ndarray,
     ) -> WeightedResiduals:
-        """Residuals and sensitivities as they are; the cost is that of residuals over the known
-        levels.
+        """Return the residuals and sensitivities as they are; the cost is that of residuals over
+        the known levels.
         """
         cost = 0.5 * float(
             sum(np.sum(residual**2 / self.variance[:, None]) for residual in residuals)
@@ -95,7 +95,7 @@ class KnownLevels:
         return None
 
     def step_bounds(self, layout: LaidOut, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The bounds of the layout."""
+        """Return the bounds of the layout."""
         return layout.low, layout.high
 
 
@@ -125,7 +125,7 @@ class Planned:
     settings: FitSettings = field(default_factory=FitSettings)
 
     def measuring(self, y: np.ndarray) -> Planned:
-        """The maneuver with outputs ``(m, N)`` without noise in its record."""
+        """Return the maneuver with outputs ``(m, N)`` without noise in its record."""
         rows = zip(self.outputs, y, strict=True)
         return replace(
             self,
@@ -143,8 +143,8 @@ def simulated(
     *,
     slopes: bool = True,
 ) -> FittedModel:
-    """The model with effects in the maneuver, nothing fitted; ``values`` by full name where they
-    are not the model's and the effects' own.
+    """Return the model with effects in the maneuver, nothing fitted; ``values`` by full name where
+    they are not the model's and the effects' own.
 
     Its residual is measured minus simulated. ``slopes`` False: without sensitivities, which are
     most of the work.
@@ -175,8 +175,8 @@ def simulated(
 def fitted(
     planned: Planned, effects: Sequence[Traceable], values: Mapping[str, float] | None = None
 ) -> FittedModel | None:
-    """The model with effects fitted to what the record of the maneuver holds, from ``values``; None
-    where no cost is finite.
+    """Return the model with effects fitted to what the record of the maneuver holds, from
+    ``values``; None where no cost is finite.
     """
     layout = _laid_out(planned, effects, values)
     fit = fit_whole_records(FitProblem(layout, KnownLevels(planned.noise**2)))
@@ -195,8 +195,8 @@ def expected_sigmas(planned: Planned) -> dict[str, float]:
 
 
 def sigmas_of(fit: Fit) -> dict[str, float]:
-    """Standard deviations of the shared parameters by name, from the information of a fit or a
-    simulation.
+    """Return the standard deviations of the shared parameters by name, from the information of a
+    fit or a simulation.
     """
     information, _ = fit.normal_equations()
     inverse, _ = inverse_information(information, fit.theta)
@@ -281,7 +281,7 @@ class RivalDecision:
 def decision_of(
     squares: np.ndarray, counts: np.ndarray, gain: float, own: int, other: int, price: float = 0.0
 ) -> RivalDecision:
-    """The decision between two effects.
+    """Return the decision between two effects.
 
     Parameters
     ----------
@@ -311,7 +311,7 @@ def detection_probability(gain: float, own: int, price: float, accept: float) ->
 
 
 def normal_above(mean: float, std: float) -> float:
-    """Probability that a normal number is above zero."""
+    """Return the probability that a normal number is above zero."""
     return 0.5 * math.erfc(-mean / (std * math.sqrt(2.0))) if std > 0.0 else float(mean > 0.0)
 
 
@@ -362,8 +362,8 @@ class Contest:
 
 
 def declared_fit(planned: Planned, true: Acting) -> tuple[Planned, FittedModel]:
-    """The noise-free flight with an effect, and the declared model fitted to it: half the sum of
-    squares is the expected gain of the effect.
+    """Return the noise-free flight with an effect, and the declared model fitted to it: half the
+    sum of squares is the expected gain of the effect.
     """
     simulated_fit = simulated(planned, (true.effect,), true.full_values, slopes=False)
     measured = planned.measuring(simulated_fit.fit.lines[0].y)
@@ -446,12 +446,12 @@ def _squares(best: FittedModel) -> np.ndarray:
 
 
 def _prior_cost(best: FittedModel) -> float:
-    """Cost of a fit from its priors."""
+    """Return the cost of a fit from its priors."""
     return best.fit.cost - 0.5 * float(_squares(best).sum())
 
 
 def _own_cost(measured: Planned, true: Acting) -> float:
-    """Cost of the true effect fitted to its own flight: that of its priors."""
+    """Return the cost of the true effect fitted to its own flight: that of its priors."""
     there = simulated(measured, (true.effect,), true.full_values, slopes=False)
     if there.fit.layout.prior is None or there.fit.cost < 1e-9:
         return there.fit.cost

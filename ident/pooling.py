@@ -36,8 +36,8 @@ def conditioned(
 def without_one(
     value: np.ndarray, covariance: np.ndarray, own: np.ndarray, own_covariance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """A pooled ``value (k,)`` with ``covariance (k, k)`` without one of the flights in it; None
-    where nothing is left.
+    """Return a pooled ``value (k,)`` with ``covariance (k, k)`` without one of the flights in it;
+    None where nothing is left.
     """
     information = np.linalg.inv(covariance) - np.linalg.inv(own_covariance)
     if np.linalg.eigvalsh(0.5 * (information + information.T))[0] <= 1e-9 * np.trace(
@@ -52,7 +52,7 @@ def without_one(
 
 
 def adjusted(p_values: np.ndarray) -> np.ndarray:
-    """The least rate of false discoveries ``(n,)`` at which each question is answered, from
+    """Return the least rate of false discoveries ``(n,)`` at which each question is answered, from
     ``p_values (n,)`` in [0, 1].
 
     Benjamini and Hochberg, J. Royal Statistical Society B 57(1), 1995: of those below a level, the
@@ -135,8 +135,8 @@ def pooled(values: np.ndarray, sigmas: np.ndarray) -> Pooled:
 
 
 def scatter_between(values: np.ndarray, sigmas: np.ndarray, design: np.ndarray) -> float:
-    """The standard deviation between flights about ``design (n, c)`` times its coefficients, by
-    restricted likelihood; zero where none shows.
+    """Return the standard deviation between flights about ``design (n, c)`` times its coefficients,
+    by restricted likelihood; zero where none shows.
     """
     from scipy.optimize import minimize_scalar
 
@@ -218,7 +218,7 @@ class Trend:
         return float(np.sqrt(self.covariance[0, 0]))
 
     def band(self, condition: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The line and its standard deviation, ``(k,)`` each, at conditions ``(k,)``."""
+        """Return the line and its standard deviation, ``(k,)`` each, at conditions ``(k,)``."""
         away = np.stack([np.ones_like(condition), condition - self.middle])
         line = self.at_middle + self.slope * (condition - self.middle)
         return line, np.sqrt(np.einsum("ik,ij,jk->k", away, self.covariance, away))
@@ -386,8 +386,8 @@ def recurrence(evidence: Evidence, candidates: int = 1) -> Recurrence:
 
 
 def _best(evidence: Evidence, scatters: tuple[float, ...] = SCATTERS) -> _Mixture:
-    """Most likely common value: started from the values of the flights with most evidence, and
-    their mean, with each scatter.
+    """Return the most likely common value: started from the values of the flights with most
+    evidence, and their mean, with each scatter.
     """
     largest = np.argsort(-evidence.gain)[:4]
     starts = np.array(
@@ -402,7 +402,7 @@ def _best(evidence: Evidence, scatters: tuple[float, ...] = SCATTERS) -> _Mixtur
 
 
 def _maximised(evidence: Evidence, value: np.ndarray, scatter: np.ndarray) -> _Mixture:
-    """The best of c searches at once, from ``value (c, k)`` with ``scatter (c,)``."""
+    """Return the best of c searches at once, from ``value (c, k)`` with ``scatter (c,)``."""
     share, total = np.full(len(value), 0.5), np.full(len(value), -np.inf)
     each, inverse = _at(evidence, value, scatter)
     for _ in range(MOST_ITERATIONS):
@@ -431,8 +431,8 @@ def _maximised(evidence: Evidence, value: np.ndarray, scatter: np.ndarray) -> _M
 def _at(
     evidence: Evidence, value: np.ndarray, scatter: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Gain of each flight's log likelihood ``(c, n)`` with the effect about common values ``(c,
-    k)``, and inverses ``(c, n, k, k)``.
+    """Return the gain of each flight's log likelihood ``(c, n)`` with the effect about common
+    values ``(c, k)``, and inverses ``(c, n, k, k)``.
     """
     added = (scatter[:, None] * value)[:, :, None] ** 2 * np.eye(value.shape[1])
     wide = evidence.covariance + added[:, None]

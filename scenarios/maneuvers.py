@@ -190,7 +190,7 @@ def maneuvers_of(
 
 
 def _unread(file: RecordFile, record: Record) -> Mapping[str, str]:
-    """Columns that look like a control or a rate that the record lacks, by channel."""
+    """Return the columns that look like a control or a rate that the record lacks, by channel."""
     from scenarios.preparation.drafting import recognised
 
     missing = [name for name in (*CONTROLS, "p", "q", "r") if name not in record.output_names]
@@ -198,7 +198,7 @@ def _unread(file: RecordFile, record: Record) -> Mapping[str, str]:
 
 
 def signals_of(record: Record) -> FlightSignals:
-    """A record's controls and motion as the search takes them."""
+    """Return a record's controls and motion as the search takes them."""
     values = {channel.name: channel.with_gaps() for channel in record.channels}
     return FlightSignals(
         record.time,
@@ -208,8 +208,8 @@ def signals_of(record: Record) -> FlightSignals:
 
 
 def numbered(found: Sequence[DetectedManeuver], record: Record) -> tuple[NumberedManeuver, ...]:
-    """Maneuvers with numbers, names and parts of the record that do not reach into the next
-    maneuver's.
+    """Return the maneuvers with numbers, names and parts of the record that do not reach into the
+    next maneuver's.
     """
     counts: Counter[str] = Counter()
     out = []
@@ -233,7 +233,7 @@ def numbered(found: Sequence[DetectedManeuver], record: Record) -> tuple[Numbere
 def _part(
     each: DetectedManeuver, found: Sequence[DetectedManeuver], record: Record
 ) -> tuple[float, float]:
-    """The input with ``LEAD`` and ``TAIL``, up to a pause in the rows and half way to its
+    """Return the input with ``LEAD`` and ``TAIL``, up to a pause in the rows and half way to its
     neighbours; a trim point as it is.
     """
     if each.kind == "trim":
@@ -279,7 +279,7 @@ def print_maneuvers(
 
 
 def maneuvers_summary(found: FoundManeuvers, details: str = BELOW) -> Summary:
-    """The record, what was found, and how much of the time an input moves."""
+    """Return the record, what was found, and how much of the time an input moves."""
     record, kinds = found.record, Counter(each.found.kind for each in found.maneuvers)
     moves = sum(count for kind, count in kinds.items() if kind != "trim")
     named = ", ".join(f"{count} {kind}" for kind, count in kinds.items() if kind != "trim")
@@ -295,7 +295,7 @@ def maneuvers_summary(found: FoundManeuvers, details: str = BELOW) -> Summary:
 
 
 def maneuvers_table(found: FoundManeuvers) -> Table:
-    """A row for each maneuver and trim point."""
+    """Return a row for each maneuver and trim point."""
     some = found.maneuvers
     columns: list[tuple[Column, Sequence[Cell]]] = [
         (Column("no.", PURE), [Number(each.number, digits=0) for each in some]),
@@ -350,7 +350,7 @@ def excitation_text(each: NumberedManeuver) -> str:
 
 
 def maneuvers_page(found: FoundManeuvers, drawn: Sequence[Drawn] = ()) -> Page:
-    """The page of a search with the figures ``drawn``."""
+    """Return the page of a search with the figures ``drawn``."""
     name, summary = found.identity.name, maneuvers_summary(found)
     moves = sum(each.found.kind != "trim" for each in found.maneuvers)
     used = (
@@ -418,7 +418,7 @@ def write_maneuvers(found: FoundManeuvers, folder: str | Path, *, figures: Forma
 
 
 def maneuvers_toml(found: FoundManeuvers) -> str:
-    """Content of ``maneuvers.toml``."""
+    """Return the content of ``maneuvers.toml``."""
     lines = [
         _HEAD,
         f"record = {_text(found.identity.name)}",
@@ -444,7 +444,7 @@ def _text(text: str) -> str:
 
 
 def maneuvers_content(found: FoundManeuvers) -> dict[str, Any]:
-    """Content of ``maneuvers.json``: SI, nz in g."""
+    """Return the content of ``maneuvers.json``: SI, nz in g."""
     return {
         "schema": SCHEMA,
         "maneuvers": [_content(each) for each in found.maneuvers],

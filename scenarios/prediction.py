@@ -246,8 +246,8 @@ def _by_diagnosis(
 
 
 def vehicle_of_study(file: KeptFile, model: Path | OwnModel | None) -> VehicleFile:
-    """The study's vehicle, from the text that it keeps; of a user's own model with the file that is
-    named again.
+    """Return the study's vehicle, from the text that it keeps; of a user's own model with the file
+    that is named again.
     """
     own, text = file.file("model_file"), file.content["vehicle_text"]
     chosen: str | OwnModel = file.content["model"]
@@ -302,8 +302,8 @@ def _own_effects(
 
 
 def _same(path: Path, known: InputFile, option: str) -> str:
-    """The path of a user's file; refused where it is not the one that the study was made with, to
-    the byte.
+    """Return the path of a user's file; refused where it is not the one that the study was made
+    with, to the byte.
     """
     if read_source(path, DeclarationError, "a Python file").identity.sha256 != known.sha256:
         what = f"{path} is not the {known.name} that the study was made with"
@@ -314,7 +314,7 @@ def _same(path: Path, known: InputFile, option: str) -> str:
 
 
 def _plan(kept: KeptModel, asked: Plan) -> Plan:
-    """The study's preparation, and of the record the part that is asked."""
+    """Return the study's preparation, and of the record the part that is asked."""
     reading = kept.reading
     hold = Hold(reading.hold) if reading.by_hand else None
     trusted = reading.trusted or asked.trusted
@@ -367,7 +367,7 @@ def figures_of(simulation: Simulation) -> Mapping[str, Mapping[str, float]]:
 
 
 def prediction_figures(found: PredictionResult) -> Iterator[Named]:
-    """The figure of a prediction: recorded and predicted, of a diagnosis with effects also as
+    """Yield the figure of a prediction: recorded and predicted, of a diagnosis with effects also as
     declared. Nothing where no simulation is finite.
     """
     from scenarios.plots.signals import MethodOutputs, context, figure_fit
@@ -413,7 +413,7 @@ def prediction_text(found: PredictionResult, width: int = WIDTH) -> str:
 
 
 def predicting_model(found: PredictionResult) -> str:
-    """The model, whose it is, and the effects in it."""
+    """Return the model, whose it is, and the effects in it."""
     kept = found.kept
     effects = [effect.name for effect in kept.after.effects]
     vehicle = vehicle_with_file(found.vehicle, kept.vehicle)
@@ -453,8 +453,8 @@ def _rows(found: PredictionResult, simulation: Simulation, word: str) -> list[li
 
 
 def _verdict(found: PredictionResult) -> tuple[str, str]:
-    """Whether the prediction is within the tolerances, and the tone; empty where none were asked
-    for.
+    """Return whether the prediction is within the tolerances, and the tone; empty where none were
+    asked for.
     """
     if found.after.figures is None:
         return "no finite simulation", "open"
@@ -468,7 +468,7 @@ def _verdict(found: PredictionResult) -> tuple[str, str]:
 
 
 def prediction_page(found: PredictionResult, drawn: Sequence[Drawn] = ()) -> Page:
-    """The page of a prediction with the figures ``drawn``."""
+    """Return the page of a prediction with the figures ``drawn``."""
     record, figures_after = found.record, found.after.figures
     verdict, tone = _verdict(found)
     worst = (
@@ -545,8 +545,8 @@ def write_prediction(
 
 
 def prediction_content(found: PredictionResult) -> dict[str, Any]:
-    """Content of ``prediction.json``: errors in SI, nz in g; ``declared`` those of a diagnosis's
-    model without the effects found.
+    """Return the content of ``prediction.json``: errors in SI, nz in g; ``declared`` those of a
+    diagnosis's model without the effects found.
     """
     kept, record = found.kept, found.record
     files = {"vehicle": kept.vehicle, "model": kept.own_file, "effects": kept.effects_file}

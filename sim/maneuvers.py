@@ -127,7 +127,7 @@ class MultiStep:
 
 
 def three_two_one_one(amplitude: float, unit: float, start: float = 0.0) -> MultiStep:
-    """The 3-2-1-1: steps of 3, 2, 1 and 1 ``unit`` (s) with alternating sign, the first of
+    """Return the 3-2-1-1: steps of 3, 2, 1 and 1 ``unit`` (s) with alternating sign, the first of
     ``amplitude``, from ``start`` (s).
     """
     return alternating(amplitude, [3.0 * unit, 2.0 * unit, unit, unit], start)
@@ -149,8 +149,8 @@ def step(amplitude: float, start: float = 0.0) -> MultiStep:
 
 
 def alternating(amplitude: float, durations: Sequence[float], start: float = 0.0) -> MultiStep:
-    """Steps of alternating sign with the given durations (s), the first of ``amplitude``, from
-    ``start`` (s).
+    """Return the steps of alternating sign with the given durations (s), the first of
+    ``amplitude``, from ``start`` (s).
     """
     for duration in durations:
         if not (duration > SWITCH_TOLERANCE and math.isfinite(duration)):
@@ -224,8 +224,8 @@ class Delayed:
 
 
 def sequence(parts: Sequence[Maneuver], gap: float, start: float = 0.0) -> Sum:
-    """Maneuvers one after another: the first begins at ``start`` (s), each next ``gap`` (s) after
-    the last break of the one before.
+    """Return the maneuvers one after another: the first begins at ``start`` (s), each next ``gap``
+    (s) after the last break of the one before.
 
     Raises ModelError for a negative gap or a part that never begins.
     """
@@ -326,8 +326,8 @@ class Multisine:
         )
 
     def mean(self, begin: Any, end: Any) -> np.ndarray:
-        """Mean over each interval: a harmonic's mean is its value at the middle times sin(x)/x of
-        half its phase advance.
+        """Return the mean over each interval: a harmonic's mean is its value at the middle times
+        sin(x)/x of half its phase advance.
         """
         begin, end = np.broadcast_arrays(
             np.asarray(begin, dtype=float), np.asarray(end, dtype=float)
@@ -360,8 +360,8 @@ class Multisine:
 def schroeder_multisine(
     rms: float, period: float, harmonics: Sequence[int], start: float = 0.0, cycles: int = 1
 ) -> Multisine:
-    """A multisine of equal amplitudes with Schroeder's phases, shifted in time so that it begins
-    and ends at zero.
+    """Return a multisine of equal amplitudes with Schroeder's phases, shifted in time so that it
+    begins and ends at zero.
 
     phase_i = -pi i (i - 1) / n keeps the peaks low (Schroeder, IEEE Trans. Information Theory
     16(1), 1970). ``rms`` in the input's unit over a period, ``period`` and ``start`` in s.
@@ -387,8 +387,8 @@ def schroeder_multisine(
 def orthogonal_multisines(
     rms: Sequence[float], period: float, lowest: int, highest: int, start: float = 0.0
 ) -> tuple[Multisine, ...]:
-    """One multisine an input, harmonics ``lowest`` to ``highest`` dealt out in turn, hence mutually
-    orthogonal over a period.
+    """Return one multisine an input, harmonics ``lowest`` to ``highest`` dealt out in turn, hence
+    mutually orthogonal over a period.
 
     Raises ModelError when an input would be left without a harmonic.
     """
@@ -453,7 +453,7 @@ def least_peak_multisine(
 
 
 def peak_factor(multisine: Multisine) -> float:
-    """Largest magnitude over root mean square, of a sine the root of two."""
+    """Return the largest magnitude over root mean square, of a sine the root of two."""
     t = (
         np.arange(_PEAK_POINTS_PER_PERIOD * max(multisine.harmonics))
         * multisine.period
@@ -464,8 +464,8 @@ def peak_factor(multisine: Multisine) -> float:
 
 
 def _first_zero(multisine: Multisine) -> float:
-    """First upward zero of a multisine within its period, s, by bisection; it has zero mean, so
-    there is one.
+    """Return the first upward zero of a multisine within its period, s, by bisection; it has zero
+    mean, so there is one.
     """
     t = np.linspace(0.0, multisine.period, 32 * max(multisine.harmonics) + 1)
     u = multisine._inside(t)
@@ -562,8 +562,8 @@ class Sweep:
         )
 
     def mean(self, begin: Any, end: Any) -> np.ndarray:
-        """Mean over each interval by Gauss-Legendre panels short against the period: exact to
-        rounding.
+        """Return the mean over each interval by Gauss-Legendre panels short against the period:
+        exact to rounding.
         """
         begin, end = np.broadcast_arrays(
             np.asarray(begin, dtype=float), np.asarray(end, dtype=float)

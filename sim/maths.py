@@ -118,14 +118,14 @@ def sqrt(x: Any) -> Any:
 
 
 def asinh(x: Any) -> Any:
-    """Inverse hyperbolic sine of a float, complex number or array."""
+    """Return the inverse hyperbolic sine of a float, complex number or array."""
     if isinstance(x, float):
         return math.asinh(x)
     return cmath.asinh(x) if isinstance(x, complex) else np.arcsinh(x)
 
 
 def arctan(x: Any) -> Any:
-    """Inverse tangent of a float, complex number or array."""
+    """Return the inverse tangent of a float, complex number or array."""
     if isinstance(x, float):
         return math.atan(x)
     return cmath.atan(x) if isinstance(x, complex) else np.arctan(x)
@@ -149,19 +149,19 @@ def clip(x: Any, low: Any, high: Any) -> Any:
 
 
 def maximum(x: Any, y: Any) -> Any:
-    """The larger by real part."""
+    """Return the larger by real part."""
     return where(real(x) >= real(y), x, y)
 
 
 def minimum(x: Any, y: Any) -> Any:
-    """The smaller by real part."""
+    """Return the smaller by real part."""
     return where(real(x) <= real(y), x, y)
 
 
 def complex_step_jacobian(
     function: Callable[[list[Any]], Sequence[Any]], x: Sequence[float]
 ) -> np.ndarray:
-    """Jacobian of ``function`` at the point ``x``, exact to rounding, shape ``(m, n)``.
+    """Return the Jacobian of ``function`` at the point ``x``, exact to rounding, shape ``(m, n)``.
 
     One call a column with Python complex numbers: for the small systems here that is several times
     cheaper than one call with arrays. ``function`` maps ``n`` scalars to ``m`` scalars.
@@ -301,8 +301,8 @@ def once_for_alike(function: Callable[..., Any], *values: Any) -> Any:
 
 
 def trailing(row: np.ndarray, depth: int) -> np.ndarray:
-    """A row with time first, its batch axes moved to the end of ``depth`` batch axes: ``(n, ...)``
-    to ``(n, 1, ..., ...)``.
+    """Return a row with time first, its batch axes moved to the end of ``depth`` batch axes: ``(n,
+    ...)`` to ``(n, 1, ..., ...)``.
     """
     return row.reshape(row.shape[:1] + (1,) * (depth + 1 - row.ndim) + row.shape[1:])
 
@@ -384,15 +384,15 @@ def natural_shapes(
 
 @lru_cache(maxsize=256)
 def first_shapes(shapes: Shapes, count: int) -> Shapes:
-    """The first ``count`` of some shapes, which are the plainest: a straight line, a parabola and
-    so on where they are not flat.
+    """Return the first ``count`` of some shapes, which are the plainest: a straight line, a
+    parabola and so on where they are not flat.
     """
     columns = tuple(cell[:count] for cell in shapes.columns)
     return Shapes(shapes.low, shapes.spacing, shapes.intervals, shapes.table[:, :count], columns)
 
 
 def shape_names(fine: bool = False, flat: bool = True) -> tuple[str, ...]:
-    """Names of the sizes of these functions: ``shape1`` ..., the finer ones last."""
+    """Return the names of the sizes of these functions: ``shape1`` ..., the finer ones last."""
     usual = USUAL_INTERVALS - 1 if flat else USUAL_INTERVALS
     return tuple(f"shape{i + 1}" for i in range(usual + USUAL_INTERVALS if fine else usual))
 

@@ -135,8 +135,8 @@ def drive_from_record(
 
 
 def recorded_drive(u: np.ndarray, time: np.ndarray, hold: Hold, grid: Grid) -> Drive:
-    """A record's inputs ``u (n_inputs, N)`` as they are: held ones unchanged, linear ones exact at
-    the stages.
+    """Return a record's inputs ``u (n_inputs, N)`` as they are: held ones unchanged, linear ones
+    exact at the stages.
     """
     if hold is Hold.PREVIOUS:
         inputs = [row[grid.source] for row in u]
@@ -247,8 +247,8 @@ def euler_step(
 
 
 def rk4_step(f: Rates, t: Any, x: Sequence[Any], u: Stages, p: Sequence[Any], dt: Any) -> list[Any]:
-    """One classical Runge-Kutta step of size ``dt``; order 4. ``u`` are inputs at begin, middle,
-    end.
+    """Return one classical Runge-Kutta step of size ``dt``; order 4. ``u`` are inputs at begin,
+    middle, end.
     """
     half = 0.5 * dt
     k1 = f(t, x, u[0], p)
@@ -430,8 +430,8 @@ def exact_motion(
 
 
 def _at_rest(system: System, p: Sequence[float], begin: float, n: int, m: int) -> Affine | None:
-    """Coefficients from the rates at zero and at one unit of each state and input; None where they
-    are not finite.
+    """Return the coefficients from the rates at zero and at one unit of each state and input; None
+    where they are not finite.
     """
     rows = list(np.eye(n + m, n + m + 1, 1))
     try:
@@ -516,7 +516,7 @@ def _carried(
 def _holds(
     system: System, p: Sequence[float], affine: Affine, t: np.ndarray, x: np.ndarray, u: np.ndarray
 ) -> bool:
-    """Whether the rates are those of the coefficients everywhere along the motion."""
+    """Return whether the rates are those of the coefficients everywhere along the motion."""
     try:
         said = _rates(system, p, t, list(x), list(u), len(t))
     except (ArithmeticError, ValueError, TypeError):

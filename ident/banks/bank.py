@@ -117,8 +117,8 @@ def worth(innovation: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def sound_so_far(done: PassStretch, squared: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """Whether runs are finite, without a negative variance, up to each sample: ``(K, B)``, given
-    ``before (B,)``.
+    """Return whether runs are finite, without a negative variance, up to each sample: ``(K, B)``,
+    given ``before (B,)``.
     """
     variance = np.diagonal(done.covariance, axis1=2, axis2=3)
     # What is not finite stays so: the last sample tells of all. Sums of squares are the cheapest
@@ -140,8 +140,8 @@ def sound_so_far(done: PassStretch, squared: np.ndarray, before: np.ndarray) -> 
 def _last_sound(
     done: PassStretch, good: np.ndarray, x: np.ndarray, P: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean ``(n, B)`` and covariance ``(B, n, n)`` of each run after its last finite sample; ``x``
-    and ``P``: before the first one.
+    """Return the mean ``(n, B)`` and covariance ``(B, n, n)`` of each run after its last finite
+    sample; ``x`` and ``P``: before the first one.
     """
     if good[-1].all():
         return done.mean[-1].T, done.covariance[-1]
@@ -298,7 +298,7 @@ def run_bank(
 def bank_estimate(
     problem: FilterProblem, result: BankPass, iterations: np.ndarray, *, sound: np.ndarray
 ) -> BankEstimate:
-    """A pass as an estimate; the likelihood of a run that is not ``sound`` is zero."""
+    """Return a pass as an estimate; the likelihood of a run that is not ``sound`` is zero."""
     kept = result.history
     log_likelihood = np.where(sound, result.log_likelihood, -np.inf)
     estimate = (
@@ -371,7 +371,7 @@ def _number_of_runs(counts: Mapping[str, int]) -> int:
 
 
 def _merged(old: BankPass, new: BankPass, at: np.ndarray) -> BankPass:
-    """The old pass with the runs ``at`` replaced by those of the new one."""
+    """Return the old pass with the runs ``at`` replaced by those of the new one."""
 
     def put(whole: np.ndarray, part: np.ndarray, leading: bool = False) -> np.ndarray:
         out = whole.copy()
@@ -459,8 +459,8 @@ def filter_batched(
 def _history(
     problem: FilterProblem, trace: BankTrace, about: np.ndarray | None
 ) -> tuple[FilterHistory, np.ndarray]:
-    """The history of a pass of one run, and the outputs ``(m, N)`` that the filter expected, also
-    of channels without a sample.
+    """Return the history of a pass of one run, and the outputs ``(m, N)`` that the filter expected,
+    also of channels without a sample.
     """
     system, N, n = problem.system, len(problem.time), len(problem.names)
     n_x = len(problem.system.states)

@@ -267,7 +267,7 @@ def agreement(one: BankEstimate, other: BankEstimate) -> BankDifferences:
 
 
 def _systems(system: System, fixed_values: Mapping[str, np.ndarray]) -> list[System]:
-    """The System once for each run, with its values held."""
+    """Return the System once for each run, with its values held."""
     runs = zip(*(np.atleast_1d(values).tolist() for values in fixed_values.values()), strict=True)
     return [
         replace(
@@ -457,7 +457,7 @@ def contradicted(system: System, values: Mapping[str, float]) -> tuple[tuple[str
 
 
 def widened(system: System, contradicted_parameters: Sequence[tuple[str, float]]) -> System:
-    """The System with the prior of each of these as wide as its estimate is far."""
+    """Return the System with the prior of each of these as wide as its estimate is far."""
     return replace(
         system,
         parameters=system.parameters.with_prior(

@@ -59,8 +59,8 @@ class Relinearised:
 
 
 def informative_enough(bank: OnlineBank, state: BankState, names: Sequence[str]) -> bool:
-    """Whether the most likely filter knows any of these parameters twice as well as before the
-    first row.
+    """Return whether the most likely filter knows any of these parameters twice as well as before
+    the first row.
     """
     at = [bank.names.index(name) for name in names]
     return bool(
@@ -157,8 +157,8 @@ def along(current: Relinearised, rows: Rows) -> list[Relinearised]:
 
 
 def on_a_grid_that_fits(current: Relinearised) -> Relinearised:
-    """The same, its delays laid anew where they have become too far apart for a sum over them, or
-    stand aside of the likely ones.
+    """Return the same, its delays laid anew where they have become too far apart for a sum over
+    them, or stand aside of the likely ones.
     """
     bank, state = current.bank, current.state
     mean, covariance = joint(bank, state)
@@ -218,8 +218,8 @@ def sharper_of(
 
 
 def joint(bank: OnlineBank, state: BankState) -> tuple[np.ndarray, np.ndarray]:
-    """Mean ``(n + 1,)`` and covariance of states, parameters and delay over all filters by their
-    likelihood: within and between them.
+    """Return the mean ``(n + 1,)`` and covariance of states, parameters and delay over all filters
+    by their likelihood: within and between them.
     """
     weights = likelihood_weights(np.where(state.sound, state.log_likelihood, -np.inf))
     use = np.flatnonzero(state.sound & (weights > 1e-12))
@@ -238,8 +238,8 @@ def joint(bank: OnlineBank, state: BankState) -> tuple[np.ndarray, np.ndarray]:
 
 
 def joint_estimate(current: Relinearised) -> Estimate:
-    """The parameters with the delay as the last one; what other points of linearisation ended apart
-    by stands in the sigmas.
+    """Return the parameters with the delay as the last one; what other points of linearisation
+    ended apart by stands in the sigmas.
     """
     bank, state = current.bank, current.state
     n_x = len(bank.system.states)
@@ -264,8 +264,8 @@ def joint_estimate(current: Relinearised) -> Estimate:
 
 
 def _fine(delay: float, std: float, least: float, most: float) -> np.ndarray:
-    """Delays one sigma apart, or less, in the middle of even cells; together these reach as far as
-    the Gaussian does between two bounds.
+    """Return the delays one sigma apart, or less, in the middle of even cells; together these reach
+    as far as the Gaussian does between two bounds.
     """
     low, high = (
         min(max(delay + side * (FILTERS_ON_EITHER_SIDE + 0.5) * std, least), most)
@@ -276,7 +276,7 @@ def _fine(delay: float, std: float, least: float, most: float) -> np.ndarray:
 
 
 def _laid_anew(current: Relinearised, mean: np.ndarray, covariance: np.ndarray) -> Relinearised:
-    """The same Gaussian of states, parameters and delay, cut at other delays."""
+    """Return the same Gaussian of states, parameters and delay, cut at other delays."""
     bank, state, n = current.bank, current.state, len(mean) - 1
     variance = max(float(covariance[n, n]), 1e-12)
     fine = _fine(float(mean[n]), variance**0.5, 0.0, bank.memory)

@@ -199,7 +199,7 @@ def misfit(
     outputs: Sequence[np.ndarray],
     whiteners: Sequence[Weigher],
 ) -> float:
-    """Half the sum of squares under given noise, priors included."""
+    """Return half the sum of squares under given noise, priors included."""
     total = 0.0
     for s, prior, o, y, white in zip(signals, priors, own, outputs, whiteners, strict=True):
         residual = residual_of(s, y)
@@ -235,7 +235,7 @@ def least_misfit(
     whiteners: Sequence[Weigher],
     priors: Sequence[np.ndarray] | None = None,
 ) -> float:
-    """Half the sum of squares that the unknowns of a fit leave under another noise, priors
+    """Return half the sum of squares that the unknowns of a fit leave under another noise, priors
     included; to first order.
 
     ``whiteners`` of that noise, one a record (``ident.compatibility.signals.weigher``).
@@ -258,8 +258,8 @@ def least_misfit(
 
 
 def positions(kinematic_fit: KinematicFit) -> list[np.ndarray]:
-    """Positions of the columns of each record's Jacobian in the vector of all unknowns: own ones
-    first, then the faults.
+    """Return the positions of the columns of each record's Jacobian in the vector of all unknowns:
+    own ones first, then the faults.
     """
     total, out, at = sum(len(own) for own in kinematic_fit.own), [], 0
     for own in kinematic_fit.own:
@@ -285,8 +285,8 @@ def normal_equations(
     lines: Sequence[tuple[np.ndarray, np.ndarray]],
     whiteners: Sequence[Weigher],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Information ``(n, n)`` and gradient ``(n,)`` of the log likelihood, own unknowns of each
-    record first.
+    """Return the information ``(n, n)`` and gradient ``(n,)`` of the log likelihood, own unknowns
+    of each record first.
     """
     total = sum(len(o) for o in own)
     faults = lines[0][1].shape[2] - len(own[0])
@@ -329,7 +329,7 @@ class Sigmas:
 
 
 def smoother_sigmas(kinematic_fit: KinematicFit) -> Sigmas:
-    """Covariance of a fit, corrected for innovations that are not white
+    """Return the covariance of a fit, corrected for innovations that are not white
     (``ident.statistics.residual_spectrum``).
     """
     white, at = whitened(kinematic_fit), positions(kinematic_fit)
@@ -350,8 +350,8 @@ def smoother_sigmas(kinematic_fit: KinematicFit) -> Sigmas:
 
 
 def output_error(kinematic_fit: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
-    """Values of all unknowns by output error, begun at a smoother fit, and their covariance with
-    the inputs' noise accounted for.
+    """Return the values of all unknowns by output error, begun at a smoother fit, and their
+    covariance with the inputs' noise accounted for.
 
     Residuals are weighed by their own mean square, as if they were white; the covariance is that
     which such weights give under the noise of outputs and inputs of the smoother fit.
@@ -448,8 +448,8 @@ FAMILIES = ((DELAY,), (SCALE,), (BIAS, DRIFT))
 def unobservable_sentences(
     base: KinematicFit, noise: RelationNoise, channels: Sequence[str]
 ) -> tuple[str, ...]:
-    """Sentences for records fitted without a fault. Sizes count in units of what is common in
-    practice (``SensorFault.plausible``).
+    """Return the sentences for records fitted without a fault. Sizes count in units of what is
+    common in practice (``SensorFault.plausible``).
 
     A fault, or a combination of faults of one family (times, scales, biases and drifts), has no
     trace where its standard deviation is above one such unit; two faults look alike where what they
@@ -462,8 +462,8 @@ def unobservable_sentences(
 def unobservable_faults(
     information: np.ndarray, faults: Sequence[SensorFault], channels: Sequence[str]
 ) -> tuple[str, ...]:
-    """Sentences on combinations of ``faults`` that ``information (k, k)`` does not determine, in
-    units of plausible sizes.
+    """Return the sentences on combinations of ``faults`` that ``information (k, k)`` does not
+    determine, in units of plausible sizes.
     """
     silent = np.diag(information) < 1.0
     out = []
@@ -498,8 +498,8 @@ def unobservable_faults(
 def fault_information(
     base: KinematicFit, noise: RelationNoise, faults: Sequence[SensorFault]
 ) -> np.ndarray:
-    """Information on the faults, each in units of its plausible size, when starts, gravity's turn
-    and jumps are free: ``(k, k)``.
+    """Return the information on the faults, each in units of its plausible size, when starts,
+    gravity's turn and jumps are free: ``(k, k)``.
 
     A lag's trace is that of its plausible size: at zero it is a delay's.
     """
@@ -531,7 +531,7 @@ def fault_information(
 
 
 def _simple_rows(rows: np.ndarray, named: Sequence[SensorFault]) -> list[np.ndarray]:
-    """The same space by rows with few members: Gauss-Jordan, drifts expressed by biases."""
+    """Return the same space by rows with few members: Gauss-Jordan, drifts expressed by biases."""
     rows, out, done = rows.copy(), [], np.zeros(len(rows), dtype=bool)
     order = sorted(range(len(named)), key=lambda i: named[i].kind != DRIFT)
     for column in order:

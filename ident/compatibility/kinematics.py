@@ -177,7 +177,7 @@ class SensorFault:
 def faults_of(
     channels: Sequence[str], *, drifts: bool, biases: bool = False, chord: float = 0.0
 ) -> tuple[SensorFault, ...]:
-    """All faults of these channels, in their order."""
+    """Return all faults of these channels, in their order."""
     kinds = (*([BIAS] if biases else []), SCALE, DELAY, LAG, *([DRIFT] if drifts else []))
     out = [SensorFault(channel, kind) for channel in channels for kind in kinds]
     if {"alpha", "q"} <= set(channels):
@@ -271,8 +271,8 @@ def _with_theta(
 
 
 def increments(s: KinematicSignals, name: str, value: Values, h: np.ndarray) -> np.ndarray:
-    """Integral of the true signal over each interval from its faulty reading, cubic between
-    samples: ``(P, N - 1)``.
+    """Return the integral of the true signal over each interval from its faulty reading, cubic
+    between samples: ``(P, N - 1)``.
     """
     x, t = s.channels[name], s.time
     delay, lag = value(name, DELAY), value(name, LAG)
@@ -291,7 +291,7 @@ def increments(s: KinematicSignals, name: str, value: Values, h: np.ndarray) -> 
 
 
 def samples(s: KinematicSignals, name: str, value: Values) -> np.ndarray:
-    """The true signal at the samples from its faulty reading: ``(P, N)``."""
+    """Return the true signal at the samples from its faulty reading: ``(P, N)``."""
     read, t = s.channels[name][None], s.time
     delay, lag = value(name, DELAY), value(name, LAG)
     if np.any(lag):
@@ -382,12 +382,12 @@ def _moved(t: np.ndarray, y: np.ndarray, dy: np.ndarray, by: float) -> np.ndarra
 
 
 def middle(x: np.ndarray) -> np.ndarray:
-    """Means of neighbouring samples along the last axis."""
+    """Return the means of neighbouring samples along the last axis."""
     return np.asarray(0.5 * (x[..., 1:] + x[..., :-1]))
 
 
 def summed(increments: np.ndarray) -> np.ndarray:
-    """Samples ``(P, N)``, the first one zero, from increments ``(P, N - 1)``."""
+    """Return the samples ``(P, N)``, the first one zero, from increments ``(P, N - 1)``."""
     increments = np.atleast_2d(increments)
     out = np.zeros((len(increments), increments.shape[1] + 1))
     np.cumsum(increments, axis=1, out=out[:, 1:])
@@ -395,7 +395,7 @@ def summed(increments: np.ndarray) -> np.ndarray:
 
 
 def _slopes(y: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Slopes by parabolas through three neighbours, at the ends by straight lines."""
+    """Return the slopes by parabolas through three neighbours, at the ends by straight lines."""
     h = np.diff(t)
     steep = np.diff(y, axis=-1) / h
     inner = (steep[..., :-1] * h[1:] + steep[..., 1:] * h[:-1]) / (h[1:] + h[:-1])
@@ -442,8 +442,8 @@ def unknowns_of(s: KinematicSignals) -> tuple[Unknown, ...]:
 
 
 def start_of(s: KinematicSignals, unknowns: Sequence[Unknown]) -> np.ndarray:
-    """First values: states as they are first measured, nz incremental or total, whichever is
-    nearer.
+    """Return the first values: states as they are first measured, nz incremental or total,
+    whichever is nearer.
     """
     out = np.zeros(len(unknowns))
     for i, item in enumerate(unknowns):

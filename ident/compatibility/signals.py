@@ -156,7 +156,7 @@ def signals_of(
 
 
 def measured_channels(record: Record) -> tuple[str, ...]:
-    """Channels of a record that the kinematics know, az under nz."""
+    """Return the channels of a record that the kinematics know, az under nz."""
     have = set(record.output_names)
     names = [
         name
@@ -218,8 +218,8 @@ def _jumps(record: Record, raw: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def differences(columns: np.ndarray) -> np.ndarray:
-    """Differences of neighbouring samples of columns ``(m, N, c)``, the first sample itself; all
-    outputs of a sample together: ``(N m, c)``.
+    """Return the differences of neighbouring samples of columns ``(m, N, c)``, the first sample
+    itself; all outputs of a sample together: ``(N m, c)``.
     """
     m, n, c = columns.shape
     flat = np.empty((n, m, c))
@@ -276,7 +276,7 @@ def walking_inputs(outputs: Sequence[str]) -> tuple[str, ...]:
 
 
 def inputs_of(output: str) -> tuple[str, ...]:
-    """Channels whose noise walks in an output."""
+    """Return the channels whose noise walks in an output."""
     return _INPUTS[output]
 
 
@@ -299,8 +299,8 @@ def first_noise(all_signals: Sequence[KinematicSignals]) -> RelationNoise:
 
 
 def resolution(x: np.ndarray) -> float:
-    """Variance of what a column cannot show: rounding to its least step, or to single precision, in
-    which recorders store at best.
+    """Return the variance of what a column cannot show: rounding to its least step, or to single
+    precision, in which recorders store at best.
 
     A value rounded to steps of d has an error of variance d^2/12. A single-precision number of size
     x has steps of 2^-23 x. The least step of a column is its smallest third difference beyond that,
@@ -313,14 +313,14 @@ def resolution(x: np.ndarray) -> float:
 
 
 def floors(all_signals: Sequence[KinematicSignals], names: Sequence[str]) -> np.ndarray:
-    """The least variance that each of the channels can have, by the finest record."""
+    """Return the least variance that each of the channels can have, by the finest record."""
     return np.array(
         [max(min(resolution(s.channels[name]) for s in all_signals), 1e-20) for name in names]
     )
 
 
 def roughness(x: np.ndarray) -> float:
-    """Variance of a channel's noise as its third differences show it."""
+    """Return the variance of a channel's noise as its third differences show it."""
     third = np.diff(x, 3)
     # The median is not moved by the few samples at which a held input switches.
     middle = float(np.median(np.abs(third))) / 0.6745 if third.size else 0.0
@@ -358,8 +358,8 @@ class RelationWhitener:
     log_determinant: float
 
     def __call__(self, columns: np.ndarray) -> np.ndarray:
-        """Columns ``(m, N, c)``, zero where a sample is missing, as those of independent samples of
-        variance one: ``(m, N, c)``.
+        """Return the columns ``(m, N, c)``, zero where a sample is missing, as those of independent
+        samples of variance one: ``(m, N, c)``.
         """
         m, n, c = columns.shape
         return np.ascontiguousarray(
@@ -377,8 +377,8 @@ class RelationWhitener:
 
 
 def whitener(s: KinematicSignals, noise: RelationNoise) -> RelationWhitener:
-    """The whitener of one record. Raises numpy.linalg.LinAlgError for variances that are no longer
-    positive in rounding.
+    """Return the whitener of one record. Raises numpy.linalg.LinAlgError for variances that are no
+    longer positive in rounding.
     """
     from scipy.linalg.lapack import dpbtrf
 
@@ -429,8 +429,8 @@ class NoiseEvidence:
 def settled_noise(
     evidence: NoiseEvidence, noise: RelationNoise, passes: int
 ) -> tuple[RelationNoise, float]:
-    """Variances of greatest restricted likelihood, and minus its logarithm: Newton steps on their
-    logarithms, one by one.
+    """Return the variances of greatest restricted likelihood, and minus its logarithm: Newton steps
+    on their logarithms, one by one.
 
     No variance falls below what the column resolves (``floors``).
     """
@@ -483,8 +483,8 @@ def noise_cost(evidence: NoiseEvidence, noise: RelationNoise) -> float:
 
 
 def smoothed_walk(s: KinematicSignals, noise: RelationNoise, residual: np.ndarray) -> np.ndarray:
-    """The walk ``(m, N)`` that the inputs' noise has most likely made, given residuals ``(m, N)``
-    of the whole record.
+    """Return the walk ``(m, N)`` that the inputs' noise has most likely made, given residuals ``(m,
+    N)`` of the whole record.
 
     The fixed-interval smoother in one solve: the residual less the expected noise of the
     measurement, R S^-1 r.
@@ -511,8 +511,8 @@ Weigher = Callable[[np.ndarray], np.ndarray]
 
 
 def instruments_of(record: Record, every: int = 1) -> np.ndarray:
-    """Columns ``(N, L)``: means of each control over stretches of the past, its integrals, a
-    parabola; without a control that moves none.
+    """Return the columns ``(N, L)``: means of each control over stretches of the past, its
+    integrals, a parabola; without a control that moves none.
 
     ``every``: of the times that bound the stretches, only every so many.
     """
@@ -537,15 +537,15 @@ def instruments_of(record: Record, every: int = 1) -> np.ndarray:
 
 
 def instrumented(signals: Sequence[KinematicSignals]) -> bool:
-    """Whether every record has controls, which distinguish a gust from a fault."""
+    """Return whether every record has controls, which distinguish a gust from a fault."""
     return all(s.instruments.shape[1] for s in signals)
 
 
 # many faults are tried under one noise; the records of a check and a few noises stay
 @lru_cache(maxsize=24)
 def weigher(s: KinematicSignals, noise: RelationNoise) -> Weigher:
-    """Columns ``(m, N, c)``, zero where a sample is missing, as those of independent samples of
-    variance one, with instruments only their part.
+    """Return the columns ``(m, N, c)``, zero where a sample is missing, as those of independent
+    samples of variance one, with instruments only their part.
     """
     white = whitener(s, noise)
     if not s.instruments.shape[1]:
@@ -567,8 +567,8 @@ def shortened(s: KinematicSignals, noise: RelationNoise) -> Callable[[np.ndarray
 
 
 def part_of_controls(s: KinematicSignals) -> Weigher:
-    """Columns ``(m, N, c)`` to the part that the instruments explain, every sample alike; without
-    instruments the columns themselves.
+    """Return the columns ``(m, N, c)`` to the part that the instruments explain, every sample
+    alike; without instruments the columns themselves.
     """
     if not s.instruments.shape[1]:
         return lambda columns: columns

@@ -244,7 +244,7 @@ def p_value(gain: float, size: float, fault: SensorFault) -> float:
 
 
 def estimate_of(trial: FaultTrial) -> SensorEstimate:
-    """A fault by both methods."""
+    """Return a fault by both methods."""
     values, covariance = output_error(trial.fit)
     widening = trial.variance / trial.white if trial.white > 0 else 1.0
     own = float(covariance[-1, -1]) * widening
@@ -265,7 +265,7 @@ def estimate_of(trial: FaultTrial) -> SensorEstimate:
 
 
 def bias_estimates(base: KinematicFit) -> tuple[SensorEstimate, ...]:
-    """The biases that every fit of one record leaves free."""
+    """Return the biases that every fit of one record leaves free."""
     sigmas, (values, covariance) = smoother_sigmas(base), output_error(base)
     out = []
     for i, item in enumerate(unknowns_of(base.signals[0])):
@@ -300,8 +300,8 @@ def with_more_faults(
 
 
 def replicates(bases: Sequence[KinematicFit], current: KinematicFit, trial: FaultTrial) -> bool:
-    """Whether the records agree on a fault one by one, beside the accepted ones, and together
-    require it with the common sign.
+    """Return whether the records agree on a fault one by one, beside the accepted ones, and
+    together require it with the common sign.
     """
     from scipy.special import chdtrc
 

@@ -127,8 +127,8 @@ def filter_by_table(
     start: np.ndarray | None = None,
     about: np.ndarray | None = None,
 ) -> Estimate | None:
-    """One pass by the table of the equations, without filterpy; None where they have no table, or
-    the filter broke down.
+    """Return one pass by the table of the equations, without filterpy; None where they have no
+    table, or the filter broke down.
 
     Arguments as for ``filter_by_filterpy``, which it equals to rounding.
     """
@@ -149,8 +149,8 @@ def filter_by_filterpy(
     start: np.ndarray | None = None,
     about: np.ndarray | None = None,
 ) -> Estimate:
-    """One pass over a prepared problem by filterpy's ``ExtendedKalmanFilter``: every ``predict``
-    and every ``update`` is filterpy's.
+    """Return one pass over a prepared problem by filterpy's ``ExtendedKalmanFilter``: every
+    ``predict`` and every ``update`` is filterpy's.
 
     Parameters
     ----------

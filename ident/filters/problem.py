@@ -112,7 +112,7 @@ def filter_problem(record: Record, system: System, max_step: float) -> FilterPro
 
 
 def with_free(p: Sequence[float], free: Sequence[int], values: Sequence[object]) -> list:
-    """All parameters, the free ones replaced by ``values``, as a System takes them."""
+    """Return all parameters, the free ones replaced by ``values``, as a System takes them."""
     out: list = list(p)
     for index, value in zip(free, values, strict=True):
         out[index] = value
@@ -120,8 +120,8 @@ def with_free(p: Sequence[float], free: Sequence[int], values: Sequence[object])
 
 
 def prior_std(system: System, name: str, *, state: bool) -> float:
-    """Prior standard deviation of a state or free parameter, 0 for a fixed state; ModelError if
-    none is declared.
+    """Return the prior standard deviation of a state or free parameter, 0 for a fixed state;
+    ModelError if none is declared.
     """
     item = system.initial[name] if state else system.parameters[name]
     if state and not item.free:
@@ -223,7 +223,7 @@ class HistoryKeeper:
         )
 
     def transition(self, k: int) -> np.ndarray:
-        """Transition stored for sample ``k``."""
+        """Return the transition stored for sample ``k``."""
         return self._transition[k]
 
     def outputs(self, k: int, y: np.ndarray) -> None:

@@ -201,7 +201,7 @@ def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
 
 
 def with_coloured_covariance(estimate: Estimate) -> Estimate:
-    """The estimate with its covariance corrected for coloured innovations, if there is a
+    """Return the estimate with its covariance corrected for coloured innovations, if there is a
     correction.
     """
     result = coloured_innovations(estimate)
@@ -213,8 +213,8 @@ def with_coloured_covariance(estimate: Estimate) -> Estimate:
 
 
 def _whitened(history: FilterHistory, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals ``(m, N)`` and slopes ``(m, N, n)`` at the smoothed initial state and parameters,
-    scaled to unit variance.
+    """Return the residuals ``(m, N)`` and slopes ``(m, N, n)`` at the smoothed initial state and
+    parameters, scaled to unit variance.
 
     The history is that of a linear filter: its predictions, matrices and innovations give the same
     filter from another start, whose covariance is that of the process noise alone.

@@ -113,8 +113,8 @@ def roots(P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _decomposed(P: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Eigenvalues (zero for rounding) and vectors of the correlation matrix, standard deviations
-    and their inverses (zero for zero).
+    """Return the eigenvalues (zero for rounding) and vectors of the correlation matrix, standard
+    deviations and their inverses (zero for zero).
     """
     scale = np.sqrt(np.maximum(np.diag(P), 0.0))
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
@@ -130,7 +130,7 @@ def _decomposed(P: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.n
 def filter_by_points(
     problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None
 ) -> Estimate:
-    """One pass of the filter over a prepared problem, from ``start (n,)`` when given."""
+    """Return one pass of the filter over a prepared problem, from ``start (n,)`` when given."""
     from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
     n, grid, drive = len(problem.names), problem.grid, problem.drive
@@ -235,8 +235,8 @@ def _update(ukf: Any, problem: FilterProblem, k: int, keeper: HistoryKeeper) -> 
 
 
 def _central_differences(rows: np.ndarray) -> np.ndarray:
-    """Half differences ``(n, ...)`` of values ``(2n + 1, ...)`` at paired sigma points, which are
-    one root of ``n P`` away from the mean.
+    """Return half differences ``(n, ...)`` of values ``(2n + 1, ...)`` at paired sigma points,
+    which are one root of ``n P`` away from the mean.
     """
     n = len(rows) // 2
     return 0.5 * (rows[1 : n + 1] - rows[n + 1 :])
@@ -301,7 +301,7 @@ class _Cloud:
 
 
 def _cloud(about: SmoothedHistory, k: int, reach: np.ndarray) -> _Cloud:
-    """Points about sample ``k`` of a smoothed result, out to its covariance.
+    """Return the points about sample ``k`` of a smoothed result, out to its covariance.
 
     Where the smoother's difference of covariances is rounding alone, ``reach (n,)`` are the
     standard deviations and directions without variance get ``ROUNDING`` of one: without points that
@@ -320,7 +320,7 @@ def _cloud(about: SmoothedHistory, k: int, reach: np.ndarray) -> _Cloud:
 def _pass_about(
     problem: FilterProblem, settings: FilterSettings, about: SmoothedHistory
 ) -> Estimate:
-    """One pass of the Kalman filter with the functions linearised over ``about``."""
+    """Return one pass of the Kalman filter with the functions linearised over ``about``."""
     keeper, grid = HistoryKeeper(problem), problem.grid
     x, P = problem.start.astype(float), problem.covariance.copy()
     reach = np.sqrt(np.maximum(np.diagonal(about.covariance[-1]), 0.0))
@@ -388,8 +388,8 @@ def _updated(
     P: np.ndarray,
     cloud: _Cloud,
 ) -> tuple[np.ndarray, np.ndarray, Outcome | None]:
-    """Mean and covariance after the update with the available channels (Joseph's form), and how it
-    diverged, if so.
+    """Return the mean and covariance after the update with the available channels (Joseph's form),
+    and how it diverged, if so.
     """
     system, n_x, at = problem.system, len(problem.system.states), problem.grid.sample[k]
     columns, u = list(cloud.points.T), [float(row[at]) for row in problem.drive.begin]

@@ -153,7 +153,7 @@ PITCH_LEVELS: tuple[tuple[tuple[float, float], ...], ...] = (
 
 
 def pitch_bandwidth_level(bandwidth: float, delay: float) -> int:
-    """Level 1 to 3 of bandwidth, rad/s, and phase delay, s, of pitch in category A."""
+    """Return the level 1 to 3 of bandwidth, rad/s, and phase delay, s, of pitch in category A."""
     for level, points in enumerate(PITCH_LEVELS, start=1):
         least, delays = (np.array(each) for each in zip(*points, strict=True))
         if delay <= delays[-1] and bandwidth >= float(np.interp(delay, delays, least)):
@@ -213,8 +213,8 @@ def _crossing(
     extra: float,
     before: float | None = None,
 ) -> BandwidthQuantity | None:
-    """Frequency where a curve falls through a level whose own deviation is ``extra``: the first
-    one, or the last one before a frequency.
+    """Return the frequency where a curve falls through a level whose own deviation is ``extra``:
+    the first one, or the last one before a frequency.
     """
     below = np.flatnonzero((values[:-1] > level) & (values[1:] <= level))
     if before is not None:
@@ -255,7 +255,7 @@ class Parabola:
 
 
 def parabola_at(curve: FrequencyPoints, values: np.ndarray, std: np.ndarray, at: float) -> Parabola:
-    """The parabola through the points of a curve about ``at``, rad/s, in ln(omega).
+    """Return the parabola through the points of a curve about ``at``, rad/s, in ln(omega).
 
     ``values``, ``std`` : ``(F,)``, of the curve and its errors, which neighbours share as the
     windows do.
@@ -299,7 +299,7 @@ def _phase_delay(curve: AttitudeCurve, neutral: float) -> BandwidthQuantity:
 
 
 def shared_covariance(curve: FrequencyPoints, std: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Covariance of errors that neighbours share."""
+    """Return the covariance of errors that neighbours share."""
     length = np.broadcast_to(curve.length, curve.omega.shape)
     alike = _correlation(curve.omega.tobytes(), np.asarray(length, dtype=float).tobytes())
     return alike[np.ix_(places, places)] * np.outer(std, std)
@@ -360,13 +360,13 @@ class NealSmith:
 
 
 def resonance_level(resonance: float) -> int:
-    """Level 1 to 3 of a resonance in dB, MIL-STD-1797A."""
+    """Return the level 1 to 3 of a resonance in dB, MIL-STD-1797A."""
     return 1 + int(resonance > LEVELS[0]) + int(resonance > LEVELS[1])
 
 
 def neal_smith(curve: AttitudeCurve, demand: PilotDemand) -> NealSmith | str:
-    """The criterion for an attitude response along its usable band; a sentence where it cannot be
-    applied.
+    """Return the criterion for an attitude response along its usable band; a sentence where it
+    cannot be applied.
 
     The response is smoothed by parabolas about each frequency. Its errors, which neighbours share,
     are drawn 100 times, and the pilot is adjusted to each draw.
@@ -408,7 +408,7 @@ def neal_smith(curve: AttitudeCurve, demand: PilotDemand) -> NealSmith | str:
 
 
 def _smoothed(curve: AttitudeCurve, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The attitude at ``omega`` ``(F,)`` by parabolas, and draws of it ``(D, F)``."""
+    """Return the attitude at ``omega`` ``(F,)`` by parabolas, and draws of it ``(D, F)``."""
     rng = np.random.default_rng(SEED)
     places = np.arange(curve.omega.size)
     rows = []
@@ -497,8 +497,8 @@ class StepResponse:
 
 
 def step_response(function: FittedResponse, duration: float | None = None) -> StepResponse | None:
-    """The step of a fitted response over its steady value, with deviations by linearisation; None
-    where it has no steady value.
+    """Return the step of a fitted response over its steady value, with deviations by linearisation;
+    None where it has no steady value.
 
     ``duration`` : s; None takes eight times the slowest mode's time constant, 10 s at most.
     """

@@ -444,8 +444,8 @@ def _quantities(names: Sequence[str], draws: np.ndarray) -> dict[str, np.ndarray
 
 
 def _of_pair(rate: np.ndarray, stiffness: np.ndarray) -> dict[str, np.ndarray]:
-    """Frequency and damping of the roots of s^2 + rate s + stiffness; a pair with real roots of
-    opposite sign has no frequency and negative damping.
+    """Return the frequency and damping of the roots of s^2 + rate s + stiffness; a pair with real
+    roots of opposite sign has no frequency and negative damping.
     """
     frequency = np.sqrt(np.maximum(stiffness, 0.0))
     damping = np.divide(
@@ -486,8 +486,8 @@ Values = Mapping[str, float]
 def form_qualities(
     function: FittedResponse, airspeed: float | None = None, *, dutch_roll: bool = True
 ) -> tuple[Quality, ...]:
-    """Parameters of a fitted low-order form with standard deviations by linearisation; none for
-    transfer functions given by their orders.
+    """Return the parameters of a fitted low-order form with standard deviations by linearisation;
+    none for transfer functions given by their orders.
 
     Parameters
     ----------
@@ -544,7 +544,7 @@ def _quantities_of_form(
 def _propagated(
     function: FittedResponse, value: Callable[[Values], float]
 ) -> tuple[float, float] | None:
-    """Value and standard deviation of a function of estimates; None if not finite."""
+    """Return the value and standard deviation of a function of estimates; None if not finite."""
     p = dict(function.values)
     slopes = []
     try:

@@ -127,14 +127,14 @@ def level_flight(system: System, p: np.ndarray) -> tuple[list[float], list[float
 def _roots(
     system: System, x: list[float], u: list[float], p: np.ndarray, names: Sequence[str]
 ) -> np.ndarray:
-    """Eigenvalues of the rates of the states ``names`` among themselves."""
+    """Return the eigenvalues of the rates of the states ``names`` among themselves."""
     values, at = p.tolist(), [system.state_names.index(name) for name in names]
     F = complex_step_jacobian(lambda state: system.f(0.0, state, u, values), x)[np.ix_(at, at)]
     return np.linalg.eigvals(F) if np.all(np.isfinite(F)) else np.zeros(0)
 
 
 def _pairs(roots: np.ndarray) -> list[complex]:
-    """One root of each oscillation, sorted by frequency."""
+    """Return one root of each oscillation, sorted by frequency."""
     return sorted((complex(root) for root in roots if root.imag > 1e-9), key=abs)
 
 
@@ -189,8 +189,8 @@ def slowest_oscillation(
 def modal_estimate(
     system: System, estimate: Estimate, fixed_states: Collection[str] = ()
 ) -> dict[str, tuple[float, float]]:
-    """Modes with standard deviations, by name (``MODAL_UNITS``); those that the model does not have
-    are left out.
+    """Return the modes with standard deviations, by name (``MODAL_UNITS``); those that the model
+    does not have are left out.
 
     ``natural_frequency`` and ``damping_ratio`` of a short period; the modes of ``whole_axes`` where
     the states are those of a lateral or a whole longitudinal motion. Standard deviations by
@@ -210,8 +210,8 @@ def modal_estimate(
 def propagated(
     numbers: Callable[[np.ndarray], Mapping[str, float]], system: System, estimate: Estimate
 ) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
-    """Names and values ``(k,)`` of what follows from all parameters at an estimate, and its
-    gradient ``(k, n)`` by the estimated ones.
+    """Return the names and values ``(k,)`` of what follows from all parameters at an estimate, and
+    its gradient ``(k, n)`` by the estimated ones.
 
     Central differences, to either side by a ten-thousandth of a sigma, or of the value where the
     sigma is larger; a number that is not there on both sides is left out.
@@ -304,7 +304,7 @@ def characteristics(
 def characteristics_at(
     system: System, p: np.ndarray, fixed_states: Collection[str] = ()
 ) -> dict[str, float]:
-    """The characteristics at parameters ``p`` of the System, without covariance."""
+    """Return the characteristics at parameters ``p`` of the System, without covariance."""
     states = {state.name for state in system.states}
     if states.issuperset(LATERAL_STATES):
         out = _lateral(system, p)
@@ -322,7 +322,7 @@ def characteristics_at(
 
 
 def _without(values: dict[str, float], estimate: Estimate) -> dict[str, float]:
-    """The characteristics without a delay that was not estimated."""
+    """Return the characteristics without a delay that was not estimated."""
     return {
         name: value for name, value in values.items() if name != "delay" or name in estimate.names
     }
@@ -412,7 +412,7 @@ def _load_factor_slope(
 def _slopes(
     system: System, x: list[float], u: list[float], p: np.ndarray, names: Collection[str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes of the rates of ``names``: by these states, and by all inputs."""
+    """Return the slopes of the rates of ``names``: by these states, and by all inputs."""
     values, at = p.tolist(), [system.state_names.index(name) for name in names]
     F = complex_step_jacobian(lambda state: system.f(0.0, state, u, values), x)[np.ix_(at, at)]
     return F, complex_step_jacobian(lambda inputs: system.f(0.0, x, inputs, values), u)[at]
@@ -531,7 +531,7 @@ def state_space(
 def _linear(
     g: Callable[..., Any], x: list[float], u: list[float], p: list[float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Slopes of ``f`` or ``h`` by states and by inputs, and its value."""
+    """Return the slopes of ``f`` or ``h`` by states and by inputs, and its value."""
     value = np.array(g(0.0, x, u, p), dtype=float)
     by_inputs = (
         complex_step_jacobian(lambda a: g(0.0, x, a, p), u) if u else np.zeros((len(value), 0))
@@ -540,8 +540,8 @@ def _linear(
 
 
 def to_control(space: StateSpace, pade: int = PADE_ORDER) -> control.StateSpace:
-    """The model as python-control's, with its names; each delay as a Pade approximation of this
-    order, left out when it is zero.
+    """Return the model as python-control's, with its names; each delay as a Pade approximation of
+    this order, left out when it is zero.
 
     The states of an approximation follow those of the model, named after the input. Raises
     ModelError of a model without inputs.

@@ -127,7 +127,7 @@ class LoopCurve:
 
 
 def loop_curve(target: ResponseTarget) -> LoopCurve:
-    """The curve of a broken-loop response L; 1 + L = 0 closes the loop."""
+    """Return the curve of a broken-loop response L; 1 + L = 0 closes the loop."""
     share = target.std / np.abs(target.response)
     away = np.abs(1.0 + target.response)
     return LoopCurve(
@@ -143,7 +143,7 @@ def loop_curve(target: ResponseTarget) -> LoopCurve:
 
 
 def stability_margins(target: ResponseTarget) -> StabilityMargins:
-    """Margins of a broken-loop response along its usable band.
+    """Return the margins of a broken-loop response along its usable band.
 
     At a crossing gain and phase are parabolas in ln(omega) through the points about it. The errors
     of gain and phase are independent (a circle in the complex plane), those of neighbours
@@ -223,7 +223,7 @@ def _determined(
 
 
 def _across(curve: LoopCurve, kind: str, at: float, slope: float, std: float) -> Margin:
-    """A gain margin at a phase crossing, a phase or delay margin at a gain crossing.
+    """Return a gain margin at a phase crossing, a phase or delay margin at a gain crossing.
 
     ``slope``, ``std`` : of the curve that crosses. The deviation follows by the slopes of both
     curves; the interval holds every margin whose point of the critical line, at some frequency, is
@@ -280,7 +280,7 @@ def _at(curve: LoopCurve, kind: str, at: float) -> _CrossingMargin:
 
 
 def _least_distance(target: ResponseTarget) -> Margin | None:
-    """The least distance from -1, where the slope of the smoothed distance is zero.
+    """Return the least distance from -1, where the slope of the smoothed distance is zero.
 
     Its interval holds every distance d whose pair (d, slope 0) is, at some frequency, no further
     from distance and slope of the response than their errors allow: the likelihood ratio with one
@@ -423,5 +423,5 @@ def worst_margins(maneuvers: Sequence[StabilityMargins]) -> tuple[WorstMargin, .
 
 
 def turned(target: ResponseTarget) -> ResponseTarget:
-    """The target with its sign reversed, for a loop with positive feedback."""
+    """Return the target with its sign reversed, for a loop with positive feedback."""
     return replace(target, response=-target.response)

@@ -164,7 +164,7 @@ def frequencies(
 def online_equations(
     system: System, omega: np.ndarray, measured: Sequence[str], computed: Sequence[str] = ()
 ) -> OnlineEquations:
-    """The equations of a System for a stream.
+    """Return the equations of a System for a stream.
 
     Parameters
     ----------
@@ -271,7 +271,7 @@ def advance(
     values: np.ndarray | None = None,
     computed: np.ndarray | None = None,
 ) -> Sums:
-    """The sums after further rows.
+    """Return the sums after further rows.
 
     Parameters
     ----------
@@ -425,7 +425,7 @@ def _with_readings(
     u: np.ndarray,
     outputs: np.ndarray,
 ) -> Sums:
-    """Sums with the outputs that are no states, sample by sample."""
+    """Return the sums with the outputs that are no states, sample by sample."""
     if not equations.readings:
         return sums
     known, slopes = points.of(equations.system.h, time, x, u)
@@ -453,8 +453,8 @@ def _with_noise(
     held: np.ndarray,
     came: np.ndarray,
 ) -> Sums:
-    """Sums with the noise of the new samples ``came`` ``(n + m, N)``, by their third differences,
-    and the states' share of the regressors and of the known side.
+    """Return the sums with the noise of the new samples ``came`` ``(n + m, N)``, by their third
+    differences, and the states' share of the regressors and of the known side.
     """
     rows = np.concatenate([sums.recent, came], axis=1)
     third = np.diff(rows, 3, axis=1)
@@ -581,7 +581,7 @@ def estimate(
 def _regressed(
     sums: Sums, whole: np.ndarray, levels: np.ndarray, more: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Coefficients ``(c,)``, their gains ``(c, e, F)`` on the known sides, and which are
+    """Return the coefficients ``(c,)``, their gains ``(c, e, F)`` on the known sides, and which are
     unknown.
     """
     weights = 1.0 / levels
@@ -638,8 +638,8 @@ class SensorLevels:
 def _sensor_levels(
     equations: OnlineEquations, sums: Sums, theta: np.ndarray, count: float
 ) -> SensorLevels:
-    """Variance of the residuals from white noise of the samples: of a state its increments and its
-    share of the rates, of an output itself.
+    """Return the variance of the residuals from white noise of the samples: of a state its
+    increments and its share of the rates, of an output itself.
     """
     noise, e, n = sums.noise_variance, len(equations.states), sums.noisy.shape[1]
     step = (sums.time - sums.first) / count
@@ -691,8 +691,8 @@ def _covariance(
     omega: np.ndarray,
     count: float,
 ) -> np.ndarray:
-    """Covariance of coefficients ``gain @ residuals`` for noise that frequencies and equations
-    share; the two ends of a sum of increments are single samples.
+    """Return the covariance of coefficients ``gain @ residuals`` for noise that frequencies and
+    equations share; the two ends of a sum of increments are single samples.
     """
     e, f = residuals.shape
     spread = np.sqrt(np.maximum(levels - sensors.ends, 0.0))

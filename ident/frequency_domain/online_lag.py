@@ -71,8 +71,8 @@ class LagStream:
 
 
 def lag_stream(system: System, omega: np.ndarray, measured: Sequence[str]) -> LagStream:
-    """A stream without rows. ``system`` : the low-order equivalent, its start where it is searched
-    from.
+    """Return a stream without rows. ``system`` : the low-order equivalent, its start where it is
+    searched from.
     """
     lag = 1.0 / max(system.parameters[LAG].value, 1.0 / LONGEST_LAG)
     start = (max(lag, SHORTEST_LAG), system.parameters[DELAY].value)
@@ -110,7 +110,7 @@ def taken(
 
 
 def estimated(stream: LagStream) -> tuple[OnlineEstimate | None, LagStream]:
-    """The estimate with lag and delay behind the other parameters, and the stream with their
+    """Return the estimate with lag and delay behind the other parameters, and the stream with their
     place.
     """
     if stream.times.size < 4:
@@ -185,7 +185,7 @@ def _at(
 
 
 def _slopes(equations: OnlineEquations) -> np.ndarray:
-    """Slopes of every equation's regressors by the pseudo-control, ``(e, q)``."""
+    """Return the slopes of every equation's regressors by the pseudo-control, ``(e, q)``."""
     system, points = equations.system, Points(equations, None)
     n, at = len(system.states), np.zeros(1)
     unit = np.zeros((n, 1))
@@ -201,8 +201,8 @@ def _slopes(equations: OnlineEquations) -> np.ndarray:
 
 
 def _transforms(stream: LagStream, time: float, delay: float) -> np.ndarray:
-    """Transforms of the pseudo-control ``(e, F)``: its integrals over the rows for rates, itself
-    for outputs.
+    """Return the transforms of the pseudo-control ``(e, F)``: its integrals over the rows for
+    rates, itself for outputs.
     """
     delta, whole = pseudo_control(stream.times, stream.stick, 1.0 / time, delay)
     recorded = np.abs(stream.turns[:, 0]) > 0.0

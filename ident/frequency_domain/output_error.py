@@ -95,8 +95,8 @@ class FrequencyProblem:
         )
 
     def columns(self, r: int) -> np.ndarray:
-        """Positions in theta of the unknowns of record ``r``: the shared parameters and its own
-        ends.
+        """Return the positions in theta of the unknowns of record ``r``: the shared parameters and
+        its own ends.
         """
         q, n = len(self.names), len(self.system.states)
         return np.concatenate([np.arange(q), q + r * n + np.arange(n)])
@@ -134,8 +134,8 @@ class FrequencyFit:
         return -self.cost - float(self.counts.sum()) * (1.0 + np.log(np.pi))
 
     def weight(self, r: int) -> np.ndarray:
-        """One over the variance of a real or imaginary part, ``(m, f)``, zero where an output was
-        not recorded.
+        """Return one over the variance of a real or imaginary part, ``(m, f)``, zero where an
+        output was not recorded.
         """
         record = self.problem.records[r]
         return np.where(record.usable[:, None], 2.0 / self.levels[:, self.problem.bands[r]], 0.0)
@@ -185,7 +185,7 @@ def at_start(problem: FrequencyProblem) -> FrequencyFit | None:
 
 
 def evaluate(problem: FrequencyProblem, theta: np.ndarray) -> FrequencyFit | None:
-    """Residuals and slopes at ``theta``; None where they are not finite."""
+    """Return the residuals and slopes at ``theta``; None where they are not finite."""
     q, p = len(problem.names), problem.system.parameters.values()
     p[list(problem.positions)] = theta[:q]
     modelled, residuals, slopes = [], [], []
@@ -253,7 +253,7 @@ def fit_transforms(
 
 
 def _between(costs: Sequence[float], refused: Sequence[bool]) -> bool:
-    """Whether no step to either side lowers the cost: a delay of whole samples is a kink."""
+    """Return whether no step to either side lowers the cost: a delay of whole samples is a kink."""
     return (
         len(costs) > _PROGRESS_STEPS
         and costs[-1 - _PROGRESS_STEPS] - costs[-1] < _NEGLIGIBLE_GAIN
@@ -267,7 +267,7 @@ def _delay(problem: FrequencyProblem, name: str, p: np.ndarray) -> Delay:
 
 
 def with_bands(problem: FrequencyProblem, bands: Sequence[np.ndarray]) -> FrequencyProblem:
-    """The problem with other noise bands."""
+    """Return the problem with other noise bands."""
     return replace(problem, bands=tuple(bands))
 
 
@@ -387,7 +387,7 @@ def frequency_fit(
 
 
 def _as_if_left_out(fit: FrequencyFit, r: int, inverse: np.ndarray) -> np.ndarray:
-    """Residuals ``(m, f)`` scaled as if their record had not been fitted.
+    """Return the residuals ``(m, f)`` scaled as if their record had not been fitted.
 
     Their squares are divided by one minus the leverage (MacKinnon and White, J. Econometrics 29,
     1985: HC2), the mean over real and imaginary parts.
@@ -508,8 +508,8 @@ def refuse_unfit(records: Sequence[Record], system: System, delays: Mapping[str,
 
 
 def from_best_start(problem: FrequencyProblem, records: Sequence[Record]) -> FrequencyFit | None:
-    """The fit from the declared values or, if that does not converge and the record has all states,
-    from equation error; None without a finite cost.
+    """Return the fit from the declared values or, if that does not converge and the record has all
+    states, from equation error; None without a finite cost.
     """
     first = fit_transforms(problem)
     if first is not None and first.outcome is Outcome.CONVERGED:
@@ -580,7 +580,7 @@ def _said(fit: FrequencyFit) -> str:
 
 
 def _failed(problem: FrequencyProblem) -> Estimate:
-    """The start with sigmas as large as itself, for a fit that found no finite cost."""
+    """Return the start with sigmas as large as itself, for a fit that found no finite cost."""
     blank = tuple(
         np.zeros((len(problem.system.outputs), len(record.record))) for record in problem.records
     )

@@ -100,7 +100,7 @@ def usual_band(
 
 
 def transformed(record: Record, system: System, band: tuple[float, float]) -> TransformedRecord:
-    """The record's harmonics within a band, Hz.
+    """Return the record's harmonics within a band, Hz.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def transformed(record: Record, system: System, band: tuple[float, float]) -> Tr
 
 
 def step_of(record: Record) -> float:
-    """The sampling interval, s. Raises RecordError where samples are uneven."""
+    """Return the sampling interval, s. Raises RecordError where samples are uneven."""
     steps = np.diff(record.time)
     step = float(np.median(steps))
     if not np.all(np.abs(steps - step) <= EVEN_SAMPLING_TOLERANCE * step):
@@ -187,8 +187,8 @@ class LinearModel:
 
 
 def linear_model(system: System, p: np.ndarray, free: Sequence[int]) -> LinearModel:
-    """The matrices of a System that is linear in states and inputs, at parameters ``p``, with
-    slopes by those at the positions ``free``.
+    """Return the matrices of a System that is linear in states and inputs, at parameters ``p``,
+    with slopes by those at the positions ``free``.
 
     One call each of ``f`` and ``h``: a row a unit step of a state or input, a column a complex step
     of a parameter. Effects on the input and sensor paths are left out.
@@ -221,8 +221,8 @@ def linear_model(system: System, p: np.ndarray, free: Sequence[int]) -> LinearMo
 
 
 def bent(system: System, records: Sequence[Record]) -> str:
-    """The first rate or output that is no linear function of states and inputs, the same at all
-    times, over the records' extent; else empty.
+    """Return the first rate or output that is no linear function of states and inputs, the same at
+    all times, over the records' extent; else empty.
     """
     p = system.parameters.values()
     with np.errstate(all="ignore"):  # what is not finite at rest is not linear
@@ -262,7 +262,7 @@ def _values(system: System, point: np.ndarray, p: np.ndarray, times: np.ndarray)
 
 
 def _size(name: str, records: Sequence[Record]) -> float:
-    """Largest recorded value of a signal, one where it is not recorded."""
+    """Return the largest recorded value of a signal, one where it is not recorded."""
     result = [
         np.max(np.abs(channel.values[channel.valid]), initial=0.0)
         for record in records
@@ -302,8 +302,8 @@ class TransformedResponse:
 def response(
     model: LinearModel, record: TransformedRecord, delays: Mapping[int, Delay], ends: np.ndarray
 ) -> TransformedResponse:
-    """Response to a record's inputs, with ``delays`` by position of the input; ``ends (n,)`` is
-    x[0] - x[N].
+    """Return the response to a record's inputs, with ``delays`` by position of the input; ``ends
+    (n,)`` is x[0] - x[N].
     """
     n, q = len(model.A), len(model.dA)
     Phi, dPhi, forced, d_forced = _stepped(model, record, delays)
@@ -458,8 +458,8 @@ def levels(
     bands: Sequence[np.ndarray],
     floor: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean square of the residuals ``(m, f)`` by output and band, ``(m, b)``, not below ``floor
-    (m,)``, and how many there are.
+    """Return the mean square of the residuals ``(m, f)`` by output and band, ``(m, b)``, not below
+    ``floor (m,)``, and how many there are.
     """
     width = 1 + max(int(np.max(band)) for band in bands)
     total, count = np.zeros((len(floor), width)), np.zeros((len(floor), width))
@@ -480,7 +480,7 @@ def coloured(
     bands: Sequence[np.ndarray],
     floor: np.ndarray,
 ) -> bool:
-    """Whether the bands' levels differ by more than chance, in any output.
+    """Return whether the bands' levels differ by more than chance, in any output.
 
     Squares of transforms of noise are exponential, so twice the log likelihood ratio of one level
     to several is chi-squared with as many degrees as there are further levels.

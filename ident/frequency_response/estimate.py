@@ -333,7 +333,7 @@ def _window_errors(
 
 
 def _carried(averages: np.ndarray, q: int, derivatives: int = WINDOW_DERIVATIVES) -> np.ndarray:
-    """Whether so many averages leave degrees of freedom beside the derivatives, bool."""
+    """Return whether so many averages leave degrees of freedom beside the derivatives, bool."""
     return np.asarray(2.0 * (averages - (derivatives + 1) * q) >= _LEAST_NOISE_DEGREES)
 
 
@@ -443,8 +443,8 @@ def _input_coherence(
 
 
 def _instrument_tells(coherence: np.ndarray, averages: np.ndarray) -> np.ndarray:
-    """Whether each input's coherence ``(q, F)`` with the q references is significant with 95 %,
-    bool ``(m, q, F)``.
+    """Return whether each input's coherence ``(q, F)`` with the q references is significant with 95
+    %, bool ``(m, q, F)``.
 
     Elsewhere the joint estimate tends to the negative inverse of the feedback with little scatter,
     and its confidence region is unbounded (Anderson and Rubin, 1949).
@@ -457,8 +457,8 @@ def _instrument_tells(coherence: np.ndarray, averages: np.ndarray) -> np.ndarray
 
 
 def _usable(responses: FrequencyResponses, aside: np.ndarray) -> np.ndarray:
-    """The longest run of frequencies, in octaves, whose coherence and random error reach their
-    limits and whose input has power on both sides.
+    """Return the longest run of frequencies, in octaves, whose coherence and random error reach
+    their limits and whose input has power on both sides.
 
     All are medians over neighbours. A joint estimate wants the coherence of output and of input
     with the references. ``aside`` : mean distance ``(m, q, F)`` of the input's power; where a sweep
@@ -483,7 +483,7 @@ def _usable(responses: FrequencyResponses, aside: np.ndarray) -> np.ndarray:
 
 
 def longest_run(good: np.ndarray, log: np.ndarray) -> np.ndarray:
-    """The longest stretch of ``good`` ``(F,)``, bool, by the logarithm of the frequency."""
+    """Return the longest stretch of ``good`` ``(F,)``, bool, by the logarithm of the frequency."""
     out = np.zeros(good.size, dtype=bool)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
     runs = list(zip(edges[::2], edges[1::2] - 1, strict=True))
@@ -519,7 +519,7 @@ _PERIODS_IN_LONGEST_WINDOW = 2.5
 
 
 def window_lengths(durations: Sequence[float], low: float | None = None) -> tuple[float, ...]:
-    """Lengths of windows, s, each half of the one before.
+    """Return the lengths of windows, s, each half of the one before.
 
     The longest is a quarter of the longest record. Where that does not hold 2.5 periods of the
     lowest frequency ``low``, Hz, it is longer, at most half of the record.
@@ -549,13 +549,13 @@ def input_band(records: Sequence[EvenSignals], low: float) -> tuple[float, float
 
 
 def frequencies(low: float, high: float) -> np.ndarray:
-    """Frequencies in Hz from ``low`` to ``high``, evenly spaced in their logarithm."""
+    """Return the frequencies in Hz from ``low`` to ``high``, evenly spaced in their logarithm."""
     count = max(_FEWEST_FREQUENCIES, round(PER_DECADE * math.log10(high / low)) + 1)
     return np.geomspace(low, high, count)
 
 
 def lowest_frequency(windows: Sequence[float]) -> float:
-    """The lowest frequency, Hz, that the longest window resolves."""
+    """Return the lowest frequency, Hz, that the longest window resolves."""
     return LEAST_PERIODS_IN_LONGEST_WINDOW / max(windows)
 
 

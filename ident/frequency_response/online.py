@@ -160,7 +160,7 @@ def interrupt(stream: OnlineResponses, lost: int) -> None:
 
 
 def estimated(stream: OnlineResponses) -> FrequencyResponses | None:
-    """The responses by the windows that are complete; None while a frequency has none."""
+    """Return the responses by the windows that are complete; None while a frequency has none."""
     oldest = stream.samples - round(stream.memory / stream.step)
     rows, numbers, spans = [], [], []
     for number, window in enumerate(stream.windows):
@@ -188,7 +188,7 @@ def estimated(stream: OnlineResponses) -> FrequencyResponses | None:
 def _excited_runs(
     stream: OnlineResponses, segments: Segments, responses: FrequencyResponses
 ) -> np.ndarray:
-    """The usable bands ``(m, q, F)`` without frequencies that no excitation has reached yet.
+    """Return the usable bands ``(m, q, F)`` without frequencies that no excitation has reached yet.
 
     Before a sweep reaches a frequency, what its transform holds has leaked from where the sweep
     is: coherent, and the response of there. A component that is d/length off the frequency has

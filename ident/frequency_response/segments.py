@@ -178,7 +178,7 @@ class Segments:
     def usable(
         self, frequency: np.ndarray, shorter: float = LEAST_PERIODS_IN_SHORTER_WINDOW
     ) -> np.ndarray:
-        """Whether the window of a row is long enough for a frequency in Hz, bool ``(R, F)``.
+        """Return whether the window of a row is long enough for a frequency in Hz, bool ``(R, F)``.
 
         The longest window is used down to ``LEAST_PERIODS_IN_LONGEST_WINDOW`` periods, shorter ones
         down to ``shorter`` periods, where the bias left by the derivatives is small.
@@ -197,7 +197,7 @@ def hann_segments(
     frequency: np.ndarray,
     derivatives: int = 2,
 ) -> Segments:
-    """Transforms of overlapping segments under Hann windows of several lengths.
+    """Return the transforms of overlapping segments under Hann windows of several lengths.
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ def sine_segments(
     frequency: np.ndarray,
     derivatives: int = 2,
 ) -> Segments:
-    """Transforms of whole records under orthogonal sine tapers, arguments as in
+    """Return the transforms of whole records under orthogonal sine tapers, arguments as in
     ``hann_segments``.
     """
     blocks = []
@@ -272,7 +272,7 @@ def _transformed(rows: np.ndarray, turns: np.ndarray) -> np.ndarray:
 
 
 def _product(real: np.ndarray, factors: np.ndarray) -> np.ndarray:
-    """A real array times a complex matrix, as two real products."""
+    """Return a real array times a complex matrix, as two real products."""
     return real @ factors.real + 1j * (real @ factors.imag)
 
 
@@ -298,8 +298,8 @@ def _hann_rows(
 def hann_of_blocks(
     parts: np.ndarray, step: float, hop: int, frequency: np.ndarray, derivatives: int
 ) -> np.ndarray:
-    """Transforms ``(S, D, B - 3, F)`` under Hann windows of four successive blocks; times count
-    from the first sample of each window.
+    """Return the transforms ``(S, D, B - 3, F)`` under Hann windows of four successive blocks;
+    times count from the first sample of each window.
 
     Parameters
     ----------
@@ -331,8 +331,8 @@ def hann_of_blocks(
 
 
 def unit_rows(step: float, hop: int, frequency: np.ndarray, derivatives: int) -> np.ndarray:
-    """Transforms ``(2, D, F)`` of a constant one and of the centred sample numbers under a Hann
-    window of four blocks.
+    """Return the transforms ``(2, D, F)`` of a constant one and of the centred sample numbers under
+    a Hann window of four blocks.
     """
     size = STEPS_PER_WINDOW * hop
     line = np.stack([np.ones(size), np.arange(size) - 0.5 * (size - 1)])

@@ -47,7 +47,7 @@ class Form:
     units: Mapping[str, str]
 
     def polynomials(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
-        """Coefficients of numerator and denominator, highest power first."""
+        """Return the coefficients of numerator and denominator, highest power first."""
         p = values
         if self.name == "roll":
             return np.array([p["gain"]]), np.array([1.0, p["inv_T_roll"]])
@@ -70,7 +70,7 @@ class Form:
         return np.asarray(np.polyval(top, s) / np.polyval(bottom, s) * np.exp(-s * values[DELAY]))
 
     def values_of(self, top: np.ndarray, bottom: np.ndarray, delay: float) -> dict[str, float]:
-        """Parameters of polynomials of these orders, as far as they have the form."""
+        """Return the parameters of polynomials of these orders, as far as they have the form."""
         bottom, top = np.asarray(bottom) / bottom[0], np.asarray(top) / bottom[0]
         out = {DELAY: delay}
         if self.name not in FORMS:
@@ -139,7 +139,7 @@ FORMS: Mapping[str, Form] = {
 
 
 def form_of(text: str) -> Form:
-    """A named form, or the orders ``"1/2"`` of numerator and denominator.
+    """Return a named form, or the orders ``"1/2"`` of numerator and denominator.
 
     Raises ModelError for anything else.
     """
@@ -312,7 +312,7 @@ class _Problem:
     keys: tuple[tuple[int, str], ...]
 
     def values(self, p: np.ndarray) -> list[dict[str, float]]:
-        """Parameters of each function."""
+        """Return the parameters of each function."""
         free = dict(zip(self.keys, p.tolist(), strict=True))
         return [
             {
@@ -337,7 +337,7 @@ class _Problem:
             return weighted_errors(self.targets, self.ratios(p))
 
     def searched(self, starts: Sequence[Sequence[Mapping[str, float]]]) -> tuple[np.ndarray, bool]:
-        """The best end of a search from each start."""
+        """Return the best end of a search from each start."""
         from scipy.optimize import least_squares
 
         best, least, ended = np.zeros(len(self.keys)), math.inf, False
@@ -398,7 +398,7 @@ class _Problem:
         return TransferFit(tuple(functions), cost, self.shared, converged)
 
     def slopes(self, p: np.ndarray) -> np.ndarray:
-        """Derivatives of the residuals by central differences."""
+        """Return the derivatives of the residuals by central differences."""
         columns = []
         for k, value in enumerate(p):
             step = 1e-5 * max(abs(value), 1e-2)
@@ -414,7 +414,7 @@ class _Problem:
 
 
 def conditional_std(covariance: np.ndarray) -> np.ndarray:
-    """Standard deviations ``(q,)`` of parameters, each with all others known.
+    """Return the standard deviations ``(q,)`` of parameters, each with all others known.
 
     1/sqrt((C^-1)_ii) of the covariance C ``(q, q)``: Tischler's insensitivity 1/sqrt(H_ii), with
     the inverse covariance in the place of the Hessian. It is at most sqrt(C_ii).
@@ -511,7 +511,7 @@ def _start(
 
 
 def _group_delay(target: ResponseTarget) -> float:
-    """Mean slope of the phase over the upper half of the band, s, not negative."""
+    """Return the mean slope of the phase over the upper half of the band, s, not negative."""
     upper = target.omega >= 0.5 * target.omega[-1]
     if np.count_nonzero(upper) < 2:
         return 0.0

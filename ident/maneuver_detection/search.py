@@ -141,7 +141,7 @@ def excitation_of(stretch: EvenSegment, start: float, end: float, axis: str) -> 
 
 
 def _averaged(values: np.ndarray, block: int) -> np.ndarray:
-    """Means of successive blocks of samples."""
+    """Return the means of successive blocks of samples."""
     count = values.size // block
     return values[: count * block].reshape(count, block).mean(axis=1)
 
@@ -204,8 +204,8 @@ def turns(stretch: EvenSegment) -> list[DetectedManeuver]:
 
 
 def _to_level(signal: np.ndarray, lobe: Lobe, level: float) -> tuple[int, int]:
-    """The samples before and after a positive lobe at which the signal is below ``level``; the ends
-    of the signal where it never is.
+    """Return the samples before and after a positive lobe at which the signal is below ``level``;
+    the ends of the signal where it never is.
     """
     before = np.flatnonzero(signal[: lobe.first] < level)
     after = np.flatnonzero(signal[lobe.last :] < level)
@@ -282,7 +282,7 @@ def trim_points(
 
 
 def mean_conditions(stretch: EvenSegment, start: float, end: float) -> dict[str, float]:
-    """Mean airspeed and height between two times, of what is recorded."""
+    """Return the mean airspeed and height between two times, of what is recorded."""
     rows = stretch.rows(start, end)
     names: Sequence[tuple[str, str]] = (
         ("airspeed", "airspeed"),
@@ -355,7 +355,7 @@ class ManeuverCandidate:
 
 
 def find_maneuvers(signals: FlightSignals) -> tuple[DetectedManeuver, ...]:
-    """All maneuvers and trim points of a record, in the order of their times.
+    """Return all maneuvers and trim points of a record, in the order of their times.
 
     Each control is searched for level changes that make a pattern and for oscillations that rise
     above its local rest level; the motion for bank angles and load factors that are held. Of
@@ -366,8 +366,8 @@ def find_maneuvers(signals: FlightSignals) -> tuple[DetectedManeuver, ...]:
 
 
 def active_share(signals: FlightSignals) -> float:
-    """Share of a record's time in which some control moves beyond its rest level; zero where it has
-    none.
+    """Return the share of a record's time in which some control moves beyond its rest level; zero
+    where it has none.
     """
     moving, total = 0, 0
     for stretch in stretches(signals):
@@ -381,8 +381,8 @@ def active_share(signals: FlightSignals) -> float:
 
 
 def without_feedback(stretch: EvenSegment, name: str) -> np.ndarray:
-    """A control without what a damper adds to it: its share of the angular rate, as the samples at
-    rest show it.
+    """Return a control without what a damper adds to it: its share of the angular rate, as the
+    samples at rest show it.
 
     The control comes back as it is where the rate explains less than ``LEAST_DAMPER_SHARE`` of its
     motion at rest.
@@ -465,7 +465,7 @@ def _quiet(
 
 
 def accepted(each: ManeuverCandidate) -> bool:
-    """Whether a candidate is stronger, flatter and sharper than what a pilot does between
+    """Return whether a candidate is stronger, flatter and sharper than what a pilot does between
     maneuvers.
     """
     strength, flatness, edge, sharpness = ACCEPTANCE_LIMITS[each.shape.kind]
@@ -524,8 +524,8 @@ def _energy(activity: Activity, shape: Shape) -> float:
 
 
 def _from_rest(candidates: Sequence[ManeuverCandidate], rest: int) -> list[ManeuverCandidate]:
-    """The candidates, largest first, without those within ``rest`` samples of a larger one of their
-    control.
+    """Return the candidates, largest first, without those within ``rest`` samples of a larger one
+    of their control.
     """
     chosen: list[ManeuverCandidate] = []
     for each in sorted(
@@ -560,7 +560,7 @@ def active_parts(ratio: np.ndarray, quiet: int) -> list[tuple[int, int]]:
 def _rolls_into(
     stretch: EvenSegment, each: ManeuverCandidate, turning: Sequence[DetectedManeuver]
 ) -> bool:
-    """Whether an input of roll or yaw belongs to the beginning or the end of a turn."""
+    """Return whether an input of roll or yaw belongs to the beginning or the end of a turn."""
     if each.axis not in ("roll", "yaw") or each.shape.kind in (*OSCILLATIONS, "3-2-1-1"):
         return False
     start = stretch.time[each.shape.first]
@@ -575,8 +575,8 @@ def _rolls_into(
 def with_pulls(
     stretch: EvenSegment, activities: Mapping[str, Activity], candidates: list[ManeuverCandidate]
 ) -> list[ManeuverCandidate]:
-    """The candidates with pull-ups in the place of smooth inputs of the pitch control that change
-    the load factor and hold it.
+    """Return the candidates with pull-ups in the place of smooth inputs of the pitch control that
+    change the load factor and hold it.
     """
     control = next((name for name in activities if AXES[name] == "pitch"), None)
     if control is None or not np.any(activities[control].rest > 0.0):
@@ -612,8 +612,8 @@ def with_pulls(
 def _pulling(
     stretch: EvenSegment, activity: Activity, first: int, last: int
 ) -> tuple[int, int] | None:
-    """The lobe of a control that leads to an excursion of the load factor: the first strong one
-    that begins at most 2 s before it.
+    """Return the lobe of a control that leads to an excursion of the load factor: the first strong
+    one that begins at most 2 s before it.
     """
     before = max(0, first - stretch.samples(2.0))
     after = min(activity.deviation.size, last + stretch.samples(10.0))
@@ -630,8 +630,8 @@ def _pulling(
 def without_reactions(
     activities: Mapping[str, Activity], candidates: Sequence[ManeuverCandidate]
 ) -> list[ManeuverCandidate]:
-    """The candidates without those that overlap a stronger one of another control; multisines of
-    lines of their own stay.
+    """Return the candidates without those that overlap a stronger one of another control;
+    multisines of lines of their own stay.
     """
     chosen: list[ManeuverCandidate] = []
     for each in sorted(candidates, key=lambda each: -each.strength * each.shape.flatness):
@@ -650,8 +650,8 @@ def without_reactions(
 
 
 def _follows(activities: Mapping[str, Activity], each: ManeuverCandidate) -> bool:
-    """Whether another control moves more than ``LEADING_RISE_RATIO`` times as far above its rest
-    level meanwhile, be it without a form.
+    """Return whether another control moves more than ``LEADING_RISE_RATIO`` times as far above its
+    rest level meanwhile, be it without a form.
     """
     rows = slice(each.shape.first, each.shape.last)
     peaks = {

@@ -108,7 +108,7 @@ class EvenSegment:
         return max(1, round(seconds / self.step))
 
     def rows(self, start: float, stop: float) -> slice:
-        """The rows from ``start`` to ``stop``, s."""
+        """Return the rows from ``start`` to ``stop``, s."""
         return slice(
             int(np.searchsorted(self.time, start)),
             int(np.searchsorted(self.time, stop, side="right")),
@@ -187,7 +187,7 @@ def activity_of(stretch: EvenSegment, values: np.ndarray) -> Activity:
 
 
 def short_time_energy(stretch: EvenSegment, deviation: np.ndarray) -> np.ndarray:
-    """Root mean square over ``ENERGY_WINDOW`` about each sample."""
+    """Return the root mean square over ``ENERGY_WINDOW`` about each sample."""
     # The running sum leaves rounding errors of either sign where a clean input rests.
     power = uniform_filter1d(deviation**2, stretch.samples(ENERGY_WINDOW), mode="nearest")
     return np.sqrt(np.maximum(power, 0.0))
@@ -485,7 +485,7 @@ def _changes(stretch: EvenSegment, values: np.ndarray, rise: float) -> np.ndarra
 
 
 def _major(at: np.ndarray, moved: np.ndarray, near: int, share: float) -> np.ndarray:
-    """The level changes that are no minor ones beside another."""
+    """Return the level changes that are no minor ones beside another."""
     sizes = np.abs(moved[at])
     first, last = np.searchsorted(at, at - near), np.searchsorted(at, at + near, side="right")
     largest = np.array([sizes[a:b].max() for a, b in zip(first, last, strict=True)])
@@ -528,7 +528,7 @@ def _levels(control: _Control, at: np.ndarray) -> tuple[float, np.ndarray, float
 
 
 def _slope(values: np.ndarray) -> float:
-    """Slope of the straight line through values at unit distance."""
+    """Return the slope of the straight line through values at unit distance."""
     at = np.arange(values.size) - 0.5 * (values.size - 1)
     return float(at @ values / max(float(at @ at), 1.0))
 
@@ -586,7 +586,7 @@ def _trend(lobes: Sequence[Lobe]) -> tuple[float, float]:
 
 
 def same_lines(first: np.ndarray, second: np.ndarray) -> bool:
-    """Whether two oscillations have their energy at the same frequencies.
+    """Return whether two oscillations have their energy at the same frequencies.
 
     A control that follows another has the same lines; multisines that are flown together do not.
     The measure is Bhattacharyya's coefficient of the two spectra.

@@ -108,8 +108,8 @@ def _amplitudes(layout: FitLayout) -> dict[int, float]:
 
 
 def _never_still(layout: FitLayout) -> FitLayout:
-    """The same layout with intensities kept off zero, where the likelihood is flat and a fit would
-    stay for ever.
+    """Return the same layout with intensities kept off zero, where the likelihood is flat and a fit
+    would stay for ever.
     """
     low = layout.low.copy()
     for position, value in _amplitudes(layout).items():
@@ -152,8 +152,8 @@ def noise_start(fit: Fit) -> np.ndarray:
 
 
 def third_differences(rows: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -> np.ndarray:
-    """Level ``(m,)`` of white noise that third differences of ``rows (m, N)`` a record show;
-    infinite with too few ``valid`` samples in a row.
+    """Return the level ``(m,)`` of white noise that third differences of ``rows (m, N)`` a record
+    show; infinite with too few ``valid`` samples in a row.
     """
     out = np.full(len(rows[0]), np.inf)
     for i in range(len(out)):
@@ -188,7 +188,7 @@ Begun = tuple[FitLayout, Mapping[str, float] | None]
 
 
 def fit_from_best_start(layout: FitLayout, calm: System | None = None) -> Fit | None:
-    """The filter-error fit of a layout; None where no start has a finite cost.
+    """Return the filter-error fit of a layout; None where no start has a finite cost.
 
     ``calm`` is the same model without the effect that forces its states (None: the layout's own),
     of which equation error and output error give further starts: where the motion grows at the
@@ -213,15 +213,15 @@ def fit_from_best_start(layout: FitLayout, calm: System | None = None) -> Fit | 
 
 
 def degenerate(fit: Fit) -> bool:
-    """Whether the noise level of a measured output has run to its limit, or to the rounding of its
-    samples, and the record does not explain that.
+    """Return whether the noise level of a measured output has run to its limit, or to the rounding
+    of its samples, and the record does not explain that.
     """
     return bool(levels_at_limit(fit)) and not without_measurement_noise(fit)
 
 
 def without_measurement_noise(fit: Fit) -> bool:
-    """Whether the record itself has hardly any measurement noise: all outputs are met so, and more
-    of them than process noise has sources.
+    """Return whether the record itself has hardly any measurement noise: all outputs are met so,
+    and more of them than process noise has sources.
 
     A filter may follow as many outputs exactly as process noise has sources, whatever the
     derivatives are; each further output is met exactly by the right ones only, unless it repeats
@@ -246,8 +246,8 @@ def without_measurement_noise(fit: Fit) -> bool:
 
 
 def _distinct_outputs(fit: Fit) -> int:
-    """Number of estimated outputs of which none is the same function of others at every value of
-    the parameters, a constant apart.
+    """Return the number of estimated outputs of which none is the same function of others at every
+    value of the parameters, a constant apart.
 
     A channel recorded twice, or an angle computed from a measured velocity, repeats another one: a
     filter that follows the one meets both, at any derivatives. The number is the rank of the
@@ -283,15 +283,15 @@ def _distinct_outputs(fit: Fit) -> int:
 
 
 def _motion(layout: FitLayout, output: int) -> float:
-    """Root mean square of an output's samples about the mean of each record."""
+    """Return the root mean square of an output's samples about the mean of each record."""
     rows = [problem.z[output, problem.valid[output]] for problem in layout.problems]
     away = np.concatenate([row - np.mean(row) for row in rows if row.size])
     return float(np.sqrt(np.mean(away**2))) if away.size else 0.0
 
 
 def levels_at_limit(fit: Fit) -> tuple[str, ...]:
-    """The outputs of which a fit knows no noise level: it has run to its limit, or to the rounding
-    of their samples.
+    """Return the outputs of which a fit knows no noise level: it has run to its limit, or to the
+    rounding of their samples.
     """
     noise_model = fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
@@ -363,8 +363,8 @@ def _starts(layout: FitLayout, calm: System, *, plain: bool) -> Iterator[Begun]:
 
 
 def _exactly(layout: FitLayout, least_damping: float) -> FitLayout:
-    """The layout with exact derivatives, settled where its cost is: an initial state that grows by
-    e^15 never stands still in its own sigmas.
+    """Return the layout with exact derivatives, settled where its cost is: an initial state that
+    grows by e^15 never stands still in its own sigmas.
     """
     problems = tuple(replace(problem, exact=True) for problem in layout.problems)
     settings = layout.settings

@@ -129,8 +129,8 @@ def fit_filter_error(
 
 
 def _no_worse(again: Estimate, found: Estimate) -> bool:
-    """Whether a second estimate of the same records may stand for the first: not where it is less
-    sound, or as sound and less likely.
+    """Return whether a second estimate of the same records may stand for the first: not where it is
+    less sound, or as sound and less likely.
     """
     if found.outcome is not Outcome.CONVERGED:
         return True
@@ -175,8 +175,8 @@ def noise_levels(fit: Fit) -> dict[str, float]:
 
 
 def filter_error_estimate(fit: Fit) -> Estimate:
-    """The shared parameters of a fit with process noise, and the scale of declared process noise,
-    as an Estimate.
+    """Return the shared parameters of a fit with process noise, and the scale of declared process
+    noise, as an Estimate.
 
     Noise levels, turbulence's parameters among them, are those of the adjusted likelihood, and
     sigmas count that these are estimates (Student's quantile): see

@@ -82,8 +82,8 @@ def noise_slopes(
     at: Variation,
     moved: Sequence[tuple[Variation, Variation, float]],
 ) -> NoiseSlopes:
-    """Derivatives of the process noise at the given trajectory; that the trajectory moves too is
-    left out.
+    """Return the derivatives of the process noise at the given trajectory; that the trajectory
+    moves too is left out.
 
     ``moved`` holds for each quantity two variations and the distance between them: see
     ``slope_pairs``.
@@ -118,8 +118,8 @@ def noise_slopes(
 def slope_pairs(
     at: Variation, positions: Sequence[int], sizes: Sequence[float], scale: bool
 ) -> list[tuple[Variation, Variation, float]]:
-    """Pairs for central differences by the parameters at ``positions``, whose sizes are given, then
-    by the scale if wanted.
+    """Return the pairs for central differences by the parameters at ``positions``, whose sizes are
+    given, then by the scale if wanted.
     """
     pairs = []
     for position, size in zip(positions, sizes, strict=True):
@@ -138,8 +138,8 @@ def slope_pairs(
 
 
 def _where_it_bends(shape: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Steps at which slopes are worked out, straight lines being good enough between them: all,
-    unless every ``shape (K, D, n, n)`` is smooth.
+    """Return the steps at which slopes are worked out, straight lines being good enough between
+    them: all, unless every ``shape (K, D, n, n)`` is smooth.
     """
     every = np.arange(len(shape))
     if len(shape) < 2 * _STEPS_BETWEEN_SLOPES or np.ptp(steps) > 1e-9 * steps.max():
@@ -186,8 +186,8 @@ class LikelihoodSlopes:
 def likelihood_slopes(
     filter: Whitener, residual: Filtered, slopes: NoiseSlopes, by_variance: np.ndarray
 ) -> LikelihoodSlopes:
-    """Slopes by the quantities that move the process noise, then by those that move the measurement
-    variances.
+    """Return the slopes by the quantities that move the process noise, then by those that move the
+    measurement variances.
 
     ``residual`` is one column; ``by_variance (d, m)`` are derivatives of the measurement variances.
     """
@@ -284,8 +284,8 @@ def _slopes_of_some(
 
 
 def _beside(stack: np.ndarray, some: slice, d: int) -> np.ndarray:
-    """Derivatives ``(B, D, a, b)`` by ``some``, those beyond zero, as ``(B, a, d, b)``: see
-    `ident.process_noise.whitener`.
+    """Return the derivatives ``(B, D, a, b)`` by ``some``, those beyond zero, as ``(B, a, d, b)``:
+    see `ident.process_noise.whitener`.
     """
     found = stack[:, some].swapaxes(1, 2)
     out = np.zeros((*found.shape[:2], d, found.shape[3]))
@@ -314,8 +314,8 @@ class Filter:
     residual: Filtered
 
     def whiten(self, columns: np.ndarray) -> np.ndarray:
-        """Innovations of the columns over their standard deviation, zero where a sample is
-        missing.
+        """Return the innovations of the columns over their standard deviation, zero where a sample
+        is missing.
         """
         return _at_samples(
             self.problem, filtered(self.whitener, _at_nodes(self.problem, columns)).standard
@@ -376,8 +376,8 @@ class ProcessNoise:
         residuals: Sequence[np.ndarray],
         counts: np.ndarray,
     ) -> WeightedResiduals | None:
-        """Innovations of residuals and sensitivities; None where an innovation covariance is not
-        positive definite.
+        """Return the innovations of residuals and sensitivities; None where an innovation
+        covariance is not positive definite.
         """
         try:
             return self._innovations(layout, theta, lines, residuals, counts)
@@ -391,7 +391,7 @@ class ProcessNoise:
         lines: Sequence[Linearisation],
         weighted: WeightedResiduals,
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Terms through the filter's dependence on parameters and noise levels."""
+        """Return the terms through the filter's dependence on parameters and noise levels."""
         n = len(theta)
         gradient, information = np.zeros(n), np.zeros((n, n))
         for moving, part in self._slopes(layout, theta, lines, weighted):
@@ -464,8 +464,8 @@ class ProcessNoise:
         return low, high
 
     def setting_noise(self, layout: LaidOut, theta: np.ndarray) -> np.ndarray:
-        """Positions of the unknowns that set the noise: its own, and parameters of the System that
-        move the forcing's density.
+        """Return the positions of the unknowns that set the noise: its own, and parameters of the
+        System that move the forcing's density.
         """
         n = len(theta)
         positions = set(range(n - len(self.names), n))
@@ -517,7 +517,7 @@ class ProcessNoise:
 
 
 def filters_of(weighted: WeightedResiduals) -> tuple[Filter, ...]:
-    """The Kalman filters, one a record, of residuals that a ProcessNoise weighted."""
+    """Return the Kalman filters, one a record, of residuals that a ProcessNoise weighted."""
     filters = tuple(item for item in weighted.filters if isinstance(item, Filter))
     assert len(filters) == len(weighted.filters)
     return filters
@@ -534,7 +534,7 @@ def _stretched(p: np.ndarray, index: int) -> np.ndarray:
 
 
 def has_process_noise(system: System) -> bool:
-    """Whether white noise acts on a state."""
+    """Return whether white noise acts on a state."""
     return bool(np.any(_density(system, system.parameters.values()) > 0))
 
 
@@ -562,7 +562,7 @@ def process_noise(
 
 
 def noise_started_at(fit: Fit, theta: np.ndarray) -> ProcessNoise:
-    """The noise model of a fit with its unknowns started where ``theta (n,)`` has them."""
+    """Return the noise model of a fit with its unknowns started where ``theta (n,)`` has them."""
     noise_model = fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
     std, scale = noise_model.levels(theta)

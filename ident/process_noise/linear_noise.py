@@ -98,7 +98,7 @@ def linear_motion(
 def _through_sensors(
     problem: RecordProblem, variations: Sequence[Variation], motion: LinearMotion
 ) -> LinearMotion:
-    """The motion with a state for each sensor with memory: what it shows is late.
+    """Return the motion with a state for each sensor with memory: what it shows is late.
 
     A lag is exact; a delay, and a hold in the mean, is Pade's approximation of first order. The
     deviation of a sensor starts at zero. Times much shorter than a sub-step are lengthened to a
@@ -340,7 +340,7 @@ def _doubled(
 
 
 def _stationary_spread(F: np.ndarray, density: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Covariances at the start ``(V, n, n)``: of the states ``at`` that of F P + P F^T +
+    """Return the covariances at the start ``(V, n, n)``: of the states ``at`` that of F P + P F^T +
     diag(density) = 0, zero where they are not stable.
     """
     start = np.zeros_like(F)

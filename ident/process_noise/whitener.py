@@ -69,7 +69,7 @@ def covariance_steps(Phi: np.ndarray, Q: np.ndarray, H: np.ndarray, R: np.ndarra
 
 
 def combine_covariances(first: Elements, second: Elements) -> Elements:
-    """The element of two steps in a row."""
+    """Return the element of two steps in a row."""
     A, C, J = first
     B, D, L = second
     inverse = _inverse(np.eye(A.shape[-1]) + C @ L)
@@ -116,7 +116,7 @@ def from_right(stack: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 
 
 def transposed(stack: np.ndarray) -> np.ndarray:
-    """The transpose of each of D matrices: ``(T, a, D, b)`` to ``(T, b, D, a)``."""
+    """Return the transpose of each of D matrices: ``(T, a, D, b)`` to ``(T, b, D, a)``."""
     return stack.transpose(0, 3, 2, 1)
 
 
@@ -176,8 +176,8 @@ class Filtered:
 
 
 def whitener(motion: DiscretisedNoise, variance: np.ndarray, valid: np.ndarray) -> Whitener:
-    """Gains for a process noise, measurement variances ``(m,)`` and validity ``(K + 1, m)`` of the
-    samples at the nodes.
+    """Return the gains for a process noise, measurement variances ``(m,)`` and validity ``(K + 1,
+    m)`` of the samples at the nodes.
 
     Raises
     ------
@@ -286,10 +286,10 @@ def every_node(stack: np.ndarray, filter: Whitener) -> np.ndarray:
 
 
 def rows(stack: np.ndarray, part: slice) -> np.ndarray:
-    """The matrices of some nodes; a single one stands for all."""
+    """Return the matrices of some nodes; a single one stands for all."""
     return stack if len(stack) == 1 else stack[part]
 
 
 def turned(M: np.ndarray) -> np.ndarray:
-    """The transpose of each matrix."""
+    """Return the transpose of each matrix."""
     return np.swapaxes(M, -1, -2)

@@ -94,7 +94,7 @@ def _piles_up(series: Series, values: np.ndarray, level: float, at_level: np.nda
 
 
 def _cornered(series: Series, values: np.ndarray, begin: int, end: int) -> bool:
-    """Whether a moving signal meets the level at a corner on both sides."""
+    """Return whether a moving signal meets the level at a corner on both sides."""
     if end - begin < FEWEST_IN_A_ROW or begin < 3 or end + 3 > len(values):
         return False
     around = np.concatenate([values[max(0, begin - 8) : begin], values[end : end + 8]])
@@ -242,7 +242,7 @@ def _is_load(
     size: float,
     gravity_over_speed: float | None,
 ) -> bool:
-    """Whether a step of nz is a load: alpha - int (q - (g/V) nz) dt is then straight there.
+    """Return whether a step of nz is a load: alpha - int (q - (g/V) nz) dt is then straight there.
 
     A sensor fault would show a corner of ``CORNER_SIGMAS`` standard deviations of alpha's noise.
     """
@@ -270,7 +270,7 @@ def _is_load(
 
 
 def _still(inputs: Sequence[np.ndarray], count: int, spacing: int) -> np.ndarray:
-    """Rows at which no input steps within ``spacing`` rows."""
+    """Return the rows at which no input steps within ``spacing`` rows."""
     steps = np.zeros(count)
     for values in inputs:
         steps[1:-1] += np.abs(np.diff(values, 2)) > INPUT_STEP_SHARE * float(np.ptp(values))
@@ -463,8 +463,8 @@ def hum(series: Series, inputs: Sequence[Series]) -> RecordFinding | None:
 
 
 def _over_floor(power: np.ndarray, first: int) -> np.ndarray:
-    """Power of each frequency over the noise floor, from the median of its neighbours; from
-    ``first`` on, without the last.
+    """Return the power of each frequency over the noise floor, from the median of its neighbours;
+    from ``first`` on, without the last.
     """
     above_lowest = power[first:-1]
     if len(above_lowest) < FLOOR_BINS:
@@ -479,7 +479,7 @@ def _over_floor(power: np.ndarray, first: int) -> np.ndarray:
 
 
 def _refined(bent: np.ndarray, step: float, near: float, spacing: float) -> float:
-    """The line's frequency between two bins, Hz."""
+    """Return the line's frequency between two bins, Hz."""
     number = np.arange(len(bent))
     window = np.hanning(len(bent) + 2)[1:-1]
     grid = near + spacing * np.linspace(-1.0, 1.0, 41)

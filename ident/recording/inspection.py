@@ -131,7 +131,7 @@ def wrong_clock(
 
 
 def _control_agrees(columns: KinematicColumns, factor: float, expected: Expectations) -> bool:
-    """Whether the control's power is that of the vehicle's data only with the other clock:
+    """Return whether the control's power is that of the vehicle's data only with the other clock:
     accelerations go with its square.
     """
     if expected.control_power is None or not expected.control_power or not expected.angular_control:
@@ -174,8 +174,8 @@ LARGEST_ALPHA_RANGE = 0.6  # rad, of an angle of attack from end to end
 
 
 def misread(record: Record, expected: Expectations) -> list[RecordFinding]:
-    """Columns that are certainly or probably mislabelled; empty if all are consistent or no
-    relation exists.
+    """Return the columns that are certainly or probably mislabelled; empty if all are consistent or
+    no relation exists.
     """
     far = [
         one
@@ -213,8 +213,8 @@ def _of_columns(columns: KinematicColumns, expected: Expectations) -> list[Recor
 
 
 def _of_az(finding: RecordFinding) -> RecordFinding:
-    """The finding on nz in terms of its source column: in m/s2 for nz is a factor of g0, that of g
-    for az.
+    """Return the finding on nz in terms of its source column: in m/s2 for nz is a factor of g0,
+    that of g for az.
     """
     if finding.kind is Kind.UNIT and finding.channel == "nz":
         return replace(finding, channel="az", remedy="check the unit of az: m/s2 is meant")
@@ -226,7 +226,7 @@ def _of_az(finding: RecordFinding) -> RecordFinding:
 
 
 def _far(channel: Channel) -> RecordFinding | None:
-    """A flow angle or a control that moves too far for radians."""
+    """Return a flow angle or a control that moves too far for radians."""
     values = channel.values[channel.valid]
     reach = (
         float(np.percentile(np.abs(values - np.median(values)), ANGLE_PERCENTILE))
@@ -251,7 +251,7 @@ def _far(channel: Channel) -> RecordFinding | None:
 
 
 def _gravity(channel: Channel) -> RecordFinding | None:
-    """A load factor with a median of 9.8: level flight in m/s2."""
+    """Return a load factor with a median of 9.8: level flight in m/s2."""
     middle = float(np.median(channel.values[channel.valid]))
     if not LEVEL[0] < abs(middle) < LEVEL[1]:
         return None
@@ -402,8 +402,8 @@ def _best(
 def _implausible_as_read(
     reading: ColumnReading, columns: KinematicColumns, expected: Expectations
 ) -> bool | None:
-    """Whether columns that a reading exchanges or turns are also implausible by what kinematics do
-    not use; None where nothing else is known.
+    """Return whether columns that a reading exchanges or turns are also implausible by what
+    kinematics do not use; None where nothing else is known.
 
     A sensor that is wrong, or a gust, spoils the kinematics too, and a controller makes an elevator
     in the shape of what it feeds back: that the kinematics hold for another column is not enough.
@@ -436,7 +436,7 @@ def _implausible_as_read(
 def _pitching(
     columns: KinematicColumns, expected: Expectations
 ) -> tuple[bool | None, ControlPower | None]:
-    """Whether the control power agrees with the vehicle file, None if unreliable; and that
+    """Return whether the control power agrees with the vehicle file, None if unreliable; and that
     power.
     """
     power = control_power(columns)
@@ -446,8 +446,8 @@ def _pitching(
 
 
 def _fits(power: float, expected: Expectations) -> bool:
-    """Whether a control power is that of the vehicle's data, or at least of its sign where only
-    that is known.
+    """Return whether a control power is that of the vehicle's data, or at least of its sign where
+    only that is known.
     """
     ratio = power / expected.control_power if expected.control_power else 0.0
     return 1.0 / CONTROL_POWER_FACTOR < ratio < CONTROL_POWER_FACTOR or (
@@ -456,7 +456,7 @@ def _fits(power: float, expected: Expectations) -> bool:
 
 
 def _likelier(before: tuple[float, float] | None, after: tuple[float, float] | None) -> bool:
-    """Whether the second unexplained share is significantly smaller; each with its number of
+    """Return whether the second unexplained share is significantly smaller; each with its number of
     independent parts.
     """
     if before is None or after is None:
@@ -469,8 +469,8 @@ def _likelier(before: tuple[float, float] | None, after: tuple[float, float] | N
 
 
 def _right(reading: ColumnReading, columns: KinematicColumns) -> float:
-    """Largest unexplained share of a correct reading; smaller where a control takes part, since
-    feedback makes it resemble the output.
+    """Return the largest unexplained share of a correct reading; smaller where a control takes
+    part, since feedback makes it resemble the output.
     """
     return (
         RIGHT_WITH_CONTROL
@@ -496,7 +496,7 @@ def _by_control(
 
 
 def _of_control(columns: KinematicColumns, expected: Expectations) -> list[RecordFinding]:
-    """A control whose sign, or unit, is not that of the vehicle's data."""
+    """Return a control whose sign, or unit, is not that of the vehicle's data."""
     if expected.control_power is None or not expected.control_power:
         return []
     power = control_power(columns)
@@ -544,7 +544,7 @@ def _of_control(columns: KinematicColumns, expected: Expectations) -> list[Recor
 
 
 def _contradicted(columns: KinematicColumns, power: float) -> bool:
-    """Whether the control power has the other sign with nz in place of alpha."""
+    """Return whether the control power has the other sign with nz in place of alpha."""
     without = replace(
         columns,
         outputs={name: values for name, values in columns.outputs.items() if name != "alpha"},
@@ -629,7 +629,7 @@ def _samples(
     count: int,
     masked: dict[str, np.ndarray],
 ) -> list[RecordFinding]:
-    """Findings that mask samples of one channel; a sample is masked once."""
+    """Return the findings that mask samples of one channel; a sample is masked once."""
     taken = np.zeros(count, dtype=bool)
     out = dropouts(series, count)
     for one in out:
@@ -653,8 +653,8 @@ def _samples(
 
 
 def _band_limited(series: Series, inputs: Sequence[RecordFinding]) -> RecordFinding | None:
-    """An output's end of the spectrum, unless that of an input explains it: a motion without noise
-    ends where what excites it does.
+    """Return an output's end of the spectrum, unless that of an input explains it: a motion without
+    noise ends where what excites it does.
     """
     result = band_limited(series)
     return (
@@ -674,7 +674,7 @@ def _mostly(mask: np.ndarray | None) -> bool:
 
 
 def _without(record: Record, masked: dict[str, np.ndarray]) -> Record:
-    """The record less its masked samples."""
+    """Return the record less its masked samples."""
     if not any(np.any(mask) for mask in masked.values()):
         return record
     outputs = tuple(

@@ -69,7 +69,7 @@ class KinematicColumns:
         )
 
     def exchanged(self, first: str, second: str) -> KinematicColumns:
-        """The columns with two channels exchanged."""
+        """Return the columns with two channels exchanged."""
         held = dict(self.outputs)
         if self.control is not None and self.control_name in (first, second):
             other = second if first == self.control_name else first
@@ -80,8 +80,8 @@ class KinematicColumns:
 
 
 def columns_of(record: Record, expected: Expectations) -> KinematicColumns | None:
-    """The channels that one motion joins; None where they are fewer than two or too short. ``az``
-    stands for nz as -az/g0.
+    """Return the channels that one motion joins; None where they are fewer than two or too short.
+    ``az`` stands for nz as -az/g0.
     """
     if len(record) < FEWEST_ROWS:
         return None
@@ -125,7 +125,7 @@ def disagreement(columns: KinematicColumns) -> dict[str, float]:
 
 
 def relations(columns: KinematicColumns, lag: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Both sides of every relation that the columns allow, about their means, shape ``(N -
+    """Return both sides of every relation that the columns allow, about their means, shape ``(N -
     lag,)``.
     """
     y = columns.outputs
@@ -168,8 +168,8 @@ def relations(columns: KinematicColumns, lag: int) -> dict[str, tuple[np.ndarray
 
 
 def unexplained_lift(columns: KinematicColumns) -> tuple[float, float] | None:
-    """Share of the load's change that lift leaves, and the number of independent stretches it is
-    seen in; None without alpha or nz.
+    """Return the share of the load's change that lift leaves, and the number of independent
+    stretches it is seen in; None without alpha or nz.
 
     nz - nz_0 = a alpha + b delta with a >= |b|: lift rises with the angle of attack, and a surface,
     which is a part of the wing's or the tail's area, makes less of it per radian than the whole
@@ -213,7 +213,7 @@ def _share_of_lift(load: np.ndarray, flow: np.ndarray, surface: np.ndarray) -> f
 
 
 def lag_of(columns: KinematicColumns) -> int:
-    """Rows over which the motion changes most: where its autocorrelation has halved."""
+    """Return the rows over which the motion changes most: where its autocorrelation has halved."""
     name = next((name for name in ("q", "alpha", "nz", "theta") if name in columns.outputs), None)
     if name is None:
         return 1
@@ -297,7 +297,7 @@ class ColumnReading:
 
 
 def all_readings(columns: KinematicColumns) -> list[ColumnReading]:
-    """Every simple fault that the columns could have."""
+    """Return every simple fault that the columns could have."""
     names, out = list(columns.outputs), []
     for name in names:
         out.append(
@@ -432,7 +432,7 @@ def control_power(columns: KinematicColumns) -> ControlPower | None:
 
 
 def sure(power: ControlPower) -> bool:
-    """Whether sign and size of a control power can be relied on.
+    """Return whether sign and size of a control power can be relied on.
 
     A few samples of a fast motion are explained as well by a control that is late by half its
     period and works the other way, or by a motion that pitching feeds: of 1200 sound light aircraft
@@ -490,8 +490,8 @@ VELOCITY_PARTS = 40  # a velocity is the slope over two fortieths of the record
 
 
 def height_unit(record: Record, expected: Expectations) -> list[RecordFinding]:
-    """A finding where a height that falls under ``expected.gravity`` obeys it in another unit than
-    metres, and not in metres.
+    """Return a finding where a height that falls under ``expected.gravity`` obeys it in another
+    unit than metres, and not in metres.
 
     Of h(t) in a unit of f metres, f h = c0 + c1 t - g t^2/2 + k D(t), where D is the double
     integral of -v |v| exp(-f h/H), v = f dh/dt, and the drag k is not negative. Near the terminal
@@ -526,8 +526,8 @@ def height_unit(record: Record, expected: Expectations) -> list[RecordFinding]:
 def _unexplained(
     time: np.ndarray, channel: Channel, factor: float, expected: Expectations
 ) -> float:
-    """Share of a height's power about a straight line that gravity and drag leave, were its unit
-    ``factor`` metres.
+    """Return the share of a height's power about a straight line that gravity and drag leave, were
+    its unit ``factor`` metres.
     """
     t, y = time[channel.valid] - time[channel.valid][0], factor * channel.values[channel.valid]
     velocity = _height_unit_slope(t, y)
@@ -550,8 +550,8 @@ def _off(line: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def _height_unit_slope(t: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Slope of a line through the samples within a fortieth of the record on either side, by
-    running sums.
+    """Return the slope of a line through the samples within a fortieth of the record on either
+    side, by running sums.
     """
     reach = max(2, len(t) // VELOCITY_PARTS)
     low = np.maximum(np.arange(len(t)) - reach, 0)

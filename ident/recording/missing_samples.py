@@ -120,7 +120,7 @@ def _zeros(series: Series) -> np.ndarray:
 
 
 def _sudden(values: np.ndarray, begin: int, end: int, least: float) -> bool:
-    """Whether the step to zero is several times the steps before and after it."""
+    """Return whether the step to zero is several times the steps before and after it."""
     before = np.abs(np.diff(values[max(0, begin - 4) : begin]))
     after = np.abs(np.diff(values[end : end + 4]))
     usual = float(np.max(np.concatenate([before, after]))) if before.size + after.size else 0.0
@@ -219,7 +219,7 @@ def _rows_finding(
 
 
 def _range_about(values: np.ndarray, gaps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest of the two samples on either side of each gap."""
+    """Return the least and greatest of the two samples on either side of each gap."""
     at = np.clip(gaps[:, None] + np.arange(-1, 3)[None, :], 0, len(values) - 1)
     return np.min(values[at], axis=1), np.max(values[at], axis=1)
 
@@ -375,7 +375,7 @@ def phase_period(changes: np.ndarray, count: int) -> int:
 
 
 def _even(changes: np.ndarray, mean: float) -> bool:
-    """Whether the changes fit an even clock of another rate, in blocks of a hundred."""
+    """Return whether the changes fit an even clock of another rate, in blocks of a hundred."""
     scatter = []
     for begin in range(0, len(changes) - FEWEST_UPDATES + 1, 100):
         some = changes[begin : begin + 100]
@@ -411,7 +411,7 @@ def _impossible(series: Series, others: Sequence[Series], begin: int, end: int) 
 
 
 def _catches_up(series: Series, inputs: Sequence[Series], begin: int, end: int) -> bool:
-    """Whether a moving channel leaves its run with a step several times the usual one."""
+    """Return whether a moving channel leaves its run with a step several times the usual one."""
     values = series.values
     if series.white or begin == 0 or end + 2 >= len(values):
         return False
@@ -433,7 +433,7 @@ def _catches_up(series: Series, inputs: Sequence[Series], begin: int, end: int) 
 
 
 def _alive(others: Sequence[Series], begin: float, end: float) -> bool:
-    """Whether some other channel changes meanwhile, or there is none."""
+    """Return whether some other channel changes meanwhile, or there is none."""
     for other in others:
         inside = other.values[(other.time >= begin) & (other.time <= end)]
         if len(inside) > 1 and float(np.ptp(inside)) == 0.0:
@@ -519,7 +519,7 @@ def interpolated(
 
 
 def _rounding(series: Series) -> float:
-    """Largest rounding error of a sample from its printed digits."""
+    """Return the largest rounding error of a sample from its printed digits."""
     largest = float(np.max(np.abs(series.values)))
     return max(0.51 * exact_step(series.values), SINGLE_SHARE * largest)
 
@@ -575,7 +575,7 @@ def _cubic(series: Series, inputs: Sequence[Series]) -> _Pattern | None:
 
 
 def _parted(off: np.ndarray, least: float, bent: np.ndarray) -> bool:
-    """Whether samples are either straight or bent by far more than their digits round."""
+    """Return whether samples are either straight or bent by far more than their digits round."""
     if (
         np.count_nonzero(bent) < FEWEST_UPDATES
         or np.count_nonzero(~bent) < FEWEST_UPDATES
@@ -586,7 +586,7 @@ def _parted(off: np.ndarray, least: float, bent: np.ndarray) -> bool:
 
 
 def _answers(times: np.ndarray, inputs: Sequence[Series]) -> bool:
-    """Whether the bends coincide with changes of an input that is constant in between."""
+    """Return whether the bends coincide with changes of an input that is constant in between."""
     for other in inputs:
         changes = other.time[np.flatnonzero(np.diff(other.values))]
         if not changes.size or len(changes) > 0.7 * len(other.time):

@@ -113,7 +113,7 @@ class Expectations:
 
 
 def shown(value: float, unit: str) -> str:
-    """A value in the unit in which people read it: angles in degrees."""
+    """Return a value in the unit in which people read it: angles in degrees."""
     factor, label = (
         (180.0 / math.pi, unit.replace("rad", "deg", 1)) if unit.startswith("rad") else (1.0, unit)
     )
@@ -202,7 +202,7 @@ def series_of(record: Record, channel: Channel) -> Series:
 
 
 def least_bit(values: np.ndarray) -> float:
-    """The step of the converter; 0 where the values show none.
+    """Return the step of the converter; 0 where the values show none.
 
     It is the largest step of which all differences between values are multiples (Euclid's algorithm
     on floats), or the coarser one of which neighbouring samples differ by multiples: a calibration
@@ -213,8 +213,8 @@ def least_bit(values: np.ndarray) -> float:
 
 
 def measurable_noise(level: float | None, values: Sequence[np.ndarray]) -> float | None:
-    """An estimate of a channel's noise that its samples can bear: at least the rounding of its
-    converter, step/sqrt(12); None where they show none.
+    """Return an estimate of a channel's noise that its samples can bear: at least the rounding of
+    its converter, step/sqrt(12); None where they show none.
 
     ``level``: the estimate, None where there is none. ``values``: the channel's valid samples in
     each record. An estimate below a millionth of the channel's span without a converter's step is
@@ -228,8 +228,8 @@ def measurable_noise(level: float | None, values: Sequence[np.ndarray]) -> float
 
 
 def exact_step(values: np.ndarray) -> float:
-    """The largest step of which all differences between values are multiples: of a converter, or of
-    the digits that were printed.
+    """Return the largest step of which all differences between values are multiples: of a
+    converter, or of the digits that were printed.
     """
     levels = np.unique(values)
     if levels.size < 2:
@@ -249,8 +249,8 @@ def exact_step(values: np.ndarray) -> float:
 
 
 def _converter_step(values: np.ndarray, exact: float) -> float:
-    """The step of which small differences of neighbouring samples are multiples within a tenth of
-    it; 0 where there is none.
+    """Return the step of which small differences of neighbouring samples are multiples within a
+    tenth of it; 0 where there is none.
     """
     differences = np.diff(values)
     sizes = np.abs(differences)
@@ -275,8 +275,8 @@ def _converter_step(values: np.ndarray, exact: float) -> float:
 
 
 def _lattice_step(sizes: np.ndarray, step: float) -> float:
-    """The step near a first guess on whose multiples nine tenths of the smaller sizes lie; 0 where
-    they do not.
+    """Return the step near a first guess on whose multiples nine tenths of the smaller sizes lie; 0
+    where they do not.
     """
     near, count = sizes, sizes
     for _ in range(3):
@@ -291,8 +291,8 @@ def _lattice_step(sizes: np.ndarray, step: float) -> float:
 
 
 def _blurred_step(moving: np.ndarray) -> float:
-    """The step on whose multiples, blurred by a correction behind the converter, most sizes lie; 0
-    where there is none.
+    """Return the step on whose multiples, blurred by a correction behind the converter, most sizes
+    lie; 0 where there is none.
 
     ``moving``: sizes of differences, zeros left out. The step is at most three times smaller than
     they usually are, and two multiples of it or more occur: a triangle has one.
@@ -324,8 +324,8 @@ def scaled_differences(time: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def fourth_differences(time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Differences of the second differences, scaled to the noise of one sample where sampling is
-    even; ``(n - 4,)``.
+    """Return the differences of the second differences, scaled to the noise of one sample where
+    sampling is even; ``(n - 4,)``.
     """
     second = scaled_differences(time, values) * np.sqrt(1.5)
     return (second[1:-1] - 0.5 * (second[:-2] + second[2:])) * np.sqrt(16.0 / 70.0)
@@ -374,8 +374,8 @@ MOTION_NOISE_RATIO = 1.4
 
 
 def coarse(series: Series) -> RecordFinding | None:
-    """A note where the least bit is coarse against the noise, so that residuals are rounding and
-    not Gaussian.
+    """Return a note where the least bit is coarse against the noise, so that residuals are rounding
+    and not Gaussian.
     """
     bit = series.least_bit
     if not bit or series.span < FEWEST_LEVELS * bit or bit < COARSE_STEP_BITS * series.noise:
@@ -439,7 +439,7 @@ def changing_noise(
 
 
 def _parts(series: Series, parts: int, inputs: Sequence[Series]) -> list[_NoisePart]:
-    """The parts of a channel that have enough samples."""
+    """Return the parts of a channel that have enough samples."""
     second = scaled_differences(series.time, series.values)[1:-1]
     fourth = fourth_differences(series.time, series.values)
     out = []
@@ -477,8 +477,8 @@ def _parts(series: Series, parts: int, inputs: Sequence[Series]) -> list[_NoiseP
 
 
 def _roughness(other: Series, begin: float, end: float) -> float:
-    """Size of the fourth differences of a channel between two times, half a step of its converter
-    at least.
+    """Return the size of the fourth differences of a channel between two times, half a step of its
+    converter at least.
     """
     inside = (other.time >= begin) & (other.time <= end)
     if np.count_nonzero(inside) < NOISE_LEVEL_FEWEST // 2:
@@ -500,7 +500,7 @@ def _beyond_inputs(quiet: _NoisePart, loud: _NoisePart) -> float:
 
 
 def _shared(quiet: _NoisePart, loud: _NoisePart, others: Sequence[Series]) -> bool:
-    """Whether another output is rougher as well, by more than its roughness scatters."""
+    """Return whether another output is rougher as well, by more than its roughness scatters."""
     least = max(
         NOTABLE_NOISE_RATIO,
         float(
@@ -514,7 +514,7 @@ def _shared(quiet: _NoisePart, loud: _NoisePart, others: Sequence[Series]) -> bo
 
 
 def _sure(quiet: _NoisePart, loud: _NoisePart) -> bool:
-    """Whether the noise of a part is larger than that of another by more than its estimates
+    """Return whether the noise of a part is larger than that of another by more than its estimates
     scatter.
     """
     ratio = _beyond_inputs(quiet, loud)
@@ -581,7 +581,7 @@ def _between_parts(
 
 
 def _inside(time: np.ndarray, parts: Sequence[_NoisePart]) -> np.ndarray:
-    """Whether times lie in one of the parts."""
+    """Return whether times lie in one of the parts."""
     inside = np.zeros(len(time), dtype=bool)
     for one in parts:
         inside |= (time >= one.times[0]) & (time <= one.times[1])
@@ -589,7 +589,7 @@ def _inside(time: np.ndarray, parts: Sequence[_NoisePart]) -> np.ndarray:
 
 
 def _loud(fourth: np.ndarray, above: float, count: int) -> np.ndarray:
-    """Samples, of ``count``, at which the noise over a short window is above a level."""
+    """Return the samples, of ``count``, at which the noise over a short window is above a level."""
     finite = np.isfinite(fourth)
     padded = np.pad(np.where(finite, np.abs(fourth), np.nan), LOCAL_LEVEL_SAMPLES, mode="reflect")
     local = SIGMA_PER_MEDIAN_DEVIATION * np.nanmedian(

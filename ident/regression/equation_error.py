@@ -217,8 +217,8 @@ def _evaluate(
     *,
     slopes: bool = True,
 ) -> list[_Equations] | None:
-    """Residuals of all records; ``histories`` in place of the smoothed states, the biases of their
-    sensors taken off already. Without ``slopes`` the jacobians are zero.
+    """Return the residuals of all records; ``histories`` in place of the smoothed states, the
+    biases of their sensors taken off already. Without ``slopes`` the jacobians are zero.
     """
     with np.errstate(all="ignore"):
         parts = [
@@ -360,8 +360,8 @@ def _descend(
     high: np.ndarray,
     parts: list[_Equations],
 ) -> tuple[np.ndarray, list[_Equations], float]:
-    """The step, halved until the cost does not rise; the point, its residuals, and the share of the
-    step that was taken.
+    """Return the step, halved until the cost does not rise; the point, its residuals, and the share
+    of the step that was taken.
     """
     cost, share, resolved = _cost(parts), 1.0, unresolved(float(_variances(parts)[1].sum()))
     for _ in range(12):
@@ -423,8 +423,8 @@ def _with_instruments(
     done: int,
     settings: RegressionSettings,
 ) -> Estimate:
-    """The estimate with instrumental variables, or the corrected one of least squares where a
-    simulation does not stay with the records.
+    """Return the estimate with instrumental variables, or the corrected one of least squares where
+    a simulation does not stay with the records.
     """
     squares = _finished(layout, theta, parts, outcome, done, replace(settings, coloured=False))
     settled = squares.outcome is Outcome.CONVERGED
@@ -495,8 +495,8 @@ class _NormalProblem:
 def _normal_problem(
     layout: _Layout, theta: np.ndarray, simulated: list[list[np.ndarray]]
 ) -> _NormalProblem | None:
-    """The equations of instrumental variables at ``theta``; None where they are not finite or not
-    regular.
+    """Return the equations of instrumental variables at ``theta``; None where they are not finite
+    or not regular.
     """
     measured = _evaluate(
         layout, theta, [_measured(layout, r, theta) for r in range(len(layout.records))]
@@ -525,8 +525,8 @@ def _sharpest(
     simulated: list[list[np.ndarray]],
     settings: RegressionSettings,
 ) -> _Layout:
-    """The layout with slopes over those windows, of several widths, with which the covariance of
-    the shared parameters is least.
+    """Return the layout with slopes over those windows, of several widths, with which the
+    covariance of the shared parameters is least.
 
     Wide windows leave little noise in a slope, but noise that is much alike from sample to sample;
     other equations then count too little.
@@ -551,8 +551,8 @@ def _sharpest(
 
 
 def _narrower(record: Record, state: StateData, share: float) -> StateData:
-    """The state with its slopes over windows of a ``share`` of the half width, of two samples at
-    least.
+    """Return the state with its slopes over windows of a ``share`` of the half width, of two
+    samples at least.
     """
     half = (state.slopes.value.shape[1] - 1) // 2
     width = max(2, round(share * half))
@@ -655,7 +655,7 @@ def _less_bias(
 
 
 def _noisier(record: Record, names: Sequence[str], noise: np.ndarray) -> Record:
-    """The record with ``noise`` added to the outputs of these names."""
+    """Return the record with ``noise`` added to the outputs of these names."""
     channels = []
     for channel in record.outputs:
         more = noise[names.index(channel.name)] if channel.name in names else 0.0

@@ -47,7 +47,7 @@ class Windows:
     usable: np.ndarray
 
     def gather(self, rows: np.ndarray) -> np.ndarray:
-        """The entries of ``rows (N, ...)`` in each window, ``(N, W, ...)``."""
+        """Return the entries of ``rows (N, ...)`` in each window, ``(N, W, ...)``."""
         return rows[self.first[:, None] + np.arange(self.value.shape[1])]
 
 
@@ -94,8 +94,8 @@ def smoothed(
 
 
 def half_width_by_cross_validation(time: np.ndarray, values: np.ndarray, valid: np.ndarray) -> int:
-    """The half width of ``HALF_WIDTHS``, of at most a sixth of the record, that best predicts each
-    sample from the others.
+    """Return the half width of ``HALF_WIDTHS``, of at most a sixth of the record, that best
+    predicts each sample from the others.
 
     Least mean square of (z - fit) / (1 - own weight), the residual with the sample left out (Allen
     1974, Stone 1974).
@@ -238,7 +238,7 @@ def rate_relations(system: System, times: np.ndarray) -> dict[str, str]:
 def _from_slope(
     time: np.ndarray, source: StateData, half: int, name: str
 ) -> tuple[StateData, StateData]:
-    """The state that is the rate of ``source``, and ``source`` marked as used up."""
+    """Return the state that is the rate of ``source``, and ``source`` marked as used up."""
     fit = windows(time, source.valid, half, 3)
     if not np.any(fit.usable):
         raise ModelError(
@@ -258,8 +258,8 @@ def _from_slope(
 def _at_all_times(
     function: Function, point: np.ndarray, n_x: int, n_u: int, times: np.ndarray
 ) -> list[np.ndarray]:
-    """Values of ``f`` or ``h`` at one point of states, inputs and parameters, an array over the
-    times (or a number) for each.
+    """Return the values of ``f`` or ``h`` at one point of states, inputs and parameters, an array
+    over the times (or a number) for each.
     """
     a = point.tolist()
     return [np.asarray(row) for row in function(times, a[:n_x], a[n_x : n_x + n_u], a[n_x + n_u :])]
@@ -291,5 +291,5 @@ def _require_plain_reading(system: System, name: str, times: np.ndarray) -> None
 
 
 def _away(start: np.ndarray, shift: float) -> np.ndarray:
-    """A point off every special value: zero, one, and equal states."""
+    """Return a point off every special value: zero, one, and equal states."""
     return start * (1.0 + 0.1 * shift) + 0.01 * (shift + np.arange(1, len(start) + 1))

@@ -51,7 +51,7 @@ def conditional_scale(information: np.ndarray, size: np.ndarray) -> np.ndarray:
 def inverse_information(
     information: np.ndarray, size: np.ndarray | float = 0.0, floor: float = UNDETERMINED
 ) -> tuple[np.ndarray, bool]:
-    """Covariance ``(n, n)`` and whether every direction is determined.
+    """Return the covariance ``(n, n)`` and whether every direction is determined.
 
     A direction that holds less than ``floor`` of the scaled information keeps a finite, very large
     sigma: ``1 / sqrt(floor)`` in units of ``conditional_scale``. ``size`` of the unknowns: see
@@ -67,8 +67,8 @@ def inverse_information(
 def determined_and_open(
     information: np.ndarray, size: np.ndarray | float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The covariance of ``inverse_information`` as a sum, ``(n, n)`` each: of the directions that
-    are determined, and of the others.
+    """Return the covariance of ``inverse_information`` as a sum, ``(n, n)`` each: of the directions
+    that are determined, and of the others.
 
     A product with the sum would lose the first part to rounding: the second is larger by up to ``1
     / UNDETERMINED``.
@@ -85,8 +85,8 @@ def determined_and_open(
 
 
 def variance_along(covariance: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Variances ``(k,)`` of the linear combinations ``rows (k, n)`` of unknowns, each with what
-    rounding may have taken from it.
+    """Return the variances ``(k,)`` of the linear combinations ``rows (k, n)`` of unknowns, each
+    with what rounding may have taken from it.
 
     Where directions are open, huge covariances cancel in a combination that does not contain them.
     The sum then holds no more than its rounding error, which is the variance reported: it is never
@@ -99,7 +99,7 @@ def variance_along(covariance: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 def bounded_inverse(information: np.ndarray) -> np.ndarray:
-    """Inverse ``(n, n)`` for a step, without the directions that hold less than
+    """Return the inverse ``(n, n)`` for a step, without the directions that hold less than
     LEAST_STEP_EIGENVALUE_SHARE of the scaled information.
     """
     square, values, vectors = _spectrum(information, 0.0)
@@ -112,8 +112,8 @@ def bounded_inverse(information: np.ndarray) -> np.ndarray:
 def _spectrum(
     information: np.ndarray, size: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Products of the conditional sigmas ``(n, n)``, and eigenvalues and eigenvectors of the
-    information in their units.
+    """Return the products of the conditional sigmas ``(n, n)``, and eigenvalues and eigenvectors of
+    the information in their units.
     """
     scale = conditional_scale(
         information, np.broadcast_to(np.asarray(size, dtype=float), len(information))
@@ -195,8 +195,8 @@ class Determination:
         )
 
     def composition(self, direction: int, most: int = 4) -> tuple[tuple[str, float], ...]:
-        """The parameters that make most of a direction with their parts, the largest first and
-        positive.
+        """Return the parameters that make most of a direction with their parts, the largest first
+        and positive.
         """
         vector = self.directions[:, direction]
         order = np.argsort(-np.abs(vector))[:most]
@@ -309,8 +309,8 @@ def profile_intervals(
     bounds: tuple[np.ndarray, np.ndarray],
     refit_along: Callable[[int, np.ndarray], Refit[State]],
 ) -> tuple[ProfileInterval, ...]:
-    """Intervals of several parameters of a fit at ``theta (n,)`` with minus the log likelihood
-    ``cost``.
+    """Return the intervals of several parameters of a fit at ``theta (n,)`` with minus the log
+    likelihood ``cost``.
 
     Parameters
     ----------
@@ -344,7 +344,7 @@ def profile_interval(
     bounds: tuple[float, float],
     inflation: float = 1.0,
 ) -> ProfileInterval:
-    """Both ends of a parameter's interval.
+    """Return both ends of a parameter's interval.
 
     Parameters
     ----------
@@ -373,7 +373,7 @@ def profile_interval(
 def _end(
     side: _Side[State], sigma: float, sign: float, bound: float, goal: float
 ) -> tuple[float | None, bool, float]:
-    """The end of one side (None: open), whether it is the bound, and by how much a refit was
+    """Return the end of one side (None: open), whether it is the bound, and by how much a refit was
     likelier.
     """
     size = min(sigma, abs(side.value)) or sigma
@@ -469,7 +469,7 @@ def clustered_share(
 
 
 def quantile(share: float, degrees: float) -> float:
-    """The value below which chi-square with ``degrees`` of freedom lies with the probability
+    """Return the value below which chi-square with ``degrees`` of freedom lies with the probability
     ``share``; without the second of scipy.stats.
     """
     from scipy.special import gammaincinv

@@ -72,8 +72,8 @@ def local_model(
     low: np.ndarray,
     high: np.ndarray,
 ) -> LocalModel:
-    """The quadratic at ``theta (n,)`` within bounds, from ``information (n, n)`` and ``gradient
-    (n,)`` of the log likelihood.
+    """Return the quadratic at ``theta (n,)`` within bounds, from ``information (n, n)`` and
+    ``gradient (n,)`` of the log likelihood.
     """
     scale = conditional_scale(information, theta)
     pressed = ((theta <= low) & (gradient < 0)) | ((theta >= high) & (gradient > 0))

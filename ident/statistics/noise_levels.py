@@ -48,7 +48,7 @@ SIGMA_PER_MEDIAN_DEVIATION = 1.4826  # median absolute deviation to sigma
 
 
 def robust_sigma(values: np.ndarray) -> float:
-    """Standard deviation from the median absolute deviation, insensitive to outliers."""
+    """Return the standard deviation from the median absolute deviation, insensitive to outliers."""
     return (
         float(SIGMA_PER_MEDIAN_DEVIATION * np.median(np.abs(values - np.median(values))))
         if values.size
@@ -57,8 +57,8 @@ def robust_sigma(values: np.ndarray) -> float:
 
 
 def robust_sigma_about_zero(values: np.ndarray) -> float:
-    """The same of values whose middle is known to be zero, such as differences of a signal that
-    moves both ways.
+    """Return the same of values whose middle is known to be zero, such as differences of a signal
+    that moves both ways.
     """
     return float(SIGMA_PER_MEDIAN_DEVIATION * np.median(np.abs(values)))
 
@@ -78,8 +78,8 @@ NEGLIGIBLE_POWER_SHARE = 1e-9  # of the power, below which none of it is white
 
 
 def sensor_noise(series: Sequence[np.ndarray]) -> float | None:
-    """Standard deviation of the white part of residuals; None where they are too short to tell, or
-    have no white part.
+    """Return the standard deviation of the white part of residuals; None where they are too short
+    to tell, or have no white part.
 
     ``series``: runs of residuals at even intervals, each ``(N,)`` and finite; of several, as of
     several records, one noise is estimated.
@@ -107,8 +107,8 @@ def sensor_noise(series: Sequence[np.ndarray]) -> float | None:
 
 
 def _cosine_transform(x: np.ndarray) -> np.ndarray:
-    """The orthonormal cosine transform of the second kind, ``(N,)`` from ``(N,)``, but for its
-    first coefficient, which is larger by root two.
+    """Return the orthonormal cosine transform of the second kind, ``(N,)`` from ``(N,)``, but for
+    its first coefficient, which is larger by root two.
 
     By NumPy's Fourier transform of the even samples, then the odd ones backwards (Makhoul 1980);
     loading scipy.fft takes a tenth of a second.
@@ -120,8 +120,8 @@ def _cosine_transform(x: np.ndarray) -> np.ndarray:
 
 
 def used_runs(time: np.ndarray, residual: np.ndarray, used: np.ndarray) -> list[np.ndarray]:
-    """The used samples of a residual ``(N,)`` at ``time`` (s), as runs without a long pause; what
-    was set aside in between is closed up.
+    """Return the used samples of a residual ``(N,)`` at ``time`` (s), as runs without a long pause;
+    what was set aside in between is closed up.
     """
     t, r = time[used], residual[used]
     if len(t) < 2:
@@ -157,8 +157,8 @@ _STENCIL = np.array([-1.0, 3.0, -3.0, 1.0])
 
 
 def noise_envelope(record: Record, stop: float | None = None) -> dict[str, float]:
-    """Standard deviation of the noise on each output: a quarter of the width of the band that holds
-    95.45 % of it.
+    """Return the standard deviation of the noise on each output: a quarter of the width of the band
+    that holds 95.45 % of it.
 
     Parameters
     ----------
@@ -217,8 +217,8 @@ MOTION_NOISE_RATIO = 1.25
 
 
 def levelled(series: np.ndarray) -> np.ndarray:
-    """A series ``(N,)`` over its local noise level, of the same mean level; itself where that does
-    not change beyond chance.
+    """Return a series ``(N,)`` over its local noise level, of the same mean level; itself where
+    that does not change beyond chance.
 
     What varies slowly against the sampling stays as it is, so that a residual that is not noise is
     not hidden: a part whose second differences are larger than its fourth's takes its level from
@@ -248,8 +248,8 @@ def levelled(series: np.ndarray) -> np.ndarray:
 
 
 def _differences(series: np.ndarray, order: int) -> np.ndarray:
-    """Differences of an order, scaled so that white noise keeps its standard deviation: 6 and 70
-    are sums of squared binomials.
+    """Return the differences of an order, scaled so that white noise keeps its standard deviation:
+    6 and 70 are sums of squared binomials.
     """
     return np.diff(series, order) / np.sqrt({2: 6.0, 4: 70.0}[order])
 
@@ -386,8 +386,8 @@ def input_edges(record: Record, reach: int = 1) -> np.ndarray:
 
 
 def input_spikes(values: np.ndarray) -> np.ndarray:
-    """Samples of a recorded input that differ from both neighbours alike, while these agree: no
-    held maneuver does that.
+    """Return the samples of a recorded input that differ from both neighbours alike, while these
+    agree: no held maneuver does that.
     """
     before, after = values[:-2], values[2:]
     height = values[1:-1] - 0.5 * (before + after)
@@ -419,7 +419,7 @@ def _isolated(large: np.ndarray) -> np.ndarray:
 
 
 def _heavy_tailed(normalised: np.ndarray) -> bool:
-    """Whether more samples lie in the tail's range than Gaussian noise explains, at one in a
+    """Return whether more samples lie in the tail's range than Gaussian noise explains, at one in a
     thousand (Poisson).
     """
     (low, high), size = HEAVY_TAIL, np.abs(normalised)

@@ -66,8 +66,8 @@ def ljung_box(
 
 
 def _ljung_box_tail(statistic: float, lags: int, n: int) -> float:
-    """Probability of a larger statistic on white noise; the terms in lags/n are fitted to simulated
-    noise of 60 to 3000 samples.
+    """Return the probability of a larger statistic on white noise; the terms in lags/n are fitted
+    to simulated noise of 60 to 3000 samples.
     """
     from scipy.special import chdtrc
 
@@ -79,8 +79,8 @@ def _ljung_box_tail(statistic: float, lags: int, n: int) -> float:
 
 
 def residual_size(residual: np.ndarray, valid: np.ndarray, channel: str) -> ResidualTest | None:
-    """A failed test where a few samples of a residual ``(N,)`` are far larger than the others: wild
-    points are white, and no noise; None where that is not so.
+    """Return a failed test where a few samples of a residual ``(N,)`` are far larger than the
+    others: wild points are white, and no noise; None where that is not so.
 
     Its root mean square is compared with its robust standard deviation (of the median absolute
     value), which is not the sensor noise where the residual is coloured. The logarithm of their
@@ -128,7 +128,7 @@ def innovation_size(history: FilterHistory) -> ResidualTest:
 def residual_tests(
     estimate: Estimate, residuals: np.ndarray, valid: np.ndarray
 ) -> tuple[ResidualTest, ...]:
-    """All tests of an estimate: innovations of a filter, else the residuals ``(m, N)`` of a
+    """Return all tests of an estimate: innovations of a filter, else the residuals ``(m, N)`` of a
     whole-record fit.
     """
     history = estimate.history
@@ -257,8 +257,8 @@ def share_from_inputs(
 
 
 def _past_means(inputs: np.ndarray, interval: float) -> np.ndarray:
-    """Means of each input over the intervals between ``LAGS``, ``(N, q * (lags - 1))``, centred
-    and of variance one.
+    """Return the means of each input over the intervals between ``LAGS``, ``(N, q * (lags - 1))``,
+    centred and of variance one.
     """
     at = np.arange(1, inputs.shape[1] + 1)
     columns = []

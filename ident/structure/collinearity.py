@@ -96,7 +96,7 @@ def collinearity_of(
 
 
 def _advice(terms: Sequence[Term], surfaces: Collection[str]) -> str:
-    """The maneuver that would separate the terms."""
+    """Return the maneuver that would separate the terms."""
     signals = sorted(set().union(*(term.signals for term in terms)))
     moved = [name for name in signals if name in surfaces]
     flown = [name for name in signals if name not in surfaces]

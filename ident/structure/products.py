@@ -106,8 +106,8 @@ def columns_of(history: Histories, terms: Sequence[Term], axis: str) -> np.ndarr
 
 
 def noise_columns(history: Histories, terms: Sequence[Term]) -> np.ndarray:
-    """Slopes of terms by each signal times the standard deviation of its noise, ``(s, M, k)``; the
-    signals in the order of ``signal_noise``.
+    """Return the slopes of terms by each signal times the standard deviation of its noise, ``(s, M,
+    k)``; the signals in the order of ``signal_noise``.
     """
     at = history.rows + len(history.averaging) // 2
     found = np.zeros((len(history.signal_noise), len(at), len(terms)))
@@ -128,7 +128,7 @@ def products_of(
     terms: Sequence[Term],
     noises: Sequence[tuple[np.ndarray, np.ndarray]] = (),
 ) -> Products:
-    """Products of columns ``(M, k)`` and a coefficient ``(M,)``, by maneuver.
+    """Return the products of columns ``(M, k)`` and a coefficient ``(M,)``, by maneuver.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ class ScaledEquations:
 
 
 def normal_of(products: Products, chosen: Sequence[int]) -> ScaledEquations:
-    """The normal equations of the chosen columns over all maneuvers."""
+    """Return the normal equations of the chosen columns over all maneuvers."""
     at = list(chosen)
     sums = [products.gram, products.cross, products.gram_noise, products.cross_noise]
     gram, cross, gram_noise, cross_noise = (each.sum(axis=0) for each in sums)
@@ -208,8 +208,8 @@ def normal_of(products: Products, chosen: Sequence[int]) -> ScaledEquations:
 
 
 def clean_inverse(gram: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, float]:
-    """Inverse of a scaled matrix of products less that of its noise, and the share of the noise
-    that was subtracted.
+    """Return the inverse of a scaled matrix of products less that of its noise, and the share of
+    the noise that was subtracted.
     """
     inverse = np.linalg.pinv(gram, rcond=1e-12, hermitian=True)
     if not np.any(noise):
@@ -220,13 +220,13 @@ def clean_inverse(gram: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, floa
 
 
 def values_of(products: Products, chosen: Sequence[int]) -> np.ndarray:
-    """Values of the chosen columns, ``(n,)``."""
+    """Return the values of the chosen columns, ``(n,)``."""
     found = normal_of(products, chosen)
     return np.asarray(found.values / found.scale[found.chosen])
 
 
 def variance_of(products: Products, chosen: Sequence[int]) -> np.ndarray:
-    """Variances of the chosen values for white residuals of unit variance, ``(n,)``."""
+    """Return the variances of the chosen values for white residuals of unit variance, ``(n,)``."""
     found = normal_of(products, chosen)
     return np.asarray(found.variance / found.scale[found.chosen] ** 2)
 
@@ -295,9 +295,9 @@ def covariance_of(
     *,
     local: bool = True,
 ) -> np.ndarray:
-    """Covariance ``(n, n)`` of the values with the autocorrelation of the residuals, as of one
-    variance throughout, and where ``local`` as of residuals that are larger in places, as where a
-    noisy alpha turns a large lift into drag (White; Newey and West): the larger of both.
+    """Return the covariance ``(n, n)`` of the values with the autocorrelation of the residuals, as
+    of one variance throughout, and where ``local`` as of residuals that are larger in places, as
+    where a noisy alpha turns a large lift into drag (White; Newey and West): the larger of both.
 
     Lags are weighted by a trapezoid, 1 up to half of them [1]_: noise of angular accelerations is
     weak at low frequencies, which Bartlett's triangle hides. The triangle serves where the
@@ -431,7 +431,7 @@ def averaged_covariance(
 def _likeliest_other(
     shares: np.ndarray, models: Sequence[tuple[float, list[int]]], chosen: Sequence[int]
 ) -> Alternative | None:
-    """The likeliest of the models that is not the chosen one."""
+    """Return the likeliest of the models that is not the chosen one."""
     others = [
         (float(share), model)
         for share, (_, model) in zip(shares, models, strict=True)
@@ -453,8 +453,8 @@ def _neighbours(
     linear: Collection[int],
     made_of: Sequence[Collection[int]],
 ) -> list[tuple[float, list[int]]]:
-    """The chosen model and those with one term added, removed or exchanged, each with the logarithm
-    of its probability over that of the chosen one.
+    """Return the chosen model and those with one term added, removed or exchanged, each with the
+    logarithm of its probability over that of the chosen one.
 
     Parameters
     ----------

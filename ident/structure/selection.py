@@ -123,7 +123,7 @@ class TermColumns:
         *,
         local: bool = True,
     ) -> np.ndarray:
-        """Covariance of the values, ``(n, n)``; see `covariance_of`."""
+        """Return the covariance of the values, ``(n, n)``; see `covariance_of`."""
         parts = [block[:, chosen] for block in self.blocks]
         noise = products.gram_noise[:, chosen][:, :, chosen]
         drifts = (products.cross_noise[:, chosen] - noise @ values) / products.counts[:, None]
@@ -178,7 +178,7 @@ class Selection:
 def stepwise(
     products: Products, *, first: Sequence[int] = (), hierarchical: bool = False
 ) -> tuple[list[int], list[SelectionStep]]:
-    """Columns chosen by stepwise regression, and the steps.
+    """Return the columns chosen by stepwise regression, and the steps.
 
     Parameters
     ----------
@@ -212,8 +212,8 @@ def stepwise(
 
 
 def _entered(products: Products, first: Sequence[int]) -> tuple[list[int], list[SelectionStep]]:
-    """The constant and the columns ``first``, those that explain most before the others; without
-    those whose own part is mostly noise.
+    """Return the constant and the columns ``first``, those that explain most before the others;
+    without those whose own part is mostly noise.
     """
     chosen = [i for i, term in enumerate(products.terms) if not term.factors]
     steps: list[SelectionStep] = []
@@ -236,7 +236,7 @@ def _supported(
     f_in: float,
     least: float,
 ) -> list[int]:
-    """The chosen columns without those that explain too little; ``steps`` is continued."""
+    """Return the chosen columns without those that explain too little; ``steps`` is continued."""
     while len(chosen) > 2:
         losses, sse = losses_of(products, chosen)
         needed = _needed(products.terms, chosen, above)
@@ -254,7 +254,7 @@ def _supported(
 def _exchanged(
     products: Products, chosen: list[int], above: Sequence[frozenset[int]], f_in: float
 ) -> tuple[list[int], list[SelectionStep]]:
-    """One term in the place of another, by partial F ratios in what the rest leaves.
+    """Return one term in the place of another, by partial F ratios in what the rest leaves.
 
     It explains clearly more, by ``f_in``: a term may have entered for what others explain that came
     later. Or it is simpler and explains no less but for noise: ``beta`` for ``beta*mach`` where
@@ -288,7 +288,7 @@ def _exchanged(
 
 
 def _simpler(terms: Sequence[Term], at: int) -> list[int]:
-    """Terms made of some of the signals of another one, and its linear parents."""
+    """Return the terms made of some of the signals of another one, and its linear parents."""
     term, above = terms[at], parents(terms[at])
     return [
         i
@@ -306,8 +306,8 @@ def _parents(terms: Sequence[Term], hierarchical: bool) -> list[frozenset[int]]:
 
 
 def _linear(terms: Sequence[Term], axis: str) -> list[int]:
-    """Columns of linear terms that the symmetry of the aircraft allows; Mach number is none, as it
-    hardly moves.
+    """Return the columns of linear terms that the symmetry of the aircraft allows; Mach number is
+    none, as it hardly moves.
     """
     return [i for i, each in enumerate(terms) if is_linear(each, axis) and each.signals != {"mach"}]
 
@@ -315,7 +315,7 @@ def _linear(terms: Sequence[Term], axis: str) -> list[int]:
 def _needed(
     terms: Sequence[Term], chosen: Sequence[int], above: Sequence[frozenset[int]]
 ) -> set[int]:
-    """Columns that stay: the constant, and parents of others."""
+    """Return the columns that stay: the constant, and parents of others."""
     return {i for i in chosen if not terms[i].factors}.union(*(above[i] for i in chosen))
 
 
@@ -412,8 +412,8 @@ def orthogonal(products: Products) -> tuple[list[int], list[SelectionStep]]:
 
 
 def _best(gains: np.ndarray) -> int:
-    """The first column whose gain is the largest but for rounding: simple terms are offered first,
-    and where one signal stands still its product with another is that other's multiple.
+    """Return the first column whose gain is the largest but for rounding: simple terms are offered
+    first, and where one signal stands still its product with another is that other's multiple.
     """
     return int(np.argmax(gains >= (1.0 - AS_GOOD) * np.max(gains)))
 
@@ -429,7 +429,7 @@ def select(
     hierarchical: bool = False,
     baseline: bool = False,
 ) -> Selection:
-    """The terms of one coefficient.
+    """Return the terms of one coefficient.
 
     Parameters
     ----------
@@ -514,7 +514,7 @@ def _with_lacking(
     further: Sequence[Term],
     spread: float,
 ) -> Selection:
-    """The same with the terms, not offered, that explain the residual best."""
+    """Return the same with the terms, not offered, that explain the residual best."""
     every = (*found.terms, *further)
     products = TermColumns.of(histories, found.axis, every).products(histories, found.axis)
     gains, sse = gains_of(products, list(range(len(found.terms))))

@@ -100,7 +100,7 @@ def search_context(fitted: FittedModel, predicted: Sequence[Record] = ()) -> Sea
 def update_period(
     times: Sequence[np.ndarray], predicted: Sequence[np.ndarray], residuals: Sequence[np.ndarray]
 ) -> float:
-    """The period, s, at which an output is most likely held between updates.
+    """Return the period, s, at which an output is most likely held between updates.
 
     A held output is late by a sawtooth that grows from nothing to the period: its residual is minus
     that times the output's slope. The product of residual and slope has a line at the frequency of

@@ -96,7 +96,7 @@ def probabilities(search: Search, without: Collection[str] = ()) -> dict[Key, fl
 
 
 def inclusion_of(sets: Mapping[Key, float]) -> dict[str, float]:
-    """Probability of each effect: the sum over the sets that contain it."""
+    """Return the probability of each effect: the sum over the sets that contain it."""
     found: dict[str, float] = {}
     for key, share in sets.items():
         for name in key:
@@ -105,7 +105,7 @@ def inclusion_of(sets: Mapping[Key, float]) -> dict[str, float]:
 
 
 def searched(problem: TraceProblem, discrepancy: Traceable | None = None) -> Search:
-    """The search without a discrepancy among effects that have a cause of their own.
+    """Return the search without a discrepancy among effects that have a cause of their own.
 
     ``discrepancy`` : ends the search where it is by far likelier than what is found.
     """
@@ -126,7 +126,7 @@ def decided(
     discrepancy: Traceable | None = None,
     leaves_noise: LeavesNoise = nothing_held_out,
 ) -> Decision:
-    """The decision (``_decided``) without names that stand for a cause outside the library.
+    """Return the decision (``_decided``) without names that stand for a cause outside the library.
 
     Rough air acts whether or not the aircraft is maneuvered. An event may begin anywhere, and two
     of them imitate much that has another law: one cause that no effect has is likelier.
@@ -150,14 +150,14 @@ def decided(
 
 
 def _fitted(decision: Decision) -> tuple[Search, WeighedSet]:
-    """The search of a decision's set, and the set in it."""
+    """Return the search of a decision's set, and the set in it."""
     names = frozenset(decision.best.names)
     search = next(each for each in reversed(decision.searches) if names in each.visited)
     return search, search.visited[names]
 
 
 def _events(decision: Decision) -> set[str]:
-    """Names, among those of a decision, of loads and gusts in passing."""
+    """Return the names, among those of a decision, of loads and gusts in passing."""
     effects = {each.name: each for each in decision.best.effects}
     return {
         each.name
@@ -167,7 +167,7 @@ def _events(decision: Decision) -> set[str]:
 
 
 def _without_names(decision: Decision, reasons: Mapping[str, str]) -> Decision:
-    """A decision that does not name these effects, by the reasons: they are hints."""
+    """Return a decision that does not name these effects, by the reasons: they are hints."""
     if not reasons:
         return decision
     named = tuple(each for each in decision.named if each.name not in reasons)
@@ -183,7 +183,7 @@ def _without_names(decision: Decision, reasons: Mapping[str, str]) -> Decision:
 
 
 def _acts_when_quiet(decision: Decision, name: str) -> bool:
-    """Whether the evidence for rough air is also there while the aircraft hardly moves."""
+    """Return whether the evidence for rough air is also there while the aircraft hardly moves."""
     search, best = _fitted(decision)
     smaller = search.set_without(best, name)
     if smaller is None:
@@ -292,7 +292,7 @@ def _other_forms(search: Search, best: WeighedSet) -> WeighedSet:
 
 
 def _is_cause(effect: Traceable, found: WeighedSet, interval: float) -> bool:
-    """Whether an effect is more than how inputs are to be read between samples."""
+    """Return whether an effect is more than how inputs are to be read between samples."""
     local = effect.traits.within_interval
     if not local:
         return True
@@ -300,7 +300,7 @@ def _is_cause(effect: Traceable, found: WeighedSet, interval: float) -> bool:
 
 
 def _group_probability(named: Named) -> float:
-    """Probability of an effect or of one that the records do not tell from it."""
+    """Return the probability of an effect or of one that the records do not tell from it."""
     return named.probability + sum(named.alternatives.values())
 
 
@@ -354,8 +354,8 @@ def _decided_under_white_noise(
 
 
 def _certain_part(search: Search, best: WeighedSet, sets: Mapping[Key, float]) -> WeighedSet:
-    """The set without what is not certain in it, unless something that is not known certainly acts
-    in addition to the rest.
+    """Return the set without what is not certain in it, unless something that is not known
+    certainly acts in addition to the rest.
     """
     inclusion = inclusion_of(sets)
     certain = frozenset(
@@ -369,7 +369,7 @@ def _certain_part(search: Search, best: WeighedSet, sets: Mapping[Key, float]) -
 def _without_weak_members(
     search: Search, best: WeighedSet, clear: float, before: Collection[str] = ()
 ) -> tuple[WeighedSet, dict[str, str], set[str]]:
-    """The likeliest set without weak members (``_drop_weak_members``), those of ``best``
+    """Return the likeliest set without weak members (``_drop_weak_members``), those of ``best``
     with the reasons, and the names of all that are left out, ``before`` as well: they take no part
     in probabilities.
     """
@@ -389,7 +389,7 @@ def _without_weak_members(
 def _drop_weak_members(
     search: Search, best: WeighedSet, clear: float
 ) -> tuple[WeighedSet, dict[str, str]]:
-    """The set without members that bring little and not all along.
+    """Return the set without members that bring little and not all along.
 
     The equations of any model are a little wrong, and probabilities suppose that they are not. What
     the relations between the sensors name as well rests on no equation of forces, and stays.
@@ -418,8 +418,8 @@ def _drop_weak_members(
 def _likeliest_without(
     search: Search, best: WeighedSet, name: str, usual: Collection[str]
 ) -> WeighedSet | None:
-    """The set without a member, with or without the ``usual`` motion that any record may have,
-    which an effect may stand for: whichever is likelier.
+    """Return the set without a member, with or without the ``usual`` motion that any record may
+    have, which an effect may stand for: whichever is likelier.
     """
     search.set_without(best, name)  # fitted now where it was not before
     rest = best.names - {name} - frozenset(usual)
@@ -428,7 +428,7 @@ def _likeliest_without(
 
 
 def _drop_guards(search: Search, best: WeighedSet) -> WeighedSet:
-    """The set without its guards, where it leaves noise that is hardly larger.
+    """Return the set without its guards, where it leaves noise that is hardly larger.
 
     A guard says that a cause outside the library acts; one that does so little changes nothing.
     """
@@ -447,7 +447,7 @@ def _drop_guards(search: Search, best: WeighedSet) -> WeighedSet:
 
 
 def _named(search: Search, best: WeighedSet, effect: Traceable, sets: Mapping[Key, float]) -> Named:
-    """A member with its probability and those of the effects that could take its place.
+    """Return a member with its probability and those of the effects that could take its place.
 
     Posterior odds suppose that the equations are true. Where Vuong's test does not tell another
     effect from the member, its odds are at least those of that test.
@@ -468,8 +468,8 @@ def _named(search: Search, best: WeighedSet, effect: Traceable, sets: Mapping[Ke
 def _with_shares(
     name: str, together: float, odds: Mapping[str, float], spread: float | None = None
 ) -> Named:
-    """An effect and its alternatives with their shares of the probability that they have together,
-    by the ``odds`` of each alternative against the effect.
+    """Return an effect and its alternatives with their shares of the probability that they have
+    together, by the ``odds`` of each alternative against the effect.
     """
     share = together / (1.0 + sum(odds.values()))
     return Named(name, share, {other: each * share for other, each in odds.items()}, spread)
@@ -478,7 +478,7 @@ def _with_shares(
 def _alike(
     search: Search, best: WeighedSet, effect: Traceable, sets: Mapping[Key, float]
 ) -> dict[str, float]:
-    """Effects that the records do not tell from a member, with their probabilities."""
+    """Return the effects that the records do not tell from a member, with their probabilities."""
     found: dict[str, float] = {}
     equal: set[str] = set()
     traits = effect.traits

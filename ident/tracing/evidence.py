@@ -96,7 +96,7 @@ def evidence_of(
 
 
 def _of_data(fitted: FittedModel) -> tuple[np.ndarray, np.ndarray, float]:
-    """Information ``(n, n)``, gradient ``(n,)`` and log likelihood of the data alone.
+    """Return the information ``(n, n)``, gradient ``(n,)`` and log likelihood of the data alone.
 
     What the fit itself knew beforehand is taken out: the priors here count it once.
     """
@@ -186,7 +186,7 @@ class ColouredNoise:
         return tuple(found)
 
     def samples(self, count: int) -> int:
-        """Number of averages of ``count`` samples."""
+        """Return the number of averages of ``count`` samples."""
         return -(-count // self.averaged)
 
     def _averages(self, values: np.ndarray) -> np.ndarray:

@@ -119,7 +119,7 @@ def held_out(
 
 
 def doubted(out: HeldOut) -> bool:
-    """Whether what remains on held-out data under training's knowledge is hardly noise."""
+    """Return whether what remains on held-out data under training's knowledge is hardly noise."""
     if out.informed is None:
         return False
     return (
@@ -200,8 +200,8 @@ class _Others:
         )
 
     def _usual_biases(self) -> dict[str, float]:
-        """Biases of the sensors as the fitted records have them in the mean: trim is among them,
-        far from where a slow motion could begin.
+        """Return the biases of the sensors as the fitted records have them in the mean: trim is
+        among them, far from where a slow motion could begin.
         """
         own = self.trained.own
         names = [name for name in own[0] if name.startswith("bias_")] if own else []

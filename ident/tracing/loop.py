@@ -125,8 +125,8 @@ def diagnose(
 def _searched(
     problem: TraceProblem, discrepancy: Traceable | None, reread: Callable[[], Data] | None
 ) -> tuple[TraceProblem, Declared, Search]:
-    """The declared model and the search without a discrepancy, with inputs read otherwise where
-    times were found and that is likelier; and the problem with the records as they were read.
+    """Return the declared model and the search without a discrepancy, with inputs read otherwise
+    where times were found and that is likelier; and the problem with the records as they were read.
     """
     declared = fit_declared(problem)
     search = searched(declared.problem, discrepancy)
@@ -192,7 +192,7 @@ class _HeldOutCheck:
     known: dict[frozenset[str], tuple[FittedModel, HeldOut]] = field(default_factory=dict)
 
     def ended(self, fitted: FittedModel) -> tuple[FittedModel, HeldOut]:
-        """The set of a fit, fitted to the end, and its predictions."""
+        """Return the set of a fit, fitted to the end, and its predictions."""
         key = frozenset((*fitted.names, *fitted.system.parameters.names))
         if key not in self.known:
             best = self.problem.fit(fitted.effects, fitted) or fitted
@@ -200,7 +200,7 @@ class _HeldOutCheck:
         return self.known[key]
 
     def leaves_noise(self, fitted: FittedModel) -> bool:
-        """Whether what the set leaves of fitted and of held-out data is noise."""
+        """Return whether what the set leaves of fitted and of held-out data is noise."""
         self.problem.progress("judging on data that were not fitted", 0.9)
         return not not_noise(residual_tests(*self.ended(fitted)).all, WHITENESS_P_VALUE)
 
@@ -208,7 +208,7 @@ class _HeldOutCheck:
 def _decided(
     search: Search, discrepancy: Traceable | None, held: HeldOutData
 ) -> tuple[Decision, HeldOut]:
-    """The decision, its set fitted to the end, and what that predicts of data not fitted."""
+    """Return the decision, its set fitted to the end, and what that predicts of data not fitted."""
     against = _HeldOutCheck(search.problem, held)
     decision = decided(search, discrepancy, against.leaves_noise)
     best, out = against.ended(decision.best)
@@ -222,7 +222,7 @@ def _judged(
     held: HeldOutData,
     spikes: Sequence[Claim],
 ) -> Judgement:
-    """The decision with its residual tests, claims and cautions."""
+    """Return the decision with its residual tests, claims and cautions."""
     best = decision.best
     tests = residual_tests(best, out)
     left = not_noise(tests.all, WHITENESS_P_VALUE)

@@ -38,7 +38,7 @@ class NormalPrior:
 def prior_of(
     effect: Traceable, item: Parameter, value: float, context: SearchContext
 ) -> NormalPrior:
-    """Prior of an effect's parameter that a search has found at ``value``.
+    """Return the prior of an effect's parameter that a search has found at ``value``.
 
     An amplitude lies about the effect's absence, by its declared size. A limit is known to a
     factor. A time of an event may be anywhere in the record.
@@ -61,19 +61,19 @@ def prior_of(
 
 
 def family(name: str) -> str:
-    """The family that an effect's prior odds are shared in: its name without a channel."""
+    """Return the family that an effect's prior odds are shared in: its name without a channel."""
     return name.partition(":")[0]
 
 
 def family_sizes(candidates: Iterable[Traceable]) -> Mapping[str, int]:
-    """Number of members of each family of effects."""
+    """Return the number of members of each family of effects."""
     return Counter(family(name) for name in {candidate.name for candidate in candidates})
 
 
 def log_odds(
     effects: Iterable[Traceable], families: Mapping[str, int], kinematic: Collection[str] = ()
 ) -> float:
-    """Logarithm of the prior odds of a set of effects against the empty set.
+    """Return the logarithm of the prior odds of a set of effects against the empty set.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def half_normal_factor(mean: float, sigma: float) -> float:
 
 
 def log_mass(mean: float, sigma: float, low: float, high: float) -> float:
-    """Logarithm of the share of a Gaussian posterior between two values.
+    """Return the logarithm of the share of a Gaussian posterior between two values.
 
     That of the nearer end's tail stands for it: the other end is far away.
     """

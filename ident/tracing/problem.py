@@ -125,7 +125,7 @@ class TraceProblem:
         return fit_set(self.data, effects, settings, start_from(start, added))
 
     def with_masks(self, masks: Sequence[np.ndarray]) -> TraceProblem:
-        """The same question with other samples set aside: another problem, to which no earlier fit
-        belongs.
+        """Return the same question with other samples set aside: another problem, to which no
+        earlier fit belongs.
         """
         return replace(self, masks=tuple(masks))

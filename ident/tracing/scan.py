@@ -145,7 +145,7 @@ def prepared(fitted: FittedModel, prior: SetPrior, averaged: int = 1) -> Prepare
 def closed_forms(
     grams: np.ndarray, with_e: np.ndarray, mean: np.ndarray, sigma: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Gains of log evidence by columns with factors N(mean, sigma^2), at several places.
+    """Return the gains of log evidence by columns with factors N(mean, sigma^2), at several places.
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ def leads_of(
 def factors_prior(
     effect: Traceable, probe: Probe, context: SearchContext
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and sigma ``(k,)`` of the factors of a probe's columns."""
+    """Return the mean and sigma ``(k,)`` of the factors of a probe's columns."""
     if not probe.slopes:
         return np.ones(1), np.full(1, PLACED_SIZE_SHARE)
     items = {item.name: item for item in effect.parameters}
@@ -228,7 +228,7 @@ def factors_prior(
 
 
 def _possible(effect: Traceable, probe: Probe, factors: np.ndarray) -> bool:
-    """Whether the factors point the physical way."""
+    """Return whether the factors point the physical way."""
     if not probe.slopes:
         return bool(factors[0] > 0.0)
     if len(probe.slopes) > 1:
@@ -272,7 +272,7 @@ def _places_in_record(
     context: SearchContext,
     r: int,
 ) -> list[Place]:
-    """Places of an effect in one record."""
+    """Return the places of an effect in one record."""
     out: list[Place] = []
     for probe, parts in usable:
         known = factors_prior(effect, probe, context)
@@ -298,7 +298,7 @@ def _places_in_record(
 def _shifted_columns(
     ready: Prepared, r: int, own: np.ndarray, shifts: Sequence[int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A signature ``own (m, N, k)`` of record ``r`` begun later by some numbers of samples.
+    """Return a signature ``own (m, N, k)`` of record ``r`` begun later by some numbers of samples.
 
     Returns
     -------
@@ -338,8 +338,8 @@ def _places_at_shifts(
     prior: tuple[np.ndarray, np.ndarray],
     shifts: Sequence[int],
 ) -> list[Place]:
-    """Places of a signature ``own (m, N, k)`` of record ``r`` begun later by some numbers of
-    samples; none where it changes no output or points against physics.
+    """Return the places of a signature ``own (m, N, k)`` of record ``r`` begun later by some
+    numbers of samples; none where it changes no output or points against physics.
     """
     if not np.any(own):
         return []
@@ -352,7 +352,7 @@ def _places_at_shifts(
 
 
 def _one_lead(ready: Prepared, effect: Traceable, places: Sequence[Sequence[Place]]) -> list[Lead]:
-    """The best place in each record as one lead.
+    """Return the best place in each record as one lead.
 
     An event is in a record or not with even odds, and is left out where it brings nothing.
     """
@@ -517,7 +517,7 @@ def weighed_sets(
 def starts_at(
     fitted: FittedModel, effect: Traceable, context: SearchContext
 ) -> list[tuple[Traceable, list[dict[str, float]]]]:
-    """An effect's best places at a fitted set, to begin fits with; the likeliest first.
+    """Return an effect's best places at a fitted set, to begin fits with; the likeliest first.
 
     Returns
     -------

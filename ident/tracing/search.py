@@ -57,7 +57,7 @@ PROCESS_NOISE_OFFERED = 1e-2  # p-value of a residual's test above which rough a
 
 
 def together(one: Traceable, other: Traceable) -> bool:
-    """Whether two effects may be in one set."""
+    """Return whether two effects may be in one set."""
     return one.name != other.name and not (never_together(one, other) or never_together(other, one))
 
 
@@ -124,7 +124,7 @@ class Search:
         return frozenset(effect.name for effect in self.base)
 
     def added(self, one: WeighedSet) -> Key:
-        """Names of the effects of a set beyond the base."""
+        """Return the names of the effects of a set beyond the base."""
         return one.names - self.base_names
 
     @property
@@ -182,7 +182,7 @@ class Search:
         return fit_set(self.problem.data, tuple(effects), self.problem.roughly, start)
 
     def fit_proposed(self, parent: WeighedSet, proposed: LinearSet) -> WeighedSet | None:
-        """The parent's set with the leads of a proposed one.
+        """Return the parent's set with the leads of a proposed one.
 
         Where the step of the linear world leads astray, the fit begins nearer to absence.
         """
@@ -203,13 +203,13 @@ class Search:
         return None if best is None else self.store(best)
 
     def fit_without(self, parent: WeighedSet, name: str) -> WeighedSet | None:
-        """The set without one of its effects, fitted from where the others stand."""
+        """Return the set without one of its effects, fitted from where the others stand."""
         effects = tuple(effect for effect in parent.fitted.effects if effect.name != name)
         fitted = self.fit(effects, parent.fitted)
         return None if fitted is None else self.store(fitted)
 
     def set_without(self, parent: WeighedSet, name: str) -> WeighedSet | None:
-        """The set without one of its effects, as it was fitted before or else fitted now."""
+        """Return the set without one of its effects, as it was fitted before or else fitted now."""
         return self.visited.get(parent.names - {name}) or self.fit_without(parent, name)
 
     # ---------------------------------------------------------------- rounds
@@ -264,8 +264,8 @@ class Search:
         return self.rivals[key] - best.weight > raised
 
     def rerun_in(self, problem: TraceProblem) -> Search:
-        """The same search where other samples count: it goes on where they make another set the
-        most probable of those that are fitted anew.
+        """Return the same search where other samples count: it goes on where they make another set
+        the most probable of those that are fitted anew.
         """
         other = self.refitted(problem)
         return other if other.best().names == self.best().names else other.run()
@@ -304,7 +304,7 @@ class Search:
         return replace(one, weight=one.evidence + odds)
 
     def with_kinematics(self, groups: Sequence[tuple[str, ...]]) -> Search:
-        """The search with effects that the relations between the sensors alone name.
+        """Return the search with effects that the relations between the sensors alone name.
 
         The odds of its sets are changed, and it goes on where another set is now the most probable.
         """
@@ -317,7 +317,7 @@ class Search:
         return self if self.best().names in self.expanded else self.run()
 
     def set_named_by_kinematics(self) -> WeighedSet | None:
-        """The likeliest set of all effects that kinematics name, one of each group.
+        """Return the likeliest set of all effects that kinematics name, one of each group.
 
         The first of each group is tried, and another in the place of each; None where kinematics
         name no candidate.
@@ -355,7 +355,7 @@ class Search:
                 one = finer
 
     def _finer(self, one: WeighedSet) -> WeighedSet | None:
-        """A set with the finer forms of its effects; None where there are none."""
+        """Return a set with the finer forms of its effects; None where there are none."""
         fitted = one.fitted
         forms = [each.finer() if isinstance(each, Refinable) else each for each in fitted.effects]
         names = frozenset(full_name(each, item.name) for each in forms for item in each.parameters)
@@ -391,8 +391,8 @@ class Search:
     def sets_with_replacement(
         self, smaller: WeighedSet, wanted: Collection[str]
     ) -> list[WeighedSet]:
-        """Sets with one of the ``wanted`` effects beside those of ``smaller``: those that promise
-        most in the linear world.
+        """Return the sets with one of the ``wanted`` effects beside those of ``smaller``: those
+        that promise most in the linear world.
         """
         proposed = self._proposed(smaller, 1, 0, wanted)[:FITTED_RIVALS]
         made = (self.fit_proposed(smaller, each) for each in proposed)
@@ -485,7 +485,7 @@ class Search:
         self.steps.append(Step(tuple(sorted(best.names)), best.evidence, found, sentence))
 
     def _looks_like(self, name: str) -> tuple[str, ...]:
-        """Names of effects whose signature is nearly that of one."""
+        """Return the names of effects whose signature is nearly that of one."""
         pairs = [
             key for key, cosine in self.alike.items() if name in key and cosine > CONFUSABLE_COSINE
         ]
@@ -563,7 +563,7 @@ class Search:
         return one
 
     def _event_moved(self, one: WeighedSet, effect: Traceable, r: int) -> WeighedSet:
-        """An event of record ``r`` begun at other times; the best of them."""
+        """Return an event of record ``r`` begun at other times; the best of them."""
         name = full_name(effect, effect.traits.onset)
         values = one.fitted.values
         best: FittedModel | None = None

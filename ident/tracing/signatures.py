@@ -45,7 +45,7 @@ def motions_of(fitted: FittedModel) -> list[BaseMotion]:
 
 
 def _coarse(old: RecordProblem, layout: FitLayout, system: System, p: np.ndarray) -> RecordProblem:
-    """A record of the fit laid out for a system with the steps of a screening, its inputs as
+    """Return a record of the fit laid out for a system with the steps of a screening, its inputs as
     parameters ``p (np,)`` say.
     """
     return record_problem(
@@ -215,8 +215,8 @@ def _outputs_of_some(
     known: int,
     base: BaseMotion | None,
 ) -> tuple[np.ndarray, np.ndarray, BaseMotion]:
-    """The same for a few alternatives, whose outputs are ``(m, a, N)``; ``varied`` parameters of
-    all; and the base's motion, for the others.
+    """Return the same for a few alternatives, whose outputs are ``(m, a, N)``; ``varied``
+    parameters of all; and the base's motion, for the others.
     """
     n_x, a, K = len(states), alternatives.shape[1], states.shape[1] - 1
     rows: list[Any] = p.tolist()

@@ -35,7 +35,7 @@ MOST_EFFECTS = 4  # effects beside a discrepancy, at most
 
 
 def is_steady(effect: Traceable) -> bool:
-    """Whether an effect acts all along and alike in all records.
+    """Return whether an effect acts all along and alike in all records.
 
     Of a channel that is held between updates each record has its own phase, which is tried.
     """
@@ -56,7 +56,7 @@ def log_densities(fitted: FittedModel) -> list[np.ndarray]:
 
 
 def vuong(one: WeighedSet, other: WeighedSet, interval: float) -> float:
-    """Difference of log evidence over the scatter of its parts in blocks of time.
+    """Return the difference of log evidence over the scatter of its parts in blocks of time.
 
     Parameters
     ----------
@@ -124,20 +124,20 @@ def _densities_within(fitted: FittedModel, inside: Sequence[np.ndarray]) -> list
 
 
 def _in_blocks(row: np.ndarray, interval: float) -> np.ndarray:
-    """Sums of a row over blocks of time."""
+    """Return the sums of a row over blocks of time."""
     block = max(2, round(VUONG_BLOCK_TIME / interval))
     return np.add.reduceat(row, np.arange(0, len(row), block))
 
 
 def _over_scatter(gain: float, changes: np.ndarray) -> float:
-    """A gain over its scatter, from its parts by block."""
+    """Return a gain over its scatter, from its parts by block."""
     # Half a noncentral chi-square of mean g has at least the standard deviation sqrt(2 g).
     scatter = float(np.sqrt(len(changes)) * np.std(changes))
     return float(gain / max(scatter, math.sqrt(2.0 * abs(gain)), 1e-12))
 
 
 def is_surely_needed(one: WeighedSet, name: str, context: SearchContext, bar: float) -> bool:
-    """Whether leaving an effect out would cost so much that no fit is needed to say so.
+    """Return whether leaving an effect out would cost so much that no fit is needed to say so.
 
     One Gauss-Newton step from the fit puts the effect at its absence, all else at its optimum
     beside that, under noise estimated anew. Its z of Vuong's test is smaller than that of a fit:
@@ -193,7 +193,7 @@ def required_z(search: Search, name: str) -> float:
 
 
 def search_spread_evidence(search: Search) -> WeighedSet:
-    """The set reached by additions of which each is spread over the records.
+    """Return the set reached by additions of which each is spread over the records.
 
     After each addition those before it are left out, one at a time, and stay out where they are
     no longer needed.
@@ -238,6 +238,6 @@ def _needed(search: Search, leader: WeighedSet) -> WeighedSet:
 
 
 def _adds_noise(larger: WeighedSet, smaller: WeighedSet) -> bool:
-    """Whether what one set has more than another is process noise."""
+    """Return whether what one set has more than another is process noise."""
     fresh = [each for each in larger.fitted.effects if each.name not in smaller.names]
     return any(isinstance(each, NoiseEffect) for each in fresh)

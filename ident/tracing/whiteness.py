@@ -32,7 +32,7 @@ def whiteness(fit: Fit, label: str) -> list[ResidualTest]:
 
 
 def is_noise(fit: Fit, least: float = WHITENESS_P_VALUE) -> bool:
-    """Whether no residual test of the fitted records has a p-value of ``least`` or less."""
+    """Return whether no residual test of the fitted records has a p-value of ``least`` or less."""
     return all(test.p_value > least for test in whiteness(fit, "fitted"))
 
 

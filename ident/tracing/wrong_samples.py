@@ -103,7 +103,7 @@ def mended_inputs(problem: TraceProblem, record: Record, claims: Sequence[Claim]
 
 
 def with_mended(record: Record, names: Sequence[str]) -> Record:
-    """A record with the spikes of these inputs mended."""
+    """Return a record with the spikes of these inputs mended."""
     for channel in record.inputs:
         if channel.name in names:
             record = _mended(record, channel.name, input_spikes(channel.values))

@@ -109,8 +109,8 @@ class Fit:
         return self.weighted.variance
 
     def whiten(self, r: int, columns: np.ndarray) -> np.ndarray:
-        """Columns ``(m, N, c)`` of record ``r`` in the outputs' units, as those of independent
-        samples of variance one.
+        """Return the columns ``(m, N, c)`` of record ``r`` in the outputs' units, as those of
+        independent samples of variance one.
         """
         return self.weighted.filters[r].whiten(columns)
 
@@ -122,8 +122,8 @@ class Fit:
         return -self.cost - 0.5 * float(self.counts.sum()) * (1.0 + np.log(2.0 * np.pi))
 
     def normal_equations(self) -> tuple[np.ndarray, np.ndarray]:
-        """Information matrix ``(n, n)`` and gradient of the log likelihood ``(n,)``; worked out
-        once, not to be written to.
+        """Return the information matrix ``(n, n)`` and gradient of the log likelihood ``(n,)``;
+        worked out once, not to be written to.
         """
         return self._equations
 
@@ -209,8 +209,8 @@ class _Search:
         self.used: list[tuple[np.ndarray, np.ndarray]] = []
 
     def model(self, fit: Fit) -> LocalModel:
-        """The quadratic at a fit, with the curvature that the last steps showed; after a curved
-        step without.
+        """Return the quadratic at a fit, with the curvature that the last steps showed; after a
+        curved step without.
         """
         information, gradient = fit.normal_equations()
         information = _with_curvature(information, self.used)
@@ -224,9 +224,9 @@ class _Search:
         return LEAST_DAMPING if steady else self.problem.layout.settings.least_damping
 
     def settled(self, fit: Fit, model: LocalModel) -> bool:
-        """Whether the last step was small and the next would be; a step that damping or a bound
-        made small says nothing of the way that is left, the undamped one does. Or whether a fit
-        that is only compared gains no more.
+        """Return whether the last step was small and the next would be; a step that damping or a
+        bound made small says nothing of the way that is left, the undamped one does. Or whether a
+        fit that is only compared gains no more.
         """
         settings = self.problem.layout.settings
         if self.idle == _MOST_IDLE_TRIALS and settings.enough > 0.0:
@@ -234,7 +234,7 @@ class _Search:
         return self.near and arrived(model, fit.theta, settings)
 
     def shortcut(self, fit: Fit, model: LocalModel) -> Fit | None:
-        """A step along the curved floor of a valley."""
+        """Return a step along the curved floor of a valley."""
         problem = self.problem
         least, most = problem.noise_model.step_bounds(problem.layout, fit.theta)
         low, high = np.maximum(problem.low, least), np.minimum(problem.high, most)
@@ -244,7 +244,7 @@ class _Search:
         return bent
 
     def trial(self, fit: Fit, model: LocalModel, damping: float) -> Fit | None:
-        """The fit after a damped step; None where the cost rises or is not finite."""
+        """Return the fit after a damped step; None where the cost rises or is not finite."""
         problem, settings = self.problem, self.problem.layout.settings
         least, most = problem.noise_model.step_bounds(problem.layout, fit.theta)
         theta = np.clip(fit.theta + model.scale * model.step(damping), least, most)
@@ -275,8 +275,8 @@ class _Search:
 
 
 def _begun(problem: FitProblem, guesses: list[np.ndarray] | None) -> Fit | None:
-    """The start, with the trajectories of ``guesses`` or else from the measured channels; None
-    where its cost is not finite.
+    """Return the start, with the trajectories of ``guesses`` or else from the measured channels;
+    None where its cost is not finite.
     """
     start, layout = problem.start, problem.layout
     given = None if guesses is None else _sound(evaluate(problem, start, guesses))
@@ -311,8 +311,8 @@ class _Valley:
     share: float = _WAY[0]
 
     def along(self, fit: Fit, model: LocalModel, low: np.ndarray, high: np.ndarray) -> Fit | None:
-        """The fit after a curved step within bounds ``(n,)``; None where the last straight one did
-        not creep, or no share of a curved one gains.
+        """Return the fit after a curved step within bounds ``(n,)``; None where the last straight
+        one did not creep, or no share of a curved one gains.
         """
         self.straight -= 1
         enough = max(fit.layout.settings.enough, self.slow / _CREEPING_GAIN_SHARE, _NEGLIGIBLE_GAIN)
@@ -335,7 +335,7 @@ class _Valley:
         return None
 
     def _at(self, fit: Fit, theta: np.ndarray) -> Fit | None:
-        """The cost at ``theta``, with a trajectory that nearly obeys the equations."""
+        """Return the cost at ``theta``, with a trajectory that nearly obeys the equations."""
         first = evaluate(self.bare, theta, carried(fit, theta))
         if first is None:
             return None
@@ -360,8 +360,8 @@ class _Valley:
 
 
 def arrived(model: LocalModel, theta: np.ndarray, settings: FitSettings) -> bool:
-    """Whether the undamped step is shorter than the tolerance, or than rounding, or promises less
-    than is enough, or than anyone could tell.
+    """Return whether the undamped step is shorter than the tolerance, or than rounding, or promises
+    less than is enough, or than anyone could tell.
     """
     resolved = max(
         settings.tolerance, float(np.max(ROUNDING_SHARE * np.abs(theta) / model.scale, initial=0.0))
@@ -370,7 +370,7 @@ def arrived(model: LocalModel, theta: np.ndarray, settings: FitSettings) -> bool
 
 
 def evaluate(problem: FitProblem, theta: np.ndarray, guesses: list[np.ndarray]) -> Fit | None:
-    """Cost, residuals and sensitivities at ``theta``; None where they are not finite."""
+    """Return the cost, residuals and sensitivities at ``theta``; None where they are not finite."""
     layout = problem.layout
     lines: list[Linearisation] = []
     residuals: list[np.ndarray] = []
@@ -405,8 +405,8 @@ def without_sensitivities(problem: FitProblem) -> FitProblem:
 
 
 def joined_up(fit: Fit) -> Fit:
-    """The same parameters with a trajectory that obeys the equations to rounding: what the last
-    step left is squared away.
+    """Return the same parameters with a trajectory that obeys the equations to rounding: what the
+    last step left is squared away.
 
     A fit that only compares models has a cost, of second order in the gap, that need not be as
     exact.
@@ -430,8 +430,8 @@ def joined_up(fit: Fit) -> Fit:
 
 
 def _sound(fit: Fit | None) -> Fit | None:
-    """The fit itself; None where its information matrix or gradient is not finite: no step and no
-    sigma follows from it.
+    """Return the fit itself; None where its information matrix or gradient is not finite: no step
+    and no sigma follows from it.
     """
     if fit is None:
         return None
@@ -479,7 +479,7 @@ def profile_intervals(
     covariance: np.ndarray,
     noise_at: Callable[[Fit, np.ndarray], NoiseModel] | None = None,
 ) -> tuple[ProfileInterval, ...]:
-    """Intervals of the shared parameters ``names`` of a settled fit.
+    """Return the intervals of the shared parameters ``names`` of a settled fit.
 
     Parameters
     ----------
@@ -499,8 +499,8 @@ def profile_intervals(
 def _refit(
     fit: Fit, j: int, along: np.ndarray, noise_at: Callable[[Fit, np.ndarray], NoiseModel]
 ) -> Callable[[float, Fit | None], tuple[float, Fit] | None]:
-    """Cost with unknown ``j`` held at a value; the others begin where the curvature at the maximum
-    puts them.
+    """Return the cost with unknown ``j`` held at a value; the others begin where the curvature at
+    the maximum puts them.
     """
     settings = replace(
         fit.layout.settings, enough=SETTLED_LOG_LIKELIHOOD, iterations=MOST_ITERATIONS

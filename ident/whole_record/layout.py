@@ -125,14 +125,14 @@ class FitLayout:
         return (*self.shared, *each)
 
     def columns(self, r: int) -> np.ndarray:
-        """Positions in theta of the unknowns that record ``r`` sees."""
+        """Return the positions in theta of the unknowns that record ``r`` sees."""
         shared, own = len(self.shared), self.own
         if not r:
             return np.arange(shared + own)
         return np.concatenate([np.arange(shared), shared + r * own + np.arange(own)])
 
     def split(self, theta: np.ndarray, r: int) -> tuple[np.ndarray, np.ndarray]:
-        """All parameters and the initial state of record ``r``."""
+        """Return all parameters and the initial state of record ``r``."""
         mine = theta[self.columns(r)]
         p, x0 = self.system.parameters.values(), self.system.initial.values()
         p[list(self.order)] = mine[: len(self.order)]
@@ -315,8 +315,8 @@ MAX_STEP = 0.01  # longest sub-step, s: that of the whole-record fits
 def weighted_sensitivities(
     record: Record, system: System, noise_std: np.ndarray
 ) -> tuple[tuple[str, ...], np.ndarray]:
-    """Names of the free parameters and the slopes ``(M, n)`` of all measured samples by them, over
-    the noise standard deviation ``(m,)``.
+    """Return the names of the free parameters and the slopes ``(M, n)`` of all measured samples by
+    them, over the noise standard deviation ``(m,)``.
 
     At the parameters of ``system``, by complex steps. Biases and initial states are nuisances: what
     they could explain is projected out, with the priors that the system declares of them. The
@@ -379,8 +379,8 @@ class ResidualFilter(Protocol):
     """What makes the residuals of one record independent."""
 
     def whiten(self, columns: np.ndarray) -> np.ndarray:
-        """Columns ``(m, N, c)`` in the outputs' units as those of independent samples of variance
-        one, zero where a sample is missing.
+        """Return the columns ``(m, N, c)`` in the outputs' units as those of independent samples of
+        variance one, zero where a sample is missing.
         """
         ...
 
@@ -447,7 +447,7 @@ class Standardised:
     variance: np.ndarray
 
     def whiten(self, columns: np.ndarray) -> np.ndarray:
-        """Columns over the standard deviation, zero where a sample is missing."""
+        """Return the columns over the standard deviation, zero where a sample is missing."""
         weight = np.where(self.valid, 1.0 / np.sqrt(self.variance)[:, None], 0.0)
         return weight[:, :, None] * columns
 
@@ -474,7 +474,7 @@ class White:
         residuals: Sequence[np.ndarray],
         counts: np.ndarray,
     ) -> WeightedResiduals | None:
-        """Residuals and sensitivities as they are."""
+        """Return the residuals and sensitivities as they are."""
         squares = np.sum([(residual**2).sum(axis=1) for residual in residuals], axis=0)
         found = squares / np.maximum(counts, 1)
         variance = np.where(layout.used, np.maximum(found, layout.smallest), 1.0)
@@ -498,7 +498,7 @@ class White:
         return None
 
     def step_bounds(self, layout: LaidOut, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The bounds of the layout."""
+        """Return the bounds of the layout."""
         return layout.low, layout.high
 
 

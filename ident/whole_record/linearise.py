@@ -148,8 +148,8 @@ def _ends(
     p: Sequence[float] | np.ndarray,
     free: Sequence[int],
 ) -> np.ndarray:
-    """The states ``free`` at the end of each interval, from ``X`` at its beginning and from a
-    complex step of each: ``(f, 1 + f, K)``.
+    """Return the states ``free`` at the end of each interval, from ``X`` at its beginning and from
+    a complex step of each: ``(f, 1 + f, K)``.
     """
     start = np.repeat(X[:, None, :-1].astype(complex), 1 + len(free), axis=1)
     start[free, 1 + np.arange(len(free))] += 1j * COMPLEX_STEP
@@ -241,7 +241,7 @@ def linearise(
 
 
 def _increments(problem: RecordProblem, guess: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Steps by which each parameter and each state is moved to differentiate."""
+    """Return the steps by which each parameter and each state is moved to differentiate."""
     if problem.exact:
         return np.full(len(problem.free), 1j * COMPLEX_STEP), np.full(len(guess), 1j * COMPLEX_STEP)
     size = np.sqrt(np.mean(guess**2, axis=1))
@@ -251,8 +251,8 @@ def _increments(problem: RecordProblem, guess: np.ndarray) -> tuple[np.ndarray, 
 def _slopes(
     problem: RecordProblem, moved: np.ndarray, base: np.ndarray, steps: np.ndarray
 ) -> np.ndarray:
-    """Derivatives by what moved each column of ``moved (..., c, n)``; ``base (..., n)`` is what did
-    not move.
+    """Return the derivatives by what moved each column of ``moved (..., c, n)``; ``base (..., n)``
+    is what did not move.
     """
     return (
         moved.imag / COMPLEX_STEP
@@ -264,7 +264,7 @@ def _slopes(
 def _shifted(
     problem: RecordProblem, p: np.ndarray, columns: Mapping[int, int], steps: np.ndarray, width: int
 ) -> list[Any]:
-    """Parameters as rows: a column's own parameter moved there, all else as it is."""
+    """Return the parameters as rows: a column's own parameter moved there, all else as it is."""
     rows: list[Any] = p.tolist()
     for position, column in columns.items():
         row = np.full(width, p[problem.free[position]], dtype=steps.dtype)
@@ -283,7 +283,7 @@ class _Driven:
     acting: tuple[int, ...]
 
     def spread(self, columns: Mapping[int, int], width: int) -> Drive:
-        """The same with a column for each of the batch's, of which ``columns`` tells where a
+        """Return the same with a column for each of the batch's, of which ``columns`` tells where a
         parameter's own stands: rows ``(c, M)``.
         """
         if not self.acting:
@@ -296,7 +296,7 @@ class _Driven:
 
 
 def _drive(problem: RecordProblem, p: np.ndarray, steps: np.ndarray) -> _Driven:
-    """The input path is run once for the base and once a parameter that acts on it."""
+    """Return the input path is run once for the base and once a parameter that acts on it."""
     if problem.drive is not None:
         return _Driven(problem.drive, ())
     system = problem.system

@@ -56,7 +56,7 @@ RUNAWAY_RESIDUAL_RATIO = 10.0
 
 
 def fit_from_best_start(layout: FitLayout) -> Fit | None:
-    """The output-error fit of a layout; None where no start has a finite cost.
+    """Return the output-error fit of a layout; None where no start has a finite cost.
 
     From the declared values where their simulation stays with the record and settles. Otherwise
     from equation error as well, where the record has all states and no prior speaks; the first fit
@@ -108,7 +108,7 @@ def fits_at_their_least(first: FitLayout, second: FitLayout) -> tuple[Fit | None
 
 
 def _settled(begun: Fit | None, best: Fit | None) -> bool:
-    """Whether a fit was at its least minimum already."""
+    """Return whether a fit was at its least minimum already."""
     return begun is best or (
         begun is not None
         and best is not None
@@ -134,7 +134,7 @@ def _values(fit: Fit) -> dict[str, float]:
 
 
 def _started(layout: FitLayout, values: Mapping[str, float]) -> FitLayout:
-    """The layout with other starts of those shared parameters that have a value."""
+    """Return the layout with other starts of those shared parameters that have a value."""
     start = layout.start.copy()
     for i, name in enumerate(layout.shared):
         start[i] = np.clip(values.get(name, start[i]), layout.low[i], layout.high[i])
@@ -165,8 +165,8 @@ def in_pieces(
 def started_unstable(
     records: Sequence[Record], system: System, settings: FitSettings, local: Collection[str] = ()
 ) -> System | None:
-    """The System started at the derivatives of equation error, where its motion grows at these and
-    not at the declared values; else None.
+    """Return the System started at the derivatives of equation error, where its motion grows at
+    these and not at the declared values; else None.
 
     Declared values may say nothing of an aircraft being unstable. Asked where a fit from them has
     not settled.
@@ -181,20 +181,20 @@ def started_unstable(
 
 
 def started_at(system: System, values: Mapping[str, float]) -> System:
-    """The System with other starting values of some parameters."""
+    """Return the System with other starting values of some parameters."""
     return replace(system, parameters=system.parameters.with_values(values))
 
 
 def put_together(
     parts: Sequence[np.ndarray], pieces: Sequence[Sequence[Record]]
 ) -> tuple[np.ndarray, ...]:
-    """Rows ``(m, N)`` of pieces as those of the records that they were cut from."""
+    """Return the rows ``(m, N)`` of pieces as those of the records that they were cut from."""
     left = iter(parts)
     return tuple(np.concatenate([next(left) for _ in each], axis=1) for each in pieces)
 
 
 def said_of_pieces(pieces: Sequence[Sequence[Record]]) -> str:
-    """A sentence where some record was cut, else nothing."""
+    """Return a sentence where some record was cut, else nothing."""
     count = sum(len(each) for each in pieces)
     if count == len(pieces):
         return ""
@@ -224,8 +224,8 @@ def _duration(record: Record) -> float:
 
 
 def quiet(layout: FitLayout, theta: np.ndarray | None = None) -> bool:
-    """Whether no mode of the motion grows enough to be met in parts, at ``theta`` (the start when
-    None).
+    """Return whether no mode of the motion grows enough to be met in parts, at ``theta`` (the start
+    when None).
     """
     return (
         _start_growth(layout) <= MOST_EFOLDINGS_AT_ONCE
@@ -240,7 +240,7 @@ def _start_growth(layout: FitLayout) -> float:
 
 
 def runs_away(fit: Fit) -> bool:
-    """Whether the simulation leaves a record by tenfold its own motion."""
+    """Return whether the simulation leaves a record by tenfold its own motion."""
     layout = fit.layout
     for i in np.flatnonzero(layout.used):
         known = [problem.valid[i] for problem in layout.problems]
@@ -254,8 +254,8 @@ def runs_away(fit: Fit) -> bool:
 
 
 def from_regression(layout: FitLayout) -> Iterator[FitLayout]:
-    """The layout started at the values of equation error; nothing where a record does not give its
-    states or they did not settle.
+    """Yield the layout started at the values of equation error; nothing where a record does not
+    give its states or they did not settle.
     """
     try:
         records = [problem.record for problem in layout.problems]
@@ -276,8 +276,8 @@ def from_regression(layout: FitLayout) -> Iterator[FitLayout]:
 
 
 def _better(found: list[Fit | None], *starts: Iterator[FitLayout]) -> Fit | None:
-    """The first fit from the starts that settles, else the best of all; of those that are ``found``
-    already none has.
+    """Return the first fit from the starts that settles, else the best of all; of those that are
+    ``found`` already none has.
     """
     fits = list(found)
     for begun in (each for some in starts for each in some):
@@ -361,8 +361,8 @@ def _fitted(
 
 
 def shared_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
-    """Covariance of the shared parameters ``(s, s)`` and whether all are determined; of a motion
-    that grows without squaring its sensitivities.
+    """Return the covariance of the shared parameters ``(s, s)`` and whether all are determined; of
+    a motion that grows without squaring its sensitivities.
     """
     n = len(fit.layout.shared)
     if fit.layout.prior is None and n and not quiet(fit.layout, fit.theta):
@@ -372,16 +372,16 @@ def shared_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
 
 
 def degenerate(fit: Fit) -> bool:
-    """Whether some output is met to rounding while another is far from it: the one without noise
-    outweighs all others without bound.
+    """Return whether some output is met to rounding while another is far from it: the one without
+    noise outweighs all others without bound.
     """
     above = np.sqrt(fit.variance / fit.layout.smallest)[fit.layout.used]
     return bool(np.any(above <= 1.0) and np.any(above > _LEAST_NOISE_ROUNDINGS))
 
 
 def fit_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
-    """Covariance of all unknowns ``(n, n)``, corrected for coloured residuals as the settings say,
-    and whether all are determined.
+    """Return the covariance of all unknowns ``(n, n)``, corrected for coloured residuals as the
+    settings say, and whether all are determined.
     """
     normal, _ = fit.normal_equations()
     inverse, determined = inverse_information(normal, fit.theta)
@@ -426,7 +426,7 @@ def prior_information(fit: Fit) -> np.ndarray | None:
 
 
 def estimate_of(fit: Fit) -> Estimate:
-    """The shared parameters of a fit as an Estimate; its covariance holds the error of the
+    """Return the shared parameters of a fit as an Estimate; its covariance holds the error of the
     integration where that counts.
     """
     layout, n = fit.layout, len(fit.layout.shared)
@@ -516,8 +516,8 @@ def failed_simulation(
 
 
 def none_determined(sigmas: Iterable[tuple[float, float]]) -> bool:
-    """Whether no derivative is known within three times its declared size, from pairs of a standard
-    deviation and the declared value.
+    """Return whether no derivative is known within three times its declared size, from pairs of a
+    standard deviation and the declared value.
 
     A vehicle file may be 30 % wrong: a sigma of ten times that says nothing that the file does not
     say. Values declared as zero do not count.

@@ -121,7 +121,7 @@ def _recorded(record: Record, inputs: tuple[str, ...], max_step: float) -> tuple
 
 
 def driven_by(record: Record, system: System, p: Sequence[Any] | np.ndarray, grid: Grid) -> Drive:
-    """A record's inputs at the vehicle, through the input path at parameters ``p``."""
+    """Return a record's inputs at the vehicle, through the input path at parameters ``p``."""
     return drive_from_record(
         system, p, record.input_array(system.input_names), record.time, record.hold, grid
     )
@@ -134,8 +134,8 @@ _AT_ONCE = 16_000
 
 
 def changed_rows(drive: Drive, change: Callable[[Any], Any]) -> Drive:
-    """A drive with every row changed; one that stands in several places, as held inputs do, is
-    changed once.
+    """Return a drive with every row changed; one that stands in several places, as held inputs do,
+    is changed once.
     """
     begun, middle, ended, begin, end = _changed([*drive.stages, drive.begin, drive.end], change)
     return Drive((begun, middle, ended), begin, end)
@@ -241,8 +241,8 @@ def _parts(c: int, K: int) -> list[slice]:
 def _put(
     out: np.ndarray | None, rows: Sequence[Any], shape: tuple[int, ...], at: slice
 ) -> np.ndarray:
-    """Rows of one part at its place in the whole, ``(len(rows), *shape)``, which the first part
-    makes; a row may be the same for all columns.
+    """Return the rows of one part at its place in the whole, ``(len(rows), *shape)``, which the
+    first part makes; a row may be the same for all columns.
     """
     if out is None:
         out = np.empty((len(rows), *shape), dtype=np.result_type(float, *rows))
@@ -275,7 +275,7 @@ def cross_intervals(
 def _crossed(
     problem: RecordProblem, x: list[Any], drive: Drive, p: Sequence[Any], at: slice
 ) -> list[list[Any]]:
-    """The same for some of the intervals, whose states are ``x``."""
+    """Return the same for some of the intervals, whose states are ``x``."""
     grid, substeps, upright = problem.grid, problem.grid.substeps, _upright(p)
     path = [x]
     for s in range(substeps):
@@ -297,8 +297,8 @@ def _crossed(
 
 
 def stacked(rows: Sequence[Any], shape: tuple[int, ...]) -> np.ndarray:
-    """Rows of which some may be the same for all columns, or numbers, in one array ``(len(rows),
-    *shape)``.
+    """Return the rows of which some may be the same for all columns, or numbers, in one array
+    ``(len(rows), *shape)``.
     """
     out = np.empty((len(rows), *shape), dtype=np.result_type(float, *rows))
     for i, row in enumerate(rows):
@@ -307,7 +307,7 @@ def stacked(rows: Sequence[Any], shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _upright(p: Sequence[Any]) -> list[Any]:
-    """Parameters against rows ``(c, K)``: those with a value a column as ``(c, 1)``."""
+    """Return the parameters against rows ``(c, K)``: those with a value a column as ``(c, 1)``."""
     return [value[:, None] if np.ndim(value) else value for value in p]
 
 
@@ -380,8 +380,8 @@ def _along(guess: np.ndarray, moves: np.ndarray, fed: np.ndarray, substeps: int)
 
 
 def _band(Phi: np.ndarray, count: int) -> np.ndarray:
-    """The matrix of x[k] - Phi x[k - 1] over so many steps, ``(2 n, (count + 1) n)`` in diagonals
-    as LAPACK wants it.
+    """Return the matrix of x[k] - Phi x[k - 1] over so many steps, ``(2 n, (count + 1) n)`` in
+    diagonals as LAPACK wants it.
     """
     n = len(Phi)
     band = np.zeros((2 * n, count + 1, n))
@@ -472,7 +472,7 @@ class _Line:
     one: int
 
     def at(self, p: np.ndarray, wanted: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-        """The matrix at all parameters ``p (np,)`` and its derivatives ``(c, r, l)`` by the
+        """Return the matrix at all parameters ``p (np,)`` and its derivatives ``(c, r, l)`` by the
         ``wanted`` of the free ones, positions among all.
         """
         theta, order = p[list(self.free)], [self.free.index(index) for index in wanted]

@@ -86,7 +86,7 @@ def fit_unstable(layout: FitLayout) -> Fit | None:
 
 
 def projectable(layout: FitLayout) -> bool:
-    """Whether there are shared parameters, and each prior is of one unknown by itself."""
+    """Return whether there are shared parameters, and each prior is of one unknown by itself."""
     tied = layout.prior is not None and np.count_nonzero(layout.prior.information) > len(
         layout.prior.mean
     )
@@ -104,8 +104,8 @@ def fit_projected(layout: FitLayout, guesses: list[np.ndarray] | None = None) ->
 
 
 def projected_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
-    """Covariance of the shared parameters ``(s, s)`` with all others projected out, corrected for
-    colour as the settings say; all determined?
+    """Return the covariance of the shared parameters ``(s, s)`` with all others projected out,
+    corrected for colour as the settings say; all determined?
 
     The same as the block of ``fit_covariance``, but not squared before it is projected, which a
     motion that grows would not survive.
@@ -157,8 +157,8 @@ class _Projected:
 
 
 def _weighted(fit: Fit, r: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sensitivities ``(mN, c)`` and residual ``(mN,)`` of a record over the sigma of each output,
-    zero where a sample is missing.
+    """Return the sensitivities ``(mN, c)`` and residual ``(mN,)`` of a record over the sigma of
+    each output, zero where a sample is missing.
 
     What is known beforehand of the record's own unknowns stands below, a row each.
     """
@@ -268,8 +268,8 @@ def _fit_part(layout: FitLayout, limit: int, guesses: list[np.ndarray] | None = 
 
 
 def _settled(fit: Fit) -> Fit:
-    """The same shared parameters with the own unknowns of each record at their best: one step where
-    the motion is linear, a few where it is not.
+    """Return the same shared parameters with the own unknowns of each record at their best: one
+    step where the motion is linear, a few where it is not.
     """
     for _ in range(_OWN_STEPS):
         step = _projected(fit).own_steps(fit, np.zeros(len(fit.layout.shared)))

@@ -88,8 +88,8 @@ class Check:
         return as_text(lambda out: print_check(self.details, out, KEPT))
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One row a sensor fault, from all records together: value and sigma by output error and by
-        the smoother, gain, p, whether it stands.
+        """Return one row a sensor fault, from all records together: value and sigma by output error
+        and by the smoother, gain, p, whether it stands.
         """
         import pandas
 
@@ -113,7 +113,7 @@ class Check:
         return pandas.DataFrame(rows, columns=columns).set_index("fault")
 
     def to_dict(self) -> dict[str, Any]:
-        """Content of ``compatibility.json``."""
+        """Return the content of ``compatibility.json``."""
         from scenarios.compatibility.report import check_content
 
         return check_content(self.details)
@@ -217,7 +217,7 @@ class Maneuvers:
         return as_text(lambda out: print_maneuvers(self.details, out, KEPT))
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One row a maneuver by its number: times of the input, the part to use, axis, kind,
+        """Return one row a maneuver by its number: times of the input, the part to use, axis, kind,
         channel, amplitude (SI), t values.
         """
         import pandas
@@ -233,7 +233,7 @@ class Maneuvers:
         return frame.set_index("number")
 
     def to_dict(self) -> dict[str, Any]:
-        """Content of ``maneuvers.json``."""
+        """Return the content of ``maneuvers.json``."""
         from scenarios.maneuvers import maneuvers_content
 
         return maneuvers_content(self.details)
@@ -363,7 +363,7 @@ class FrequencyResponse:
         return as_text(lambda out: print_responses(self.details, out, KEPT))
 
     def to_dataframe(self, output: str | None = None, input: str | None = None) -> pandas.DataFrame:
-        """Numbers of one response by frequency, with the columns of ``responses.csv``.
+        """Return the numbers of one response by frequency, with the columns of ``responses.csv``.
 
         ``output``, ``input`` : which; the first where they are not given.
         """
@@ -378,7 +378,7 @@ class FrequencyResponse:
         )
 
     def to_control(self) -> control.FrequencyResponseData:
-        """The responses as python-control's, with the names of the signals, rad/s."""
+        """Return the responses as python-control's, with the names of the signals, rad/s."""
         return self.details.to_control()
 
     @property
@@ -419,7 +419,7 @@ class FrequencyResponse:
     def to_transfer_function(
         self, output: str | None = None, input: str | None = None, pade: int = 2
     ) -> control.TransferFunction:
-        """The fitted transfer function of one response as python-control's.
+        """Return the fitted transfer function of one response as python-control's.
 
         ``output``, ``input`` : which; the first where they are not given. ``pade`` : order of the
         approximation of its delay; 0 leaves the delay out. Raises InputError where none is fitted.
@@ -443,7 +443,7 @@ class FrequencyResponse:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Content of ``responses.json``."""
+        """Return the content of ``responses.json``."""
         from scenarios.responses.report import responses_content
 
         return responses_content(self.details)

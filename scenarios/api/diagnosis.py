@@ -157,8 +157,8 @@ class Diagnosis:
         return diagnosis_text(self.details, details=KEPT)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One row a parameter: ``unit``, value and sigma of the declared model (``before``) and
-        with the effects (``after``).
+        """Return one row a parameter: ``unit``, value and sigma of the declared model (``before``)
+        and with the effects (``after``).
         """
         import pandas
 
@@ -171,14 +171,14 @@ class Diagnosis:
         return both.rename_axis("parameter")
 
     def prediction(self, number: int = 0) -> pandas.DataFrame:
-        """A predicted record over ``time``, SI: measured (``alpha``), simulated by the declared
-        model (``before_alpha``) and with what was found.
+        """Return a predicted record over ``time``, SI: measured (``alpha``), simulated by the
+        declared model (``before_alpha``) and with what was found.
         """
         return prediction_of(self.details.diagnosis, number)
 
     def candidates(self) -> pandas.DataFrame:
-        """Every candidate of every round: gain of the log evidence, the same with its prior odds,
-        whether it was fitted.
+        """Return every candidate of every round: gain of the log evidence, the same with its prior
+        odds, whether it was fitted.
         """
         import pandas
 
@@ -206,7 +206,7 @@ class Diagnosis:
         return write_sheets(path, {"after": self.parameters, "before": self.before})
 
     def to_dict(self) -> dict[str, Any]:
-        """Content of ``diagnosis.json``."""
+        """Return the content of ``diagnosis.json``."""
         from datetime import UTC, datetime
 
         from scenarios.diagnosis.report.text import diagnosis_content
@@ -214,8 +214,8 @@ class Diagnosis:
         return diagnosis_content(self.details, datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"))
 
     def to_state_space(self, pade: int = 4) -> control.StateSpace:
-        """The declared model with ``parameters``, as python-control's with named signals; the
-        claimed effects are no part of it.
+        """Return the declared model with ``parameters``, as python-control's with named signals;
+        the claimed effects are no part of it.
         """
         from ident.flying_qualities.modes import to_control
         from scenarios.identification.low_order import linearised
@@ -388,8 +388,8 @@ class Survey:
         return tuple(outlying(self.details))
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Derivatives, one row a flight: value (``Cm_alpha``) and sigma (``Cm_alpha_std``) of each
-        in SI, and the flight's conditions.
+        """Return the derivatives, one row a flight: value (``Cm_alpha``) and sigma
+        (``Cm_alpha_std``) of each in SI, and the flight's conditions.
         """
         import pandas
 
@@ -403,7 +403,7 @@ class Survey:
         return pandas.DataFrame.from_dict(rows, orient="index").rename_axis("flight")
 
     def recurring(self) -> pandas.DataFrame:
-        """Effects, one row a flight: the probability that it has each."""
+        """Return the effects, one row a flight: the probability that it has each."""
         import pandas
 
         return pandas.DataFrame(
@@ -414,7 +414,7 @@ class Survey:
         ).rename_axis("flight")
 
     def to_dict(self) -> dict[str, Any]:
-        """Content of ``survey.json``."""
+        """Return the content of ``survey.json``."""
         from scenarios.report.document import now
         from scenarios.survey.report import survey_content
 

@@ -206,7 +206,7 @@ def _declared(model: Given, vehicle: Numbers) -> tuple[Model, bool]:
 
 
 def _of_model(record: Record, model: Model) -> sim_record.Record:
-    """The channels of a record that a model knows."""
+    """Return the channels of a record that a model knows."""
     from sim.record import Channel, Hold
     from sim.record import Record as SimRecord
 

@@ -185,7 +185,7 @@ class Identification:
         )
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One row a parameter: ``unit``, ``value``, ``sigma``, ``start``."""
+        """Return one row a parameter: ``unit``, ``value``, ``sigma``, ``start``."""
         return self.parameters.to_dataframe()
 
     def to_markdown(self) -> str:
@@ -203,7 +203,7 @@ class Identification:
         return write_sheets(path, {"parameters": self.parameters, "biases": self.biases})
 
     def to_dict(self) -> dict[str, Any]:
-        """Content of ``comparison.json``."""
+        """Return the content of ``comparison.json``."""
         from scenarios.files.measured.columns import identities
         from scenarios.identification.files import identification_content
 
@@ -213,28 +213,28 @@ class Identification:
         )
 
     def errors(self) -> pandas.DataFrame:
-        """Errors of the free simulation by record and channel, SI; those that were not fitted are
-        marked ``held_out``.
+        """Return the errors of the free simulation by record and channel, SI; those that were not
+        fitted are marked ``held_out``.
         """
         return errors_of(self.details.found.fits)
 
     def response(self, number: int = 0) -> pandas.DataFrame:
-        """A record over ``time``, SI: inputs, measured outputs (``alpha``) and the model's
+        """Return a record over ``time``, SI: inputs, measured outputs (``alpha``) and the model's
         (``predicted_alpha``); held-out records last.
         """
         return response_of(self.details.found, number)
 
     def linearised(self) -> StateSpace:
-        """The identified model as matrices about its point of reference, with units and delays.
-        Raises InputError where there is no such point.
+        """Return the identified model as matrices about its point of reference, with units and
+        delays. Raises InputError where there is no such point.
         """
         from scenarios.identification.low_order import state_space_of
 
         return state_space_of(self.details.found)
 
     def to_state_space(self, pade: int = 4) -> control.StateSpace:
-        """The same as python-control's, with named states, inputs and outputs; a delay as a Pade
-        approximation of order ``pade``.
+        """Return the same as python-control's, with named states, inputs and outputs; a delay as a
+        Pade approximation of order ``pade``.
         """
         from ident.flying_qualities.modes import to_control
 

@@ -133,8 +133,8 @@ class Record:
         )
 
     def _span_of(self, name: str) -> list[str]:
-        """The least and the greatest value and how many are missing; of a faulty column what is
-        wrong.
+        """Return the least and the greatest value and how many are missing; of a faulty column what
+        is wrong.
         """
         try:
             values = self[name]
@@ -145,8 +145,8 @@ class Record:
         return [*ends, str(values.size - known.size)]
 
     def window(self, start: float | None = None, stop: float | None = None) -> Record:
-        """The rows from ``start`` to ``stop`` (s, both included) as a record of their own; None
-        leaves that end open.
+        """Return the rows from ``start`` to ``stop`` (s, both included) as a record of their own;
+        None leaves that end open.
 
         Raises InputError where there is no such row.
         """
@@ -155,7 +155,7 @@ class Record:
         return replace(self, file=rows_of_file(self.file, start, stop))
 
     def resample(self, rate: float) -> Record:
-        """The record at a lower rate, behind a zero-phase low-pass at 0.4 times that rate.
+        """Return the record at a lower rate, behind a zero-phase low-pass at 0.4 times that rate.
 
         Parameters
         ----------
@@ -181,7 +181,7 @@ class Record:
         return self._filtered(rate=rate)
 
     def lowpass(self, corner: float) -> Record:
-        """The record behind one zero-phase Butterworth low-pass, the same for all channels.
+        """Return the record behind one zero-phase Butterworth low-pass, the same for all channels.
 
         Parameters
         ----------
@@ -195,7 +195,7 @@ class Record:
         return self._filtered(lowpass=corner)
 
     def with_hold(self, hold: str) -> Record:
-        """The record with another behaviour of its inputs between samples.
+        """Return the record with another behaviour of its inputs between samples.
 
         Parameters
         ----------
@@ -242,7 +242,7 @@ class Record:
         return plot.record(self)
 
     def to_pandas(self) -> pandas.DataFrame:
-        """A DataFrame with the index ``time`` (s); units, name, hold and inputs are in its
+        """Return a DataFrame with the index ``time`` (s); units, name, hold and inputs are in its
         ``attrs``.
         """
         from scenarios.api.records import to_pandas
@@ -257,7 +257,7 @@ class Record:
         return read_record(frame, **told)
 
     def to_xarray(self) -> xarray.Dataset:
-        """A Dataset over ``time``; each variable's unit in its attributes. Needs xarray."""
+        """Return a Dataset over ``time``; each variable's unit in its attributes. Needs xarray."""
         from scenarios.api.records import to_xarray
 
         return to_xarray(self)
@@ -290,7 +290,7 @@ def read_record(
     hold: str | None = None,
     name: str | None = None,
 ) -> Record:
-    """A record from a file, a DataFrame, named arrays, an xarray Dataset or a python-control
+    """Return a record from a file, a DataFrame, named arrays, an xarray Dataset or a python-control
     response.
 
     Parameters
@@ -327,6 +327,6 @@ def read_record(
 
 
 def record_of(record: sim_record.Record) -> Record:
-    """A record of the library as one of users, in SI."""
+    """Return a record of the library as one of users, in SI."""
     columns, units = columns_of_record(record)
     return Record(file_of_columns(columns, record.name, units, record.hold), record.input_names)

@@ -39,7 +39,7 @@ WORDS = {  # Options whose keyword is another word: those that Python keeps for 
 
 
 def as_keywords(text: str) -> str:
-    """A message with keywords in the place of options.
+    """Return a message with keywords in the place of options.
 
     Examples
     --------
@@ -84,7 +84,7 @@ def in_python() -> Iterator[None]:
 
 
 def told_in_python(function: Callable[P, R]) -> Callable[P, R]:
-    """A function of the commands whose messages name keywords, not options."""
+    """Return a function of the commands whose messages name keywords, not options."""
 
     @functools.wraps(function)
     def told(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -97,7 +97,7 @@ def told_in_python(function: Callable[P, R]) -> Callable[P, R]:
 def names_of(
     given: str | Sequence[str], kind: str = "signal", where: str = "input, output"
 ) -> tuple[str, ...]:
-    """One name or several of a ``kind``. Raises DeclarationError for what is none."""
+    """Return one name or several of a ``kind``. Raises DeclarationError for what is none."""
     names = (given,) if isinstance(given, str) else given
     if not isinstance(names, Sequence) or not all(isinstance(each, str) for each in names):
         remedy = "give a name or a list of names"
@@ -127,7 +127,7 @@ InputError = FlightidError
 
 
 def page(heading: str, *parts: str) -> str:
-    """A heading in bold, then the parts that are not empty."""
+    """Return a heading in bold, then the parts that are not empty."""
     return "\n".join(
         [
             "<div>",
@@ -139,20 +139,20 @@ def page(heading: str, *parts: str) -> str:
 
 
 def sentences(lines: Sequence[str]) -> str:
-    """A list of sentences; nothing where there is none."""
+    """Return a list of sentences; nothing where there is none."""
     return f"<ul>{''.join(f'<li>{escape(line)}</li>' for line in lines)}</ul>" if lines else ""
 
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
-    """A table whose first ``left`` columns stand at the left and the others at the right; nothing
-    where there is no row.
+    """Return a table whose first ``left`` columns stand at the left and the others at the right;
+    nothing where there is no row.
     """
     sides = ["left" if i < left else "right" for i in range(len(headings))]
     return _table(headings, rows, sides)
 
 
 def of_document(shown: document.Table) -> str:
-    """A table of a report, with its units and sigmas in columns of their own."""
+    """Return a table of a report, with its units and sigmas in columns of their own."""
     from scenarios.report.terminal import printed_columns
 
     columns = printed_columns(shown)
@@ -231,7 +231,7 @@ class Table:
         )
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """A DataFrame, its index the first column."""
+        """Return a DataFrame, its index the first column."""
         import pandas
 
         return pandas.DataFrame(list(self.rows), columns=list(self.headings)).set_index(
@@ -267,7 +267,7 @@ TITLES = {
 
 
 def effects() -> Table:
-    """The library of effects: name, station, what it is, its parameters.
+    """Return the library of effects: name, station, what it is, its parameters.
 
     Examples
     --------
@@ -293,7 +293,7 @@ def effects() -> Table:
 
 
 def models() -> Table:
-    """The models: name, what it is, inputs, outputs, what a vehicle file gives and what is
+    """Return the models: name, what it is, inputs, outputs, what a vehicle file gives and what is
     estimated. Of ``aircraft`` those of a generic airliner: surfaces and terms stand in its file.
 
     Examples
@@ -331,7 +331,7 @@ def models() -> Table:
 
 
 def vehicles() -> Table:
-    """The library of vehicles: name, what it is, its equations, where the numbers are from.
+    """Return the library of vehicles: name, what it is, its equations, where the numbers are from.
 
     Examples
     --------
@@ -347,7 +347,7 @@ def vehicles() -> Table:
 
 
 def scenarios() -> Table:
-    """The catalogue of scenarios: name, kind, title.
+    """Return the catalogue of scenarios: name, kind, title.
 
     Examples
     --------

@@ -65,7 +65,7 @@ class Vehicle:
         raise KeyError(f"there is no {key!r}: {', '.join((*self.content, *self.derivatives))}")
 
     def to_toml(self) -> str:
-        """The text of its file."""
+        """Return the text of its file."""
         return (
             self.source.content.decode("utf-8-sig")
             if self.source is not None
@@ -114,8 +114,8 @@ class Vehicle:
 def vehicle(
     source: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = None, /, **numbers: Any
 ) -> Vehicle:
-    """A vehicle from a file, from the library by its name (``vehicles()`` lists them), or from
-    numbers.
+    """Return a vehicle from a file, from the library by its name (``vehicles()`` lists them), or
+    from numbers.
 
     ``numbers`` are keys of a vehicle file, ``mass=24200.0`` or ``mass="53352 lb"``,
     ``derivatives={"CL_alpha": 4.0, ...}``; beside a source they replace its own, key by key,
@@ -379,7 +379,7 @@ def _start_tables(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 
 def _fixed(content: Mapping[str, Any]) -> dict[str, Any]:
-    """The table ``fixed``; of a list of names each is held at its start."""
+    """Return the table ``fixed``; of a list of names each is held at its start."""
     given = content.get(FIXED, {})
     if isinstance(given, Mapping):
         return dict(given)
@@ -388,7 +388,7 @@ def _fixed(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _number(value: Any, name: str, *, open_end: bool = False) -> float | str:
-    """A number, or a text that the reader of vehicle files looks at."""
+    """Return a number, or a text that the reader of vehicle files looks at."""
     if isinstance(value, str):
         return value
     try:

@@ -49,7 +49,7 @@ def each_validated(given: list[str]) -> list[str]:
 
 
 def _expanded(given: list[str], several: Sequence[str]) -> tuple[list[str], int]:
-    """The words with the options ``several`` before each of theirs, and how many of them are
+    """Return the words with the options ``several`` before each of theirs, and how many of them are
     records to be fitted.
     """
     out, option, taken, fitted = [given[0]], "", 0, 0
@@ -83,7 +83,7 @@ def _unsaid(option: str, taken: int) -> list[str]:
 
 
 def one_segment(plan: Plan) -> Plan:
-    """A plan for one part of a record; DeclarationError where it has several."""
+    """Return a plan for one part of a record; DeclarationError where it has several."""
     if len(plan.segments) > 1:
         raise DeclarationError(
             "a prediction is of one part of a record",

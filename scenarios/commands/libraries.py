@@ -132,8 +132,8 @@ def _parameters(effect: Effect) -> list[TableColumn]:
 
 
 def _effect_of_any_model(name: str) -> tuple[Effect, str]:
-    """An effect of the library, or one that is made for the inputs, channels, loads and derivatives
-    of a model; a line where it has another name.
+    """Return an effect of the library, or one that is made for the inputs, channels, loads and
+    derivatives of a model; a line where it has another name.
     """
     from sim.effects.library import effect_names, effects_for, find_effect, other_names
     from sim.vehicles.factory import FAMILIES
@@ -219,7 +219,7 @@ def _range(bounds: tuple[float, float], factor: float) -> str:
 
 
 def _believed(effect: Effect, name: str, factor: float) -> str:
-    """The range within which a value is believed without asking."""
+    """Return the range within which a value is believed without asking."""
     from sim.declaration.proposal import Traceable
 
     ranges = effect.traits.plausible if isinstance(effect, Traceable) else {}
@@ -437,7 +437,7 @@ _HOST = "127.0.0.1"  # a notebook runs code: nobody else's browser may reach it
 
 
 def lab_files() -> dict[int, Path]:
-    """The notebooks by their number, in order."""
+    """Return the notebooks by their number, in order."""
     with as_file(files("flightid.labs")) as folder:
         found = {
             int(match[1]): path
@@ -448,7 +448,7 @@ def lab_files() -> dict[int, Path]:
 
 
 def title_of(path: Path) -> str:
-    """The title that a notebook gives itself."""
+    """Return the title that a notebook gives itself."""
     found = _TITLE.search(path.read_text(encoding="utf-8"))
     return found[1] if found else path.stem
 
@@ -469,7 +469,7 @@ def show_key(number: int) -> None:
 
 
 def copy_lab(number: int, folder: Path) -> Path:
-    """A copy of a lab in a folder that is made where it is missing.
+    """Return a copy of a lab in a folder that is made where it is missing.
 
     Raises
     ------

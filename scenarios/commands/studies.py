@@ -109,7 +109,7 @@ def simulate_own(
 
 
 def _write(scenario: TraceScenario, file: str, out: Path, seed: int | None) -> list[Path]:
-    """Both records and the vehicle file that the loop is given, the truth left out; ``file``
+    """Return both records and the vehicle file that the loop is given, the truth left out; ``file``
     declares the scenario.
 
     ``record.csv`` asked for is the training record; beside it stand ``record_validate.csv`` and
@@ -212,8 +212,8 @@ def _studied(
 
 
 def documents_of(names: Sequence[str], compare: bool) -> list[str]:
-    """The JSON documents of such a run by their paths in its folder: of a comparison its own, else
-    one a study.
+    """Return the JSON documents of such a run by their paths in its folder: of a comparison its
+    own, else one a study.
     """
     if compare:
         return ["compared.json"]
@@ -291,7 +291,7 @@ def simulate(
 
 
 def files_text(files: Sequence[Path]) -> str:
-    """The JSON that says which files ``simulate`` wrote."""
+    """Return the JSON that says which files ``simulate`` wrote."""
     from scenarios.files.writing import json_text
 
     return json_text({"schema": "flightid/simulated/1", "files": [str(path) for path in files]})

@@ -272,7 +272,7 @@ def refuse_page(port: int | None, page: bool) -> None:
 
 
 def _begun(watch: Watch, vehicle: VehicleFile) -> SpectralSession | None:
-    """The session, once the header has come."""
+    """Return the session, once the header has come."""
     if watch.header is None or watch.omega is None:
         return None
     columns = watch.header.columns[1 + len(watch.signals.inputs) :]
@@ -374,7 +374,7 @@ def _written(history: History | None, session: Session, steps: list[WatchStep]) 
 
 
 def _finished(watch: Watch, session: Session, refine: bool) -> WatchOutcome:
-    """The refinement over all rows where it is wanted and affordable, and the last estimates
+    """Return the refinement over all rows where it is wanted and affordable, and the last estimates
     against the reference.
     """
     from scenarios.identification.low_order import identify_loes

@@ -64,7 +64,7 @@ if TYPE_CHECKING:
 
 
 def check_figures(result: Compatibility, simulated: bool) -> Iterator[Named]:
-    """The figures of a check: the stem of each file, and what draws it."""
+    """Yield the figures of a check: the stem of each file, and what draws it."""
     from scenarios.plots.signals import figure_reconstruction
 
     data = SIMULATED_DATA if simulated else MEASURED_DATA
@@ -127,7 +127,7 @@ def print_check(
 
 
 def check_summary(check: CompatibilityCheck, details: str = BELOW) -> Summary:
-    """Records and relations, what stands, by how much, and the noise that is left."""
+    """Return the records and relations, what stands, by how much, and the noise that is left."""
     result, lines = check.result, finding_lines(check)
     samples = sum(len(record) for record in check.records)
     said: set[str] = set()
@@ -226,7 +226,7 @@ def _share(share: float) -> str:
 
 
 def sentence(finding: SensorFinding) -> str:
-    """One finding with its alternatives."""
+    """Return one finding with its alternatives."""
     other = f"; {fit_as_well(finding.group)}" if finding.group else ""
     return f"{finding.name}, {fault_text(finding)} (gain {finding.gain:.1f}{other})"
 
@@ -265,7 +265,7 @@ def _sensor(channel: str) -> str:
 
 
 def estimates_table(caption: str, result: CheckResult) -> Table:
-    """Every fault by both methods."""
+    """Return every fault by both methods."""
     rows = [*result.biases, *result.estimates]
     standing = {finding.name for finding in result.findings if finding.stands}
     return table(
@@ -296,7 +296,7 @@ def estimates_table(caption: str, result: CheckResult) -> Table:
 
 
 def by_record_table(single: Sequence[CheckResult], joint: CheckResult) -> Table:
-    """The smoother's value of every fault in each record by itself."""
+    """Return the smoother's value of every fault in each record by itself."""
     found = [{item.name: item for item in result.estimates} for result in single]
     return table(
         "",
@@ -318,7 +318,7 @@ def by_record_table(single: Sequence[CheckResult], joint: CheckResult) -> Table:
 
 
 def _estimates(check: CompatibilityCheck) -> list[Block]:
-    """Every fault of all records together, and of each by itself where there are several."""
+    """Return every fault of all records together, and of each by itself where there are several."""
     result, several = check.result, len(check.records) > 1
     if not result.joint.estimates:
         return []
@@ -328,7 +328,7 @@ def _estimates(check: CompatibilityCheck) -> list[Block]:
 
 
 def unit_of(check: CompatibilityCheck, name: str) -> str:
-    """The unit of a channel."""
+    """Return the unit of a channel."""
     # nz made from az has no channel
     return next((record[name].unit for record in check.records if name in record.output_names), "g")
 
@@ -349,7 +349,7 @@ def _level(name: str, std: float | None, unit: str) -> str:
 
 
 def check_page(check: CompatibilityCheck, drawn: Sequence[Drawn] = ()) -> Page:
-    """The page of a check with the figures ``drawn``."""
+    """Return the page of a check with the figures ``drawn``."""
     result, names = check.result, ", ".join(dict.fromkeys(record.name for record in check.records))
     lines = finding_lines(check)
     faults = [finding.name for finding in result.findings if finding.stands]
@@ -438,7 +438,7 @@ def write_check(check: CompatibilityCheck, folder: str | Path, *, figures: Forma
 
 
 def check_content(check: CompatibilityCheck) -> dict[str, Any]:
-    """Content of ``compatibility.json``: SI, nz in g; scales as factors."""
+    """Return the content of ``compatibility.json``: SI, nz in g; scales as factors."""
     result = check.result
     constants = {"gravity": check.settings.gravity, "vane_arm": check.settings.vane_arm}
     return {
@@ -468,7 +468,7 @@ def check_content(check: CompatibilityCheck) -> dict[str, Any]:
 
 
 def _equivalents(check: CompatibilityCheck) -> list[str]:
-    """Numbers of the vehicle file that would explain a finding as well."""
+    """Return the numbers of the vehicle file that would explain a finding as well."""
     found = [
         (finding.name, equivalent_constant(check, finding))
         for finding in check.result.findings

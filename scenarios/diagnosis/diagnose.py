@@ -122,7 +122,7 @@ SPIKES = "sensor-spikes:"
 
 
 def kept_diagnosis(tracing: Tracing) -> KeptModel | None:
-    """The model that a diagnosis leaves; None where the loop did not say what it was fitted
+    """Return the model that a diagnosis leaves; None where the loop did not say what it was fitted
     with.
     """
     d, plan, vehicle = tracing.diagnosis, tracing.plan, tracing.vehicle
@@ -191,8 +191,8 @@ class Overflows:
         self.count += 1
 
     def counted(self, trace: Trace) -> Trace:
-        """The same loop, its overflows counted instead of warned of; a share below the smallest
-        number is none.
+        """Return the same loop, its overflows counted instead of warned of; a share below the
+        smallest number is none.
         """
 
         def counting(*arguments: Any, **named: Any) -> Diagnosis:
@@ -203,7 +203,7 @@ class Overflows:
 
 
 def overflow_sentence(count: int) -> str:
-    """One line on what was left out; empty where nothing was."""
+    """Return one line on what was left out; empty where nothing was."""
     if count == 0:
         return ""
     several = f"{count} computations" if count > 1 else "one computation"
@@ -223,8 +223,8 @@ SMALLER_DEFLECTION_RATE = 2.0
 def deciding_maneuver(
     d: Diagnosis, request: Request, vehicle: VehicleFile, model: Model, records: Sequence[Record]
 ) -> DesignResult | None:
-    """The design for an ambiguous diagnosis; None for any other, and where nothing can be designed
-    for these effects.
+    """Return the design for an ambiguous diagnosis; None for any other, and where nothing can be
+    designed for these effects.
 
     Peak deflections, sampling and noise are those of the records, derivatives and sizes those that
     were found.
@@ -290,8 +290,8 @@ def _asked(
 
 
 def by_hand(model: Model, records: Sequence[Record]) -> bool:
-    """Whether no input of the records changes faster than a pilot's hand can; faster inputs are
-    from a flight computer, which can fly the next maneuver as well.
+    """Return whether no input of the records changes faster than a pilot's hand can; faster inputs
+    are from a flight computer, which can fly the next maneuver as well.
     """
     peaks = _peaks(model, records)
     return all(
@@ -319,7 +319,7 @@ def _size(claim: Claim, d: Diagnosis) -> list[str]:
 
 
 def _peaks(model: Model, records: Sequence[Record]) -> dict[str, float]:
-    """Largest deflection of each input from where its record begins."""
+    """Return the largest deflection of each input from where its record begins."""
     names = [signal.name for signal in model.equations.inputs]
     return {
         name: max(
@@ -333,7 +333,7 @@ def _peaks(model: Model, records: Sequence[Record]) -> dict[str, float]:
 
 
 def _source(request: Request, vehicle: VehicleFile) -> Source | None:
-    """The vehicle file as it was read; None where an own model went without one."""
+    """Return the vehicle file as it was read; None where an own model went without one."""
     from scenarios.diagnosis.opening import vehicle_path_of
 
     path = vehicle_path_of(request)
@@ -428,7 +428,7 @@ class _Study:
     overflows: Overflows
 
     def _read_beside(self) -> tuple[str, ...]:
-        """The files that were read without being named."""
+        """Return the files that were read without being named."""
         beside = vehicle_next_to(self.request.records[0]) if self.request.vehicle is None else None
         return files_read_unnamed([*self.opened.records, *self.opened.validation], beside)
 
@@ -439,7 +439,7 @@ class _Study:
         kinematics: Kinematics | None = None,
         decides: DesignResult | None = None,
     ) -> Tracing:
-        """The result with what went in."""
+        """Return the result with what went in."""
         opened = self.opened
         diagnosis = replace(diagnosis, predictions=_whole(diagnosis.predictions, posed.parted))
         if not moves_about_rest(posed.model):
@@ -483,7 +483,7 @@ class _Study:
 
 
 def _whole(predictions: Sequence[Prediction], parted: Sequence[Parted]) -> tuple[Prediction, ...]:
-    """The predictions with the parts of each record that was named for it put together."""
+    """Return the predictions with the parts of each record that was named for it put together."""
     if not parted:
         return tuple(predictions)
     out = []
@@ -498,7 +498,7 @@ def _whole(predictions: Sequence[Prediction], parted: Sequence[Parted]) -> tuple
 def _decides(
     diagnosis: Diagnosis, request: Request, opened: Opened, posed: Posed
 ) -> DesignResult | None:
-    """The maneuver that would decide; only an ambiguous verdict costs its time."""
+    """Return the maneuver that would decide; only an ambiguous verdict costs its time."""
     if diagnosis.verdict is not Verdict.AMBIGUOUS:
         return None
 
@@ -514,7 +514,7 @@ def _guards(model: Model) -> Sequence[Traceable]:
 
 
 def _loop(model: Model) -> Trace:
-    """The tracing loop, with what stands for errors of this model's forces."""
+    """Return the tracing loop, with what stands for errors of this model's forces."""
     from functools import partial
 
     from ident.tracing.loop import diagnose
@@ -525,15 +525,15 @@ def _loop(model: Model) -> Trace:
 
 
 def _named_by_kinematics(kinematics: Kinematics | None) -> list[tuple[str, ...]]:
-    """Names of the effects that the kinematics alone name."""
+    """Return the names of the effects that the kinematics alone name."""
     from scenarios.diagnosis.kinematics import named_by
 
     return named_by(kinematics)
 
 
 def _kinematics(opened: Opened, posed: Posed, plan: Plan) -> Kinematics | None:
-    """The check of the kinematics alone: on all that was read where one record is fitted, else on
-    the fitted records; None where there is none.
+    """Return the check of the kinematics alone: on all that was read where one record is fitted,
+    else on the fitted records; None where there is none.
     """
     own = opened.vehicle.own
     if not (is_of_aircraft(own) if own is not None else opened.vehicle.model in OF_MODEL):

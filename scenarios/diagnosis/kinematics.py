@@ -113,8 +113,8 @@ def named_by(kinematics: Kinematics | None) -> list[tuple[str, ...]]:
 
 
 def unnamed(kinematics: Kinematics, claims: Sequence[Claim]) -> list[SensorFinding]:
-    """Faults that stand in the kinematics and belong to the group of no claim and are no twin of
-    one, one of each group.
+    """Return the faults that stand in the kinematics and belong to the group of no claim and are no
+    twin of one, one of each group.
     """
     from sim.effects.library import traits_of
 
@@ -164,8 +164,8 @@ def _agreement(claim: Claim, result: Compatibility) -> Agreement:
 
 
 def _comparable(finding: SensorFinding, name: str) -> bool:
-    """Whether the size of a finding is of the nature of that of the effect ``name``: the same, or
-    both times of one channel.
+    """Return whether the size of a finding is of the nature of that of the effect ``name``: the
+    same, or both times of one channel.
     """
     kind, _, channel = name.removeprefix("sensor-").partition(":")
     return finding.name == name or (
@@ -174,7 +174,7 @@ def _comparable(finding: SensorFinding, name: str) -> bool:
 
 
 def _as_well(same: SensorFinding, result: Compatibility) -> str:
-    """The other faults that explain the records equally well, with their sizes."""
+    """Return the other faults that explain the records equally well, with their sizes."""
     by_name = {each.name: each for each in result.findings}
     known = [by_name[name] for name in same.group if name in by_name]
     told = [f"{f.name} {with_sigma(Quantity(f.value, f.std, f.unit))}" for f in known]
@@ -209,7 +209,7 @@ def _compared(
 def _on_the_other_side(
     claim: Claim, mine: Quantity, found: Quantity, kin: SensorFinding
 ) -> Agreement:
-    """An arm where the kinematics found its twin, whose arm points the other way."""
+    """Return an arm where the kinematics found its twin, whose arm points the other way."""
     as_mine = Quantity(-found.value, found.std, found.unit)
     told = (
         f"kinematics alone give {kin.name} {with_sigma(found)}, which they cannot tell from "
@@ -230,7 +230,7 @@ def _on_the_other_side(
 
 
 def _ruled_out(claim: Claim, result: Compatibility) -> Agreement | None:
-    """A way of being late in whose place the kinematics see another, of the same channel."""
+    """Return a way of being late in whose place the kinematics see another, of the same channel."""
     own = next((finding for finding in result.findings if finding.name == claim.name), None)
     other = late_instead(own, result) if own is not None else None
     if own is None or other is None or own.lost is None or not math.isfinite(own.lost):
@@ -264,8 +264,8 @@ def _late(finding: SensorFinding) -> bool:
 
 
 def _unproven(claim: Claim, mine: Quantity, item: SensorEstimate | None) -> Agreement:
-    """A claim of which nothing stands in the kinematics: their estimate may still agree with it, or
-    rule it out.
+    """Return a claim of which nothing stands in the kinematics: their estimate may still agree with
+    it, or rule it out.
     """
     if item is None or not item.determined or not _finite(item.smoother.value, item.smoother.std):
         return Agreement(
@@ -324,7 +324,7 @@ def _apart(a: Quantity, b: Quantity) -> float:
 
 
 def _is_sensor(name: str) -> bool:
-    """Whether an effect is a fault that the kinematics know."""
+    """Return whether an effect is a fault that the kinematics know."""
     base = name.partition(":")[0].partition("#")[0]
     return base in ("vane-offset", "accelerometer-offset") or base in {
         f"sensor-{kind}" for kind in PARAMETERS
@@ -466,7 +466,7 @@ def _level(
 
 
 def _taking_part(record: Record, asked: Relations) -> Record:
-    """The record's channels that take part: the equations that are fitted know no other."""
+    """Return the record's channels that take part: the equations that are fitted know no other."""
     from scenarios.preparation.measured_inputs import with_load_factors
 
     record = with_load_factors(record)[0] if asked.six else record
@@ -482,7 +482,7 @@ def _measured(record: Record, asked: Relations) -> tuple[str, ...]:
 
 
 def _renamed(result: Compatibility, names: Mapping[str, str]) -> Compatibility:
-    """A check with its faults under the names of the model's effects."""
+    """Return a check with its faults under the names of the model's effects."""
     if not names:
         return result
 
@@ -524,8 +524,8 @@ def spread(records: Sequence[Record], most: int) -> list[Record]:
 def shortened(
     records: Sequence[Record], enough: int, rates: Sequence[str] = ("q",)
 ) -> list[Record]:
-    """The records, of about ``enough`` samples together: of those longer than their share the
-    stretch in which the ``rates`` move most.
+    """Return the records, of about ``enough`` samples together: of those longer than their share
+    the stretch in which the ``rates`` move most.
     """
     if sum(len(record) for record in records) <= enough:
         return list(records)

@@ -61,8 +61,8 @@ _FORMERLY = ("onset", "per_record", "plausible")
 
 
 def candidates_for(model: Model, own: Sequence[Traceable] = ()) -> tuple[Traceable, ...]:
-    """The library's effects that can act on a model, are not in it and tell a search where to look,
-    then the user's ``own``.
+    """Return the library's effects that can act on a model, are not in it and tell a search where
+    to look, then the user's ``own``.
     """
     from sim.effects.library import effects_for
 
@@ -80,7 +80,7 @@ def candidates_for(model: Model, own: Sequence[Traceable] = ()) -> tuple[Traceab
 
 
 def _may_change(effect: Effect, model: Model) -> bool:
-    """Whether what an effect makes vary is estimated."""
+    """Return whether what an effect makes vary is estimated."""
     changed = (
         (effect.parameter,)
         if isinstance(effect, ParameterEffect)
@@ -115,8 +115,8 @@ def _acts(effect: Effect, model: Model) -> bool:
 
 
 def read_effects(source: str | Path | Source, model: Model) -> tuple[Traceable, ...]:
-    """The effects of a user's Python file, or of one that was read, that can act on a model: its
-    ``EFFECTS``, else its ``VARIANTS``.
+    """Return the effects of a user's Python file, or of one that was read, that can act on a model:
+    its ``EFFECTS``, else its ``VARIANTS``.
 
     The file is run, once, as any Python program is: only a file that the user names comes here.
 
@@ -140,7 +140,7 @@ def read_effects(source: str | Path | Source, model: Model) -> tuple[Traceable, 
 
 
 def checked_effects(effects: Sequence[Any], model: Model, where: str) -> tuple[Traceable, ...]:
-    """A user's effects that can act on a model; ``where`` says where they stand. Raises
+    """Return a user's effects that can act on a model; ``where`` says where they stand. Raises
     DeclarationError as ``read_effects``.
     """
     from sim.effects.library import applies, library
@@ -226,8 +226,8 @@ def _listed(signals: Sequence[Signal]) -> str:
 
 
 def settings_of(effort: str) -> TraceSettings:
-    """The settings of the loop for an effort; DeclarationError, in one line, for one that there is
-    not.
+    """Return the settings of the loop for an effort; DeclarationError, in one line, for one that
+    there is not.
     """
     if effort not in EFFORTS:
         raise DeclarationError(
@@ -254,7 +254,7 @@ def effort_sentence(effort: str, diagnosis: Diagnosis) -> str:
 
 
 def said_of(constraints: Constraints, model: Model) -> tuple[str, ...]:
-    """A sentence each on what is held, tied and bounded."""
+    """Return a sentence each on what is held, tied and bounded."""
     items = model.parameters
     return constraint_sentences(
         constraints,
@@ -264,8 +264,8 @@ def said_of(constraints: Constraints, model: Model) -> tuple[str, ...]:
 
 
 def at_bounds(diagnosis: Diagnosis, constraints: Constraints) -> tuple[Diagnosis, tuple[str, ...]]:
-    """The diagnosis with a sigma of zero, which is printed as a bound, for each parameter that
-    ended at one; a sentence on each.
+    """Return the diagnosis with a sigma of zero, which is printed as a bound, for each parameter
+    that ended at one; a sentence on each.
     """
     before, after = (
         _pressed(side, constraints.bounds) for side in (diagnosis.before, diagnosis.after)
@@ -349,8 +349,8 @@ def opened_files(request: Request, vehicle: Path | Source | None) -> Opened:
 
 
 def posed_for(opened: Opened, plan: Plan) -> Posed:
-    """Records prepared for the declared model with its biases, something held out; refused where
-    they cannot tell anything.
+    """Return the records prepared for the declared model with its biases, something held out;
+    refused where they cannot tell anything.
     """
     from scenarios.preparation.declared_model import model_of_file
     from scenarios.preparation.plausibility import refuse_still, refuse_unpredictable
@@ -399,8 +399,8 @@ def _ready(opened: Opened, model: Model, plan: Plan) -> PreparedData:
 def own_effects(
     given: Path | Sequence[Traceable] | None, model: Model
 ) -> tuple[tuple[Traceable, ...], tuple[InputFile, ...]]:
-    """A user's effects that can act on the model, and the file that they came from, if they came
-    from one.
+    """Return a user's effects that can act on the model, and the file that they came from, if they
+    came from one.
     """
     if given is None:
         return (), ()
@@ -411,7 +411,7 @@ def own_effects(
 
 
 def _biased(model: Model, records: Sequence[Record]) -> list[str]:
-    """The measured outputs whose sensors have a free bias."""
+    """Return the measured outputs whose sensors have a free bias."""
     measured = {name for record in records for name in record.output_names}
     return outputs_with_bias(
         model, [signal.name for signal in model.equations.outputs if signal.name in measured]
@@ -419,7 +419,7 @@ def _biased(model: Model, records: Sequence[Record]) -> list[str]:
 
 
 def vehicle_path_of(request: Request) -> Path | Source | None:
-    """The vehicle file, None where an own model goes without one."""
+    """Return the vehicle file, None where an own model goes without one."""
     first = request.records[0]
     chosen = request.vehicle if request.vehicle is not None else vehicle_next_to(first)
     if chosen is None and not is_model_file(request.model):
@@ -506,7 +506,7 @@ class InputReading:
 
 
 def tells_times(diagnosis: Diagnosis, records: Sequence[Record]) -> bool:
-    """Whether times were found that held inputs would shift by half an interval."""
+    """Return whether times were found that held inputs would shift by half an interval."""
     if any(record.hold is not Hold.PREVIOUS for record in records):
         return False
     return any(name in TIMES for found in diagnosis.effects for name in found.parameters)
@@ -585,5 +585,5 @@ def left_open(again: Refit, first: Diagnosis) -> tuple[Diagnosis, tuple[str, ...
 
 
 def read_again(notes: Sequence[str]) -> tuple[str, ...]:
-    """The sentences on a second reading, which no one chose by hand."""
+    """Return the sentences on a second reading, which no one chose by hand."""
     return tuple(note.replace(BY_HAND, READ_AGAIN) for note in notes)

@@ -57,7 +57,7 @@ CHECK_TOLERANCE = 1e-9
 
 
 def dave_ml_file(model: ExportedModel) -> str:
-    """The text of the DAVE-ML file.
+    """Return the text of the DAVE-ML file.
 
     Parameters
     ----------
@@ -242,7 +242,7 @@ def _check_cases(root: XML.Element, model: ExportedModel, aircraft: Aircraft) ->
 
 
 def coefficients_at(aircraft: Aircraft, inputs: Mapping[str, float]) -> dict[str, float]:
-    """The six coefficients of an aircraft.
+    """Return the six coefficients of an aircraft.
 
     Parameters
     ----------

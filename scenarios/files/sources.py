@@ -45,8 +45,8 @@ _SHOWN = {number: f"\\u{number:04x}" for number in _HIDDEN if chr(number) not in
 
 
 def escaped(text: str) -> str:
-    """The text with every control character but line ends and tabs as ``\\u001b``, which JSON reads
-    back as it was.
+    """Return the text with every control character but line ends and tabs as ``\\u001b``, which
+    JSON reads back as it was.
     """
     return text if text.isascii() and text.isprintable() else text.translate(_SHOWN)
 
@@ -141,7 +141,7 @@ def read_source(
 
 
 def read_content(path: Path, error: type[FlightidError], wanted: str, most: int) -> bytes:
-    """The bytes of a file. Parameters and errors as ``read_source``."""
+    """Return the bytes of a file. Parameters and errors as ``read_source``."""
     where = str(path)
     try:
         return _content(path, error, wanted, most)
@@ -158,7 +158,7 @@ def read_content(path: Path, error: type[FlightidError], wanted: str, most: int)
 
 
 def resolved(path: str | Path) -> Path:
-    """A path without links in it; a circle of links stays, for whoever opens it to name."""
+    """Return a path without links in it; a circle of links stays, for whoever opens it to name."""
     return Path(os.path.realpath(path))
 
 
@@ -211,7 +211,7 @@ def _piece(handle: int) -> bytes:
 
 
 def _first_piece(handle: int) -> bytes:
-    """The first bytes of a pipe; none where no program has come to write into it before
+    """Return the first bytes of a pipe; none where no program has come to write into it before
     ``PIPE_TIMEOUT`` is over.
     """
     until = time.monotonic() + PIPE_TIMEOUT
@@ -236,7 +236,7 @@ class DocumentError(ValueError):
 
 
 def json_value(content: bytes | str) -> Any:
-    """The value of a strict JSON text.
+    """Return the value of a strict JSON text.
 
     Raises
     ------
@@ -282,7 +282,7 @@ def toml_value(text: str) -> dict[str, Any]:
 def read_json(
     path: Path, error: type[FlightidError] = DeclarationError, wanted: str = "the folder of a study"
 ) -> Any:
-    """The value of a JSON file.
+    """Return the value of a JSON file.
 
     Raises
     ------
@@ -301,8 +301,8 @@ def read_json(
 
 
 def json_or_none(path: Path) -> Any:
-    """The value of a JSON file that may be another's or damaged: None where there is none or it is
-    no strict JSON.
+    """Return the value of a JSON file that may be another's or damaged: None where there is none or
+    it is no strict JSON.
     """
     try:
         return read_json(path)
@@ -412,7 +412,7 @@ def _unpacked_by_zip(content: bytes) -> int:
 
 
 def _numbers_in_parquet(content: bytes) -> int:
-    """Rows times columns, as the file's own index has them."""
+    """Return the rows times columns, as the file's own index has them."""
     try:
         import pyarrow.parquet
 

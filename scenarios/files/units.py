@@ -128,8 +128,8 @@ def to_si(
 
 
 def is_unit(unit: str) -> bool:
-    """Whether a unit is known, so that others are converted into it; any other is a label that all
-    must share.
+    """Return whether a unit is known, so that others are converted into it; any other is a label
+    that all must share.
     """
     text = normal_form(unit)
     if not _is_tame(text):
@@ -140,8 +140,8 @@ def is_unit(unit: str) -> bool:
 
 
 def _is_tame(text: str) -> bool:
-    """Whether a unit is a short product of small powers in plain letters; only such a text is
-    parsed.
+    """Return whether a unit is a short product of small powers in plain letters; only such a text
+    is parsed.
     """
     foreign = any(letter.isdecimal() and not letter.isascii() for letter in text)
     return len(text) <= _LONGEST_UNIT and not foreign and _EXPLOSIVE.search(text) is None
@@ -237,7 +237,7 @@ def _registry() -> pint.UnitRegistry[Any]:
 
 
 def _parsed(units: pint.UnitRegistry[Any], text: str) -> Any:
-    """The unit, also from capitals (``"DEG/S"``); None if there is no such unit."""
+    """Return the unit, also from capitals (``"DEG/S"``); None if there is no such unit."""
     if not re.fullmatch(r"[\w*/().%-]+", text):
         return None
     for spelling in (text, text.lower()):
@@ -250,5 +250,5 @@ def _parsed(units: pint.UnitRegistry[Any], text: str) -> Any:
 
 
 def _angle_power(unit: Any) -> float:
-    """Power of an angle in a unit; pint counts angles as pure numbers."""
+    """Return the power of an angle in a unit; pint counts angles as pure numbers."""
     return sum(power for name, power in unit._units.items() if name.endswith(_ANGLES))

@@ -107,12 +107,12 @@ def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
 
 
 def json_text(content: Mapping[str, Any], where: str = "JSON") -> str:
-    """The text that ``write_json`` writes; ``where`` names the file in errors."""
+    """Return the text that ``write_json`` writes; ``where`` names the file in errors."""
     return escaped(_laid_out(_json_value(content, where, ""), ""))
 
 
 def csv_text(header: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
-    """A table as the text of a CSV file: its header, then its rows."""
+    """Return a table as the text of a CSV file: its header, then its rows."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(header)
@@ -174,7 +174,7 @@ def file_stems(names: Sequence[str]) -> dict[str, str]:
 
 
 def _json_value(value: Any, where: str, key: str) -> Any:
-    """The value in JSON's own types; ``key`` is the path to it."""
+    """Return the value in JSON's own types; ``key`` is the path to it."""
     place = f"{where}, key {key}" if key else where
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()

@@ -59,8 +59,8 @@ class AtBound:
 def within_bounds(
     model: Model, estimated: Callable[[Model], tuple[System, Estimate]], *, kept: bool = True
 ) -> tuple[Model, System, Estimate, tuple[AtBound, ...]]:
-    """An estimate whose sigmas are those of what is free: parameters that end at a bound are held
-    there, and the rest estimated again.
+    """Return an estimate whose sigmas are those of what is free: parameters that end at a bound are
+    held there, and the rest estimated again.
 
     Its outcome is ``AT_BOUND`` where there are such and the rest has settled. The model comes back
     with them held. ``kept``: the method keeps bounds; what one does not keep cannot end at one.
@@ -87,7 +87,7 @@ def within_bounds(
 
 
 def tied_rows(model: Model, estimate: Estimate) -> tuple[Row, ...]:
-    """A row for each parameter that follows others, its sigma from theirs."""
+    """Return a row for each parameter that follows others, its sigma from theirs."""
     rows = []
     known: Mapping[str, float] = {
         **{item.name: item.value for item in model.parameters},
@@ -136,8 +136,8 @@ def refuse_profile(method: str) -> None:
 def chosen_names(
     wanted: Sequence[str], estimate: Estimate, held: Collection[str] = ()
 ) -> tuple[str, ...]:
-    """The parameters asked for, all where none is named. Raises DeclarationError for one that is
-    not estimated, as those that are ``held``.
+    """Return the parameters asked for, all where none is named. Raises DeclarationError for one
+    that is not estimated, as those that are ``held``.
     """
     known = [name for name in estimate.names if not name.startswith("bias_")]
     for name in wanted:
@@ -165,8 +165,8 @@ def profiled(
     delays: Mapping[str, str] | None = None,
     band: tuple[float, float] | None = None,
 ) -> tuple[ProfileInterval, ...]:
-    """Intervals of the parameters ``wanted`` (all where none is named) of a settled estimate; none
-    where it did not settle.
+    """Return the intervals of the parameters ``wanted`` (all where none is named) of a settled
+    estimate; none where it did not settle.
 
     ``system`` is the one that was estimated; ``calm`` (filter error) the same without forcing;
     ``delays`` and ``band`` (frequency domain). The fit is made once more from what it found, which
@@ -265,7 +265,7 @@ def isolated_outliers(
 def same_points(
     some: Sequence[dict[str, np.ndarray]], others: Sequence[dict[str, np.ndarray]]
 ) -> bool:
-    """Whether two lists of masks name the same samples."""
+    """Return whether two lists of masks name the same samples."""
     pairs = zip(some, others, strict=True)
     return all(
         a.keys() == b.keys() and all(np.array_equal(a[name], b[name]) for name in a)
@@ -281,7 +281,7 @@ def left_out(before: Record, after: Record) -> dict[str, np.ndarray]:
 
 
 def without(record: Record, masks: dict[str, np.ndarray]) -> Record:
-    """A record less some samples of its outputs; itself where there are none."""
+    """Return a record less some samples of its outputs; itself where there are none."""
     if not masks:
         return record
 
@@ -529,7 +529,7 @@ class OtherReading:
 
 
 def opposite(hold: Hold) -> Hold:
-    """The other way to read inputs between samples."""
+    """Return the other way to read inputs between samples."""
     return Hold.LINEAR if hold is Hold.PREVIOUS else Hold.PREVIOUS
 
 
@@ -550,7 +550,7 @@ def other_reading(
 
 
 def reading_table(caption: str, reading: OtherReading) -> Table:
-    """The values under each reading, a row for each derivative that moves."""
+    """Return the values under each reading, a row for each derivative that moves."""
     rows = reading.moved
     moves = [(new.estimate - row.estimate) / row.std for row, new in rows]
     return table(
@@ -570,7 +570,7 @@ def reading_table(caption: str, reading: OtherReading) -> Table:
 
 
 def reading_content(reading: OtherReading) -> dict[str, Any]:
-    """The same for ``comparison.json``: the reading used, the other, values under each."""
+    """Return the same for ``comparison.json``: the reading used, the other, values under each."""
     return {
         "used": reading.used.value,
         "other": reading.other.value,

@@ -86,8 +86,8 @@ def chosen_band(
     outputs: Sequence[str],
     band: tuple[float, float] | None,
 ) -> tuple[float, float]:
-    """The band that is asked for, else the data's own, Hz. Raises ModelError where the model has no
-    frequency response.
+    """Return the band that is asked for, else the data's own, Hz. Raises ModelError where the model
+    has no frequency response.
     """
     system = compile_model(model, outputs)
     refuse_unfit(records, system, delays_of(model))
@@ -118,8 +118,8 @@ PATH = "phugoid.attitude"
 
 
 def with_weight(model: Model) -> Model:
-    """The model with the component of the weight along the flight path; its begin is free, what a
-    drag polar says stays at usual values.
+    """Return the model with the component of the weight along the flight path; its begin is free,
+    what a drag polar says stays at usual values.
     """
     wider = model.with_effects(Phugoid(attitude_recorded=True))
     held = [name for name in wider.parameters.names if name.startswith("phugoid.") and name != PATH]
@@ -129,7 +129,7 @@ def with_weight(model: Model) -> Model:
 def with_weight_if_needed(
     model: Model, records: Sequence[Record], outputs: Sequence[str]
 ) -> tuple[Model, str]:
-    """The model with or without the weight along the flight path, as the records say, and a
+    """Return the model with or without the weight along the flight path, as the records say, and a
     sentence; empty where no attitude is recorded.
     """
     if ATTITUDE not in {signal.name for signal in model.equations.inputs}:
@@ -157,7 +157,7 @@ def with_weight_if_needed(
 
 
 def without_theta(model: Model, records: Sequence[Record]) -> tuple[Model, list[Record]]:
-    """The model and records less an attitude among the inputs that nothing uses."""
+    """Return the model and records less an attitude among the inputs that nothing uses."""
     inputs = tuple(signal for signal in model.equations.inputs if signal.name != ATTITUDE)
     bare = [
         replace(
@@ -182,8 +182,8 @@ CAUSES = "the model lacks something, a channel has a wrong sign or unit, or the 
 
 
 def cautions_of(vehicle: VehicleFile, estimate: Estimate, rows: Sequence[Row]) -> tuple[str, ...]:
-    """Sentences, at most one on the outcome, one on coloured noise and one on all derivatives
-    together.
+    """Return the sentences, at most one on the outcome, one on coloured noise and one on all
+    derivatives together.
     """
     told = []
     outcome = estimate.outcome
@@ -201,8 +201,8 @@ def failed(
     rows: Sequence[Row],
     declared: Mapping[str, float],
 ) -> tuple[str, ...]:
-    """A sentence where an estimate by free simulation is none: it runs away, explains nothing, or
-    determines no derivative.
+    """Return a sentence where an estimate by free simulation is none: it runs away, explains
+    nothing, or determines no derivative.
     """
     measured, left = [], []
     for i, name in enumerate(estimate.output_names):
@@ -235,8 +235,8 @@ def failed(
 
 
 def coloured(estimate: Estimate) -> str:
-    """One sentence on a filter whose innovations are coloured: by how much standard deviations for
-    white noise are too small.
+    """Return one sentence on a filter whose innovations are coloured: by how much standard
+    deviations for white noise are too small.
     """
     found = coloured_innovations(estimate)
     if (
@@ -265,8 +265,8 @@ def coloured(estimate: Estimate) -> str:
 
 
 def contradicted(rows: Sequence[Row], declared: Mapping[str, float]) -> str:
-    """One sentence on all derivatives that the vehicle file contradicts by two sigmas, as too
-    large, too small or of the other sign; or nothing.
+    """Return one sentence on all derivatives that the vehicle file contradicts by two sigmas, as
+    too large, too small or of the other sign; or nothing.
     """
     found = []
     for row in rows:
@@ -308,8 +308,8 @@ def sigma_cautions(
     tests: Sequence[ResidualTest] = (),
     local: Sequence[str] = (),
 ) -> tuple[str, ...]:
-    """A sentence on each reason for which sigmas of the method are smaller than its errors; else
-    nothing.
+    """Return a sentence on each reason for which sigmas of the method are smaller than its errors;
+    else nothing.
 
     Lost rows: see ``LOST_ROWS``. A model that is unstable at the estimate (of ``system``, with
     ``local`` parameters of each record) where one cause moves the residuals of several outputs,
@@ -330,8 +330,8 @@ def _of_instability(
     tests: Sequence[ResidualTest],
     local: Sequence[str],
 ) -> tuple[str, ...]:
-    """Errors of a free simulation grow with its unstable mode, while sigmas of output error count
-    the sensors' noise alone.
+    """Return the errors of a free simulation grow with its unstable mode, while sigmas of output
+    error count the sensors' noise alone.
     """
     if not np.all(np.isfinite(estimate.values)) or not disturbed_outputs(records, estimate, tests):
         return ()
@@ -432,8 +432,8 @@ def in_rough_air(
 
 
 def made_by_inputs(records: Sequence[Record], estimate: Estimate) -> bool:
-    """Whether the inputs of a record predict a good part of the residual of an output in the half
-    that the prediction does not know.
+    """Return whether the inputs of a record predict a good part of the residual of an output in the
+    half that the prediction does not know.
     """
     for record, residual, known in zip(records, *_residuals(records, estimate), strict=True):
         if not record.inputs or len(record.time) < 2:
@@ -465,8 +465,8 @@ def _residuals(
 
 
 def innovations_phrase(method: str, records: Sequence[Record], estimate: Estimate) -> str:
-    """Size of the innovations of filter error, the measure of a fit in turbulence; empty for other
-    methods.
+    """Return the size of the innovations of filter error, the measure of a fit in turbulence; empty
+    for other methods.
     """
     if method != "filter-error" or len(estimate.fitted) != len(records):
         return ""

@@ -357,7 +357,7 @@ def identification_content(
 
 
 def _validated(files: Sequence[InputFile]) -> dict[str, list[str]]:
-    """Names and hashes of the files that were predicted, not fitted."""
+    """Return the names and hashes of the files that were predicted, not fitted."""
     return (
         {
             "validation": [file.name for file in files],

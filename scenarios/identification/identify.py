@@ -210,7 +210,7 @@ def identify(
 
 
 def _fixed(model: Model, ties: Sequence[Tie]) -> dict[str, tuple[float, str]]:
-    """Value and unit of each fixed parameter that no tie determines."""
+    """Return the value and unit of each fixed parameter that no tie determines."""
     tied = {tie.name for tie in ties}
     return {
         item.name: (item.value, item.unit)
@@ -243,8 +243,8 @@ def _declared(
     vehicle: VehicleFile,
     method: str,
 ) -> tuple[Model, Sequence[Record], Sequence[Record], str]:
-    """The model with what a measured attitude tells of it, the records with what the method takes
-    of them, and a sentence on that.
+    """Return the model with what a measured attitude tells of it, the records with what the method
+    takes of them, and a sentence on that.
     """
     if vehicle.own is not None:
         return model, records, held_out, ""
@@ -256,7 +256,7 @@ def _declared(
 
 
 def _measured(model: Model, records: Sequence[Record]) -> list[str]:
-    """The model's outputs that one of the records has."""
+    """Return the model's outputs that one of the records has."""
     return [
         signal.name
         for signal in model.equations.outputs
@@ -267,8 +267,8 @@ def _measured(model: Model, records: Sequence[Record]) -> list[str]:
 def _derived(
     vehicle: VehicleFile, system: System, estimate: Estimate, flown: Estimate | None
 ) -> dict[str, tuple[float, float]]:
-    """The modes of what was estimated, ``flown`` where it moves about a rest, and the delay of a
-    low-order system.
+    """Return the modes of what was estimated, ``flown`` where it moves about a rest, and the delay
+    of a low-order system.
     """
     derived = modal_estimate(system, flown, SLOW) if flown is not None else {}
     if vehicle.model == "loes" and "delay" in estimate.names:
@@ -284,7 +284,7 @@ def _low_order(
     *,
     trusted: bool,
 ) -> IdentificationResult:
-    """The low-order system by its own filter, and what it predicts."""
+    """Return the low-order system by its own filter, and what it predicts."""
     from scenarios.identification.low_order import identify_loes
 
     found = identify_loes(record, vehicle, engine)
@@ -522,8 +522,8 @@ def _identified(
 def _filter_error_proposed(
     request: Request, vehicle: VehicleFile, found: IdentificationResult
 ) -> tuple[str, ...]:
-    """The command for filter error, where residuals are as process noise makes them and the model
-    has a place for it.
+    """Return the command for filter error, where residuals are as process noise makes them and the
+    model has a place for it.
     """
     moved = in_rough_air([found.record, *found.others], found.estimate, found.tests)
     if not moved:
@@ -564,8 +564,8 @@ def _command(request: Request, command: str, further: Sequence[str] = ()) -> str
 def _not_to_be_used(
     request: Request, vehicle: VehicleFile, found: IdentificationResult
 ) -> tuple[str, ...]:
-    """The sentence that leads where residuals are not the noise alone, with the command that says
-    why; empty where they are, or where no diagnosis takes such a model.
+    """Return the sentence that leads where residuals are not the noise alone, with the command that
+    says why; empty where they are, or where no diagnosis takes such a model.
     """
     failed_in = residual_phrase([test for test in found.tests if not test.passed])
     if not failed_in:
@@ -596,8 +596,8 @@ def _without_outliers(
     *,
     trusted: bool,
 ) -> tuple[IdentificationResult, list[dict[str, np.ndarray]]]:
-    """A fit less isolated wrong samples, and these by record and channel; looked for again among
-    all samples once they no longer bend the fit.
+    """Return a fit less isolated wrong samples, and these by record and channel; looked for again
+    among all samples once they no longer bend the fit.
     """
     found = fitted(records)
     masks: list[dict[str, np.ndarray]] = [{} for _ in records]
@@ -619,8 +619,8 @@ def _read_otherwise(
     again: Callable[[Hold, Options], tuple[PreparedData, IdentificationResult]],
     options: Options,
 ) -> tuple[PreparedData, IdentificationResult]:
-    """The identification under the reading of its inputs that the data choose, with what the other
-    one changes where they do not choose.
+    """Return the identification under the reading of its inputs that the data choose, with what the
+    other one changes where they do not choose.
 
     The first reading was chosen before wild points were set aside; inputs that a computer steps
     stay held.
@@ -653,8 +653,8 @@ def _read_otherwise(
 
 
 def _gain(found: IdentificationResult, other: IdentificationResult) -> float:
-    """Twice the log likelihood by which the simulations of another identification of the same
-    records fit them better.
+    """Return twice the log likelihood by which the simulations of another identification of the
+    same records fit them better.
     """
     pairs = [pair for pair in zip(found.fits, other.fits, strict=True) if not pair[0].held_out]
     if not pairs or any(fit.figures is None for pair in pairs for fit in pair):

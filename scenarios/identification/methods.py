@@ -50,8 +50,8 @@ LARGEST_NUMBER = 1e50  # squares and sums of larger numbers leave the range of f
 
 
 def uses_attitude(vehicle: VehicleFile, method: str) -> bool:
-    """Whether a measured pitch attitude can enter: the speed that it changes is a state which only
-    a whole-record simulation has.
+    """Return whether a measured pitch attitude can enter: the speed that it changes is a state
+    which only a whole-record simulation has.
     """
     return vehicle.model == "rigid" and method in ("output-error", "filter-error")
 
@@ -123,8 +123,8 @@ def _refuse_engine(engine: str, method: str) -> None:
 
 
 def engine_of(method: str, options: Options) -> dict[str, str]:
-    """Content of the key ``engine`` in the study file of a single filter; empty where the method is
-    no filter.
+    """Return the content of the key ``engine`` in the study file of a single filter; empty where
+    the method is no filter.
     """
     if method == "ukf":
         sentence = f"first pass {UNSCENTED}; further passes by the own sigma-point kernel"
@@ -141,8 +141,8 @@ def estimated_by(
     settings: FitSettings,
     options: Options,
 ) -> tuple[System, Estimate]:
-    """The system that a method estimates, and what it finds; a filter runs along the first record,
-    begun from a fit of it.
+    """Return the system that a method estimates, and what it finds; a filter runs along the first
+    record, begun from a fit of it.
 
     Raises
     ------
@@ -200,8 +200,8 @@ def _estimated_by(
 
 
 def _with_delay(found: Estimate, fit: Estimate, delay: str) -> Estimate:
-    """A filter's estimate with the delay that was held in it, of an output-error ``fit``, whose
-    uncertainty moves the others as it does there.
+    """Return a filter's estimate with the delay that was held in it, of an output-error ``fit``,
+    whose uncertainty moves the others as it does there.
     """
     at = fit.names.index(delay)
     variance = float(fit.covariance[at, at])
@@ -280,7 +280,7 @@ def _filtered(
     options: Options,
     fit: Estimate,
 ) -> tuple[System, Estimate]:
-    """A filter along one record, begun from an output-error ``fit`` of it, with a covariance
+    """Return a filter along one record, begun from an output-error ``fit`` of it, with a covariance
     corrected for coloured innovations.
 
     Priors that the record contradicts are made as wide as the estimate lies from their start, as in
@@ -350,7 +350,7 @@ def _run_filter(
 
 
 def forced(model: Model, records: Sequence[Record] = ()) -> Model:
-    """The model with what filter error estimates besides the derivatives.
+    """Return the model with what filter error estimates besides the derivatives.
 
     Turbulence where gusts act, white noise on the acceleration of a falling body. Of a user's own
     model and of a multirotor, which feels gusts as moments without a model of them, white noise on
@@ -385,7 +385,7 @@ def forced(model: Model, records: Sequence[Record] = ()) -> Model:
 
 
 def _with_white_noise(model: Model, records: Sequence[Record]) -> Model:
-    """The model with white noise on each state whose rate has a free parameter."""
+    """Return the model with white noise on each state whose rate has a free parameter."""
     return model.with_noise(
         replace(
             model.noise,
@@ -434,8 +434,8 @@ def _density(state: str, records: Sequence[Record]) -> float:
 
 
 def _change_in_a_second(time: np.ndarray, channel: Channel) -> float:
-    """Root mean square of what a channel changes in a second, about the mean of that; of a shorter
-    record its scatter.
+    """Return the root mean square of what a channel changes in a second, about the mean of that; of
+    a shorter record its scatter.
     """
     t, values = time[channel.valid], channel.values[channel.valid]
     if t.size < 2 or t[-1] - t[0] < 2.0:
@@ -499,8 +499,8 @@ def _settled_actuators(model: Model, record: Record) -> list[Parameter]:
 
 
 def _near_fit(model: Model, fit: Estimate) -> Model:
-    """The model for a filter's first pass, which only gives a point to linearise at: derivatives
-    near those of an output-error fit.
+    """Return the model for a filter's first pass, which only gives a point to linearise at:
+    derivatives near those of an output-error fit.
 
     Where there is no fit they start as declared, with priors that keep the points of an unscented
     filter (sqrt(n) sigmas out, n unknowns) from turning a sign.
@@ -526,8 +526,8 @@ def _near_fit(model: Model, fit: Estimate) -> Model:
 
 
 def _about_fit(model: Model, fit: Estimate) -> Model:
-    """The model with priors about an output-error fit, so wide that they add next to nothing to
-    what the record says.
+    """Return the model with priors about an output-error fit, so wide that they add next to nothing
+    to what the record says.
     """
     values = _values_of(fit)
     sigma = dict(zip(fit.names, fit.std.tolist(), strict=True))
@@ -539,7 +539,7 @@ def _about_fit(model: Model, fit: Estimate) -> Model:
 
 
 def _values_of(fit: Estimate) -> dict[str, float]:
-    """Values of a fit that has settled, by name; empty for one that has not."""
+    """Return the values of a fit that has settled, by name; empty for one that has not."""
     sound = fit.outcome in (Outcome.CONVERGED, Outcome.DEGENERATE) and bool(
         np.all(np.isfinite([*fit.values, *fit.std]))
     )

@@ -65,7 +65,7 @@ class Motion:
 
 
 def doublet_motion(model: Model) -> Motion:
-    """The motion from the model's initial state, doublets as long as its roots ask for."""
+    """Return the motion from the model's initial state, doublets as long as its roots ask for."""
     system = compile_model(model)
     rest = inputs_at_rest(model)
     sizes = root_sizes(system, rest)
@@ -196,8 +196,8 @@ def unknown_units(model: Model) -> list[str]:
 
 
 def one_by_one(model: Model) -> float:
-    """Largest relative difference between a call with arrays of ``SHAPE`` and calls with single
-    numbers, over all rates and readings.
+    """Return the largest relative difference between a call with arrays of ``SHAPE`` and calls with
+    single numbers, over all rates and readings.
     """
     system = compile_model(model)
     points = _points(model, system, int(np.prod(SHAPE)))
@@ -211,8 +211,8 @@ def one_by_one(model: Model) -> float:
 
 
 def steps_against_differences(model: Model) -> float:
-    """Largest difference between complex steps and central differences over all rates and readings,
-    relative to the largest slope of each.
+    """Return the largest difference between complex steps and central differences over all rates
+    and readings, relative to the largest slope of each.
     """
     system = compile_model(model)
     point = _points(model, system, 2)[:, 1].tolist()
@@ -232,8 +232,8 @@ def steps_against_differences(model: Model) -> float:
 
 
 def excited(model: Model) -> tuple[Motion, list[Excited]]:
-    """The motion that a doublet on each input makes, and how well it tells the free parameters
-    beside initial states and biases.
+    """Return the motion that a doublet on each input makes, and how well it tells the free
+    parameters beside initial states and biases.
 
     Cramer-Rao bounds for white noise of ``NOISE_SHARE`` on each output; an output that does not
     move says nothing.
@@ -290,7 +290,7 @@ def _answers(system: System, point: Sequence[Any]) -> list[Any]:
 
 
 def _apart(one: np.ndarray, other: np.ndarray) -> float:
-    """Largest difference relative to the largest number of each column."""
+    """Return the largest difference relative to the largest number of each column."""
     sizes = np.maximum(
         np.max(np.abs(np.atleast_2d(one)), axis=0), np.max(np.abs(np.atleast_2d(other)), axis=0)
     )
@@ -341,7 +341,7 @@ class Considered:
         return variance / np.where(whole > 0.0, whole, 1.0)
 
     def dominant(self, name: str) -> str:
-        """The constant with the largest share of a parameter's variance, or ``"data"``."""
+        """Return the constant with the largest share of a parameter's variance, or ``"data"``."""
         place = int(np.argmax(self.shares[:, self.names.index(name)]))
         return (DATA, *self.constants)[place]
 
@@ -352,7 +352,7 @@ def consider(
     estimate: Estimate,
     estimated: Callable[[Model], Estimate],
 ) -> tuple[Estimate, Considered | None]:
-    """An estimate with the uncertainty of constants in its covariance, and what contributes.
+    """Return an estimate with the uncertainty of constants in its covariance, and what contributes.
 
     Parameters
     ----------
@@ -403,7 +403,7 @@ def _alike(estimate: Estimate, ends: list[Estimate]) -> bool:
 
 
 def considered_sentences(considered: Considered | None) -> list[str]:
-    """Cautions about constants whose uncertainty could not be counted."""
+    """Return the cautions about constants whose uncertainty could not be counted."""
     if considered is None or not considered.failed:
         return []
     names = ", ".join(considered.failed)
@@ -439,7 +439,7 @@ def _sigma(value: float) -> Cell:
 
 
 def considered_content(considered: Considered | None) -> dict[str, Any]:
-    """The contributions for comparison.json; empty where no constant is uncertain."""
+    """Return the contributions for comparison.json; empty where no constant is uncertain."""
     if considered is None:
         return {}
     return {

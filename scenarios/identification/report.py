@@ -131,7 +131,7 @@ def intervals_content(intervals: Sequence[ProfileInterval]) -> dict[str, Any]:
 
 
 def fits_content(fits: Sequence[RecordFit]) -> dict[str, Any]:
-    """Errors of the free simulations, record by record."""
+    """Return the errors of the free simulations, record by record."""
     return {"records_fitted": [_fit(each) for each in fits]} if fits else {}
 
 
@@ -176,7 +176,7 @@ NOTABLE_REFIT_GAIN = 0.1  # log likelihood by which a refit must beat the estima
 
 
 def bound_lines(at_bounds: Sequence[AtBound], tied: Sequence[Row]) -> list[str]:
-    """A line for each parameter at a bound and each that follows others."""
+    """Return a line for each parameter at a bound and each that follows others."""
     # What follows only what is held has no sigma of its own.
     sigmas = [f" +- {number_text(row.std, row.std)}" if row.std > 0.0 else "" for row in tied]
     followed = [
@@ -187,7 +187,7 @@ def bound_lines(at_bounds: Sequence[AtBound], tied: Sequence[Row]) -> list[str]:
 
 
 def intervals_table(intervals: Sequence[ProfileInterval], units: Mapping[str, str]) -> Table:
-    """The ends of the intervals, and how they compare with two sigmas."""
+    """Return the ends of the intervals, and how they compare with two sigmas."""
     shown = [shown_in(units.get(each.name, ""), each.name) for each in intervals]
     pairs = list(zip(intervals, (unit.factor for unit in shown), strict=True))
     return table(
@@ -221,7 +221,7 @@ def interval_sentences(intervals: Sequence[ProfileInterval]) -> list[str]:
 
 
 def fits_table(fits: Sequence[RecordFit]) -> Table:
-    """Errors of the free simulations, a row for each record and channel."""
+    """Return the errors of the free simulations, a row for each record and channel."""
     rows: list[list[Cell]] = []
     for each in fits:
         head: list[Cell] = [each.record.name, "held out" if each.held_out else "fitted"]
@@ -274,8 +274,8 @@ def estimated_noise(found: IdentificationResult) -> dict[str, float]:
 
 
 def _levels(found: IdentificationResult) -> dict[str, float | None]:
-    """The same, None for short records and for samples smoother than a sensor's; never below the
-    rounding of a converter.
+    """Return the same, None for short records and for samples smoother than a sensor's; never below
+    the rounding of a converter.
     """
     coloured = {test.channel.partition(",")[0] for test in found.tests if not test.passed}
     out: dict[str, float | None] = {}
@@ -323,7 +323,7 @@ def noise_phrase(found: IdentificationResult) -> str:
 
 
 def kept_identification(found: IdentificationResult, plan: Plan) -> KeptModel | None:
-    """The model of an identification; None if its numbers are not finite."""
+    """Return the model of an identification; None if its numbers are not finite."""
     trained, vehicle, first = found.trained, found.vehicle, found.record
     if trained is None or not np.all(
         np.isfinite([*trained.shared.values(), *trained.own[0].values()])
@@ -413,7 +413,7 @@ def print_identification(
 
 
 def identification_summary(found: IdentificationResult, details: str = BELOW) -> Summary:
-    """Records, model and method; the outcome; what matters most; what the fit leaves."""
+    """Return the records, model and method; the outcome; what matters most; what the fit leaves."""
     records = (found.record, *found.others)
     named = found.record.name + (f" and {len(found.others)} more" if found.others else "")
     samples = sum(len(record) for record in records)

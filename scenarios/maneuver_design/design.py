@@ -89,8 +89,8 @@ def within_limits(
     start: float = 1.0,
     bound_by: str = "",
 ) -> LimitedManeuver:
-    """The maneuver of ``shapes (inputs, N)``, peaks of one, at the amplitude of the limits, or
-    scaled down until the response stays inside.
+    """Return the maneuver of ``shapes (inputs, N)``, peaks of one, at the amplitude of the limits,
+    or scaled down until the response stays inside.
 
     ``start`` : the scale to begin with, and ``bound_by`` what made it so. Raises DeclarationError
     where the limits leave nothing.
@@ -128,7 +128,7 @@ def within_limits(
 
 
 def _extremes(setting: Setting, motion: FittedModel) -> dict[str, tuple[float, float]]:
-    """Lowest and highest reading by output, load factors as totals."""
+    """Return the lowest and highest reading by output, load factors as totals."""
     rows = zip(motion.system.output_names, motion.fit.lines[0].y, strict=True)
     return {
         name: (
@@ -190,7 +190,7 @@ class PredictedResponses:
 
 
 def predicted_responses(setting: Setting, flight: LimitedManeuver) -> PredictedResponses:
-    """The responses that a flight of a maneuver over the setting's band would give."""
+    """Return the responses that a flight of a maneuver over the setting's band would give."""
     assert setting.maneuver_limits.band is not None
     low, high = (omega / (2.0 * math.pi) for omega in setting.maneuver_limits.band)
     names = tuple(flight.motion.system.output_names)
@@ -224,7 +224,7 @@ MOST_HALVINGS = 24
 
 
 def rivals_of(request: DesignRequest, model: Model) -> tuple[Traceable, ...]:
-    """Effects named by ``--tell``.
+    """Return the effects named by ``--tell``.
 
     Raises
     ------
@@ -264,8 +264,8 @@ def rivals_of(request: DesignRequest, model: Model) -> tuple[Traceable, ...]:
 
 
 def sized(request: DesignRequest, effect: Traceable, reference: Planned) -> Acting:
-    """The first effect as it acts: at the values of ``--size``, at typical ones, or where the
-    reference maneuver just finds it.
+    """Return the first effect as it acts: at the values of ``--size``, at typical ones, or where
+    the reference maneuver just finds it.
     """
     typical = {item.name: item.value for item in effect.parameters}
     if request.size == TYPICAL:
@@ -282,8 +282,8 @@ def sized(request: DesignRequest, effect: Traceable, reference: Planned) -> Acti
 
 
 def barely_detectable(effect: Traceable, reference: Planned) -> Acting:
-    """The effect between absence and its typical values, where its expected gain is what the loop
-    asks of an addition.
+    """Return the effect between absence and its typical values, where its expected gain is what the
+    loop asks of an addition.
 
     Raises DeclarationError where even twice the typical values are not found in the reference
     maneuver.
@@ -321,8 +321,8 @@ def barely_detectable(effect: Traceable, reference: Planned) -> Acting:
 
 
 def mimicking(reference: Planned, true: Acting, rival: Traceable) -> Acting:
-    """The rival at the values with which it looks most like the true effect; typical ones where it
-    cannot.
+    """Return the rival at the values with which it looks most like the true effect; typical ones
+    where it cannot.
     """
     result = contest(reference, true, rival)
     if result.gain - result.left < 0.5 * ODDS_COST:
@@ -331,7 +331,7 @@ def mimicking(reference: Planned, true: Acting, rival: Traceable) -> Acting:
 
 
 def contests(planned: Planned, acting: Sequence[Acting]) -> tuple[Contest, ...]:
-    """The first effect against each other one, and each of these against the first."""
+    """Return the first effect against each other one, and each of these against the first."""
     first, *others = acting
     out = []
     for other in others:
@@ -343,7 +343,7 @@ def contests(planned: Planned, acting: Sequence[Acting]) -> tuple[Contest, ...]:
 
 
 def _unit(effect: Traceable) -> str:
-    """Unit of a curve's argument: an angle, or that of a stick."""
+    """Return the unit of a curve's argument: an angle, or that of a stick."""
     return (
         "1" if getattr(effect, "unit", "rad") == "1" and getattr(effect, "control", "") else "rad"
     )
@@ -454,7 +454,7 @@ def _rank(maneuver: DesignedManeuver) -> tuple[float, float, float]:
 
 
 def _reference(setting: Setting) -> LimitedManeuver:
-    """A 3-2-1-1 with the pace of the eigenvalues, which defines equal sizes of effects."""
+    """Return a 3-2-1-1 with the pace of the eigenvalues, which defines equal sizes of effects."""
     for share in (1.0, 0.63, 0.4, 0.25):
         shapes = KINDS[REFERENCE](setting.maneuver_limits, _sampled(setting, share))
         if shapes is not None:
@@ -479,7 +479,7 @@ def _acting(
 
 
 def _sampled(setting: Setting, share: float) -> float:
-    """A pace that is a whole number of samples and not too short to fly, s."""
+    """Return a pace that is a whole number of samples and not too short to fly, s."""
     interval = setting.maneuver_limits.interval
     least = math.ceil(setting.flyer.shortest_step / interval - 1e-9)
     return max(1, least, round(share * setting.maneuver_limits.pulse / interval)) * interval

@@ -139,7 +139,7 @@ class ManeuverLimits:
     rest: float = 0.0
 
     def corner(self, one: int) -> float:
-        """The corner of an input, rad/s; infinite where its rate is not limited."""
+        """Return the corner of an input, rad/s; infinite where its rate is not limited."""
         return self.corners[one] if self.corners else math.inf
 
     def slow_enough(self, one: int, row: np.ndarray) -> np.ndarray:
@@ -172,7 +172,7 @@ def steps_in_turn(
     single: Callable[[float, float, float], Maneuver],
     units: float,
 ) -> Shapes:
-    """A maneuver of ``units`` paces on each input in turn, with alternating sign."""
+    """Return a maneuver of ``units`` paces on each input in turn, with alternating sign."""
     length, gap = units * pace, max(2.0 * limits.pulse, pace, limits.rest)
     out = np.zeros((limits.inputs, len(limits.time)))
     at, count = limits.lead, 0
@@ -185,7 +185,7 @@ def steps_in_turn(
 
 
 def sweeps(limits: ManeuverLimits, pace: float) -> Shapes:
-    """A logarithmic sweep on each input in turn, up to half a period of ``pace``.
+    """Return a logarithmic sweep on each input in turn, up to half a period of ``pace``.
 
     Its amplitude falls with the frequency where the rate limit requires it.
     """
@@ -247,7 +247,7 @@ PACE_IS = {"3-2-1-1": "step", "doublet": "step", "sweep": "up to", "multisine": 
 
 
 def held_inputs(record: Record) -> dict[str, MultiStep]:
-    """The inputs of a record as maneuvers that hold each sample until the next."""
+    """Return the inputs of a record as maneuvers that hold each sample until the next."""
     interval = float(record.time[-1] - record.time[-2])
     times = (*record.time.tolist(), float(record.time[-1] + interval))
     return {
@@ -305,7 +305,7 @@ class Setting:
         return 1.0 / self.maneuver_limits.interval
 
     def planned(self, rows: np.ndarray, *, quick: bool = False) -> Planned:
-        """A flight of inputs ``(inputs, N)`` from rest; ``quick``: with larger steps, for
+        """Return a flight of inputs ``(inputs, N)`` from rest; ``quick``: with larger steps, for
         comparisons.
         """
         units = channel_units(self.model)
@@ -387,7 +387,7 @@ def setting_of(request: DesignRequest) -> Setting:
 
 
 def in_trim(model: Model) -> tuple[Model, dict[str, float]]:
-    """The model in trim, and its inputs there.
+    """Return the model in trim, and its inputs there.
 
     Perturbation models and user models stay as they are; others are trimmed in level flight by
     Newton's method. Raises DeclarationError without such a flight at the reference airspeed.
@@ -593,7 +593,7 @@ def _positive(numbers: dict[str, float], option: str) -> dict[str, float]:
 
 
 def _rounded(value: float) -> float:
-    """The next of 1, 2, 5, 10, 20 ... that is not below."""
+    """Return the next of 1, 2, 5, 10, 20 ... that is not below."""
     decade = 10.0 ** math.floor(math.log10(value))
     return next(
         decade * digit for digit in (1.0, 2.0, 5.0, 10.0) if decade * digit >= value * (1.0 - 1e-9)

@@ -52,8 +52,8 @@ _GREEK = {
 
 
 def plot_data(figure: Figure) -> PlotData | None:
-    """The panels of a finished figure with their curves, or None where something in it cannot be
-    drawn from curves over a rising abscissa: bars, error bars, maps, words in a panel.
+    """Return the panels of a finished figure with their curves, or None where something in it
+    cannot be drawn from curves over a rising abscissa: bars, error bars, maps, words in a panel.
 
     Curves of more than ``MOST_CURVE_SAMPLES`` samples keep the smallest and the largest value of
     each interval.
@@ -104,7 +104,7 @@ def words(label: str) -> str:
 
 
 def _plain_panel(panel: Axes) -> bool:
-    """Whether a panel has only lines, points, bands and spans."""
+    """Return whether a panel has only lines, points, bands and spans."""
     spans = [patch for patch in panel.patches if _span(panel, patch) is not None]
     bands = [each for each in panel.collections if _is_band(each)]
     drawable = all(line.get_marker() in _MARKS for line in panel.lines)
@@ -124,7 +124,7 @@ _MARKS = ("None", "none", None, "", " ", ".", "o")
 
 
 def _is_band(each: object) -> bool:
-    """An area between two curves (``fill_between``), by the shape of its outlines."""
+    """Return an area between two curves (``fill_between``), by the shape of its outlines."""
     if not isinstance(each, PolyCollection):
         return False
     return all(_is_outline(np.asarray(path.vertices)) for path in each.get_paths())
@@ -154,13 +154,13 @@ def _curves(panel: Axes) -> Iterator[Curve]:
 
 
 def _label(text: object) -> str:
-    """The name in a legend; matplotlib's own names begin with an underscore."""
+    """Return the name in a legend; matplotlib's own names begin with an underscore."""
     name = str(text or "")
     return "" if name.startswith("_") else words(name)
 
 
 def _span(panel: Axes, patch: object) -> Curve | None:
-    """A span along the whole panel as a band; None for any other patch."""
+    """Return a span along the whole panel as a band; None for any other patch."""
     if not isinstance(patch, Rectangle | Polygon):
         return None
     points = np.asarray(patch.get_path().vertices)
@@ -219,8 +219,8 @@ def _curve(panel: Axes, line: Line2D) -> Curve | None:
 
 
 def _nearly_upright(x: np.ndarray, panel: Axes) -> np.ndarray:
-    """The two abscissas of an upright line, less than a pixel apart: a page joins all curves over
-    one abscissa, and would keep one of two ends at the same place.
+    """Return the two abscissas of an upright line, less than a pixel apart: a page joins all curves
+    over one abscissa, and would keep one of two ends at the same place.
     """
     if x.size != 2 or x[0] != x[1]:
         return x
@@ -229,7 +229,7 @@ def _nearly_upright(x: np.ndarray, panel: Axes) -> np.ndarray:
 
 
 def _dash(line: Line2D) -> tuple[float, ...]:
-    """Lengths of stroke and gap in points of print."""
+    """Return the lengths of stroke and gap in points of print."""
     if not line.is_dashed():
         return ()
     lengths = getattr(line, "_dash_pattern", (0, None))[1]  # matplotlib has no other way to ask
@@ -237,8 +237,8 @@ def _dash(line: Line2D) -> tuple[float, ...]:
 
 
 def _thinned(curve: Curve) -> Curve:
-    """The curve with ``MOST_CURVE_SAMPLES`` samples at most: of each interval the smallest and
-    the largest.
+    """Return the curve with ``MOST_CURVE_SAMPLES`` samples at most: of each interval the smallest
+    and the largest.
     """
     if len(curve.x) <= MOST_CURVE_SAMPLES:
         return curve
@@ -284,7 +284,7 @@ def save_figure(figure: Figure, folder: Path, stem: str, formats: Formats = USUA
 
 
 def figure_png(figure: Figure) -> bytes:
-    """The figure as a PNG at its own size and resolution."""
+    """Return the figure as a PNG at its own size and resolution."""
     buffer = io.BytesIO()
     # None takes the entry out that names matplotlib's version.
     FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": None})
@@ -292,7 +292,7 @@ def figure_png(figure: Figure) -> bytes:
 
 
 def figure_svg(figure: Figure) -> bytes:
-    """The figure as an SVG file at its own size."""
+    """Return the figure as an SVG file at its own size."""
     buffer = io.BytesIO()
     with rc_context(_VECTOR):
         FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
@@ -300,7 +300,7 @@ def figure_svg(figure: Figure) -> bytes:
 
 
 def figure_pdf(figure: Figure) -> bytes:
-    """The figure as a PDF of one page at its own size."""
+    """Return the figure as a PDF of one page at its own size."""
     # it loads a library of fonts, which takes as long as a figure
     from matplotlib.backends.backend_pdf import FigureCanvasPdf
 
@@ -371,8 +371,8 @@ def draw_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> t
 
 
 def _for_a_sheet(figure: Figure, stem: str, left_out: float) -> str:
-    """The drawing of a figure that is live on the screen, for paper: one that is tall has lower
-    panels, so that it fits a sheet at its full width.
+    """Return the drawing of a figure that is live on the screen, for paper: one that is tall has
+    lower panels, so that it fits a sheet at its full width.
 
     Panels keep half of their height: with more of them all is drawn smaller instead, since labels
     would stand upon each other.
@@ -388,8 +388,8 @@ def _for_a_sheet(figure: Figure, stem: str, left_out: float) -> str:
 
 
 def figure_document(figure: Figure, words: str) -> str:
-    """A figure as an HTML document of its own that zooms and shows values under the pointer, with
-    the drawing alone where its curves cannot be taken from it. ``words``: what it shows.
+    """Return a figure as an HTML document of its own that zooms and shows values under the pointer,
+    with the drawing alone where its curves cannot be taken from it. ``words``: what it shows.
     """
     from scenarios.report.document import Figure as Block
     from scenarios.report.html import figure_html
@@ -399,7 +399,7 @@ def figure_document(figure: Figure, words: str) -> str:
 
 
 def figure_frame(document: str, words: str, height: int) -> str:
-    """An HTML document as a frame of a notebook's page, as wide as its place.
+    """Return an HTML document as a frame of a notebook's page, as wide as its place.
 
     Parameters
     ----------
@@ -419,8 +419,8 @@ def figure_frame(document: str, words: str, height: int) -> str:
 
 
 def page_svg(figure: Figure, stem: str, left_out: float = 0.0) -> str:
-    """The figure as an ``<svg>`` element of a page, as wide as its place; the same bytes for the
-    same figure.
+    """Return the figure as an ``<svg>`` element of a page, as wide as its place; the same bytes for
+    the same figure.
 
     Matplotlib's SVG with its styles as attributes, which the policy of a page allows and its
     rules for a dark ground replace, and with shorter numbers. ``stem`` begins the identifiers:
@@ -464,7 +464,7 @@ def _short_numbers(tag: re.Match[str]) -> str:
 
 
 def _decimal(value: float) -> str:
-    """A number with at most two decimals."""
+    """Return a number with at most two decimals."""
     return f"{value:.2f}".rstrip("0").rstrip(".")
 
 
@@ -474,7 +474,7 @@ def _declarations(style: str) -> dict[str, str]:
 
 
 def _attributes(match: re.Match[str]) -> str:
-    """A style as attributes; the font is that of the page."""
+    """Return a style as attributes; the font is that of the page."""
     known = _declarations(match[1])
     if font := _FONT.search(known.pop("font", "")):  # of matplotlib before 3.11
         known |= {key: value for key, value in font.groupdict().items() if value}
@@ -541,7 +541,7 @@ class PageRenderer(RendererSVG):
 
 
 def _diameter(mark: Outline, transform: Transform) -> float:
-    """The diameter of a mark that is a disc, zero of any other."""
+    """Return the diameter of a mark that is a disc, zero of any other."""
     if mark.codes is None or np.count_nonzero(mark.codes == Outline.CURVE4) < 3 * DISC_ARCS:
         return 0.0
     width, height = np.ptp(mark.get_extents(transform).get_points(), axis=0).tolist()
@@ -575,7 +575,7 @@ def description(figure: Figure) -> str:
 
 
 def _without_math(text: str) -> str:
-    """A label without the marks of mathematics."""
+    """Return a label without the marks of mathematics."""
     return " ".join(
         text.replace("\\mathrm", "")
         .replace("\\dot", "")

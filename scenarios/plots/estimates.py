@@ -209,7 +209,7 @@ def figure_poles(poles: np.ndarray, draws: np.ndarray, title: str = "") -> Figur
 
 
 def _unit(history: FilterHistory, name: str, unit: str, true: float) -> DisplayUnit:
-    """Unit whose power of a thousand suits true value, later estimates and bands."""
+    """Return the unit whose power of a thousand suits true value, later estimates and bands."""
     base, path = display_unit(unit, name), course(history, name)
     later = slice(len(history.time) // 2, None)
     reached = np.abs(path.mean[later]) + 2.0 * path.std[later]
@@ -384,7 +384,7 @@ def figure_correlation(names: Sequence[str], correlation: np.ndarray, title: str
 
 
 def _short(value: float) -> str:
-    """A correlation in few characters: ``.87``, ``−.95``."""
+    """Return a correlation in few characters: ``.87``, ``−.95``."""
     return f"{value:.2f}".replace("-", "−").replace("0.", ".")
 
 
@@ -402,9 +402,9 @@ def figure_innovations(
     title: str = "",
     lags: int = 50,
 ) -> Figure:
-    """Innovations with bounds of two standard deviations, 2 sqrt((H P H' + R)_ii) (eq. 23 of NASA
-    TM-101722), beside each the autocorrelation of the normalised innovations with the band that
-    holds 95 % of those of white noise.
+    """Return the innovations with bounds of two standard deviations, 2 sqrt((H P H' + R)_ii) (eq.
+    23 of NASA TM-101722), beside each the autocorrelation of the normalised innovations with the
+    band that holds 95 % of those of white noise.
 
     ``output_names`` and ``units`` are those of the ``m`` outputs in order. Missing samples and
     those after a breakdown are left out; an output without any is not drawn. The share of samples

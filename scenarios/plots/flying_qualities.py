@@ -328,7 +328,7 @@ _ROWS = (
 
 
 def figure_margin_history(points: Sequence[TimedMargins], name: str = "") -> Figure:
-    """The margins of a loop after each second of a stream, with their 95 % intervals.
+    """Return the margins of a loop after each second of a stream, with their 95 % intervals.
 
     The dashed lines are the margins of MIL-F-9490D. A margin that is nowhere known has no panel.
     """
@@ -398,7 +398,7 @@ def figure_qualities(estimate: Any, number: int = 0) -> Figure:
 
 
 def charts_of(one: Any) -> list[Callable[[Any, Any], None]]:
-    """The charts that the qualities of a response have numbers for."""
+    """Return the charts that the qualities of a response have numbers for."""
     known = one.numbers
     out: list[Callable[[Any, Any], None]] = []
     if {"damping_ratio", "control_anticipation"} <= set(known):

@@ -170,7 +170,7 @@ def _parts(time: np.ndarray) -> list[tuple[float, float]]:
 
 
 def _parted(time: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The band with a hole at each pause in the rows."""
+    """Return the band with a hole at each pause in the rows."""
     steps = np.diff(time)
     pauses = (
         np.flatnonzero(steps > max(LONGEST_GAP, 5.0 * float(np.median(steps)))) + 1
@@ -181,8 +181,8 @@ def _parted(time: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.nda
 
 
 def _filled(time: np.ndarray) -> np.ndarray:
-    """Times with the holes at the moment after them, so that a line over them is rising and its
-    values alone have holes.
+    """Return the times with the holes at the moment after them, so that a line over them is rising
+    and its values alone have holes.
     """
     holes = np.flatnonzero(np.isnan(time))
     filled = time.copy()
@@ -233,8 +233,8 @@ def figure_maneuvers(
     units: Mapping[str, str],
     title: str = "",
 ) -> Figure:
-    """A column a maneuver, the first the best; a row an input, held between samples, and an output;
-    angles in degrees.
+    """Return a column a maneuver, the first the best; a row an input, held between samples, and an
+    output; angles in degrees.
 
     ``limits``: lowest and highest by name, drawn where they are near what is flown.
     """
@@ -379,8 +379,8 @@ class Shared:
 def figure_over_condition(
     rows: Sequence[OverCondition], condition: str, unit: str, title: str = ""
 ) -> Figure:
-    """A panel a derivative: each flight with two sigmas, the pooled line with its band, and the
-    scatter of the flights about it.
+    """Return a panel a derivative: each flight with two sigmas, the pooled line with its band, and
+    the scatter of the flights about it.
     """
     sheet = make_sheet(
         [_PANEL_HEIGHT] * (-(-len(rows) // 2)),
@@ -440,8 +440,8 @@ def figure_over_condition(
 
 
 def figure_shared(rows: Sequence[Shared], condition: str, unit: str, title: str = "") -> Figure:
-    """A panel an effect: the value of each flight by itself over the condition, and the common one
-    of the flights that have it.
+    """Return a panel an effect: the value of each flight by itself over the condition, and the
+    common one of the flights that have it.
     """
     sheet = make_sheet([1.35] * len(rows), row_gap=0.2)
     across = display_unit(unit, condition)

@@ -101,8 +101,8 @@ class ErrorCloud:
 
 
 def figure_repeated(clouds: Sequence[ErrorCloud], title: str = "") -> Figure:
-    """Errors of all runs in reported sigmas, a panel a method: of each derivative a column of dots
-    for each flight, its root mean square a bar.
+    """Return the errors of all runs in reported sigmas, a panel a method: of each derivative a
+    column of dots for each flight, its root mean square a bar.
 
     The band of two is shaded; errors beyond ``CLIPPED_SIGMAS`` stand at the edge. Above a panel how
     many runs settled.
@@ -150,8 +150,8 @@ def figure_repeated(clouds: Sequence[ErrorCloud], title: str = "") -> Figure:
 
 
 def figure_comparison(rows: Sequence[ComparisonRow], title: str = "") -> Figure:
-    """The error of each parameter, estimate minus true, in the standard deviations that its method
-    itself states.
+    """Return the error of each parameter, estimate minus true, in the standard deviations that its
+    method itself states.
 
     The band of two is shaded. Errors in per cent stand at the right: a method that states a large
     deviation is not near the truth for being within it. A published value without a deviation has
@@ -340,8 +340,8 @@ _BAND = "±2σ of the sensor noise"
 
 
 def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: str = "") -> Figure:
-    """Residuals of the fitted record against time, left with the declared model, right with the
-    effects, one scale for both.
+    """Return the residuals of the fitted record against time, left with the declared model, right
+    with the effects, one scale for both.
 
     Where nothing was added there is one column. ``noise`` is the noise's standard deviation by
     channel. Samples that were set aside are ringed; angles in degrees.
@@ -408,9 +408,9 @@ def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: st
 def figure_held_out(
     prediction: Prediction, noise: Mapping[str, float], title: str = "", data: str = MEASURED_DATA
 ) -> Figure:
-    """The predicted record: its inputs and what no model predicts, such as the airspeed; then its
-    samples, called ``data``, predicted with and without the effects, and below what each leaves;
-    angles in degrees.
+    """Return the predicted record: its inputs and what no model predicts, such as the airspeed;
+    then its samples, called ``data``, predicted with and without the effects, and below what each
+    leaves; angles in degrees.
 
     One prediction where nothing was added.
     """
@@ -433,8 +433,8 @@ COHERENCE_SEGMENTS = 15  # that overlap by half, of a coherence
 
 
 def figure_spectra(fitted: FittedRecord, noise: Mapping[str, float], title: str = "") -> Figure:
-    """Power spectra of the residuals before and after over that of the noise: white noise of the
-    right size lies at one. One where nothing was added.
+    """Return the power spectra of the residuals before and after over that of the noise: white
+    noise of the right size lies at one. One where nothing was added.
 
     Periodograms under a Hann window, averaged over neighbouring frequencies; below each its
     coherence with the inputs, with the level that noise alone exceeds once in twenty. Samples
@@ -487,9 +487,9 @@ def figure_spectra(fitted: FittedRecord, noise: Mapping[str, float], title: str 
 def input_coherence(
     residual: np.ndarray, inputs: np.ndarray, interval: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (Hz) and multiple coherence of a residual ``(N,)`` with inputs ``(q, N)``: the
-    share of its power that follows the inputs linearly (Bendat and Piersol, *Random Data*, 4th
-    edition, 2010, chapter 7).
+    """Return the frequencies (Hz) and multiple coherence of a residual ``(N,)`` with inputs ``(q,
+    N)``: the share of its power that follows the inputs linearly (Bendat and Piersol, *Random
+    Data*, 4th edition, 2010, chapter 7).
     """
     length = 2 * residual.size // (COHERENCE_SEGMENTS + 1)
     starts = range(0, residual.size - length + 1, max(length // 2, 1))
@@ -515,8 +515,8 @@ def coherence_level(inputs: int) -> float:
 
 
 def spectrum(residual: np.ndarray, interval: float, used: int) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (Hz) and power of a series ``(N,)`` of which ``used`` samples are not zero by
-    default; white noise of variance s2 gives s2.
+    """Return the frequencies (Hz) and power of a series ``(N,)`` of which ``used`` samples are not
+    zero by default; white noise of variance s2 gives s2.
     """
     n = len(residual)
     window = np.hanning(n)
@@ -529,7 +529,7 @@ def spectrum(residual: np.ndarray, interval: float, used: int) -> tuple[np.ndarr
 
 
 def _same(fitted: FittedRecord, rows: Sequence[int]) -> bool:
-    """Whether before and after differ by less than a figure can show."""
+    """Return whether before and after differ by less than a figure can show."""
     change, size = (
         np.abs(fitted.before - fitted.after)[rows].max(axis=1, initial=0.0),
         np.abs(fitted.after)[rows].max(axis=1, initial=0.0),

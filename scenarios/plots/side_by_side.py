@@ -87,8 +87,8 @@ Rows = Mapping[str, Sequence[ParameterColumn | None]]
 def figure_studies_estimates(
     rows: Rows, units: Mapping[str, str], labels: Sequence[str], title: str = ""
 ) -> Figure:
-    """A panel a parameter: estimate and published value of each study with bars of two standard
-    deviations, true and condensed value.
+    """Return a panel a parameter: estimate and published value of each study with bars of two
+    standard deviations, true and condensed value.
 
     ``rows``: by parameter one entry a study, None where it says nothing. Studies with names too
     long for the axis are numbered there and named under the title.
@@ -115,8 +115,8 @@ def figure_studies_estimates(
 
 
 def figure_studies_errors(rows: Rows, labels: Sequence[str], title: str = "") -> Figure:
-    """Errors of each parameter in every study: in % at the left, in the study's own standard
-    deviations at the right.
+    """Return the errors of each parameter in every study: in % at the left, in the study's own
+    standard deviations at the right.
 
     Against the condensed value where a study has one, else the true one. Published values are open
     squares of their study's colour.

@@ -54,8 +54,8 @@ class Coverage:
 
 
 def figure_campaign(rows: Sequence[Coverage], title: str = "") -> Figure:
-    """A row a parameter: at the left the error of each run, mean and root mean square; at the right
-    the share within two sigmas.
+    """Return a row a parameter: at the left the error of each run, mean and root mean square; at
+    the right the share within two sigmas.
 
     Sigmas that are right give a bar from -1 to 1 and a share on the line. Errors beyond the axis
     stand at its edge.
@@ -145,7 +145,7 @@ class SquaresPanel:
 def figure_coverage(
     rows: Sequence[CoverageRow], nominal: Sequence[float], title: str = ""
 ) -> Figure:
-    """A row a parameter, a panel for one, two and three sigmas: share of the runs with its
+    """Return a row a parameter, a panel for one, two and three sigmas: share of the runs with its
     interval, the normal distribution's as a line.
     """
     rows = rows[:MOST_ROWS]
@@ -191,8 +191,8 @@ def figure_coverage(
 
 
 def figure_errors(names: Sequence[str], sigmas: np.ndarray, title: str = "") -> Figure:
-    """Errors ``(n, N)`` in the runs' own sigmas: at the left all of them beside the normal density,
-    at the right quantiles beside its own.
+    """Return the errors ``(n, N)`` in the runs' own sigmas: at the left all of them beside the
+    normal density, at the right quantiles beside its own.
 
     Sigmas that are too small make the lines steeper than the diagonal, a bias moves them.
     """
@@ -431,8 +431,8 @@ def figure_flexibility(
     marks: Mapping[str, float],
     title: str = "",
 ) -> Figure:
-    """A panel for each derivative over the degree of flexibility and one for each criterion below;
-    where a criterion fails, a line through all.
+    """Return a panel for each derivative over the degree of flexibility and one for each criterion
+    below; where a criterion fails, a line through all.
 
     ``marks``: degrees of the structures that have a name.
     """

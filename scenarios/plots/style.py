@@ -231,7 +231,7 @@ def draw_title(figure: Figure, title: str, width: float, height: float) -> None:
 
 
 def bold_title(figure: Figure) -> str:
-    """The bold lines of a figure's title in one; empty where it has none."""
+    """Return the bold lines of a figure's title in one; empty where it has none."""
     return " ".join(text.get_text() for text in figure.texts if text.get_gid() == TITLE)
 
 
@@ -244,7 +244,7 @@ def hide_bold_title(figure: Figure) -> float:
 
 
 def folded(text: str, width: float, points: float = LABEL_SIZE) -> list[str]:
-    """A text in lines that fit ``width`` inches, broken at words."""
+    """Return a text in lines that fit ``width`` inches, broken at words."""
     return textwrap.wrap(
         text, max(8, int(width * TICK_SIZE / (_CHARACTER_WIDTH * points))), break_long_words=False
     )
@@ -303,7 +303,7 @@ class PanelsOverNames:
         return cls(sheet, names, kind, title, numbered)
 
     def finished(self, head: float) -> Figure:
-        """The figure, its axes labelled; ``head``: inches above the first row."""
+        """Return the figure, its axes labelled; ``head``: inches above the first row."""
         labels = [
             str(i + 1) if self.numbered else escaped_dollars(n) for i, n in enumerate(self.names)
         ]
@@ -335,8 +335,8 @@ def caption(panel: Axes, text: str, size: float = TICK_SIZE) -> None:
 
 
 def cells(panel: Axes, values: np.ndarray, **look: Any) -> QuadMesh:
-    """A square for each of ``values (rows, columns)``, centred on whole numbers, the first row on
-    top; masked ones stay open.
+    """Return a square for each of ``values (rows, columns)``, centred on whole numbers, the first
+    row on top; masked ones stay open.
     """
     rows, columns = values.shape
     edges = (np.arange(columns + 1) - 0.5, np.arange(rows + 1) - 0.5)

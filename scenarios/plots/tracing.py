@@ -48,8 +48,8 @@ from scenarios.report.quantities import displayed, value_text
 def figure_derivatives(
     before: Mapping[str, Quantity], after: Mapping[str, Quantity], title: str = ""
 ) -> Figure:
-    """Derivatives with the declared model and with the effects, in per cent of the former; bars are
-    two standard deviations.
+    """Return the derivatives with the declared model and with the effects, in per cent of the
+    former; bars are two standard deviations.
 
     Where nothing changed there is one of them. One that was not determined before, by three
     standard deviations, is shown in per cent of these three.
@@ -153,8 +153,8 @@ class _Round:
 def figure_evidence(
     candidates: Sequence[Candidate], standing: NamedEffects = NOTHING, title: str = ""
 ) -> Figure:
-    """A panel a round: the log posterior odds of each candidate against the model of the round, as
-    a bar and a number, and why it was not chosen.
+    """Return a panel a round: the log posterior odds of each candidate against the model of the
+    round, as a bar and a number, and why it was not chosen.
 
     Filled bars were fitted, open ones are linearised. The rounds are those that led to what stands,
     ``MOST_PANELS`` at most.
@@ -321,7 +321,7 @@ def _column(panel: Axes, texts: Sequence[str], heading: str) -> None:
 
 
 def _at(inches: float, side: str = "right") -> dict[str, Any]:
-    """A small text in a row of a panel, so many inches right of its edge."""
+    """Return a small text in a row of a panel, so many inches right of its edge."""
     place = {
         "xycoords": ("axes fraction", "data"),
         "xytext": (72.0 * inches, 0.0),
@@ -350,8 +350,8 @@ MOST_DRAWN_PARAMETERS = 4  # of one effect that are drawn
 
 
 def figure_replication(effects: Sequence[Replicated], title: str = "") -> Figure:
-    """A panel for each parameter of each effect: its value from each record with two standard
-    deviations, and from all fitted ones as a band.
+    """Return a panel for each parameter of each effect: its value from each record with two
+    standard deviations, and from all fitted ones as a band.
 
     Angles in degrees. A record without the parameter has no point.
     """

@@ -41,7 +41,7 @@ RARE_SAMPLE_STEPS = 10.0  # usual sub-steps: samples that lie farther apart are 
 
 
 def model_of_file(vehicle: VehicleFile) -> Model:
-    """The declared model of a vehicle file for one of ``MODELS``.
+    """Return the declared model of a vehicle file for one of ``MODELS``.
 
     Each free parameter gets a prior standard deviation of half its starting value (files may be 30
     % wrong), for filters, which need one; whole-record fits use priors only where the data alone
@@ -82,8 +82,8 @@ def outputs_with_bias(model: Model, outputs: Sequence[str]) -> list[str]:
 
 
 def step_for(model: Model, records: Sequence[Record], usual: float) -> float:
-    """Longest integration sub-step, s: ``usual`` but for an own model, whose motion may be a
-    thousand times slower or faster than an aircraft's.
+    """Return the longest integration sub-step, s: ``usual`` but for an own model, whose motion may
+    be a thousand times slower or faster than an aircraft's.
 
     A share of the quickest root's time, never longer than the usual one or, where samples are
     rarer, than the sampling interval.
@@ -104,8 +104,8 @@ def step_of(model: Model, interval: float, usual: float) -> float:
 
 
 def root_sizes(system: System, u: list[float]) -> np.ndarray:
-    """Sizes of the roots about the initial state, rad/s, integrators left out; none where the
-    slopes are not finite.
+    """Return the sizes of the roots about the initial state, rad/s, integrators left out; none
+    where the slopes are not finite.
     """
     p = system.parameters.values().tolist()
     slopes = complex_step_jacobian(
@@ -116,7 +116,7 @@ def root_sizes(system: System, u: list[float]) -> np.ndarray:
 
 
 def _coupling(name: str, modes: int) -> bool:
-    """Whether a parameter is a constant of a mode or couples two modes; these are fixed."""
+    """Return whether a parameter is a constant of a mode or couples two modes; these are fixed."""
     return any(
         name in (f"Ceta{i}_eta{j}", f"Ceta{i}_etadot{j}")
         for i in range(1, modes + 1)
@@ -161,8 +161,8 @@ def better_by(
     least: float = 0.0,
     local: Collection[str] = (),
 ) -> Compared:
-    """Twice the log likelihood by which the second reading fits better than the first, in effective
-    samples.
+    """Return twice the log likelihood by which the second reading fits better than the first, in
+    effective samples.
 
     The question is left open where a fit has not converged or has a bias that no sensor and no trim
     has (``implausible_bias``): what such a fit leaves says nothing of its reading. It is left open
@@ -214,8 +214,8 @@ def better_by(
 
 
 def from_trim(record: Record, model: Model) -> Record:
-    """The record with its controls counted from their trim, or from their mean where no rest at the
-    beginning tells it.
+    """Return the record with its controls counted from their trim, or from their mean where no rest
+    at the beginning tells it.
 
     Derivatives of equations of perturbations do not notice; biases do, which else stand for the
     motion that the trim deflection would make. Equations of totals keep their inputs.
@@ -233,8 +233,8 @@ def from_trim(record: Record, model: Model) -> Record:
 
 
 def implausible_bias(value: float, measured: np.ndarray) -> bool:
-    """Whether the bias of an output of perturbations cannot be its reading at trim, ``measured
-    (N,)`` being its samples.
+    """Return whether the bias of an output of perturbations cannot be its reading at trim,
+    ``measured (N,)`` being its samples.
 
     With controls about their trim an aircraft moves about its trim: that lies between the channel's
     extremes, or beyond them by no more than the motion between them where the record shows one side
@@ -309,7 +309,7 @@ def _without(record: Record, outputs: Sequence[str], wrong: np.ndarray) -> Recor
 def likelier_by(
     before: Sequence[np.ndarray], after: Sequence[np.ndarray], known: Sequence[np.ndarray]
 ) -> float:
-    """Twice the log likelihood by which the second residuals are likelier than the first, in
+    """Return twice the log likelihood by which the second residuals are likelier than the first, in
     effective samples; zero where records contradict.
 
     Residuals and their validity are ``(m, N)`` a record; each output has one noise level.
@@ -333,20 +333,20 @@ def likelier_by(
 
 
 def with_hold(records: Sequence[Record], hold: Hold) -> list[Record]:
-    """The records with inputs held or linear between samples."""
+    """Return the records with inputs held or linear between samples."""
     return [record if record.hold is hold else replace(record, hold=hold) for record in records]
 
 
 def held_by_computer(record: Record) -> bool:
-    """Whether every input is constant most of the time to the last digit and changes in steps, as a
-    computer's.
+    """Return whether every input is constant most of the time to the last digit and changes in
+    steps, as a computer's.
     """
     return all(_leaps(np.diff(channel.values)) for channel in record.inputs)
 
 
 def _leaps(steps: np.ndarray) -> bool:
-    """Whether an input that rests most of the time moves in single steps: a surface passes through
-    several samples on its way.
+    """Return whether an input that rests most of the time moves in single steps: a surface passes
+    through several samples on its way.
     """
     moves = steps != 0.0
     onward = moves[1:] & moves[:-1] & (np.sign(steps[1:]) == np.sign(steps[:-1]))
@@ -357,7 +357,7 @@ def _leaps(steps: np.ndarray) -> bool:
 def linear_by(
     records: Sequence[Record], model: Model, read: Callable[[Model, list[Record]], Reading]
 ) -> float:
-    """Gain of linear inputs over held ones; zero if undecided."""
+    """Return the gain of linear inputs over held ones; zero if undecided."""
     if not model.equations.inputs or all(held_by_computer(record) for record in records):
         return 0.0
     some = _some(records)
@@ -391,7 +391,7 @@ def _outputs(records: Sequence[Record], model: Model) -> list[str]:
 
 
 def _some(records: Sequence[Record]) -> list[Record]:
-    """The first records, up to ``MOST_COMPARED_SAMPLES`` samples."""
+    """Return the first records, up to ``MOST_COMPARED_SAMPLES`` samples."""
     some, count = [], 0
     for record in records:
         some.append(record)
@@ -402,8 +402,8 @@ def _some(records: Sequence[Record]) -> list[Record]:
 
 
 def vehicle_text(draft: Draft) -> str:
-    """A draft of the vehicle file for the model that the channels fit; the numbers that the record
-    does not have stand as comments.
+    """Return a draft of the vehicle file for the model that the channels fit; the numbers that the
+    record does not have stand as comments.
     """
     model = draft.model or "rigid"
     if model == "ballistic":

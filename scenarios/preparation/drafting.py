@@ -164,7 +164,7 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
 
 
 def recognised(file: RecordFile, channels: Iterable[str]) -> Mapping[str, str]:
-    """The columns of a file that a draft of a channel map would take for channels.
+    """Return the columns of a file that a draft of a channel map would take for channels.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def recognised(file: RecordFile, channels: Iterable[str]) -> Mapping[str, str]:
 
 
 def map_text(draft: Draft) -> str:
-    """The draft as a channel map in TOML, with a reason beside each line."""
+    """Return the draft as a channel map in TOML, with a reason beside each line."""
     lines = [
         f"# Draft of a channel map for {draft.file.path.name}. Check every line: names do not say "
         "signs, and seldom units."
@@ -265,8 +265,8 @@ def _recorder_names() -> Mapping[str, Any]:
 
 
 def _is_multirotor(topics: Sequence[Topic]) -> bool:
-    """Whether a log says that a multirotor made it, or has the outputs of its rate controller
-    alone; of a table, whether a column is a command.
+    """Return whether a log says that a multirotor made it, or has the outputs of its rate
+    controller alone; of a table, whether a column is a command.
     """
     for path, number in ROTARY_WING.items():
         name, _, field = path.rpartition(".")
@@ -285,22 +285,22 @@ def _is_multirotor(topics: Sequence[Topic]) -> bool:
 
 
 def _topics_of(file: RecordFile) -> Sequence[Topic]:
-    """The topics of a log; a table is one without a name."""
+    """Return the topics of a log; a table is one without a name."""
     return file.topics or (Topic("", file.table),)
 
 
 def _guesses(
     channels: Iterable[str], topics: Sequence[Topic], degrees: Collection[str]
 ) -> list[Guess]:
-    """The best columns for the channels that the vehicle can have."""
+    """Return the best columns for the channels that the vehicle can have."""
     absent = (*SURFACES, "airspeed") if _is_multirotor(topics) else COMMANDS
     result = (_guess(channel, topics, degrees) for channel in channels if channel not in absent)
     return [guess for guess in result if guess is not None]
 
 
 def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> Guess | None:
-    """The best column of a channel, None where no name recalls one that moves; ``degrees``: topics
-    whose unlabelled angles are in degrees.
+    """Return the best column of a channel, None where no name recalls one that moves; ``degrees``:
+    topics whose unlabelled angles are in degrees.
     """
     words = _recorder_names().get(channel, {})
     if len(topics) > 1:
@@ -337,13 +337,13 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
 
 
 def _says_unit(topic: Topic, index: int, channel: str) -> bool:
-    """Whether the file states a unit that suits the channel; any unit suits a clock."""
+    """Return whether the file states a unit that suits the channel; any unit suits a clock."""
     said = stated_unit(topic.table, index)
     return channel == TIME or (said is not None and _converts(said, CHANNEL_UNITS[channel]))
 
 
 def _clock(topic: Topic) -> Guess | None:
-    """The column that every command takes for the clock; else one of dates; else one of even
+    """Return the column that every command takes for the clock; else one of dates; else one of even
     steps.
     """
     table = topic.table
@@ -358,7 +358,7 @@ def _clock(topic: Topic) -> Guess | None:
 
 
 def _even_column(topic: Topic) -> Guess | None:
-    """The first column that increases in even steps, as a clock does; a clock may have gaps.
+    """Return the first column that increases in even steps, as a clock does; a clock may have gaps.
 
     A column that counts 0, 1, 2 ... numbers the rows and says nothing of time.
     """
@@ -450,8 +450,8 @@ def _of_column(channel: str, topic: Topic, index: int, degrees: Collection[str])
 
 
 def _tried(file: RecordFile, guesses: Sequence[Guess], rate: float | None) -> list[Guess]:
-    """The guesses with the ranges of their values, or with the faults that keep them from being
-    read.
+    """Return the guesses with the ranges of their values, or with the faults that keep them from
+    being read.
 
     Channels of one clock are read together, so that it is read once; each by itself only where one
     of them has a fault.
@@ -530,7 +530,7 @@ def _model_for(channels: set[str]) -> str:
 
 
 def _path(topic: Topic, cell: str) -> str:
-    """A column as a channel map names it: with its topic, where that has a name."""
+    """Return a column as a channel map names it: with its topic, where that has a name."""
     return f"{topic.name}.{cell}" if topic.name else cell
 
 
@@ -569,7 +569,7 @@ def _letters_and_digits(name: str) -> str:
 
 
 def _suffix(cell: str) -> str | None:
-    """A unit at the end of a header behind an underscore or a comma: ``alpha,__deg``,
+    """Return a unit at the end of a header behind an underscore or a comma: ``alpha,__deg``,
     ``pitch_deg``.
     """
     word = re.split(r"[,_ ]+", split_header(cell)[0].strip())[-1]

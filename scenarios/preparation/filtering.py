@@ -22,8 +22,8 @@ FEWEST_PART_SAMPLES = 30  # samples that a part needs to be used
 
 
 def gaps_of(record: Record) -> np.ndarray:
-    """Positions of the samples before a gap, ``(G,)``: a step longer than five usual ones and a
-    quarter of a second.
+    """Return the positions of the samples before a gap, ``(G,)``: a step longer than five usual
+    ones and a quarter of a second.
     """
     steps = np.diff(record.time)
     return np.flatnonzero(steps > max(SHORTEST_GAP_STEPS * float(np.median(steps)), SHORTEST_GAP))
@@ -180,8 +180,8 @@ GAP_REACH_PERIODS = 0.5
 
 
 def filtered(record: Record, plan: Plan) -> tuple[Record, str]:
-    """The record behind the plan's filter and at its rate, and a sentence on it; the same object
-    where the plan asks for neither.
+    """Return the record behind the plan's filter and at its rate, and a sentence on it; the same
+    object where the plan asks for neither.
 
     Uneven samples are laid on an even grid first. A held input is taken at the middle of each
     interval, where its samples stand for the signal; afterwards inputs are linear. A sample near a
@@ -316,7 +316,7 @@ def _is_even(time: np.ndarray, step: float) -> bool:
 
 
 def _on(time: np.ndarray, record: Record, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
-    """A channel at ``time``, gaps bridged, and where its samples on both sides are there."""
+    """Return a channel at ``time``, gaps bridged, and where its samples on both sides are there."""
     t, valid = record.time, channel.valid
     if channel.name in record.input_names and record.hold is Hold.PREVIOUS:
         from scipy.interpolate import CubicSpline
@@ -331,8 +331,8 @@ def _on(time: np.ndarray, record: Record, channel: Channel) -> tuple[np.ndarray,
 
 
 def _for_lines(time: np.ndarray, values: np.ndarray, new: np.ndarray) -> np.ndarray:
-    """Values at ``new`` whose straight lines come nearest to the signal by least squares: its own
-    samples would cut its peaks.
+    """Return the values at ``new`` whose straight lines come nearest to the signal by least
+    squares: its own samples would cut its peaks.
     """
     from scipy.linalg import solveh_banded
 

@@ -41,15 +41,15 @@ STILL_SHARE = 0.3
 
 
 def of_totals(model: Model) -> bool:
-    """Whether the equations describe total motion, not perturbations about a trim."""
+    """Return whether the equations describe total motion, not perturbations about a trim."""
     if isinstance(model.equations, OfTotals):
         return model.equations.totals
     return is_own(model) or any(state.name == "airspeed" for state in model.equations.states)
 
 
 def about_trim(record: Record) -> tuple[Record, dict[str, float]]:
-    """The record with each input measured from its trim, and the trims taken off, by input and in
-    its unit.
+    """Return the record with each input measured from its trim, and the trims taken off, by input
+    and in its unit.
 
     The trim is the mean of the input before it first moves. A derivative does not notice where the
     zero of an input lies, since biases and initial states take it up; break-out, saturation and
@@ -68,7 +68,7 @@ def about_trim(record: Record) -> tuple[Record, dict[str, float]]:
 
 
 def trim_sentence(record: Record, name: str) -> str:
-    """Sentence if no trim of an input was found although it is not zero; else empty."""
+    """Return the sentence if no trim of an input was found although it is not zero; else empty."""
     values, unit = record[name].values, record[name].unit
     middle = float(np.median(values))
     if abs(middle) <= OFFSET_SHARE * float(np.ptp(values)):
@@ -85,8 +85,8 @@ def trim_sentence(record: Record, name: str) -> str:
 
 
 def _trim(record: Record, values: np.ndarray) -> float:
-    """Mean of an input before it first leaves the neighbourhood of its beginning; zero where it or
-    the aircraft does not rest there.
+    """Return the mean of an input before it first leaves the neighbourhood of its beginning; zero
+    where it or the aircraft does not rest there.
     """
     time = record.time
     span = float(np.ptp(values))
@@ -116,8 +116,8 @@ def _trim(record: Record, values: np.ndarray) -> float:
 
 
 def _scatter_of_mean(values: np.ndarray) -> float:
-    """Standard deviation of the mean: noise counts sample by sample, a smooth motion, as a sum of
-    sines begins with, as one value.
+    """Return the standard deviation of the mean: noise counts sample by sample, a smooth motion, as
+    a sum of sines begins with, as one value.
 
     The share of noise is von Neumann's ratio of the steps' mean square to twice the variance.
     """
@@ -129,8 +129,8 @@ def _scatter_of_mean(values: np.ndarray) -> float:
 
 
 def _moves(channel: Channel, until: int) -> bool:
-    """Whether a channel moves in its first samples, its noise left out: a maneuver that begins with
-    a held step starts with the record.
+    """Return whether a channel moves in its first samples, its noise left out: a maneuver that
+    begins with a held step starts with the record.
     """
     first, every = channel.values[:until][channel.valid[:until]], channel.values[channel.valid]
     half = len(first) // 2
@@ -156,8 +156,8 @@ def instead_of(outputs: Collection[str]) -> dict[str, str]:
 
 
 def with_load_factors(record: Record, kept: Collection[str] = ()) -> tuple[Record, tuple[str, ...]]:
-    """The record with load factors (g) in the place of accelerometers, and a sentence on each; of
-    two channels for one the load factor counts.
+    """Return the record with load factors (g) in the place of accelerometers, and a sentence on
+    each; of two channels for one the load factor counts.
 
     ``kept``: outputs of a model, whose accelerometers stay as they are.
 
@@ -230,7 +230,7 @@ def without_flow(record: Record) -> Record:
 def with_flow(
     model: Model, records: Sequence[Record], *, weight: bool = True
 ) -> tuple[Model, list[Record]]:
-    """The model with the measured flow as further inputs, and the records that carry them;
+    """Return the model with the measured flow as further inputs, and the records that carry them;
     unchanged where no record measures one.
 
     A record without flies at the declared speed. With ``weight`` the lift that carries the weight
@@ -293,8 +293,8 @@ def flow_sentence(record: Record, model: Model) -> str:
 
 
 def flow_doubts(records: Sequence[Record], model: Model) -> list[str]:
-    """Records whose measured airspeed or air density is far from the vehicle file's, and the
-    remedy.
+    """Return the records whose measured airspeed or air density is far from the vehicle file's, and
+    the remedy.
     """
     flows = [
         (record.name, flow)
@@ -334,8 +334,8 @@ def flow_doubts(records: Sequence[Record], model: Model) -> list[str]:
 
 
 def _far(means: Mapping[str, float], model: Model, name: str) -> tuple[str, str, str] | None:
-    """Records whose mean is more than ``NOTABLE_DIFFERENCE_SHARE`` off the declared value, their
-    means, and the declared one; None where all are near.
+    """Return the records whose mean is more than ``NOTABLE_DIFFERENCE_SHARE`` off the declared
+    value, their means, and the declared one; None where all are near.
     """
     if not means:
         return None
@@ -377,8 +377,8 @@ def _carrying(record: Record, flow: Flow | None, model: Model, added: Sequence[S
 
 
 def interval_means(values: np.ndarray, hold: Hold) -> np.ndarray:
-    """Samples that stand for straight lines between ``values``; of held inputs the mean over each
-    interval.
+    """Return the samples that stand for straight lines between ``values``; of held inputs the mean
+    over each interval.
     """
     return (
         values if hold is Hold.LINEAR else np.append(0.5 * (values[:-1] + values[1:]), values[-1])
@@ -436,16 +436,16 @@ LEAST_SAMPLE_SHARE = 0.5  # of the samples, without which a channel with gaps te
 
 
 def wants_attitude(model: Model) -> bool:
-    """Whether an effect on the model's equations can use an attitude: a phugoid, whose speed is not
-    recorded.
+    """Return whether an effect on the model's equations can use an attitude: a phugoid, whose speed
+    is not recorded.
     """
     recorded = {signal.name for signal in model.equations.inputs}
     return not is_own(model) and applies(Phugoid(), model.equations) and SPEED not in recorded
 
 
 def with_attitude(model: Model, records: Sequence[Record]) -> tuple[Model, list[Record], str]:
-    """The model with ``theta`` (rad, from its value at each record's begin) as a further input,
-    records that carry it, and a sentence.
+    """Return the model with ``theta`` (rad, from its value at each record's begin) as a further
+    input, records that carry it, and a sentence.
 
     Where the model has no use for it, or a record lacks it, the records come back without it; the
     sentence is empty but where others have it.
@@ -483,8 +483,8 @@ def _tells(record: Record) -> bool:
 
 
 def _from_begin(record: Record) -> Channel:
-    """The attitude from the mean of its beginning, wrong samples and gaps bridged, as the inputs
-    are held.
+    """Return the attitude from the mean of its beginning, wrong samples and gaps bridged, as the
+    inputs are held.
     """
     time, channel = record.time, record[ATTITUDE]
     # Not as an airspeed is despiked: attitude turns within a few samples, and its turning points

@@ -254,8 +254,8 @@ def reading_options(request: Request, *, opening: bool = False, rate: bool = Tru
 def column_choices(
     request: Request, allowed: Iterable[str] = CHANNEL_UNITS
 ) -> Mapping[str, ColumnChoice] | None:
-    """The channel map that a request names, of the channels ``allowed``, read now; None where it
-    names none. Raises DeclarationError.
+    """Return the channel map that a request names, of the channels ``allowed``, read now; None
+    where it names none. Raises DeclarationError.
     """
     from scenarios.files.declarations import read_channel_map
 
@@ -323,7 +323,7 @@ def read_parts(path: str | Path) -> DeclaredParts:
 
 
 def chosen_parts(parts: DeclaredParts, requested: Sequence[str | int]) -> tuple[Part, ...]:
-    """The parts with the given numbers or names, in the order of their times.
+    """Return the parts with the given numbers or names, in the order of their times.
 
     Raises
     ------
@@ -372,8 +372,8 @@ def with_maneuvers(
     requested: Sequence[str | int] | None,
     file: Path | DeclaredParts | None = None,
 ) -> Plan:
-    """The plan with the parts of maneuvers as its segments, as ``--from`` and ``--to`` of each
-    would give it, and a sentence on each.
+    """Return the plan with the parts of maneuvers as its segments, as ``--from`` and ``--to`` of
+    each would give it, and a sentence on each.
 
     ``requested`` : numbers or names; None or empty leaves the plan alone. ``file`` : None takes
     ``maneuvers.toml`` beside the record.

@@ -27,8 +27,8 @@ LEAST_MOVING_SHARE = 0.1
 
 
 def cruise_caution(records: Sequence[Record], name: str, opening: Sequence[str] = ()) -> str:
-    """One sentence where long records are almost all cruise: the share of their time in which an
-    input moves; empty elsewhere.
+    """Return one sentence where long records are almost all cruise: the share of their time in
+    which an input moves; empty elsewhere.
 
     ``name`` : of the first file, for the command that finds the maneuvers in it; ``opening`` : the
     options that open it.
@@ -182,7 +182,7 @@ def why_unpredictable(record: Record, model: Model) -> str:
 
 
 def moves(channel: Channel) -> bool:
-    """Whether a channel moves above its noise: a median of five samples leaves the middle by
+    """Return whether a channel moves above its noise: a median of five samples leaves the middle by
     ``MOTION_SIGMAS`` sigmas, taken from the median step.
     """
     values = channel.values[channel.valid]
@@ -268,7 +268,7 @@ def split_off(records: Sequence[Record], model: Model) -> Split:
 
 
 def _stand_for(others: Sequence[Record], last: Record) -> bool:
-    """Whether the fit of some records knows all that another one shows."""
+    """Return whether the fit of some records knows all that another one shows."""
     enough = sum(len(record) for record in others) >= LEAST_REMAINING_SHARE * sum(
         len(record) for record in (*others, last)
     )
@@ -322,7 +322,7 @@ def hold_out(record: Record) -> tuple[Record, Record]:
 
 
 def _cut(record: Record) -> int:
-    """First row of the held-out part."""
+    """Return the first row of the held-out part."""
     time = record.time
     span = time[-1] - time[0]
     inside = np.flatnonzero(
@@ -359,8 +359,8 @@ def _cut(record: Record) -> int:
 
 
 def _trim(values: np.ndarray) -> float:
-    """Value of a control at the begin of the record; the median would be the step itself if held
-    for most of it.
+    """Return the value of a control at the begin of the record; the median would be the step itself
+    if held for most of it.
     """
     return float(
         np.median(values[: max(FEWEST_TRIM_SAMPLES, round(TRIM_SAMPLE_SHARE * len(values)))])
@@ -368,8 +368,8 @@ def _trim(values: np.ndarray) -> float:
 
 
 def _scatter(values: np.ndarray) -> float:
-    """Standard deviation of the noise on an input, from the median of its steps; zero for one that
-    is held.
+    """Return the standard deviation of the noise on an input, from the median of its steps; zero
+    for one that is held.
     """
     return float(robust_sigma_about_zero(np.diff(values)) / np.sqrt(2.0))
 

@@ -287,8 +287,8 @@ def prepare(
     decided: Decided | None = None,
     part: Segment = WHOLE[0],
 ) -> PreparedData:
-    """A model's channels out of files, prepared: the plan's segments of ``files``, that ``part`` of
-    those of ``validate``.
+    """Return a model's channels out of files, prepared: the plan's segments of ``files``, that
+    ``part`` of those of ``validate``.
 
     A measured speed is used with ``flow``, a measured pitch attitude with ``attitude``, which only
     effects can use. ``decided``: how to read what the files do not say; None: as the declared model
@@ -339,8 +339,8 @@ def for_model(
     validation: Sequence[Read] = (),
     decided: Decided | None = None,
 ) -> PreparedData:
-    """Records as read, prepared for a model; those to be predicted are read as those that are
-    fitted.
+    """Return the records as read, prepared for a model; those to be predicted are read as those
+    that are fitted.
     """
     plan, split = plan or Plan(), len(fitted)
     read = [*fitted, *validation]
@@ -395,8 +395,8 @@ def for_model(
 
 
 def _idle_motors(records: Sequence[Record]) -> list[str]:
-    """A sentence on each record of a multirotor whose motors had no thrust: its commands answer a
-    motion that something else makes.
+    """Return a sentence on each record of a multirotor whose motors had no thrust: its commands
+    answer a motion that something else makes.
     """
     idle = [
         record.name
@@ -434,8 +434,8 @@ def _read(
     channels: Mapping[str, ColumnChoice] | None,
     plan: Plan,
 ) -> tuple[Read, tuple[str, ...]]:
-    """A part of a file with whether a sidecar says how its inputs are to be read, and sentences on
-    how the file was understood.
+    """Return a part of a file with whether a sidecar says how its inputs are to be read, and
+    sentences on how the file was understood.
     """
     from scenarios.files.records import read_with_notes
 
@@ -487,8 +487,8 @@ def _readings(
 
 
 def _weight(fitted: Sequence[Record], model: Model) -> tuple[bool, list[str]]:
-    """Whether the lift that carries the weight follows the measured pressure, as it does in flight,
-    or the record is of perturbations alone.
+    """Return whether the lift that carries the weight follows the measured pressure, as it does in
+    flight, or the record is of perturbations alone.
     """
     flows = [measured_flow(record, model) for record in fitted]
     if not any(flow is not None and _varies(flow) for flow in flows):

@@ -104,7 +104,7 @@ def expectations_of(model: Model) -> Expectations:
 
 
 def joined(looks: Sequence[RecordCheck], *, trusted: bool) -> RecordCheck:
-    """The findings of records that were checked one by one."""
+    """Return the findings of records that were checked one by one."""
     return RecordCheck(
         tuple(dict.fromkeys(name for look in looks for name in look.records)),
         tuple(one for look in looks for one in look.seen),
@@ -115,8 +115,8 @@ def joined(looks: Sequence[RecordCheck], *, trusted: bool) -> RecordCheck:
 def checked_records(
     records: Sequence[Record], expected: Expectations, plan: Plan
 ) -> tuple[list[Record], RecordCheck]:
-    """Records without samples that carry no information, and the findings; a record without masked
-    samples is returned as it is.
+    """Return the records without samples that carry no information, and the findings; a record
+    without masked samples is returned as it is.
 
     Raises
     ------
@@ -207,7 +207,7 @@ MOST_NAMED_PLACES = 3  # places of one finding that a table has room for
 
 
 def record_content(look: RecordCheck) -> dict[str, Any]:
-    """The entry ``record`` of a study: names of the records, findings, and masked samples by
+    """Return the entry ``record`` of a study: names of the records, findings, and masked samples by
     channel.
     """
     masked: dict[str, dict[str, int]] = {}
@@ -224,12 +224,12 @@ def record_content(look: RecordCheck) -> dict[str, Any]:
 
 
 def record_lines(look: RecordCheck) -> list[str]:
-    """Lines of a terminal beside the warnings: masked samples and notes."""
+    """Return the lines of a terminal beside the warnings: masked samples and notes."""
     return [f"record: {line}" for line in look.lines]
 
 
 def record_rows(look: RecordCheck) -> list[tuple[str, str, str, str, str]]:
-    """Rows of a page's table: record, channel, finding, time, handling."""
+    """Return the rows of a page's table: record, channel, finding, time, handling."""
     return [
         (
             one.record,
@@ -243,7 +243,7 @@ def record_rows(look: RecordCheck) -> list[tuple[str, str, str, str, str]]:
 
 
 def record_table(look: RecordCheck) -> Table:
-    """The findings as a table of a page."""
+    """Return the findings as a table of a page."""
     columns = tuple(map(Column, ("record", "channel", "seen", "when", "done")))
     caption = (
         "What the raw columns show, before any fit; samples that were set aside count in no fit "

@@ -63,7 +63,7 @@ _SUBSCRIPTS = {
 
 
 def estimates(caption: str, rows: Sequence[tuple[str, str, float, float]]) -> Table:
-    """A table of estimates.
+    """Return a table of estimates.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def to_latex(shown: Table) -> str:
 
 
 def _heading(column: TableColumn) -> str:
-    """The heading, without the sigma that has a column of its own."""
+    """Return the heading, without the sigma that has a column of its own."""
     return column.heading.strip().removesuffix(" ± σ")
 
 
@@ -226,7 +226,7 @@ def _sheet_name(caption: str, there: Sequence[str]) -> str:
 
 
 def _sheet_rows(shown: Table) -> list[list[str | float | None]]:
-    """Headings, then the rows; a sigma in the column behind its value."""
+    """Return the headings, then the rows; a sigma in the column behind its value."""
     sigmas = [
         any(isinstance(row[at], Number) and row[at].sigma for row in shown.rows)  # type: ignore[union-attr]
         for at in range(len(shown.columns))
@@ -263,7 +263,7 @@ TABLES = "tables.md", "tables.tex", "tables.xlsx"
 
 
 def tables_of(page: Page) -> tuple[Table, ...]:
-    """The tables of a page, in the order in which it shows them."""
+    """Return the tables of a page, in the order in which it shows them."""
 
     def within(parts: Sequence[Section]) -> list[Table]:
         found: list[Table] = []
@@ -397,7 +397,7 @@ def rebuilt(folder: str | Path) -> Path:
 
 
 def stored_page(folder: Path) -> Page:
-    """The page that ``report.json`` of a folder describes.
+    """Return the page that ``report.json`` of a folder describes.
 
     Raises
     ------
@@ -431,8 +431,8 @@ def figures(drawn: Sequence[Drawn]) -> tuple[Figure, ...]:
 
 
 def first_figure(drawn: Sequence[Drawn]) -> tuple[tuple[Figure, ...], tuple[Figure, ...]]:
-    """The figure with which a page begins, inputs above outputs with their residuals, and the
-    others; without the one of the record alone, which shows the same.
+    """Return the figure with which a page begins, inputs above outputs with their residuals, and
+    the others; without the one of the record alone, which shows the same.
     """
     fit = [each for each in drawn if each.stem == "fit"]
     others = [each for each in drawn if each not in fit and not (fit and each.stem == "record")]

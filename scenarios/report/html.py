@@ -53,7 +53,7 @@ Kind = TypeVar("Kind")
 
 
 def page_content(page: Page) -> dict[str, Any]:
-    """Content of ``report.json``; what has its usual value is left out."""
+    """Return the content of ``report.json``; what has its usual value is left out."""
     return {
         "schema": SCHEMA,
         "title": page.title,
@@ -76,8 +76,8 @@ def page_content(page: Page) -> dict[str, Any]:
 
 
 def page_of(content: Mapping[str, Any]) -> Page:
-    """The page that ``page_content`` describes; a study may be somebody else's, so that every value
-    is of its kind and figures only draw.
+    """Return the page that ``page_content`` describes; a study may be somebody else's, so that
+    every value is of its kind and figures only draw.
 
     Raises KeyError, TypeError or ValueError for a content that describes none.
     """
@@ -241,8 +241,8 @@ def _count(value: Any) -> int:
 
 
 def _drawing(value: Any) -> str:
-    """The ``<svg>`` of a figure as our renderer writes it: elements that draw, and no attribute
-    that runs or loads anything.
+    """Return the ``<svg>`` of a figure as our renderer writes it: elements that draw, and no
+    attribute that runs or loads anything.
     """
     text = _text(value)
     parts = text.split("<")
@@ -298,7 +298,7 @@ _FIGURES = {
 
 
 def page_html(page: Page) -> str:
-    """The page; the same for the same content.
+    """Return the page; the same for the same content.
 
     Its policy allows the one style and the one script that are in it, by their hashes, and nothing
     from anywhere.
@@ -372,8 +372,8 @@ def _policy(style: str, script: str) -> str:
 
 
 def _plots(page: Page) -> dict[str, str]:
-    """The data of figures by name, as many of them from the first as keep the page short; none of
-    figures whose name is there twice.
+    """Return the data of figures by name, as many of them from the first as keep the page short;
+    none of figures whose name is there twice.
     """
     found, room = (
         {},
@@ -397,7 +397,7 @@ def _figures(sections: tuple[Section, ...]) -> Iterator[Figure]:
 
 @cache
 def _with_plots(script: str) -> str:
-    """The page's script with the library that draws figures, and what uses it."""
+    """Return the page's script with the library that draws figures, and what uses it."""
     colours = ", ".join(f'"{colour}": "{name}"' for colour, name in _FIGURES.items())
     drawing = _resource("plots.js").replace("/*COLOURS*/", colours)
     return "\n".join((script.rstrip(), _resource("uplot.min.js").rstrip(), drawing))
@@ -449,7 +449,7 @@ def _rows(table: Table) -> list[tuple[tuple[Cell, ...], str]]:
 
 
 def _numeric(table: Table, at: int) -> bool:
-    """Whether a column holds numbers, so that its heading stands at the right."""
+    """Return whether a column holds numbers, so that its heading stands at the right."""
     return any(isinstance(row[at], Number) for row in table.rows)
 
 

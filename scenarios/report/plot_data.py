@@ -121,12 +121,12 @@ class PlotData:
 
 
 def plot_content(data: PlotData) -> dict[str, Any]:
-    """The data as JSON; ``plot_of`` reads it."""
+    """Return the data as JSON; ``plot_of`` reads it."""
     return {"panels": [_panel(each) for each in data.panels]}
 
 
 def plot_text(content: Mapping[str, Any]) -> str:
-    """The content in one line for an attribute of a page; the same for the same content."""
+    """Return the content in one line for an attribute of a page; the same for the same content."""
     return json.dumps(content, separators=(",", ":"), allow_nan=False)
 
 
@@ -136,7 +136,7 @@ def as_kept(data: PlotData) -> PlotData:
 
 
 def plot_of(content: Any) -> PlotData:
-    """The data that ``plot_content`` wrote; every value is checked.
+    """Return the data that ``plot_content`` wrote; every value is checked.
 
     Raises KeyError, TypeError, ValueError or ModelError for a content that holds none.
     """
@@ -223,7 +223,7 @@ def _abscissas_of(content: Any) -> np.ndarray:
 
 
 def _ordinates(y: np.ndarray) -> dict[str, Any]:
-    """Smallest and largest value, and each value between them in 16 bits."""
+    """Return the smallest and largest value, and each value between them in 16 bits."""
     sound = np.isfinite(y)
     low = _short(float(np.min(y[sound])), 9) if np.any(sound) else 0.0
     high = _short(float(np.max(y[sound])), 9) if np.any(sound) else 0.0
@@ -251,7 +251,7 @@ def _ordinates_of(content: Any) -> np.ndarray:
 
 
 def _short(value: float, digits: int = 6) -> float:
-    """The value with as many significant digits as a page shows."""
+    """Return the value with as many significant digits as a page shows."""
     return float(f"{value:.{digits}g}")
 
 

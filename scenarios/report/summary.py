@@ -40,7 +40,7 @@ _JOINED = re.compile(
 
 
 def terminal_width() -> int:
-    """Columns that a print may use."""
+    """Return the columns that a print may use."""
     return (
         min(WIDTH, shutil.get_terminal_size((WIDTH, 24)).columns - 1)
         if sys.stdout.isatty()
@@ -49,8 +49,8 @@ def terminal_width() -> int:
 
 
 def folded(text: str, width: int, first: str = "", further: str = "") -> list[str]:
-    """A text on lines of ``width`` characters; what is longer than a line and cannot be folded
-    stands on one of its own, whole.
+    """Return a text on lines of ``width`` characters; what is longer than a line and cannot be
+    folded stands on one of its own, whole.
     """
     lines = textwrap.wrap(
         _JOINED.sub(_FIXED, text),
@@ -64,15 +64,15 @@ def folded(text: str, width: int, first: str = "", further: str = "") -> list[st
 
 
 def wrapped(text: str, width: int = WIDTH, indent: str = "") -> list[str]:
-    """A paragraph folded at words; its further lines are moved in. Nothing where there is no
+    """Return a paragraph folded at words; its further lines are moved in. Nothing where there is no
     text.
     """
     return folded(text, width, indent, indent + "  ") if text else []
 
 
 def shortened(text: str, width: int, label: str = "") -> str:
-    """One line of ``width`` characters behind ``label``, with dots for what has no room: whole
-    clauses if they fill most of it, else whole words.
+    """Return one line of ``width`` characters behind ``label``, with dots for what has no room:
+    whole clauses if they fill most of it, else whole words.
     """
     limit = max(width - len(label), 1)
     clause = text.rfind("; ", 0, limit - 3)
@@ -145,8 +145,8 @@ class TableColumn:
 def columns_of(
     headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, words: Sequence[str] = ()
 ) -> list[TableColumn]:
-    """Columns of a table that is given by rows: the first ``left`` and those headed by ``words``
-    stand at the left.
+    """Return the columns of a table that is given by rows: the first ``left`` and those headed by
+    ``words`` stand at the left.
     """
     return [
         TableColumn(head, [row[i] for row in rows], left=i < left or head in words)
@@ -157,8 +157,8 @@ def columns_of(
 def table_lines(
     columns: Sequence[TableColumn], *, title: str = "", width: int = WIDTH, keys: int = 1
 ) -> list[str]:
-    """A table as lines no longer than ``width`` characters if that can be; nothing where there is
-    no row.
+    """Return a table as lines no longer than ``width`` characters if that can be; nothing where
+    there is no row.
 
     ``keys``: how many of the first columns begin every block.
     """
@@ -253,8 +253,8 @@ def _total(sizes: Sequence[int]) -> int:
 
 
 def _least(column: TableColumn) -> int:
-    """The narrowest that a column can be: no word of its heading is parted, no number, and of words
-    only what is longer than ``LEAST_WIDTH``.
+    """Return the narrowest that a column can be: no word of its heading is parted, no number, and
+    of words only what is longer than ``LEAST_WIDTH``.
     """
     heading = _widest_word(column.heading)
     if not column.left:
@@ -274,8 +274,8 @@ def _widest_word(heading: str) -> int:
 
 
 def _cell(text: str, size: int) -> list[str]:
-    """A cell of words on as many lines as it takes; a name too long for its column is parted behind
-    a colon or a hyphen.
+    """Return a cell of words on as many lines as it takes; a name too long for its column is parted
+    behind a colon or a hyphen.
     """
     if len(text) <= size:
         return [text]
@@ -333,7 +333,7 @@ def level_text(level: ModeLevel) -> str:
 
 
 def level_sentence(level: ModeLevel) -> str:
-    """The mode, its level, and what keeps it from the next better one."""
+    """Return the mode, its level, and what keeps it from the next better one."""
     why = limit_text(level)
     return f"{level.mode} {level_text(level)}{f': {why}' if why else ''}"
 
@@ -352,7 +352,7 @@ def limit_text(level: ModeLevel) -> str:
 
 
 def levels_heading(flown: FlightPhase) -> str:
-    """Standard, class and category, and what of them nobody declared."""
+    """Return the standard, class and category, and what of them nobody declared."""
     classes = (
         f"; class {flown.aircraft_class} is for medium weight: I is light, III large, IV a fighter"
         if "class" in flown.assumed
@@ -370,7 +370,7 @@ def levels_heading(flown: FlightPhase) -> str:
 def levels_line(
     levels: Sequence[ModeLevel], flown: FlightPhase, tests: Sequence[ResidualTest]
 ) -> str:
-    """All levels in one line; empty where the model has no mode that the standard speaks of.
+    """Return all levels in one line; empty where the model has no mode that the standard speaks of.
 
     Probabilities are those of the sigmas: where a residual test fails, what the model lacks is not
     in them, and the line says so.
@@ -461,8 +461,8 @@ class Summary:
 
 
 def summary_lines(summary: Summary, width: int = WIDTH) -> list[str]:
-    """A line for each part that says something; what is too long ends in dots between two words and
-    stands in full below.
+    """Return a line for each part that says something; what is too long ends in dots between two
+    words and stands in full below.
     """
     return [shortened(text, width, f"{label:10}") for label, text in vars(summary).items() if text]
 
@@ -478,7 +478,7 @@ def details_in(folder: Path | None) -> str:
 
 
 def written_to(folder: Path) -> str:
-    """The last line of a command that wrote a study."""
+    """Return the last line of a command that wrote a study."""
     return f"written to {folder}; begin with {folder / PAGE}"
 
 

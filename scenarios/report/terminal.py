@@ -76,14 +76,14 @@ def show_table(out: Console, table: Table) -> None:
 def table_as_lines(
     table: Table, width: int = WIDTH, keys: int = 1, *, titled: bool = True
 ) -> list[str]:
-    """The same as lines of text, below their caption unless ``titled`` is False."""
+    """Return the same as lines of text, below their caption unless ``titled`` is False."""
     title = table.caption if titled else ""
     return table_lines(printed_columns(table), title=title, width=width, keys=keys)
 
 
 def printed_columns(table: Table) -> list[TableColumn]:
-    """The columns of a table as a terminal shows them: rows' units behind the first column, sigmas
-    behind their values.
+    """Return the columns of a table as a terminal shows them: rows' units behind the first column,
+    sigmas behind their values.
     """
     out: list[TableColumn] = []
     for at, column in enumerate(table.columns):
@@ -105,7 +105,7 @@ def printed_columns(table: Table) -> list[TableColumn]:
 
 
 def heading_text(column: Column) -> str:
-    """A heading with the unit of its column."""
+    """Return a heading with the unit of its column."""
     if column.printed:
         return column.printed
     if column.unit in (None, PURE, BY_ROW):
@@ -114,7 +114,7 @@ def heading_text(column: Column) -> str:
 
 
 def cell_text(cell: Cell, apart: bool = False) -> str:
-    """A cell as a terminal shows it; ``apart``: without its sigma."""
+    """Return a cell as a terminal shows it; ``apart``: without its sigma."""
     if isinstance(cell, Number):
         return cell.value_text if apart else cell.plain
     return "-" if cell == MISSING else cell if isinstance(cell, str) else cell.text
@@ -347,7 +347,7 @@ FITS = (
 
 
 def rows_table(caption: str, columns: Sequence[Column], rows: Sequence[Sequence[Cell]]) -> Table:
-    """A table that is given by rows of cells."""
+    """Return a table that is given by rows of cells."""
     return Table(caption, tuple(columns), tuple(map(tuple, rows)))
 
 
@@ -367,7 +367,7 @@ NO_FIT: list[Cell] = [MISSING, "no finite simulation", "", "", ""]
 
 
 def derived_table(caption: str, derived: Mapping[str, tuple[float, float]]) -> Table:
-    """Frequencies, dampings, time constants and delays with their sigmas."""
+    """Return the frequencies, dampings, time constants and delays with their sigmas."""
     names = {name: name.replace("_", " ").replace("dutch", "Dutch") for name in derived}
     rows = tuple((names[name], estimate(value, std)) for name, (value, std) in derived.items())
     units = tuple({**MODAL_UNITS, "delay": "s"}.get(name, PURE) for name in derived)
@@ -387,7 +387,7 @@ def tests_table(caption: str, tests: Sequence[ResidualTest]) -> Table:
 
 
 def p_value(value: float) -> Number:
-    """A probability with two digits."""
+    """Return a probability with two digits."""
     return Number(value, shown=f"{value:.2g}" if value > 0.0 else "<1e-300")
 
 
@@ -403,12 +403,12 @@ def fixed_table(caption: str, fixed: Mapping[str, tuple[float, str]]) -> Table:
 
 
 def _exact(value: float) -> Cell:
-    """A constant with the digits that it was given with, as a mass of six."""
+    """Return a constant with the digits that it was given with, as a mass of six."""
     return Number(value, shown=f"{value:.7g}") if math.isfinite(value) else known(value)
 
 
 def levels_of_noise(caption: str, noise: Mapping[str, tuple[float, str]]) -> Table:
-    """Standard deviations by channel, with units."""
+    """Return the standard deviations by channel, with units."""
     shown = {name: shown_in(unit, name) for name, (_, unit) in noise.items()}
     values = {name: shown[name].factor * value for name, (value, _) in noise.items()}
     rows = tuple((name, Number(value, shown=f"{value:.3g}")) for name, value in values.items())

@@ -241,8 +241,8 @@ def responses_of(
 def _of_a_part(
     options: ResponseOptions, whole: FrequencyResponses, part: ReadSignals
 ) -> FrequencyResponses:
-    """The responses of one part, in the band of all parts together as far as the part resolves
-    it.
+    """Return the responses of one part, in the band of all parts together as far as the part
+    resolves it.
     """
     low, high = float(whole.frequency[0]), float(whole.frequency[-1])
     _, lowest = _windows(part.durations, replace(options, band=(low, high)))
@@ -278,7 +278,7 @@ def _refuse_proportional(estimated_responses: FrequencyResponses, names: Names) 
 def estimated(
     read: ReadSignals, options: ResponseOptions
 ) -> tuple[FrequencyResponses, FrequencyResponses | None, float, list[str]]:
-    """The estimate, the direct one where it is a joint one, the step used, s, and notes."""
+    """Return the estimate, the direct one where it is a joint one, the step used, s, and notes."""
     rate = 1.0 / read.step
     windows, lowest = _windows(read.durations, options)
     low, high = options.band or input_band(read.signals, lowest)
@@ -322,7 +322,7 @@ def estimated(
 
 
 def _hold_response(angle: np.ndarray) -> np.ndarray:
-    """Response of a hold over one step at ``angle``, rad a sample."""
+    """Return the response of a hold over one step at ``angle``, rad a sample."""
     return (1.0 - np.exp(-1j * angle)) / (1j * angle)
 
 
@@ -335,7 +335,7 @@ def _without(responses: FrequencyResponses, between: np.ndarray) -> FrequencyRes
 def cautions_of(
     estimated_responses: FrequencyResponses, direct: FrequencyResponses | None, names: Names
 ) -> tuple[str, ...]:
-    """Cautions on an estimate, one sentence each."""
+    """Return the cautions on an estimate, one sentence each."""
     out = []
     for row, output in enumerate(names.outputs):
         for column, one in enumerate(names.inputs):
@@ -378,7 +378,7 @@ def _leaks(responses: FrequencyResponses, names: Names) -> list[str]:
 def _bias_of_direct(
     responses: FrequencyResponses, direct: FrequencyResponses, row: int, column: int, name: str
 ) -> list[str]:
-    """A sentence where the direct estimate contradicts the joint one."""
+    """Return a sentence where the direct estimate contradicts the joint one."""
     band = responses.usable[row, column]
     difference = np.abs(direct.response - responses.response)[row, column, band]
     # Without feedback the difference has the joint one's variance less the direct one's (Hausman,

@@ -138,7 +138,7 @@ class Fits:
     mismatches: tuple[Mismatch, ...]
 
     def of(self, row: int, column: int) -> tuple[FittedResponse, Mismatch] | None:
-        """The function of a response and its mismatch; None where none was fitted."""
+        """Return the function of a response and its mismatch; None where none was fitted."""
         if (row, column) not in self.places:
             return None
         at = self.places.index((row, column))
@@ -180,7 +180,7 @@ def fits_of(responses: FrequencyResponses, names: Names, options: FitOptions) ->
 
 
 def target_of(responses: FrequencyResponses, place: tuple[int, int], name: str) -> ResponseTarget:
-    """The usable band of a response, as it is fitted."""
+    """Return the usable band of a response, as it is fitted."""
     usable = responses.usable[place]
     likeness = (
         responses.coherence[place[0]] if responses.joint else responses.partial_coherence[place]
@@ -284,7 +284,7 @@ def _polynomial(coefficients: np.ndarray) -> str:
 
 
 def fit_cautions(fits: Fits | None) -> tuple[str, ...]:
-    """Cautions on the fits, one sentence each."""
+    """Return the cautions on the fits, one sentence each."""
     if fits is None:
         return ()
     out = [] if fits.fit.converged else ["the search for the transfer functions did not end"]
@@ -327,7 +327,7 @@ def _outside_band(function: FittedResponse, mismatch: Mismatch) -> list[str]:
 
 
 def _hardly_determined(function: FittedResponse, name: str) -> bool:
-    """Whether one of the two deviations of a free parameter exceeds its limit."""
+    """Return whether one of the two deviations of a free parameter exceeds its limit."""
     size = abs(function.values[name])
     return (
         function.std[name] > LARGEST_CRAMER_RAO_SHARE * size
@@ -336,7 +336,7 @@ def _hardly_determined(function: FittedResponse, name: str) -> bool:
 
 
 def _may_be_none(function: FittedResponse) -> bool:
-    """Whether a free delay differs from zero by less than two standard deviations."""
+    """Return whether a free delay differs from zero by less than two standard deviations."""
     return "delay" in function.std and function.values["delay"] < 2.0 * function.std["delay"]
 
 
@@ -523,7 +523,7 @@ def _refuse_other_signals(system: System, names: Names) -> None:
 
 
 def model_lines(fitted: FittedResponseModel) -> list[str]:
-    """The costs of the fitted model, one sentence each."""
+    """Return the costs of the fitted model, one sentence each."""
     lines = list(fitted.sentences)
     for name, cost in zip(fitted.pairs, fitted.fit.costs, strict=True):
         said = (
@@ -538,7 +538,7 @@ def model_lines(fitted: FittedResponseModel) -> list[str]:
 
 
 def model_table(fitted: FittedResponseModel, caption: str = "") -> Table:
-    """The parameters of a fitted model; those that were fixed come last."""
+    """Return the parameters of a fitted model; those that were fixed come last."""
     fit = fitted.fit
     names, fixed = list(fit.names), list(fit.fixed)
     none = [MISSING] * len(fixed)
@@ -573,7 +573,7 @@ def _share(part: float, value: float) -> Cell:
 
 
 def model_content(fitted: FittedResponseModel) -> dict[str, Any]:
-    """The fitted model for ``responses.json``."""
+    """Return the fitted model for ``responses.json``."""
     fit = fitted.fit
     return {
         "model": fitted.model,

@@ -89,7 +89,7 @@ def loop_margins_of(
     read: ReadSignals,
     again: Callable[[ReadSignals], FrequencyResponses],
 ) -> LoopMargins | None:
-    """Margins of a loop; None without a ``sign``.
+    """Return the margins of a loop; None without a ``sign``.
 
     ``again`` : estimates the response of one part in the same way.
     """
@@ -165,8 +165,8 @@ def _products(read: ReadSignals) -> np.ndarray:
 
 
 def fitting_sign(products: np.ndarray) -> str | None:
-    """The sign by which command and returned signal make up the reference; None where they do not
-    decide it.
+    """Return the sign by which command and returned signal make up the reference; None where they
+    do not decide it.
 
     A loop that subtracts has reference = command + returned, by which the two have regression
     coefficients of one sign.
@@ -263,7 +263,7 @@ def margin_lines(loop: LoopMargins) -> list[str]:
 
 
 def margins_content(loop: LoopMargins) -> dict[str, object]:
-    """The margins for ``responses.json``."""
+    """Return the margins for ``responses.json``."""
     content: dict[str, object] = {
         "response": loop.name,
         "sign": loop.sign,

@@ -243,7 +243,7 @@ def chart_levels(one: Qualities) -> list[ChartLevel]:
 
 
 def _chart_lines(one: Qualities) -> list[str]:
-    """Levels of criteria with two quantities, and the pilot's compensation."""
+    """Return the levels of criteria with two quantities, and the pilot's compensation."""
     out = [
         f"{each.words}: {level_text(each.level, each.best, each.worst)} ({each.source})"
         for each in chart_levels(one)
@@ -331,7 +331,7 @@ def qualities_of(
 
 
 def quality_table(one: Qualities) -> Table | None:
-    """The numbers of one response with their 95 % intervals; None where there are none."""
+    """Return the numbers of one response with their 95 % intervals; None where there are none."""
     if not one.numbers:
         return None
     rows = [(quality_name(name), each, unit) for name, (each, unit) in one.numbers.items()]
@@ -358,7 +358,7 @@ def quality_tables(qualities: Sequence[Qualities]) -> list[Table]:
 
 
 def quality_lines(qualities: Sequence[Qualities]) -> list[str]:
-    """Levels and undetermined flying qualities, one sentence each."""
+    """Return the levels and undetermined flying qualities, one sentence each."""
     return [line for each in qualities for line in each.lines]
 
 
@@ -375,7 +375,7 @@ def levels_by_name(qualities: Sequence[Qualities]) -> dict[str, dict[str, tuple[
 
 
 def levels_content(one: Qualities) -> list[dict[str, Any]]:
-    """Levels of quantities and of charts for ``responses.json``."""
+    """Return the levels of quantities and of charts for ``responses.json``."""
     return [
         *(
             _level_row(each.quality.name, each, each.criterion.source)

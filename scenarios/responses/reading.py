@@ -231,7 +231,7 @@ def _unit(file: RecordFile, name: str) -> str | None:
 
 
 def _even(record: Record, step: float) -> tuple[Record, list[str]]:
-    """The record at even steps of ``step`` without missing samples, and a sentence on the
+    """Return the record at even steps of ``step`` without missing samples, and a sentence on the
     changes.
     """
     notes = []

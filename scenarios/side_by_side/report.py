@@ -308,7 +308,7 @@ def _table_of(
     *,
     true: bool = False,
 ) -> Table:
-    """A table without empty rows and columns; ``true`` adds the true value common to all
+    """Return a table without empty rows and columns; ``true`` adds the true value common to all
     studies.
     """
 
@@ -336,13 +336,13 @@ def _table_of(
 
 
 def _shown(compared: SideBySide, name: str, study: StudyColumn) -> Value | None:
-    """Value of a parameter in a study, in the unit that is shown."""
+    """Return the value of a parameter in a study, in the unit that is shown."""
     value = compared.value(name, study)
     return value.in_unit(*shown_in(value.unit, name)) if value is not None else None
 
 
 def _common(compared: SideBySide, name: str) -> float | None:
-    """The true value if all studies that state one agree."""
+    """Return the true value if all studies that state one agree."""
     true_values = {
         value.true
         for column in compared.columns
@@ -352,7 +352,7 @@ def _common(compared: SideBySide, name: str) -> float | None:
 
 
 def _differs(compared: SideBySide, name: str) -> bool:
-    """Whether the reference value differs between studies, or from the true one."""
+    """Return whether the reference value differs between studies, or from the true one."""
     result = [
         value
         for study in compared.columns
@@ -389,7 +389,7 @@ def _published_error(value: Value) -> Cell:
 
 
 def _farthest(compared: SideBySide) -> tuple[float | None, str]:
-    """The two studies that differ most in one parameter, in combined sigmas; None without
+    """Return the two studies that differ most in one parameter, in combined sigmas; None without
     sigmas.
     """
     best: tuple[float, str, str, str] | None = None

@@ -92,7 +92,7 @@ def structure_summary(found: FoundStructure, details: str = BELOW) -> Summary:
 
 
 def _method(found: FoundStructure) -> str:
-    """The method in words."""
+    """Return the method in words."""
     words = {STEPWISE: "stepwise regression", ORTHOGONAL: "orthogonal functions"}
     return words[found.options.method] + (", hierarchical" if found.options.hierarchical else "")
 
@@ -131,8 +131,8 @@ def prediction_table(found: FoundStructure) -> Table:
 
 
 def terms_table(found: FoundStructure, axis: str) -> Table:
-    """Values of a coefficient's terms, the partial F ratio of each beside all others, what the step
-    reached in which it came, and its variance inflation.
+    """Return the values of a coefficient's terms, the partial F ratio of each beside all others,
+    what the step reached in which it came, and its variance inflation.
     """
     each, together = found.selections[axis], found.collinearity[axis]
     inflation = dict(zip(together.terms, together.inflation.tolist(), strict=True))
@@ -159,12 +159,12 @@ def terms_table(found: FoundStructure, axis: str) -> Table:
 
 
 def _several(found: FoundStructure) -> bool:
-    """Whether there are maneuvers of which one can be left out."""
+    """Return whether there are maneuvers of which one can be left out."""
     return len(found.histories) > 1
 
 
 def _held(value: float, found: FoundStructure) -> tuple[Cell, ...]:
-    """The cell of R2 on maneuvers left out; none of a single maneuver."""
+    """Return the cell of R2 on maneuvers left out; none of a single maneuver."""
     if not _several(found):
         return ()
     return (formatted(value, ".4f", PURE) if math.isfinite(value) else "",)
@@ -218,7 +218,7 @@ def findings(found: FoundStructure) -> list[str]:
 
 
 def _other_model(added: Term | None, removed: Term | None, probability: float) -> str:
-    """Sentences on another model that explains the data as well."""
+    """Return the sentences on another model that explains the data as well."""
     if added is None and removed is not None:
         what = f"a model without {removed.text}"
     elif removed is None and added is not None:
@@ -233,7 +233,7 @@ def _other_model(added: Term | None, removed: Term | None, probability: float) -
 
 
 def _surfaces_together(found: FoundStructure) -> list[str]:
-    """Sentences on surfaces that move together in all records."""
+    """Return the sentences on surfaces that move together in all records."""
     rows = {}
     for name in commanded(found.aircraft):
         parts = [h.samples[name] - np.mean(h.samples[name]) for h in found.histories]
@@ -259,7 +259,7 @@ def structure_figures(found: FoundStructure) -> Iterator[Named]:
 
 
 def modelled(found: FoundStructure, axis: str, number: int) -> np.ndarray:
-    """A coefficient of a maneuver by the terms found, ``(M,)``."""
+    """Return a coefficient of a maneuver by the terms found, ``(M,)``."""
     each = found.selections[axis]
     return np.asarray(columns_of(found.histories[number], each.terms, axis) @ each.values)
 
@@ -306,7 +306,7 @@ def coefficient_figure(found: FoundStructure, axes: Sequence[str], most: int = 4
 
 
 def structure_page(found: FoundStructure, drawn: Sequence[Drawn] = ()) -> Page:
-    """The page of a structure."""
+    """Return the page of a structure."""
     worst = min(found.selections.values(), key=lambda each: each.r2)
     lacking = [axis for axis, each in found.selections.items() if each.lacking]
     inputs = [
@@ -359,7 +359,7 @@ def write_structure(found: FoundStructure, folder: str | Path, *, figures: Forma
 
 
 def structure_content(found: FoundStructure) -> dict[str, Any]:
-    """Content of ``structure.json``."""
+    """Return the content of ``structure.json``."""
     return {
         "schema": SCHEMA,
         "vehicle": found.aircraft.name,

@@ -161,7 +161,7 @@ def structure_of_files(request: Request, options: StructureOptions) -> FoundStru
 
 
 def with_plain_terms(source: Source) -> Source:
-    """A vehicle file without terms, with a constant for each coefficient."""
+    """Return a vehicle file without terms, with a constant for each coefficient."""
     content = toml_of(source)
     table = content.get("aerodynamics", {})
     if not isinstance(table, dict):
@@ -189,7 +189,7 @@ def structure_of(
     files: Sequence[InputFile] = (),
     notes: Sequence[str] = (),
 ) -> FoundStructure:
-    """The terms of each coefficient that records support.
+    """Return the terms of each coefficient that records support.
 
     Parameters
     ----------
@@ -345,7 +345,7 @@ def _sum(first: Mapping[Term, float], second: Mapping[Term, float]) -> dict[Term
 def _offered(
     histories: Sequence[Histories], aircraft: Aircraft, options: StructureOptions
 ) -> dict[str, list[Term]]:
-    """Terms offered to each coefficient, the constant first."""
+    """Return the terms offered to each coefficient, the constant first."""
     axes = (*aircraft.forces, *MOMENTS)
     if options.terms is not None:
         return _of_file(options.terms, aircraft)
@@ -367,7 +367,7 @@ def _offered(
 
 
 def _of_file(path: Path, aircraft: Aircraft) -> dict[str, list[Term]]:
-    """The terms that a file offers."""
+    """Return the terms that a file offers."""
     content = toml_of(read_toml_source(path))
     axes = (*aircraft.forces, *MOMENTS)
     offered: dict[str, list[Term]] = {axis: [Term()] for axis in axes}

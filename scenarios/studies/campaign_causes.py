@@ -64,8 +64,8 @@ class Wrong:
 
 
 def wrong_sigmas(found: CampaignStatistics) -> tuple[Wrong, ...]:
-    """Parameters whose two-sigma coverage excludes that of a normal distribution; of all together
-    one in twenty right campaigns has some.
+    """Return the parameters whose two-sigma coverage excludes that of a normal distribution; of all
+    together one in twenty right campaigns has some.
 
     The interval of each is that of Clopper and Pearson at a level of one minus 0.05 over the number
     of parameters (Bonferroni).
@@ -147,8 +147,8 @@ class Judgement:
 
 
 def judge(campaign: CampaignRuns, *, causes: bool = True, levels: bool = False) -> Judgement:
-    """Statistics of a campaign, and where ``causes`` why sigmas are wrong; ``levels``: noise levels
-    by likelihood in any case.
+    """Return the statistics of a campaign, and where ``causes`` why sigmas are wrong; ``levels``:
+    noise levels by likelihood in any case.
     """
     statistics = campaign_statistics(campaign)
     return Judgement(
@@ -194,7 +194,7 @@ def findings_of(
 
 
 def _near(foretold: float, seen: float, runs: int) -> bool:
-    """Whether a foretold size of the errors is that which was seen."""
+    """Return whether a foretold size of the errors is that which was seen."""
     return foretold > 0.0 and abs(math.log(foretold / seen)) <= max(
         PREDICTED_SIZE_TOLERANCE, 3.0 / math.sqrt(2.0 * runs)
     )

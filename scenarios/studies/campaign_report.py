@@ -89,13 +89,13 @@ _WORDS = {
 
 
 def cause_word(finding: Finding) -> str:
-    """The causes in a word or two each."""
+    """Return the causes in a word or two each."""
     return " + ".join(_WORDS[each] for each in finding.causes)
 
 
 def findings_blocks(found: Findings) -> list[Block]:
-    """The wrong sigmas with the right ones and a sentence for each cause, or that there is none;
-    noise levels where they were looked for.
+    """Return the wrong sigmas with the right ones and a sentence for each cause, or that there is
+    none; noise levels where they were looked for.
     """
     blocks = levels_blocks(found, found.levels) if found.levels is not None else []
     if not found.found:
@@ -128,7 +128,7 @@ def findings_blocks(found: Findings) -> list[Block]:
 
 
 def levels_blocks(found: Findings, levels: Levels) -> list[Block]:
-    """A row a level, and whether all are as assumed."""
+    """Return a row a level, and whether all are as assumed."""
     items = levels.items
     shown = table(
         LEVELS_TITLE,
@@ -153,7 +153,7 @@ def _level(item: Level, value: float, spread: float) -> Cell:
 
 
 def level_text(item: Level, value: float) -> str:
-    """A level in the unit in which it is shown; of process noise as a factor on the declared
+    """Return a level in the unit in which it is shown; of process noise as a factor on the declared
     deviations.
     """
     if value == 0.0:
@@ -164,8 +164,8 @@ def level_text(item: Level, value: float) -> str:
 
 
 def levels_sentence(found: Findings) -> str:
-    """Whether the levels that are assumed are those under which the records are most probable;
-    nothing where these were not looked for.
+    """Return whether the levels that are assumed are those under which the records are most
+    probable; nothing where these were not looked for.
     """
     levels = found.levels
     if levels is None:
@@ -417,7 +417,7 @@ TWO_SIGMA = 0.9545  # of a normal distribution
 def campaign_page(
     campaign: CampaignRuns, judgement: Judgement, drawn: Sequence[Drawn] = ()
 ) -> Page:
-    """The page of a campaign with the figures ``drawn``."""
+    """Return the page of a campaign with the figures ``drawn``."""
     scenario, seeds, pooled = campaign.scenario, campaign.seeds, campaign.pooled
     low, high = pooled.interval
     wrong = judgement.findings.found
@@ -522,7 +522,7 @@ def sizes_table(campaign: CampaignRuns) -> Table:
 
 
 def campaign_title(campaign: CampaignRuns) -> str:
-    """The scenario, how many runs from which seed, and the method."""
+    """Return the scenario, how many runs from which seed, and the method."""
     return (
         f"{campaign.scenario.name}: {len(campaign.seeds)} runs from seed {campaign.root}, "
         f"{campaign.estimation.label}"
@@ -567,7 +567,7 @@ def broken_words(campaign: CampaignRuns) -> str:
 
 
 def _shown(s: Spread) -> Spread:
-    """The same in the unit in which it is shown."""
+    """Return the same in the unit in which it is shown."""
     factor, unit = shown_in(s.unit, s.name)
     sizes = {key: factor * getattr(s, key) for key in ("reference", "bias", "scatter", "reported")}
     return replace(s, unit=unit, **sizes)

@@ -90,7 +90,7 @@ class Bound:
 
 
 def bound_of(work: EstimatorRuns) -> Bound | None:
-    """The bound of a campaign's method; None where the model's sensitivities have no finite
+    """Return the bound of a campaign's method; None where the model's sensitivities have no finite
     numbers.
     """
     common, estimation, names = work.common, work.estimation, work.parameters
@@ -123,8 +123,8 @@ def bound_of(work: EstimatorRuns) -> Bound | None:
 def _calm(
     estimation: Estimation, model: Model, record: Record, names: tuple[str, ...]
 ) -> np.ndarray:
-    """Slopes ``(M, n)`` of a record without process noise in units of the noise, states at the
-    start and zeros of sensors taken out.
+    """Return the slopes ``(M, n)`` of a record without process noise in units of the noise, states
+    at the start and zeros of sensors taken out.
     """
     if estimation.method in FILTERS:
         system = compile_model(model, estimation.outputs)
@@ -143,8 +143,8 @@ def _calm(
 def _forced(
     estimation: Estimation, model: Model, record: Record, truth: Truth
 ) -> np.ndarray | None:
-    """Information ``(n, n)`` with process noise: what a Kalman filter with the true levels gains on
-    exact data, which keep it at the reference.
+    """Return the information ``(n, n)`` with process noise: what a Kalman filter with the true
+    levels gains on exact data, which keep it at the reference.
     """
     system = compile_model(model, estimation.outputs)
     if any(name not in system.state_names for name in model.noise.process_density):
@@ -213,8 +213,8 @@ def cramer_rao(
     names: Sequence[str],
     biased: Mapping[str, float],
 ) -> Mapping[str, float]:
-    """The least standard deviation of each of some parameters that any unbiased estimate from one
-    record with white noise can have.
+    """Return the least standard deviation of each of some parameters that any unbiased estimate
+    from one record with white noise can have.
 
     Slopes are central differences of whole flights, nothing of an estimator. Unknown beside the
     parameters are where the states begin and a bias of each output in ``biased``, with what is
@@ -372,7 +372,7 @@ class CampaignStatistics:
 
 
 def campaign_statistics(campaign: CampaignRuns) -> CampaignStatistics:
-    """Statistics of the sound runs, and the bound at the reference values."""
+    """Return the statistics of the sound runs, and the bound at the reference values."""
     bound = bound_of(campaign.work)
     reference = np.array([[spread.reference] for spread in campaign.spreads])
     parameters = tuple(
@@ -389,7 +389,7 @@ def campaign_statistics(campaign: CampaignRuns) -> CampaignStatistics:
 
 
 def coverage_of(sigmas: np.ndarray) -> tuple[Within, ...]:
-    """Shares of errors ``(M,)`` in sigmas within one, two and three."""
+    """Return the shares of errors ``(M,)`` in sigmas within one, two and three."""
     runs = len(sigmas)
     hits = [int(np.sum(np.abs(sigmas) <= each)) for each in SIGMAS]
     return tuple(
@@ -471,7 +471,7 @@ def statistics_content(found: CampaignStatistics) -> dict[str, Any]:
 
 
 def statistics_csv(found: CampaignStatistics) -> str:
-    """A row a parameter, SI; a cell is empty where there is nothing."""
+    """Return a row a parameter, SI; a cell is empty where there is nothing."""
     rows = [_flat(each) for each in found.parameters]
     cells = (
         [
@@ -544,7 +544,7 @@ MEANINGS = {
 
 
 def squares_sentence(squares: Squares) -> str:
-    """The mean of NEES or NIS over its degrees of freedom beside where it should be."""
+    """Return the mean of NEES or NIS over its degrees of freedom beside where it should be."""
     low, high = squares.interval
     said = (
         "as it should be" if squares.right else "too large" if squares.mean > high else "too small"
@@ -571,7 +571,7 @@ NOTE = (
 
 
 def two_digits(value: float) -> Cell:
-    """A deviation with two digits."""
+    """Return a deviation with two digits."""
     return Number(value, shown=number_text(value, value))
 
 

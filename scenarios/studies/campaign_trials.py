@@ -143,8 +143,8 @@ def _better(
     tried: float,
     allowed: float,
 ) -> tuple[np.ndarray, float]:
-    """The logarithms with that of one factor as ``tried``, where that costs at most ``allowed``
-    more.
+    """Return the logarithms with that of one factor as ``tried``, where that costs at most
+    ``allowed`` more.
     """
     other = theta.copy()
     other[at] = tried
@@ -155,8 +155,8 @@ def _better(
 def _newton(
     cost: Callable[[np.ndarray], float], theta: np.ndarray, value: float
 ) -> tuple[np.ndarray, float, np.ndarray]:
-    """The least cost by Newton steps of each logarithm alone, which hardly know of each other; with
-    their deviations by the curvature.
+    """Return the least cost by Newton steps of each logarithm alone, which hardly know of each
+    other; with their deviations by the curvature.
     """
     spreads = np.full(len(theta), math.inf)
     moving = np.flatnonzero(np.isfinite(theta))
@@ -224,7 +224,7 @@ class _Plan:
         return len(self.outputs) + len(self.groups)
 
     def noise(self, theta: np.ndarray) -> Noise:
-        """Levels at logarithms of factors on standard deviations ``(size,)``."""
+        """Return the levels at logarithms of factors on standard deviations ``(size,)``."""
         factors = np.exp(theta)
         told = {
             name: float(value * factor)
@@ -394,8 +394,8 @@ def split(normal: np.ndarray, valid: np.ndarray, outputs: Sequence[str]) -> Resi
 
 
 def predicted_by_prior(bound: Bound, at: int) -> tuple[float, float]:
-    """Root mean square error in stated sigmas that the priors alone give a linear estimator, and
-    the prior's share of the stated variance.
+    """Return the root mean square error in stated sigmas that the priors alone give a linear
+    estimator, and the prior's share of the stated variance.
     """
     stated = float(bound.stated[at])
     return float(np.hypot(bound.scatter[at], bound.pull[at])) / stated, float(bound.prior_share[at])
@@ -445,11 +445,11 @@ class Trial:
     std: np.ndarray
 
     def rms(self, at: int) -> float:
-        """Root mean square of a parameter's errors in reported sigmas."""
+        """Return the root mean square of a parameter's errors in reported sigmas."""
         return float(np.sqrt(np.mean((self.errors[at] / self.std[at]) ** 2)))
 
     def right(self, at: int) -> bool:
-        """Whether that is what right sigmas give in 999 of 1000 trials."""
+        """Return whether that is what right sigmas give in 999 of 1000 trials."""
         low, high = mean_square_interval(self.errors.shape[1], 0.999)
         return low <= self.rms(at) ** 2 <= high
 
@@ -499,7 +499,7 @@ class Trials:
             yield from combinations(self.changes, size)
 
     def trial(self, keys: tuple[str, ...]) -> Trial | None:
-        """The runs with these changes; None where fewer than half of them settle."""
+        """Return the runs with these changes; None where fewer than half of them settle."""
         if keys not in self.done:
             self.done[keys] = self._computed(keys)
         return self.done[keys]
@@ -576,7 +576,7 @@ def _changes(
 
 
 def _merged(estimation: Estimation, changed: Estimation, key: str) -> Estimation:
-    """An estimation with one change more."""
+    """Return an estimation with one change more."""
     if key == TRIALS_STEPS:
         return replace(
             estimation,
@@ -610,15 +610,15 @@ def closest(trials: Trials, at: Sequence[int]) -> dict[int, Trial]:
 
 
 def _nearer(trial: Trial, first: Trial | None, at: int) -> bool:
-    """Whether a change takes at least half of what is wrong away: few runs call right what is
-    nearly so.
+    """Return whether a change takes at least half of what is wrong away: few runs call right what
+    is nearly so.
     """
     return first is None or abs(math.log(trial.rms(at))) < 0.5 * abs(math.log(first.rms(at)))
 
 
 def quiet_trial(trials: Trials) -> Trial | None:
-    """The runs with a tenth of the noise, all else as it is: a bias that noise makes is then a
-    tenth in sigmas, any other ten times as large.
+    """Return the runs with a tenth of the noise, all else as it is: a bias that noise makes is then
+    a tenth in sigmas, any other ten times as large.
     """
     work = trials.work
     noise = {

@@ -67,18 +67,18 @@ def distance_text(distance: str) -> str:
 
 
 def choice_lines(choices: Sequence[Choice]) -> list[str]:
-    """One line a choice: key, value and reason."""
+    """Return one line a choice: key, value and reason."""
     return [f"{choice.key} = {choice.value}: {choice.reason}" for choice in choices]
 
 
 def choices_content(choices: Sequence[Choice]) -> dict[str, dict[str, str]]:
-    """The same for a JSON file, by key."""
+    """Return the same for a JSON file, by key."""
     return {choice.key: {"value": choice.value, "reason": choice.reason} for choice in choices}
 
 
 def vehicle_origins(flight: FlightPlan) -> dict[str, list[str]]:
-    """Numbers of a built-in vehicle that its source does not print, by what their origin means;
-    those of an elastic mode are counted.
+    """Return the numbers of a built-in vehicle that its source does not print, by what their origin
+    means; those of an elastic mode are counted.
     """
     if flight.own is not None:
         return {}
@@ -121,8 +121,8 @@ def vehicle_line(flight: FlightPlan) -> str:
 
 
 def misprints(flight: FlightPlan) -> dict[str, tuple[str, str]]:
-    """Numbers of a built-in vehicle that fly otherwise than the paper prints them: both as text, by
-    name.
+    """Return the numbers of a built-in vehicle that fly otherwise than the paper prints them: both
+    as text, by name.
     """
     if flight.own is not None:
         return {}
@@ -152,8 +152,8 @@ def other_flight(scenario: Scenario, estimation: Estimation) -> Mapping[str, Any
 
 
 def other_flight_line(scenario: Scenario, estimation: Estimation) -> str:
-    """The same in words, with how far that flight is from the model; empty where there is no other
-    flight.
+    """Return the same in words, with how far that flight is from the model; empty where there is no
+    other flight.
     """
     if estimation.flight is None:
         return ""
@@ -189,8 +189,8 @@ MOST_WRITTEN_PARTS = 6  # parts of a direction that are written
 
 
 def determination_content(method: MethodDetermination) -> dict[str, Any]:
-    """Counts, every strength, the directions that the record sees, and of each parameter what comes
-    from where.
+    """Return the counts, every strength, the directions that the record sees, and of each parameter
+    what comes from where.
     """
     found = method.found
     return {
@@ -220,7 +220,7 @@ def determination_content(method: MethodDetermination) -> dict[str, Any]:
 
 
 def determination_csv(methods: Sequence[MethodDetermination]) -> str:
-    """The parameters of all methods."""
+    """Return the parameters of all methods."""
     rows = (
         [method.estimation.name, name, *map(repr, map(float, (prior, std, std / prior, *shares)))]
         for method in methods
@@ -251,7 +251,7 @@ UNSCENTED = "filterpy UnscentedKalmanFilter"
 
 
 def engine_label(estimation: Estimation) -> str:
-    """The engine of an estimation in words; empty where its method is no filter."""
+    """Return the engine of an estimation in words; empty where its method is no filter."""
     if estimation.method == "ukf":
         return UNSCENTED
     return ENGINES[estimation.engine].label if estimation.method == "ekf" else ""
@@ -299,8 +299,8 @@ def bank_sentence(name: str, second: SecondPass | None) -> str:
 
 
 def bank_content(name: str, second: SecondPass | None) -> dict[str, Any]:
-    """Content of the key ``engine`` for a bank of delays; differences of means and standard
-    deviations in sigmas.
+    """Return the content of the key ``engine`` for a bank of delays; differences of means and
+    standard deviations in sigmas.
     """
     content: dict[str, Any] = {"name": name, "sentence": bank_sentence(name, second)}
     if second is not None:
@@ -321,8 +321,8 @@ DERIVED_UNITS = {**MODAL_UNITS, "delay": "s"}
 
 
 def comparison(study: StudyResult) -> dict[str, Any]:
-    """Content of ``comparison.json`` for a scenario: the main method's figures, the others under
-    ``methods``.
+    """Return the content of ``comparison.json`` for a scenario: the main method's figures, the
+    others under ``methods``.
     """
     out: dict[str, Any] = {
         "schema": SCHEMA,
@@ -380,7 +380,7 @@ def _departures(study: StudyResult, method: MethodResult) -> dict[str, Any]:
 
 
 def flexibility_content(found: Flexibility) -> dict[str, Any]:
-    """The degree of flexibility, its threshold and what it stands on; frequencies in rad/s,
+    """Return the degree of flexibility, its threshold and what it stands on; frequencies in rad/s,
     derivatives in 1/rad.
     """
     content: dict[str, Any] = {
@@ -399,8 +399,8 @@ def flexibility_content(found: Flexibility) -> dict[str, Any]:
 
 
 def _repeated(each: Scatter) -> dict[str, Any]:
-    """One estimator's errors over the runs of one flight; derivatives are left out where no run
-    settled.
+    """Return one estimator's errors over the runs of one flight; derivatives are left out where no
+    run settled.
     """
     share, interval = each.within_two
     table = zip(each.names, each.units, each.rms, each.rms_sigmas, strict=True)
@@ -419,7 +419,7 @@ def _repeated(each: Scatter) -> dict[str, Any]:
 
 
 def method_content(method: MethodResult) -> dict[str, Any]:
-    """Parameters, derived quantities, outcome and tests of one method."""
+    """Return the parameters, derived quantities, outcome and tests of one method."""
     content = estimate_content(
         method.result.estimate, method.rows, method.derived, method.fixed, method.tests
     )
@@ -440,7 +440,7 @@ def estimate_content(
     fixed: Mapping[str, tuple[float, str]],
     tests: tuple[ResidualTest, ...],
 ) -> dict[str, Any]:
-    """The parts that a scenario's comparison and an identification share."""
+    """Return the parts that a scenario's comparison and an identification share."""
     correlation = estimate.correlation
     return {
         "parameters": {row.name: _row(row) for row in rows},
@@ -470,7 +470,7 @@ def estimate_content(
 
 
 def in_unit(row: Row, unit: str) -> Row:
-    """The same row in another unit, e.g. beta in lb/ft2."""
+    """Return the same row in another unit, e.g. beta in lb/ft2."""
     from scenarios.files.units import to_si
     from sim.errors import DeclarationError
 

@@ -222,8 +222,8 @@ class Scenario:
 
 
 def seen_by(scenario: Scenario, estimation: Estimation) -> Scenario:
-    """The scenario with the flight whose record an estimation gets: its own where it has one, of
-    the same vehicle.
+    """Return the scenario with the flight whose record an estimation gets: its own where it has
+    one, of the same vehicle.
     """
     if estimation.flight is None:
         return scenario
@@ -240,8 +240,8 @@ MOST_ENTRIES = 6  # of a list of numbers that is told one by one
 def choices_of(
     own: Mapping[str, Any], document: Mapping[str, Any], where: str
 ) -> tuple[Choice, ...]:
-    """The choices that ``own`` declares of ``document``, whose keys it repeats with a reason in the
-    place of each value.
+    """Return the choices that ``own`` declares of ``document``, whose keys it repeats with a reason
+    in the place of each value.
 
     The value is read from the document, so that a study tells what it really used; ``where`` is the
     key of ``own`` in messages.
@@ -288,8 +288,8 @@ def without_gone(own: Mapping[str, Any], before: Any, after: Any) -> dict[str, A
 
 
 def methods_without_gone(before: Mapping[str, Any], after: dict[str, Any]) -> dict[str, Any]:
-    """A changed document likewise in the table ``own`` of each method; what a method does not
-    declare is the main one's.
+    """Return a changed document likewise in the table ``own`` of each method; what a method does
+    not declare is the main one's.
     """
     were, now = before.get("methods"), after.get("methods")
     if not (isinstance(were, list) and isinstance(now, list) and len(were) == len(now)):
@@ -326,8 +326,8 @@ def _inside(table: Any, name: str) -> Any:
 
 
 def value_text(value: Any) -> str:
-    """A value of a scenario file in one line: ``"100 Hz"``, ``"550 lb/ft2 +- 110 lb/ft2"``, ``"CL_q
-    -11 +- 6, CL_de 0.35 +- 0.2"``.
+    """Return a value of a scenario file in one line: ``"100 Hz"``, ``"550 lb/ft2 +- 110 lb/ft2"``,
+    ``"CL_q -11 +- 6, CL_de 0.35 +- 0.2"``.
     """
     if isinstance(value, Mapping):
         if value.keys() == {"value", "std"}:

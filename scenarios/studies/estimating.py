@@ -77,7 +77,7 @@ DISTANCES = {
 
 
 def true_model(flight: FlightPlan) -> Model:
-    """The vehicle that really flies, with its noise."""
+    """Return the vehicle that really flies, with its noise."""
     noise = Noise(flight.noise_std, flight.process_noise)
     if flight.own is not None:
         return flight.own.with_noise(noise)
@@ -108,7 +108,7 @@ def vehicle_model(vehicle: str, modes: int, noise: Noise, frequency_factor: floa
 
 
 def flown_vehicle(flight: FlightPlan) -> VehicleData:
-    """The numbers of the built-in vehicle that flies."""
+    """Return the numbers of the built-in vehicle that flies."""
     return with_frequency_factor(read_parameter_set(flight.vehicle), flight.frequency_factor)
 
 
@@ -192,8 +192,8 @@ def maneuvers_by_input(
 def held_alike(
     by_input: Mapping[str, Maneuver], plans: Sequence[ManeuverPlan], time: np.ndarray
 ) -> dict[str, Maneuver]:
-    """Maneuvers that a record can hold: beside steps on any input a smooth one is fed sample by
-    sample.
+    """Return the maneuvers that a record can hold: beside steps on any input a smooth one is fed
+    sample by sample.
 
     Between the samples ``time`` (s) a record's inputs are all held or all linear, and read the
     other way a step is half a sample late.
@@ -214,13 +214,13 @@ def held_alike(
 def measured_again(
     record: Record, truth: Truth, noise_std: Mapping[str, float], seed: int
 ) -> Record:
-    """The same flight with sensors of other noise."""
+    """Return the same flight with sensors of other noise."""
     std = {**truth.noise_std, **noise_std}
     return remeasure(record, replace(truth, noise_std=std), np.random.default_rng(seed))
 
 
 def maneuver_of(plan: ManeuverPlan, where: str) -> Maneuver:
-    """The maneuver that a plan describes.
+    """Return the maneuver that a plan describes.
 
     Raises
     ------
@@ -310,8 +310,8 @@ class Result:
 def declared_model(
     estimation: Estimation, constants: Mapping[str, float], noise_std: Mapping[str, float]
 ) -> Model:
-    """The model an estimator starts from: constants held, ``start`` free with its priors, ``held``
-    fixed.
+    """Return the model an estimator starts from: constants held, ``start`` free with its priors,
+    ``held`` fixed.
 
     Raises
     ------
@@ -364,8 +364,8 @@ def assumed_noise(scenario: Scenario, estimation: Estimation) -> dict[str, float
 def vehicle_constants(
     estimation: Estimation, vehicle: str, frequency_factor: float = 1.0
 ) -> dict[str, float]:
-    """The numbers of a built-in vehicle that an estimator may know: no derivative among them, and
-    none where the model has its own.
+    """Return the numbers of a built-in vehicle that an estimator may know: no derivative among
+    them, and none where the model has its own.
     """
     if estimation.own is not None:
         return {}
@@ -383,7 +383,7 @@ def flight_constants(flight: FlightPlan, estimation: Estimation) -> dict[str, fl
 
 
 def compiled(estimation: Estimation, model: Model) -> System:
-    """The System of a model for the estimation's method and outputs."""
+    """Return the System of a model for the estimation's method and outputs."""
     filtering = estimation.method in ("ekf", "ukf")
     if estimation.method in ("output-error", "filter-error"):
         return biased_system(estimation, model)
@@ -391,14 +391,14 @@ def compiled(estimation: Estimation, model: Model) -> System:
 
 
 def biased_system(estimation: Estimation, model: Model) -> System:
-    """The System of a model for a whole-record fit: with a free bias of each sensor that can have
-    one.
+    """Return the System of a model for a whole-record fit: with a free bias of each sensor that can
+    have one.
     """
     return compile_model(model.with_biases(_biased(estimation, model)), estimation.outputs)
 
 
 def _biased(estimation: Estimation, model: Model) -> list[str]:
-    """The outputs whose sensors have a free bias."""
+    """Return the outputs whose sensors have a free bias."""
     if estimation.own is not None:
         return own_biases(model, estimation.outputs)
     return [
@@ -409,8 +409,8 @@ def _biased(estimation: Estimation, model: Model) -> list[str]:
 
 
 def _longest_step(estimation: Estimation) -> float:
-    """Largest integration step of a whole-record fit, s; an own model may be a thousand times
-    slower than an aircraft: its scenario's word counts.
+    """Return the largest integration step of a whole-record fit, s; an own model may be a thousand
+    times slower than an aircraft: its scenario's word counts.
     """
     told = estimation.own is not None and math.isfinite(estimation.max_step)
     return estimation.max_step if told else min(FIT_STEP, estimation.max_step)
@@ -453,8 +453,8 @@ def estimate_record(estimation: Estimation, record: Record, model: Model) -> Res
 
 
 def narrowed(model: Model, estimate: Estimate, spread: float) -> Model:
-    """The model started at an estimate, each free parameter with at most ``spread`` of its standard
-    deviations.
+    """Return the model started at an estimate, each free parameter with at most ``spread`` of its
+    standard deviations.
     """
     std = {
         name: min(model.parameters[name].prior_std, spread * float(sigma))
@@ -466,7 +466,7 @@ def narrowed(model: Model, estimate: Estimate, spread: float) -> Model:
 
 
 def _filtered(estimation: Estimation, record: Record, model: Model) -> Estimate:
-    """The filter of an estimation, in as many passes as it takes."""
+    """Return the filter of an estimation, in as many passes as it takes."""
     if estimation.method == "ukf":
         from ident.filters.ukf import run_ukf as run
     else:
@@ -591,8 +591,8 @@ class Estimates:
 
 
 def is_batched(estimation: Estimation, feedback: bool) -> bool:
-    """Whether runs go through one batch: a batch has one input, and under feedback no two runs have
-    the same.
+    """Return whether runs go through one batch: a batch has one input, and under feedback no two
+    runs have the same.
     """
     return estimation.method == "ekf" and not feedback
 
@@ -642,8 +642,8 @@ def batched(estimation: Estimation, records: Sequence[Record], model: Model) -> 
 def _narrowed_passes(
     estimation: Estimation, record: Record, system: System, bank: BankEstimate, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Means, covariances, soundness and NIS after further passes, each run started and narrowed by
-    its own result, as `studies.estimating` does.
+    """Return the means, covariances, soundness and NIS after further passes, each run started and
+    narrowed by its own result, as `studies.estimating` does.
     """
     settings, n_x = replace(filter_settings(estimation), passes=1), len(system.states)
     declared = np.array(

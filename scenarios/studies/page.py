@@ -55,7 +55,7 @@ COVERING_SIGMAS = 2.0  # sigmas within which an estimate is said to hold the tru
 
 
 def study_page(study: StudyResult, drawn: Sequence[Drawn] = ()) -> Page:
-    """The page of a study with the figures ``drawn``."""
+    """Return the page of a study with the figures ``drawn``."""
     scenario, main = study.scenario, study.main
     outcome = main.result.estimate.outcome
     white = all(test.passed for test in main.tests)

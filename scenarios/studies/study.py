@@ -104,8 +104,8 @@ def fly_repeatedly(
     seed: int | None = None,
     progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> tuple[Scatter, ...]:
-    """All repeated flights of a scenario, each estimated by the methods it names; run i has the
-    seed ``seed + i``.
+    """Return all repeated flights of a scenario, each estimated by the methods it names; run i has
+    the seed ``seed + i``.
 
     Raises
     ------
@@ -285,8 +285,8 @@ def residual_note(result: Result, model: Model) -> str:
 
 
 def flexibility_sentences(found: Flexibility, noise_std: Mapping[str, float]) -> tuple[str, ...]:
-    """The degree of flexibility, the threshold it is held against, and on which side of it this
-    aircraft is.
+    """Return the degree of flexibility, the threshold it is held against, and on which side of it
+    this aircraft is.
     """
     degree = (
         f"degree of flexibility {found.degree:.3g}: what a structure that follows its loads at "
@@ -321,8 +321,8 @@ def _frequency(omega: float) -> str:
 
 
 def elastic_frequencies(model: Model) -> list[float]:
-    """Frequencies of a model's oscillations above the short period, rad/s, ascending; empty for a
-    rigid one.
+    """Return the frequencies of a model's oscillations above the short period, rad/s, ascending;
+    empty for a rigid one.
     """
     return sorted(
         abs(root) for root in np.linalg.eigvals(linearise(model).A).tolist() if root.imag > 0
@@ -341,8 +341,8 @@ def residuals_of(result: Result) -> Sequence[np.ndarray]:
 
 
 def periodogram(row: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (rad/s, zero left out) and power of a series under a Hann window, padded to four
-    times its length.
+    """Return the frequencies (rad/s, zero left out) and power of a series under a Hann window,
+    padded to four times its length.
     """
     size = 4 * len(row)
     power = np.abs(np.fft.rfft((row - row.mean()) * np.hanning(len(row)), size)) ** 2

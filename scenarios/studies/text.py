@@ -152,8 +152,8 @@ HEADINGS = {"likelihood": "BIC gain of a mode", "whiteness": "p(white)", "misfit
 
 
 def sweep_blocks(sweep: Sweep) -> list[Block]:
-    """The structures with the criteria's figures, errors of the six rigid derivatives by each
-    method, and the criteria in words.
+    """Return the structures with the criteria's figures, errors of the six rigid derivatives by
+    each method, and the criteria in words.
     """
     criteria, points = criteria_of(sweep.points), sweep.points
     names = {mark.frequency_factor: mark.label for mark, _ in sweep.marks}
@@ -388,8 +388,8 @@ def _print_method(study: StudyResult, method: MethodResult, out: Console) -> Non
 
 
 def repeated_blocks(found: Sequence[Scatter]) -> list[Block]:
-    """Errors over all runs of the repeated flights: shares of intervals that hold the truth, errors
-    in reported sigmas and in the derivatives' units, and the runs left out.
+    """Return the errors over all runs of the repeated flights: shares of intervals that hold the
+    truth, errors in reported sigmas and in the derivatives' units, and the runs left out.
     """
     runs = sum(found[0].outcomes.values())
     labels = [f"{each.flight}: {each.estimation.label}" for each in found]
@@ -447,8 +447,8 @@ def repeated_blocks(found: Sequence[Scatter]) -> list[Block]:
 
 
 def with_display(study: StudyResult, rows: Iterable[Row]) -> list[Row]:
-    """Rows in the units in which they are shown, frequencies in Hz as well, and again in another
-    unit those that the scenario wants shown so.
+    """Return the rows in the units in which they are shown, frequencies in Hz as well, and again in
+    another unit those that the scenario wants shown so.
     """
     from scenarios.studies.comparison import in_unit
 

@@ -60,8 +60,8 @@ USUAL = ("airspeed", "reference_airspeed", "mach", "Mach", "mass", "altitude")
 
 
 def survey_figures(survey: SurveyResult) -> Iterator[Named]:
-    """Effects by flight; shared values over the condition; derivatives over the condition with
-    which they change.
+    """Yield the effects by flight; shared values over the condition; derivatives over the condition
+    with which they change.
     """
     from scenarios.plots.maneuvers import (
         Shared,
@@ -136,7 +136,7 @@ def survey_figures(survey: SurveyResult) -> Iterator[Named]:
 
 
 def _condition(each: Derivative, usual: str) -> str:
-    """The condition that a derivative is drawn over: the one with which it changes."""
+    """Return the condition that a derivative is drawn over: the one with which it changes."""
     return each.drifts[0] if each.drifts is not None else usual
 
 

@@ -33,8 +33,8 @@ DiagnosesByFlight = Mapping[str, Mapping[str, Any]]
 
 
 def candidates(diagnoses: DiagnosesByFlight) -> tuple[str, ...]:
-    """Effects that may recur, the most often named first: claimed somewhere, and named in two
-    flights at least.
+    """Return the effects that may recur, the most often named first: claimed somewhere, and named
+    in two flights at least.
     """
     claimed: Counter[str] = Counter()
     named: Counter[str] = Counter()
@@ -155,8 +155,8 @@ class Recurring:
 def evidence_of(
     fits: Sequence[Mapping[str, Any]], name: str, beside: Sequence[frozenset[str]]
 ) -> tuple[Evidence, np.ndarray]:
-    """Evidence of each flight for an effect added to the sets ``beside``, and which flights can be
-    used ``(n,)``.
+    """Return the evidence of each flight for an effect added to the sets ``beside``, and which
+    flights can be used ``(n,)``.
     """
     gain: list[float] = []
     value: list[np.ndarray] = []
@@ -195,7 +195,7 @@ def recurring(
     fits: Sequence[Mapping[str, Any]],
     diagnoses: DiagnosesByFlight,
 ) -> tuple[list[Recurring], list[frozenset[str]]]:
-    """The effects that recur, the strongest first, and of each flight those that it has.
+    """Return the effects that recur, the strongest first, and of each flight those that it has.
 
     Forward selection over effects: the one whose recurrence gains most likelihood is added, each
     flight then has it where that is likelier than not; then each that was taken is asked again
@@ -239,7 +239,7 @@ def _preferred(
     sets: Sequence[frozenset[str]],
     diagnoses: DiagnosesByFlight,
 ) -> str:
-    """An effect, or the rival that all flights together prefer in its place.
+    """Return an effect, or the rival that all flights together prefer in its place.
 
     Names that are equal in likelihood are told apart by what they make of the derivatives: one
     aircraft has one value, the wrong name scatters it over the conditions; where that says nothing
@@ -272,8 +272,8 @@ def _preferred(
 
 
 def _differences(fits: Sequence[Mapping[str, Any]], sets: Sequence[frozenset[str]]) -> float:
-    """Difference of the derivatives of all flights from common values: the sum of Cochran's
-    statistics.
+    """Return the difference of the derivatives of all flights from common values: the sum of
+    Cochran's statistics.
     """
     seen: dict[str, list[tuple[float, float]]] = {}
     for each, taken in zip(fits, sets, strict=True):
@@ -397,7 +397,7 @@ def recurring_with_other_effects(
 
 
 def _needless(fitted: Mapping[str, Any], taken: frozenset[str]) -> bool:
-    """Whether a flight's own effects are unnecessary beside the effects ``taken``."""
+    """Return whether a flight's own effects are unnecessary beside the effects ``taken``."""
 
     def most(sets: Mapping[str, Any]) -> float:
         return max(
@@ -460,8 +460,8 @@ def estimates(
     recurring_effects: Sequence[Recurring],
     sets: Sequence[frozenset[str]],
 ) -> list[dict[str, tuple[float, float]]]:
-    """Derivatives of each flight with sigmas, once the other flights have told the values that are
-    shared.
+    """Return the derivatives of each flight with sigmas, once the other flights have told the
+    values that are shared.
     """
     out: list[dict[str, tuple[float, float]]] = []
     shared = {each.name: each for each in recurring_effects if each.recurrence.agrees}
@@ -496,8 +496,8 @@ def estimates(
 def effects_over(
     recurring_effects: Sequence[Recurring], conditions: Mapping[str, Mapping[str, float]]
 ) -> dict[tuple[str, str], tuple[str, Trend]]:
-    """Parameters of effects whose values differ between flights, by effect and name, with the
-    condition with which each changes most surely.
+    """Return the parameters of effects whose values differ between flights, by effect and name,
+    with the condition with which each changes most surely.
     """
     trends_found: list[tuple[tuple[str, str], str, Trend]] = []
     for each in recurring_effects:

@@ -182,8 +182,8 @@ def _fits(
     tell: Tell,
     cluster: str | None,
 ) -> tuple[dict[str, Mapping[str, Any]], int, dict[str, str]]:
-    """The fits of each flight with every set of what may recur, how many flights were fitted for
-    that now, and which could not be.
+    """Return the fits of each flight with every set of what may recur, how many flights were fitted
+    for that now, and which could not be.
     """
     flights = [had.flights[name] for name in had.diagnoses]
     whole = PooledFits(

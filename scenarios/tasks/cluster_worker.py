@@ -32,8 +32,8 @@ def run_sent(
     longest: float | None,
     asked: Mapping[str, str],
 ) -> list[Ended] | str | tuple[str, str]:
-    """A block ``(number, seed)`` of the pickled work ``content``; or, in words, why this worker
-    cannot run it, with the remedy if it is known.
+    """Return a block ``(number, seed)`` of the pickled work ``content``; or, in words, why this
+    worker cannot run it, with the remedy if it is known.
 
     A block that ends its process, or takes longer than ``longest`` s, leaves the worker alive, and
     threads of one worker do not share an interpreter: in a worker with four, four processes work.
@@ -134,8 +134,8 @@ def _end_idle(longest: float) -> None:
 
 
 def _differing(here: Mapping[str, str], there: Mapping[str, str]) -> str:
-    """The first difference on which the last digits hang, in words; of Python, the second number of
-    its version.
+    """Return the first difference on which the last digits hang, in words; of Python, the second
+    number of its version.
     """
     for name in (*DECIDING, "python"):
         one, other = here.get(name), there.get(name)

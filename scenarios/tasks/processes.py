@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def run_block(work: Work, block: Sequence[Task]) -> list[Ended]:
-    """One block in this process; what fails is recorded."""
+    """Return one block in this process; what fails is recorded."""
     started = time.perf_counter()
     try:
         rows = list(work.run(block))
@@ -47,7 +47,7 @@ def run_block(work: Work, block: Sequence[Task]) -> list[Ended]:
 
 
 def failed_by_circumstance(block: Sequence[Task], why: str, seconds: float = 0.0) -> list[Ended]:
-    """A block that something other than its tasks ended."""
+    """Return a block that something other than its tasks ended."""
     return [Ended(task, None, why, seconds / len(block), passing=True) for task in block]
 
 
@@ -73,7 +73,7 @@ _STARTING = threading.Lock()
 
 
 def can_fork() -> bool:
-    """Whether worker processes may be forks of this one.
+    """Return whether worker processes may be forks of this one.
 
     True on Linux. Windows has no ``os.fork``, and system libraries of macOS do not survive one.
     There, and where the environment variable ``FLIGHTID_START_METHOD`` is ``spawn``, worker

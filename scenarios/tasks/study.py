@@ -298,8 +298,8 @@ class Execution:
     limit: float | None = None
 
     def asked(self, count: int, root: int, block: int, unit: str) -> TaskRequest:
-        """A study of ``count`` tasks in blocks of ``block``. Raises FlightidError for what cannot
-        be.
+        """Return a study of ``count`` tasks in blocks of ``block``. Raises FlightidError for what
+        cannot be.
         """
         if self.jobs is not None and self.jobs < 1:
             raise FlightidError(

@@ -158,7 +158,7 @@ class _Sweep(BaseModel):
 
 
 def sweep_scenario_of(document: Mapping[str, Any], name: str, where: str) -> SweepScenario:
-    """A SweepScenario from the content of its file; ``where`` names the file in messages.
+    """Return a SweepScenario from the content of its file; ``where`` names the file in messages.
 
     Raises
     ------
@@ -352,7 +352,7 @@ def true_margins(scenario: SweepScenario) -> Mapping[str, float]:
 
 
 def true_parameters(scenario: SweepScenario) -> Mapping[str, float]:
-    """Parameters of the fitted form ``roll``; none of another form or aircraft."""
+    """Return the parameters of the fitted form ``roll``; none of another form or aircraft."""
     loop = scenario.loop
     if loop is None or scenario.form != "roll":
         return {}
@@ -488,12 +488,12 @@ def sweep_summary(study: SweepStudy, details: str) -> Summary:
 
 
 def model_lines(study: SweepStudy) -> list[str]:
-    """The fitted transfer function and how it is judged."""
+    """Return the fitted transfer function and how it is judged."""
     return [] if study.response is None else fit_lines(study.response, 0, 0)
 
 
 def cautions(study: SweepStudy) -> tuple[str, ...]:
-    """Cautions on the estimates."""
+    """Return the cautions on the estimates."""
     both = (*(study.response.cautions if study.response is not None else ()), *study.loop.cautions)
     return tuple(dict.fromkeys(both))
 
@@ -541,7 +541,7 @@ def truth_content(study: SweepStudy) -> dict[str, Any]:
 
 
 def sweep_comparison(study: SweepStudy) -> dict[str, Any]:
-    """Content of ``comparison.json``."""
+    """Return the content of ``comparison.json``."""
     scenario, loop = study.scenario, study.loop.loop
     return {
         "schema": SCHEMA,
@@ -557,7 +557,7 @@ def sweep_comparison(study: SweepStudy) -> dict[str, Any]:
 
 
 def sweep_page(study: SweepStudy, figure_files: tuple[Drawn, ...]) -> Page:
-    """The page of a study."""
+    """Return the page of a study."""
     scenario, loop = study.scenario, study.loop.loop
     summary = sweep_summary(study, BELOW)
     margins: list[Block] = []

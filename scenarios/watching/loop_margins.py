@@ -79,7 +79,7 @@ class LoopNames:
 def loop_names(
     sign: str, inputs: Sequence[str], outputs: Sequence[str], excitation: str | None
 ) -> LoopNames:
-    """Names of a loop's signals.
+    """Return the names of a loop's signals.
 
     Raises DeclarationError if they are no single loop.
     """
@@ -260,7 +260,7 @@ def _point(session: MarginSession, time: float) -> MarginPoint:
 
 
 def _inside(margins: StabilityMargins, low: float, high: float) -> StabilityMargins:
-    """The margins whose crossings lie well inside the usable band.
+    """Return the margins whose crossings lie well inside the usable band.
 
     At an end of the band points lie on one side of the crossing alone, and the outermost are those
     that the excitation has only just reached: their errors are larger than their deviations.
@@ -286,7 +286,7 @@ def _inside(margins: StabilityMargins, low: float, high: float) -> StabilityMarg
 
 
 def margins_of(session: MarginSession) -> LoopMargins | None:
-    """The margins after the last row; None where no frequency is usable."""
+    """Return the margins after the last row; None where no frequency is usable."""
     last = session.points[-1] if session.points else None
     target = _target(session)
     if last is None or last.margins is None or target is None:
@@ -317,7 +317,7 @@ def margins_of(session: MarginSession) -> LoopMargins | None:
 
 
 def _contradicted(session: MarginSession) -> bool:
-    """Whether the stream shows that the loop has the opposite sign."""
+    """Return whether the stream shows that the loop has the opposite sign."""
     sums = session.moments
     if not sums[0, 0] > 0.0:
         return False
@@ -326,12 +326,12 @@ def _contradicted(session: MarginSession) -> bool:
 
 
 def shown(point: MarginPoint) -> list[tuple[str, Margin]]:
-    """The margins of a point, by name."""
+    """Return the margins of a point, by name."""
     return [] if point.margins is None else list(point.margins.named.items())
 
 
 def line(session: MarginSession, point: MarginPoint, left_out: int) -> str:
-    """A second of the stream in one line, with 95 % intervals."""
+    """Return a second of the stream in one line, with 95 % intervals."""
     texts = [
         f"{WORDS[name]} {margin.size.value:.3g} ({interval_text(margin)}) {UNITS[margin.kind]}"
         for name, margin in shown(point)
@@ -365,7 +365,7 @@ def history_csv(session: MarginSession) -> str:
 
 
 def margin_content(session: MarginSession) -> dict[str, Any]:
-    """Content of ``margins.json`` without the stream's."""
+    """Return the content of ``margins.json`` without the stream's."""
     loop = margins_of(session)
     stream = session.stream
     warnings = list(loop.cautions) if loop else ["no frequency is usable: no margin is determined"]

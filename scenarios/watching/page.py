@@ -132,8 +132,8 @@ class Feed:
             return Batch(events, self._count, False, self.closed)
 
     def _whole(self) -> list[Event]:
-        """All events in the buffer in the order that a page needs: constants, rows, estimates,
-        status.
+        """Return all events in the buffer in the order that a page needs: constants, rows,
+        estimates, status.
         """
         first = [self._latest[name] for name in ("about",) if name in self._latest]
         estimates = list(self._estimates)
@@ -337,7 +337,7 @@ def page() -> str:
 
 
 def _number_of(last_id: str, token: str) -> int | None:
-    """Number of the last event that a reader has received from this watch, else None."""
+    """Return the number of the last event that a reader has received from this watch, else None."""
     of, _, number = last_id.partition("-")
     return int(number) if of == token and number.isdecimal() and len(number) < 16 else None
 
@@ -368,7 +368,7 @@ def about(name: str, stick_unit: str, delays: np.ndarray, reference: str | None,
 
 
 def rows(steps: Sequence[WatchStep], offsets: Mapping[str, float]) -> str:
-    """Times, inputs, and for each channel the measured and the predicted values."""
+    """Return the times, inputs, and for each channel the measured and the predicted values."""
     table = np.array([step.row for step in steps]).T
     expected = np.array([_expected(step) for step in steps]).T
     out: dict[str, Any] = {"t": _rounded(table[0], 9), "stick": _rounded(table[1])}
@@ -434,7 +434,7 @@ def _expected(step: WatchStep) -> np.ndarray:
 
 
 def _rounded(values: np.ndarray, digits: int = 6) -> list[float | None]:
-    """Numbers with enough significant digits for a page; None for missing ones."""
+    """Return the numbers with enough significant digits for a page; None for missing ones."""
     return [
         float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in values.tolist()
     ]

@@ -43,8 +43,8 @@ class Reference:
 
 
 def read_reference(path: Path, needed: Sequence[str] = tuple(PAPER_START)) -> Reference:
-    """A study that has the ``needed`` parameters: its folder, or the comparison.json in it. Those
-    of the low-order equivalent system are what a watch of it starts from.
+    """Return a study that has the ``needed`` parameters: its folder, or the comparison.json in it.
+    Those of the low-order equivalent system are what a watch of it starts from.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def vehicle_to_watch(vehicle: Path | None, reference: Reference | None) -> Vehic
 
 
 def vehicle_sentence(vehicle: VehicleFile) -> str:
-    """Sentence on the vehicle file that gave constants and starting values."""
+    """Return the sentence on the vehicle file that gave constants and starting values."""
     named = vehicle_with_file(vehicle.name, vehicle.identity)
     return f"constants and starting values: {named}"
 
@@ -159,7 +159,7 @@ def _pairs(content: Mapping[str, Any], key: str, file: Path) -> dict[str, tuple[
 
 
 def _numbers(table: Any, key: str) -> dict[str, float]:
-    """Number under ``key`` of each entry by name, if it has one."""
+    """Return the number under ``key`` of each entry by name, if it has one."""
     entries = table.items() if isinstance(table, dict) else ()
     result: dict[str, Any] = {
         name: entry.get(key) for name, entry in entries if isinstance(entry, dict)
@@ -260,8 +260,8 @@ def comparisons(
 
 
 def live_table(view: View) -> Group:
-    """The table of a terminal, without a frame so that no number is cut in 80 columns, between its
-    heading and the weights of the delays.
+    """Return the table of a terminal, without a frame so that no number is cut in 80 columns,
+    between its heading and the weights of the delays.
     """
     table = Table(box=box.SIMPLE_HEAD, padding=0)
     compared = any(item.reference is not None for item in view.standings)
@@ -303,7 +303,7 @@ def live_table(view: View) -> Group:
 
 
 def line(view: View) -> str:
-    """The view in one line, for a log."""
+    """Return the view in one line, for a log."""
     by_name = {item.name: item for item in view.standings}
     shown = []
     for name, word in WORDS.items():

@@ -267,7 +267,7 @@ def read_header(
     first: int = 2,
     signals: StreamSignals = LOES,
 ) -> Header:
-    """The header of a stream, by the rules for records.
+    """Return the header of a stream, by the rules for records.
 
     Parameters
     ----------
@@ -367,7 +367,7 @@ def _named(cells: list[str], name: str, names: Sequence[str]) -> list[str]:
 
 
 def _missing(channel: str, cells: Sequence[str], name: str) -> RecordError:
-    """The error for a stream without a channel."""
+    """Return the error for a stream without a channel."""
     error = missing_column(channel, cells, name)
     if all(is_number(cell) for cell in cells):
         return RecordError(
@@ -380,7 +380,7 @@ def _missing(channel: str, cells: Sequence[str], name: str) -> RecordError:
 
 
 def _by_name(choice: ColumnChoice, cells: Sequence[str]) -> ColumnChoice:
-    """A column that is chosen by its number alone, chosen by its header."""
+    """Return a column that is chosen by its number alone, chosen by its header."""
     known = isinstance(choice.column, int) and not choice.computed and choice.column <= len(cells)
     return replace(choice, column=cells[int(choice.column) - 1]) if known else choice
 
@@ -408,7 +408,7 @@ def _refuse_other_rows(choices: Mapping[str, ColumnChoice], name: str) -> None:
 def _table(
     name: str, cells: Sequence[str], columns: Mapping[int, np.ndarray], rows: int
 ) -> CellTable:
-    """Rows of a stream as a table, NaN where a column is not read."""
+    """Return the rows of a stream as a table, NaN where a column is not read."""
     blank = np.full(rows, np.nan)
     return CellTable(
         name,
@@ -421,8 +421,8 @@ def _table(
 def read_lines(
     header: Header, lines: Sequence[bytes], first: int
 ) -> tuple[np.ndarray, list[int], list[Fault]]:
-    """Numbers ``(signals, N)`` in SI, NaN where a cell is empty, the row number of each, and the
-    lines that are no rows.
+    """Return the numbers ``(signals, N)`` in SI, NaN where a cell is empty, the row number of each,
+    and the lines that are no rows.
 
     ``first`` is the number of the first line. Empty lines are no fault.
     """
@@ -476,7 +476,7 @@ def read_lines(
 def in_order(
     table: np.ndarray, numbers: Sequence[int], order: Order
 ) -> tuple[np.ndarray, list[Fault], Order]:
-    """The rows that go on from ``order``, ``(signals, N)``, with their faults.
+    """Return the rows that go on from ``order``, ``(signals, N)``, with their faults.
 
     A row whose time is missing, repeated or goes back is left out. One that is more than
     ``MOST_WAITING_PIECES`` later than the last waits until the next is later still, else it is left
@@ -552,7 +552,7 @@ def at_end(order: Order, height: int = 2 + len(OUTPUTS)) -> tuple[np.ndarray, li
 
 
 def _goes_on(table: np.ndarray, order: Order) -> bool:
-    """Whether all rows simply continue from ``order``, without missing times or inputs."""
+    """Return whether all rows simply continue from ``order``, without missing times or inputs."""
     if table.shape[1] == 0 or order.waiting is not None or order.lost is not None:
         return False
     steps = np.diff(table[0], prepend=order.time)
@@ -582,8 +582,8 @@ def _accept(
 
 
 def _plain_numbers(line: bytes, places: Sequence[int], width: int) -> list[float] | None:
-    """Numbers of a line that has only numbers, None for any other; nearly all lines do, and this is
-    three times as fast.
+    """Return the numbers of a line that has only numbers, None for any other; nearly all lines do,
+    and this is three times as fast.
     """
     cells = line.split(b",")
     if len(cells) != width or b'"' in line or b"_" in line or not line.isascii():
@@ -596,8 +596,8 @@ def _plain_numbers(line: bytes, places: Sequence[int], width: int) -> list[float
 
 
 def _careful(line: bytes, places: Sequence[int], width: int) -> list[float]:
-    """Numbers of a line, NaN for an empty cell, empty for an empty line; ValueError or csv.Error
-    otherwise.
+    """Return the numbers of a line, NaN for an empty cell, empty for an empty line; ValueError or
+    csv.Error otherwise.
     """
     if not line.strip():
         return []
@@ -609,7 +609,7 @@ def _careful(line: bytes, places: Sequence[int], width: int) -> list[float]:
 
 
 def _number(cell: str) -> float:
-    """A cell as a number, NaN if empty; ValueError otherwise."""
+    """Return a cell as a number, NaN if empty; ValueError otherwise."""
     try:
         value = float(cell)
     except ValueError:

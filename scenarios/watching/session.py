@@ -177,7 +177,7 @@ def start(session: Session) -> list[WatchStep]:
 
 
 def record_of(session: Session) -> Record:
-    """The rows so far as a record, spikes that the filter left out missing.
+    """Return the rows so far as a record, spikes that the filter left out missing.
 
     Raises
     ------
@@ -248,8 +248,8 @@ def _filter(session: Session, block: np.ndarray) -> list[WatchStep]:
 def _refined(
     session: Session, states: list[BankState], ends: FinalStates, given: Rows
 ) -> list[Relinearised | None]:
-    """The bank linearised anew after each row. Whether it is time for that is asked at the first
-    row of each second, however rows come.
+    """Return the bank linearised anew after each row. Whether it is time for that is asked at the
+    first row of each second, however rows come.
     """
     seconds = np.floor(given.time)
     new_seconds = np.flatnonzero(np.diff(seconds, prepend=session.second) > 0).tolist()
@@ -326,8 +326,8 @@ def onset(record: Record, first: int) -> int:
 
 
 def steadiest(record: Record, first: int, last: int) -> int:
-    """The row from ``first`` to before ``last`` at which the stick has moved and the aircraft
-    pitches least, in shares of their largest.
+    """Return the row from ``first`` to before ``last`` at which the stick has moved and the
+    aircraft pitches least, in shares of their largest.
     """
     stick, pitching = record["stick"].values, np.zeros(len(record))
     if "q" in record.output_names:
@@ -348,8 +348,8 @@ def steadiest(record: Record, first: int, last: int) -> int:
 
 
 def _on(bank: OnlineBank, state: BankState | None, rows: Rows) -> list[BankState]:
-    """The states after each of the rows, from the first row of all on where there is no state
-    yet.
+    """Return the states after each of the rows, from the first row of all on where there is no
+    state yet.
     """
     if state is not None:
         return advance(bank, state, rows)
@@ -358,7 +358,7 @@ def _on(bank: OnlineBank, state: BankState | None, rows: Rows) -> list[BankState
 
 
 def _rows_of(session: Session, block: np.ndarray) -> Rows:
-    """A block about its trim."""
+    """Return a block about its trim."""
     levels = np.array([0.0, *(session.offsets.get(name, 0.0) for name in ("stick", *OUTPUTS))])[
         :, None
     ]
@@ -411,7 +411,7 @@ class Watch:
 
 
 def rows_in(watch: Watch, came: Lines) -> np.ndarray:
-    """The rows that lines hold."""
+    """Return the rows that lines hold."""
     lines = came.whole
     if lines:
         watch.heard = time.monotonic()
@@ -460,8 +460,8 @@ def _session(watch: Watch, header: Header) -> Session:
 
 
 def pieces(session: Session | None, rows: np.ndarray) -> Iterator[np.ndarray]:
-    """Rows cut where a second of the stream begins, so that what is shown does not hang on how they
-    came: one second at a time until the filter has started, later as many as
+    """Yield the rows cut where a second of the stream begins, so that what is shown does not hang
+    on how they came: one second at a time until the filter has started, later as many as
     ``ROWS_PER_BATCH`` holds.
     """
     if session is None or not rows.size:
@@ -481,7 +481,7 @@ def pieces(session: Session | None, rows: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def session_of(watch: Watch) -> Session:
-    """The session, which begins with the header. Raises RecordError where none came."""
+    """Return the session, which begins with the header. Raises RecordError where none came."""
     if watch.session is None:
         raise RecordError(
             "the stream is empty", where=watch.name, remedy="give a header row and one row a sample"
@@ -541,8 +541,8 @@ def history_section(
 def courses_of(
     history: str, parameters: Mapping[str, Mapping[str, Any]]
 ) -> tuple[np.ndarray, dict[str, tuple[str, np.ndarray, np.ndarray]]]:
-    """Times ``(N,)`` and by parameter its unit, values and standard deviations ``(N,)``, NaN where
-    a cell is empty; refined estimates where the history has them.
+    """Return the times ``(N,)`` and by parameter its unit, values and standard deviations ``(N,)``,
+    NaN where a cell is empty; refined estimates where the history has them.
     """
     rows = list(csv.reader(io.StringIO(history)))
     if len(rows) < 2:

@@ -102,7 +102,7 @@ SHOWN_PARAMETERS = 4  # parameters in a line, the best known ones
 
 
 def line(session: SpectralSession, point: Point, left_out: int) -> str:
-    """A second of the stream in one line."""
+    """Return a second of the stream in one line."""
     rows = estimate_of(point, session)[:SHOWN_PARAMETERS]
     texts = [
         f"{each['name']} {number_text(each['value'], each['std'])} +- "
@@ -116,7 +116,7 @@ def line(session: SpectralSession, point: Point, left_out: int) -> str:
 def items_of(
     session: SpectralSession, estimate: Estimate | None, reference: Reference | None
 ) -> tuple[CrossValidation, ...]:
-    """The last estimate against the reference where there is one."""
+    """Return the last estimate against the reference where there is one."""
     return (
         ()
         if estimate is None
@@ -226,8 +226,8 @@ def spectral_page(
     first: tuple[Section, ...] = (),
     vehicle: InputFile | None = None,
 ) -> Page:
-    """The page of a stream that was identified in the frequency domain; ``first``: the sections
-    with which it begins, ``vehicle`` the vehicle file that was read.
+    """Return the page of a stream that was identified in the frequency domain; ``first``: the
+    sections with which it begins, ``vehicle`` the vehicle file that was read.
     """
     stream = content["stream"]
     counts = (
@@ -290,7 +290,7 @@ REFRESH_INTERVAL = 0.25  # s between two drawings of the live table
 
 
 def view_of(watch: Watch, session: Session, step: WatchStep | None = None) -> View:
-    """The stream after a step, the last when None."""
+    """Return the stream after a step, the last when None."""
     # A step that is named is news, however long its row waited to be filtered.
     silent = time.monotonic() - watch.heard if step is None else 0.0
     bank, step = session.bank, session.last if step is None else step
@@ -466,7 +466,7 @@ def loop_page(
     digest: str,
     figure_blocks: tuple[Block, ...],
 ) -> Page:
-    """The page of a loop that was watched."""
+    """Return the page of a loop that was watched."""
     stream = content["stream"]
     said = f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['gaps']} gaps"
     margins: list[Block] = []

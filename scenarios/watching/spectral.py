@@ -107,7 +107,7 @@ def signals_of(vehicle: VehicleFile) -> StreamSignals:
 def spectral_session(
     vehicle: VehicleFile, name: str, outputs: Sequence[str], omega: np.ndarray
 ) -> SpectralSession:
-    """A session for the outputs that a stream has, frequencies ``omega`` rad/s.
+    """Return a session for the outputs that a stream has, frequencies ``omega`` rad/s.
 
     Raises
     ------
@@ -178,7 +178,7 @@ def regress(session: SpectralSession) -> list[Point]:
 
 
 def record_of(session: SpectralSession) -> Record:
-    """The rows so far as a record. Raises RecordError where there are fewer than two."""
+    """Return the rows so far as a record. Raises RecordError where there are fewer than two."""
     blocks = [*session.blocks, *session.waiting]
     table = np.concatenate(blocks, axis=1) if blocks else np.zeros((len(session.signals.names), 0))
     if table.shape[1] < 2:
@@ -203,7 +203,7 @@ def record_of(session: SpectralSession) -> Record:
 
 
 def last_estimate(session: SpectralSession) -> Estimate | None:
-    """The last estimate of the determined parameters; None without any."""
+    """Return the last estimate of the determined parameters; None without any."""
     result, names = session.last, session.names
     if result is None:
         return None
@@ -227,7 +227,7 @@ def last_estimate(session: SpectralSession) -> Estimate | None:
 
 
 def undetermined(session: SpectralSession) -> list[str]:
-    """Parameters that the stream does not determine."""
+    """Return the parameters that the stream does not determine."""
     latest = last_estimate(session)
     return [name for name in session.names if latest is None or name not in latest.names]
 
@@ -259,7 +259,7 @@ def history_csv(session: SpectralSession) -> str:
 
 
 def estimate_of(point: Point, session: SpectralSession) -> list[dict[str, Any]]:
-    """Parameters of a point, best known first: name, value, std, unit; those that are
+    """Return the parameters of a point, best known first: name, value, std, unit; those that are
     determined.
     """
     rows = []
@@ -273,7 +273,7 @@ def estimate_of(point: Point, session: SpectralSession) -> list[dict[str, Any]]:
 
 
 def spectral_content(session: SpectralSession) -> dict[str, Any]:
-    """The last estimate for ``comparison.json``."""
+    """Return the last estimate for ``comparison.json``."""
     latest = last_estimate(session)
     if latest is None:
         nothing, unknown = Outcome.NOT_IDENTIFIABLE, undetermined(session)

@@ -49,7 +49,7 @@ _BY_OUTPUT = {"alpha": "alpha", "q": "q", "nz": "nz_0"}
 
 
 def units_of(study: LoopStudy) -> dict[str, str]:
-    """Units of states and parameters, and of the frequency, damping ratio and delay."""
+    """Return the units of states and parameters, and of the frequency, damping ratio and delay."""
     estimate, system = study.result.estimate, study.result.setting.system
     units = {item.name: item.unit for item in (*system.initial, *system.parameters)}
     return units | dict(zip(estimate.names, estimate.units, strict=True)) | {"delay": "s"}
@@ -140,8 +140,8 @@ def procedure_and_printed(
 
 
 def noted_pairs(study: LoopStudy, column: str) -> list[tuple[str, str, float, float, float]]:
-    """Pairs whose published correlation is above ``LARGE_CORRELATION``: published, of the paper's
-    procedure here, of the refined filter.
+    """Return the pairs whose published correlation is above ``LARGE_CORRELATION``: published, of
+    the paper's procedure here, of the refined filter.
     """
     names, C = printed_correlation(column)
     bank, history = study.single_pass.bank, study.result.estimate.history
@@ -169,7 +169,7 @@ def _correlation(P: np.ndarray, names: tuple[str, ...], a: str, b: str) -> float
 
 
 def _without_missing(row: dict[str, dict[str, float | None]]) -> dict[str, dict[str, float]]:
-    """The row without missing values."""
+    """Return the row without missing values."""
     finite_pairs = {
         key: {side: value for side, value in pair.items() if value is not None}
         for key, pair in row.items()
@@ -275,8 +275,8 @@ def loop_comparison(study: LoopStudy) -> dict[str, Any]:
 
 
 def correlation_content(estimate: Estimate) -> dict[str, Any]:
-    """Correlation matrix of states and parameters after the last sample, and the pairs above
-    ``LARGE_CORRELATION``.
+    """Return the correlation matrix of states and parameters after the last sample, and the pairs
+    above ``LARGE_CORRELATION``.
     """
     history = estimate.history
     assert history is not None
@@ -316,7 +316,7 @@ def _margins(margins: Margins) -> dict[str, float]:
 
 
 def _against(study: LoopStudy) -> dict[str, Any]:
-    """The other scenario that the study is compared with, where there is one."""
+    """Return the other scenario that the study is compared with, where there is one."""
     against = study.scenario.against
     if study.other is None or study.differences is None or against is None:
         return {}
@@ -373,8 +373,8 @@ def _further(study: LoopStudy) -> dict[str, Any]:
 
 
 def _over_seeds(statistics: OverSeeds) -> dict[str, Any]:
-    """Counts of the chosen delays, and means and standard deviations of the parameters over the
-    seeds.
+    """Return the counts of the chosen delays, and means and standard deviations of the parameters
+    over the seeds.
     """
 
     def means(rows: np.ndarray) -> dict[str, Any]:

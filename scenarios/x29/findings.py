@@ -39,7 +39,7 @@ RULE_HOLDS = 0.05  # of a sigma: three printed digits round by less
 
 
 def paper_sentences(study: LoopStudy) -> tuple[str, ...]:
-    """All findings on a study, in the order of its tables."""
+    """Return all findings on a study, in the order of its tables."""
     column = study.scenario.published[0] if study.scenario.published else ""
     out: list[str] = []
     if study.scenario.methods and has_table(column):
@@ -54,7 +54,7 @@ def paper_sentences(study: LoopStudy) -> tuple[str, ...]:
 
 
 def prior_sentence() -> str:
-    """Whether the printed P0 follows the printed rule."""
+    """Return whether the printed P0 follows the printed rule."""
     start, texts, others = printed_start("simulation"), [], []
     for name in QUARTERED:
         cell = start[name]
@@ -71,7 +71,7 @@ def prior_sentence() -> str:
 
 
 def noise_sentence(column: str) -> str:
-    """Units of the printed R, and by how much the simulation's is smaller."""
+    """Return the units of the printed R, and by how much the simulation's is smaller."""
     flight, start = printed_noise("flight"), printed_start("flight")
     simulation = printed_noise("simulation")
     P0 = {name: (start[name].std or 0.0) ** 2 for name in ("alpha", "q")}
@@ -113,7 +113,7 @@ def density_sentence(study: LoopStudy) -> str:
 
 
 def _shift(study: LoopStudy, column: str) -> Iterator[str]:
-    """Sentence on the bias of the pseudo-control, which is not observable beside M_0 and
+    """Yield the sentence on the bias of the pseudo-control, which is not observable beside M_0 and
     delta_0.
     """
     printed, estimate = printed_column(column), study.result.estimate
@@ -192,7 +192,7 @@ def _damping(column: str) -> Iterator[str]:
 
 
 def damping_of(values: Mapping[str, float]) -> float:
-    """Damping ratio of a short period that oscillates."""
+    """Return the damping ratio of a short period that oscillates."""
     stiffness = values["L_alpha"] * values["M_q"] - values["L_q"] * values["M_alpha"]
     return -(values["L_alpha"] + values["M_q"]) / (2.0 * math.sqrt(stiffness))
 
@@ -208,7 +208,7 @@ def off(method: LoopMethodResult, column: str) -> float:
 
 
 def own_method(study: LoopStudy) -> LoopMethodResult:
-    """The scenario's own result as a method."""
+    """Return the scenario's own result as a method."""
     word = (
         "the printed P0"
         if study.scenario.estimation.prior == "printed"
@@ -218,7 +218,7 @@ def own_method(study: LoopStudy) -> LoopMethodResult:
 
 
 def _methods(study: LoopStudy, column: str) -> Iterator[str]:
-    """Difference of the paper's procedure from its own table here, and the effect of each
+    """Yield the difference of the paper's procedure from its own table here, and the effect of each
     refinement.
     """
     result = {m.name: m for m in (*study.methods, own_method(study))}
@@ -256,7 +256,7 @@ def _methods(study: LoopStudy, column: str) -> Iterator[str]:
 
 
 def _reason(methods: dict[str, LoopMethodResult], study: LoopStudy) -> str:
-    """Effects of the grid, the linearisation and P0 on 1/tau and M_alpha."""
+    """Return the effects of the grid, the linearisation and P0 on 1/tau and M_alpha."""
     first, refined, loop = study.single_pass, study.result.bank.refined, study.check.flown
 
     def at(name: str) -> str:
@@ -381,8 +381,8 @@ def bias_rows(study: LoopStudy) -> tuple[BiasRow, ...]:
 
 
 def not_identifiable(estimate: Estimate) -> tuple[tuple[str, str, float], ...]:
-    """Parameters smaller than two of their sigmas, or L_delta, whatever its size, each with its
-    strongest correlation.
+    """Return the parameters smaller than two of their sigmas, or L_delta, whatever its size, each
+    with its strongest correlation.
     """
     out = []
     for i, name in enumerate(estimate.names):
@@ -398,7 +398,7 @@ def not_identifiable(estimate: Estimate) -> tuple[tuple[str, str, float], ...]:
 
 
 def sentences(study: LoopStudy) -> tuple[str, ...]:
-    """Findings beyond the tables, each sentence with the study's own numbers."""
+    """Return the findings beyond the tables, each sentence with the study's own numbers."""
     bank, out = study.result.bank, []
     sure = (
         f" +- {bank.refined_std:.4f}" if bank.refined_std > 0 else " (no maximum inside the grid)"

@@ -130,8 +130,8 @@ def linear_content(check: LinearCheck) -> dict[str, object]:
 
 
 def linear_sentence(check: LinearCheck) -> str:
-    """Sentence on the differences of the nonlinear loop, their causes, and what remains at a small
-    stick.
+    """Return the sentence on the differences of the nonlinear loop, their causes, and what remains
+    at a small stick.
     """
     text = ", ".join(f"{name} {_percent(value)}" for name, value in check.misfit.items())
     apart = ", ".join(f"{label} {_percent(value)}" for label, value in check.apart.items())
@@ -238,8 +238,8 @@ class Beginning:
 
 
 def targets(column: str) -> dict[str, PrintedTarget]:
-    """A printed column with sigmas: the printed ones, or the relative scatter of the paper's three
-    estimates of its flight where that is larger.
+    """Return a printed column with sigmas: the printed ones, or the relative scatter of the paper's
+    three estimates of its flight where that is larger.
     """
     flights = [printed_column(name) for name in FLIGHTS]
     printed, out = printed_column(column), {}
@@ -252,7 +252,7 @@ def targets(column: str) -> dict[str, PrintedTarget]:
 
 
 def beginning(x29: X29, wanted: Mapping[str, PrintedTarget]) -> Beginning:
-    """The search's start for an aircraft as declared: slopes by small steps."""
+    """Return the search's start for an aircraft as declared: slopes by small steps."""
     result = np.array([x29.airframe.L_alpha, x29.airframe.M_alpha, 1.0, 1.0 / x29.stick.lag])
     near = equivalent_of(x29, x29.frame)
     return Beginning(result, _slopes(x29, x29.frame, wanted, result, near), near)
@@ -307,7 +307,7 @@ def _slopes(
     p: np.ndarray,
     near: EquivalentSystem,
 ) -> np.ndarray:
-    """Slopes of the deviations by the parameters, ``(5, 4)``, by small steps."""
+    """Return the slopes of the deviations by the parameters, ``(5, 4)``, by small steps."""
     first, steps = _deviations(near, wanted), 0.05 * np.diag(_SIZE)
     each = [
         (_deviations(equivalent_of(changed(x29, p + step), delay, near), wanted) - first)
@@ -324,8 +324,8 @@ def has_equivalent(x29: X29, wanted: Mapping[str, PrintedTarget]) -> bool:
 
 
 def changed(x29: X29, p: np.ndarray) -> X29:
-    """The aircraft with parameters p = (L_alpha, M_alpha, factor on the surfaces' moments, time
-    constant of the stick's lag).
+    """Return the aircraft with parameters p = (L_alpha, M_alpha, factor on the surfaces' moments,
+    time constant of the stick's lag).
     """
     a, (L_alpha, M_alpha, factor, time) = x29.airframe, p.tolist()
     canard, flaperon, strake = (factor * each for each in a.M_surface)
@@ -334,8 +334,8 @@ def changed(x29: X29, p: np.ndarray) -> X29:
 
 
 def equivalent_of(x29: X29, delay: float, near: EquivalentSystem | None = None) -> EquivalentSystem:
-    """The low-order equivalent of a loop with a computing delay of ``delay`` s, begun at that of a
-    loop nearby.
+    """Return the low-order equivalent of a loop with a computing delay of ``delay`` s, begun at
+    that of a loop nearby.
     """
     response = sampled_loop(x29, delay).response(MATCHED_OMEGA)
     return fit_equivalent(

@@ -66,12 +66,12 @@ def paper_blocks(study: LoopStudy) -> list[Block]:
 
 
 def _bare(heading: str, unit: str) -> Column:
-    """A column whose unit is shown on pages only."""
+    """Return a column whose unit is shown on pages only."""
     return Column(heading, unit, printed=heading)
 
 
 def _triangle(title: str, names: tuple[str, ...], C: np.ndarray) -> Table:
-    """The lower triangle of a correlation matrix."""
+    """Return the lower triangle of a correlation matrix."""
 
     def cell(i: int, j: int) -> Cell:
         if j > i:
@@ -572,7 +572,7 @@ def _over_seeds(study: LoopStudy) -> list[Block]:
 
 
 def _mean_cell(values: np.ndarray) -> Cell:
-    """Mean and standard deviation over flights; a single flight has no deviation."""
+    """Return the mean and standard deviation over flights; a single flight has no deviation."""
     if len(values) < 2:
         return formatted(float(values[0]), ".4g")
     return Number(float(values.mean()), float(values.std(ddof=1)))

@@ -75,7 +75,7 @@ class LoopResult:
         return self.bank.estimate
 
     def quality(self, name: str) -> Quality | None:
-        """A flying-qualities parameter by name, None if it does not exist."""
+        """Return a flying-qualities parameter by name, None if it does not exist."""
         return next((item for item in self.qualities if item.name == name), None)
 
 
@@ -135,8 +135,8 @@ class LoopStudy:
 
 
 def loop_scenario(name: str, changes: Sequence[str] = ()) -> LoopScenario:
-    """A closed-loop scenario of the catalogue, or a user's by the path of its file, with changes as
-    ``--set`` makes them.
+    """Return a closed-loop scenario of the catalogue, or a user's by the path of its file, with
+    changes as ``--set`` makes them.
 
     Raises DeclarationError as ``load_document`` does, and for a scenario of another kind.
     """
@@ -255,7 +255,7 @@ def _restarted(
 
 
 def response_check(result: LoopResult) -> ResponseCheck:
-    """The low-order equivalent by frequency response, of the loop and of the record."""
+    """Return the low-order equivalent by frequency response, of the loop and of the record."""
     x29 = result.simulated.x29
     loop = equivalent_system(x29)
     # a low-order truth is `loop`
@@ -333,8 +333,8 @@ def _result(scenario: LoopScenario, simulated: SimulatedLoop, setting: SetUp) ->
 def _against(
     scenario: LoopScenario, seed: int, result: LoopResult, first: LoopResult
 ) -> tuple[LoopResult | None, np.ndarray | None, Comparison | None, tuple[tuple[str, float], ...]]:
-    """The other scenario's result, its free simulation, what differs, and differences of flying
-    qualities in sigmas of one result.
+    """Return the other scenario's result, its free simulation, what differs, and differences of
+    flying qualities in sigmas of one result.
     """
     against = scenario.against
     if against is None:
@@ -383,7 +383,7 @@ LEAST_PEAK = 1.0  # percent: smaller peaks count as zero, also without noise
 
 
 def verdicts(study: LoopStudy) -> tuple[str, ...]:
-    """All verdicts on a study, in the order of its tables."""
+    """Return all verdicts on a study, in the order of its tables."""
     return tuple(
         sentence
         for part in (_equivalent, _against_other, _restarts, _peak, _stretch, _whiteness)

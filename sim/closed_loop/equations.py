@@ -113,8 +113,8 @@ class Plant:
 
 
 def plant(x29: X29) -> Plant:
-    """The continuous part of the loop in the state order alpha, q, canard, flaperon, strake, gyro,
-    accelerometer.
+    """Return the continuous part of the loop in the state order alpha, q, canard, flaperon, strake,
+    gyro, accelerometer.
     """
     short_period = airframe_matrices(x29.airframe)
     actuators = [actuator_matrices(surface) for surface in x29.surfaces]
@@ -171,8 +171,8 @@ def shaping_matrices(shaping: StickShaping, frame: float) -> Matrices:
 
 
 def law_matrices(law: ControlLaw) -> Matrices:
-    """The sampled law. Inputs r (g), gyro (deg/s), accelerometer (g); output u_p (deg), delayed by
-    whole frames.
+    """Return the sampled law. Inputs r (g), gyro (deg/s), accelerometer (g); output u_p (deg),
+    delayed by whole frames.
 
     States: lead-lag, integrator, then the commands on their way out. The delay leaves no direct
     path from input to u_p.
@@ -251,7 +251,7 @@ class Stepper:
 
 
 def prepare(x29: X29, plant: Plant, span: float, pieces: int) -> Stepper:
-    """A stepper over ``span`` s that looks at the limits ``pieces`` times."""
+    """Return a stepper over ``span`` s that looks at the limits ``pieces`` times."""
     from scipy.linalg import expm
 
     n = plant.A.shape[0]
@@ -331,7 +331,7 @@ def advance(
 
 
 def _modes_after(stepper: Stepper, state: np.ndarray, modes: Modes) -> Modes:
-    """The modes in which the rams go on from a state that was reached in ``modes``."""
+    """Return the modes in which the rams go on from a state that was reached in ``modes``."""
     rates = (stepper.ram_rate @ state).tolist()
     positions = [float(state[i]) for i in stepper.rams]
     return (
@@ -405,8 +405,8 @@ class SampledLoop:
         return back * control.ss(plant.A, plant.B, plant.C[6:8], plant.D[6:8], self.frame)
 
     def response(self, omega: np.ndarray) -> np.ndarray:
-        """Response of alpha, q and incremental nz to the stick from frame to frame, complex ``(3,
-        n)``, per inch; ``omega`` in rad/s.
+        """Return the response of alpha, q and incremental nz to the stick from frame to frame,
+        complex ``(3, n)``, per inch; ``omega`` in rad/s.
         """
         z = np.exp(1j * np.asarray(omega) * self.frame)
         moved, law, shaped = (_at(block, z) for block in (self.plant, self.law, self.shaping))
@@ -415,8 +415,8 @@ class SampledLoop:
 
 
 def sampled_loop(x29: X29, lag: float) -> SampledLoop:
-    """The loop of ``x29`` with commands ``lag`` s after the frame whose sensors they were computed
-    from. Raises ModelError for a negative one.
+    """Return the loop of ``x29`` with commands ``lag`` s after the frame whose sensors they were
+    computed from. Raises ModelError for a negative one.
     """
     import control
 

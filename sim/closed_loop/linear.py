@@ -107,7 +107,7 @@ def sampled_plant(x29: X29) -> StateSpace:
 
 
 def control_law(x29: X29) -> StateSpace:
-    """The sampled law from ``r``, ``gyro``, ``accelerometer`` to ``u_p``, computing delay
+    """Return the sampled law from ``r``, ``gyro``, ``accelerometer`` to ``u_p``, computing delay
     included.
     """
     return _named(law_matrices(x29.law), ["r", "gyro", "accelerometer"], ["u_p"], "law", x29.frame)
@@ -121,8 +121,8 @@ def stick_shaping(x29: X29) -> StateSpace:
 
 
 def open_loop(x29: X29) -> StateSpace:
-    """The sampled loop broken at u_p: from ``u_p`` to ``returned``, the negated command that comes
-    back; 1 + L = 0 closes it.
+    """Return the sampled loop broken at u_p: from ``u_p`` to ``returned``, the negated command that
+    comes back; 1 + L = 0 closes it.
     """
     import control
 
@@ -144,7 +144,7 @@ def open_loop(x29: X29) -> StateSpace:
 
 
 def closed_loop(x29: X29) -> StateSpace:
-    """The sampled closed loop from ``stick`` to the signals of ``RESPONSE_NAMES``."""
+    """Return the sampled closed loop from ``stick`` to the signals of ``RESPONSE_NAMES``."""
     import control
 
     blocks = [sampled_plant(x29), control_law(x29), stick_shaping(x29)]
@@ -154,13 +154,13 @@ def closed_loop(x29: X29) -> StateSpace:
 
 
 def margins(x29: X29) -> Margins:
-    """Margins of ``open_loop``, see ``loop_margins``."""
+    """Return the margins of ``open_loop``, see ``loop_margins``."""
     return loop_margins(open_loop(x29), np.geomspace(0.05, 0.999 * np.pi / x29.frame, 4000))
 
 
 def loop_margins(loop: StateSpace, omega: np.ndarray) -> Margins:
-    """Margins of a sampled open loop by ``control.stability_margins`` on its frequency response at
-    ``omega`` (rad/s), interpolated.
+    """Return the margins of a sampled open loop by ``control.stability_margins`` on its frequency
+    response at ``omega`` (rad/s), interpolated.
 
     The polynomial method of the library is ill conditioned for this order; 4000 points up to the
     folding frequency are not. A margin that does not exist is infinite (its crossover 0).
@@ -194,8 +194,8 @@ def respond(x29: X29, stick: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def frequency_response(x29: X29, omega: np.ndarray, recorded: bool = False) -> np.ndarray:
-    """Response of alpha, q and incremental nz to the stick, complex ``(3, len(omega))``, per inch;
-    ``omega`` in rad/s.
+    """Return the response of alpha, q and incremental nz to the stick, complex ``(3, len(omega))``,
+    per inch; ``omega`` in rad/s.
 
     Stick and outputs are taken at the same frames, so that the hold of the sampled stick is not
     part of it. With ``recorded`` the stick is the recorded one, which leads by ``recorded_skew``.
@@ -461,7 +461,7 @@ def _from_near(
 def _system(
     fitted: np.ndarray, L_q: float, mismatch: float, outcome: FitOutcome
 ) -> EquivalentSystem:
-    """The system of fitted values in the order of ``FITTED_NAMES``, with its frequency and
+    """Return the system of fitted values in the order of ``FITTED_NAMES``, with its frequency and
     damping.
     """
     values = {name: float(value) for name, value in zip(FITTED_NAMES, fitted, strict=True)}
@@ -481,8 +481,8 @@ def _system(
 def equivalent_response(
     values: Mapping[str, Any], omega: np.ndarray, airspeed: float, gravity: float, L_q: float
 ) -> np.ndarray:
-    """Response of alpha, q and incremental nz to the stick for values of ``FITTED_NAMES``, complex
-    ``(3, n)``; of values ``(k, 1)`` ``(3, k, n)``.
+    """Return the response of alpha, q and incremental nz to the stick for values of
+    ``FITTED_NAMES``, complex ``(3, n)``; of values ``(k, 1)`` ``(3, k, n)``.
     """
     L_alpha, M_alpha, M_q, M_delta, L_delta, inv_tau, delay = (
         values[name] for name in FITTED_NAMES

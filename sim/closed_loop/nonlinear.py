@@ -84,8 +84,8 @@ class SmoothStick:
 def three_two_one_one(
     amplitude: float = 1.0, unit: float = 0.5, start: float = 1.0
 ) -> SteppedStick:
-    """The 3-2-1-1: +, -, +, - for 3, 2, 1 and 1 units (s) from ``start`` (s), then 0; a negative
-    amplitude (in) turns the sign.
+    """Return the 3-2-1-1: +, -, +, - for 3, 2, 1 and 1 units (s) from ``start`` (s), then 0; a
+    negative amplitude (in) turns the sign.
     """
     return alternating((3.0, 2.0, 1.0, 1.0), amplitude, unit, start)
 
@@ -98,8 +98,8 @@ def doublet(amplitude: float = 1.0, unit: float = 1.0, start: float = 1.0) -> St
 def alternating(
     lengths: tuple[float, ...], amplitude: float, unit: float, start: float
 ) -> SteppedStick:
-    """Steps of alternating sign, ``lengths`` in units (s), then 0; switches at ``start + unit *
-    sum(lengths so far)``.
+    """Return the steps of alternating sign, ``lengths`` in units (s), then 0; switches at ``start +
+    unit * sum(lengths so far)``.
     """
     edges = np.concatenate([[0.0], np.cumsum(lengths)])
     levels = [amplitude * (-1.0) ** i for i in range(len(lengths))]
@@ -113,8 +113,8 @@ def manual_stick(
     bandwidth: float = 10.0,
     start: float = 0.5,
 ) -> SmoothStick:
-    """A history as a pilot flies it: pulls and pushes of uneven size and length, now and then a
-    rest near zero; 0 at the end.
+    """Return a history as a pilot flies it: pulls and pushes of uneven size and length, now and
+    then a rest near zero; 0 at the end.
 
     Levels change every 0.3 to 1.5 s and alternate in sign with sizes of 0.3 to 1 ``amplitude``
     (in); one in four is within 0.1 of it instead. The last second before ``duration`` (s) is let
@@ -470,7 +470,7 @@ def _fly(x29: X29, reference: np.ndarray, pieces: int) -> _FrameStates:
 
 
 def _steppers(x29: X29, pieces: int) -> tuple[Stepper, ...]:
-    """One stepper a frame, or two if a skewed record samples its outputs in between."""
+    """Return one stepper a frame, or two if a skewed record samples its outputs in between."""
     system, rest = plant(x29), math.fmod(x29.stick.recorded_skew, x29.frame)
     if rest == 0.0:
         return (prepare(x29, system, x29.frame, pieces),)
@@ -507,7 +507,7 @@ def _stick_at_frames(stick: Stick | np.ndarray, time: np.ndarray) -> np.ndarray:
 
 
 def _frame_times(x29: X29, duration: float, every: int) -> np.ndarray:
-    """Times of the computer's frames, s; at least two rows of the record."""
+    """Return the times of the computer's frames, s; at least two rows of the record."""
     frames = round(duration * x29.law.frame_rate) if math.isfinite(duration) else 0
     if frames < every:
         raise ModelError(

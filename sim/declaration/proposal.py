@@ -153,8 +153,8 @@ class SearchContext:
         return self.end - self.begin
 
     def flown_range(self, name: str) -> tuple[float, float] | None:
-        """Lowest and highest value of a signal in the record; plus and minus its peak if only that
-        is known, None if nothing is.
+        """Return the lowest and highest value of a signal in the record; plus and minus its peak if
+        only that is known, None if nothing is.
         """
         if name in self.flown:
             return self.flown[name]
@@ -162,8 +162,8 @@ class SearchContext:
         return (-peak, peak) if peak > 0 else None
 
     def onsets(self) -> tuple[float, ...]:
-        """Times spread evenly over the record without its ends, where an event looks like a
-        bias.
+        """Return the times spread evenly over the record without its ends, where an event looks
+        like a bias.
         """
         return tuple(self.begin + self.duration * (i + 0.5) / _ONSETS for i in range(_ONSETS))
 
@@ -244,8 +244,8 @@ def fitted_to(effect: Traceable, context: SearchContext) -> Traceable:
 
 
 def delays_to_try(context: SearchContext) -> tuple[float, ...]:
-    """Delays and time constants to try, s, a factor of two apart, from a share of the sampling
-    interval upward.
+    """Return the delays and time constants to try, s, a factor of two apart, from a share of the
+    sampling interval upward.
 
     None is a multiple of a usual sampling interval: a step of a held input would then meet a
     sample, and slopes would be one-sided.

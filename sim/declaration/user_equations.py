@@ -69,7 +69,7 @@ def lock_arrays(signals: dict[str, Any]) -> None:
 
 
 def with_locked_arrays(parameters: Any) -> Any:
-    """The named tuple with read-only views of its arrays; the same object without arrays."""
+    """Return the named tuple with read-only views of its arrays; the same object without arrays."""
     for value in parameters:
         if type(value) is np.ndarray:
             return parameters._make(
@@ -79,7 +79,7 @@ def with_locked_arrays(parameters: Any) -> Any:
 
 
 def locked(array: np.ndarray) -> np.ndarray:
-    """A read-only view of an array."""
+    """Return a read-only view of an array."""
     view = array.view()
     view.setflags(write=False)
     return view
@@ -289,7 +289,7 @@ NO_COMPLEX = (
 def fault(
     model: str, what: str, function: Answer, error: BaseException, s: Any, p: Any
 ) -> FlightidError:
-    """One line on an error of a user's function: problem, function, file and line.
+    """Return one line on an error of a user's function: problem, function, file and line.
 
     Requests to stop the program, such as Ctrl-C, are raised again.
     """
@@ -330,8 +330,8 @@ def fault(
 
 
 def _changes_argument(error: BaseException) -> bool:
-    """Whether an error comes of an assignment to a signal or parameter, to an element of one, or to
-    a read-only array.
+    """Return whether an error comes of an assignment to a signal or parameter, to an element of
+    one, or to a read-only array.
     """
     text = str(error)
     return (
@@ -464,7 +464,7 @@ def _refuse_reused(
 
 
 def _function(equations: OwnEquations, what: str) -> Answer:
-    """The user's function of that name."""
+    """Return the user's function of that name."""
     result = {"rates": equations.rates, "readings": equations.readings, "flow": equations.formed}[
         what
     ]
@@ -493,12 +493,12 @@ def parameters_read(equations: OwnEquations, starts: Starts) -> frozenset[str]:
 
 @cache
 def _parameter_class(names: tuple[str, ...]) -> Any:
-    """A named tuple of parameters; to make its class takes longer than to fill it."""
+    """Return a named tuple of parameters; to make its class takes longer than to fill it."""
     return namedtuple("Parameters", names)
 
 
 def evaluated(equations: OwnEquations, starts: Starts) -> dict[tuple[str, str], Any]:
-    """All answers at a point by function and name, checked for names and types.
+    """Return all answers at a point by function and name, checked for names and types.
 
     Raises
     ------
@@ -594,7 +594,7 @@ def _answer_label(what: str, name: str) -> str:
 
 
 def neighbouring_point(starts: Starts, side: float) -> Starts:
-    """A point near the starts, each value moved by a different amount."""
+    """Return a point near the starts, each value moved by a different amount."""
 
     def moved(some: Mapping[str, Any], first: int) -> dict[str, Any]:
         amounts = (1.0 + 0.1 * math.sin(first + i) for i in range(len(some)))
@@ -657,7 +657,7 @@ def _compare_slopes(equations: OwnEquations, at: Starts) -> None:
 
 
 def changed(at: Starts, of_signal: bool, name: str, value: Any) -> Starts:
-    """The point with another value of one signal or parameter."""
+    """Return the point with another value of one signal or parameter."""
     return (
         Starts({**at.signals, name: value}, at.parameters)
         if of_signal
@@ -666,7 +666,7 @@ def changed(at: Starts, of_signal: bool, name: str, value: Any) -> Starts:
 
 
 def _finite(equations: OwnEquations, at: Starts) -> np.ndarray | None:
-    """All answers at a point near the starts, None if one is not finite or fails."""
+    """Return all answers at a point near the starts, None if one is not finite or fails."""
     try:
         values: Sequence[Any] = list(evaluated(equations, at).values())
     except FlightidError as error:

@@ -99,8 +99,8 @@ def _rates_fed(equations: OwnEquations, at: Starts) -> dict[str, set[TrialAnswer
 def _slopes(
     equations: OwnEquations, at: Starts, of_signal: bool, name: str
 ) -> dict[TrialAnswer, float]:
-    """Slopes of all rates and readings by one signal or parameter; empty if the functions
-    fail.
+    """Return the slopes of all rates and readings by one signal or parameter; empty if the
+    functions fail.
     """
     value = (at.signals if of_signal else at.parameters)[name]
     try:
@@ -346,7 +346,7 @@ def _declared_numbers(
 def _model(
     equations: OwnEquations, numbers: ParameterSet, start: Mapping[str, float], *, all_biases: bool
 ) -> Model:
-    """The model of equations that were tried at their starts."""
+    """Return the model of equations that were tried at their starts."""
     zero = {each.name: 0.0 for each in (*equations.states, *equations.inputs, *equations.ports)}
     starts = Starts({TIME: 0.0, **zero, **start}, {item.name: item.value for item in numbers})
     with np.errstate(all="ignore"):  # beside the starts a root or a logarithm may have no value
@@ -380,7 +380,7 @@ def _rate_ports(states: Iterable[Signal]) -> tuple[Signal, ...]:
 
 
 def rate_unit(unit: str) -> str:
-    """The unit of a rate: ``rad/s`` of ``rad``, ``m/s2`` of ``m/s``."""
+    """Return the unit of a rate: ``rad/s`` of ``rad``, ``m/s2`` of ``m/s``."""
     match = re.fullmatch(r"(.+)/s(\d*)", unit)
     return f"{match[1]}/s{int(match[2] or 1) + 1}" if match else f"{unit}/s"
 
@@ -432,7 +432,7 @@ def _refuse_other_arguments(model: str, what: str, function: Callable[..., objec
 
 
 def _signals(model: str, what: str, some: object) -> tuple[Signal, ...]:
-    """The signals of a mapping name -> unit; there must be a state and an output."""
+    """Return the signals of a mapping name -> unit; there must be a state and an output."""
     result = _mapping(model, what, some)
     for name, unit in result.items():
         _refuse_name(model, what, name)

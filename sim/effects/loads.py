@@ -26,8 +26,8 @@ JUMP_SPREAD_TIME = 0.001
 def each_run_earlier(
     steps: Any, begin: Any, end: Any, shown: Callable[..., Any], *values: Any
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Values at the times ``shown(edges, *values)``, for a channel that runs straight from
-    ``begin`` to ``end`` of each sub-step.
+    """Return the values at the times ``shown(edges, *values)``, for a channel that runs straight
+    from ``begin`` to ``end`` of each sub-step.
 
     ``begin`` ``(M + 1, ...)``, ``end`` ``(M, ...)`` and ``steps`` ``(M,)`` as in
     ``SensorEffect.act``; ``values`` broadcast with the batch axes, and runs in which they are alike
@@ -94,8 +94,8 @@ def risen(time: Any, at: Any, width: float) -> Any:
 
 
 def edge_width(interval: float, usual: float = USUAL_SUB_STEP) -> float:
-    """Largest whole fraction of a sampling interval that is at most ``usual``: the sub-step of a
-    fit.
+    """Return the largest whole fraction of a sampling interval that is at most ``usual``: the
+    sub-step of a fit.
     """
     return interval / max(1, math.ceil(interval / usual - 1e-6)) if interval > 0 else usual
 
@@ -104,8 +104,8 @@ def edge_width(interval: float, usual: float = USUAL_SUB_STEP) -> float:
 
 
 def moved_back(edges: np.ndarray, u: np.ndarray, delay: Any) -> np.ndarray:
-    """Means of u(t - delay) over each cell, exact for an input that is constant within cells;
-    before the first edge its first value holds.
+    """Return the means of u(t - delay) over each cell, exact for an input that is constant within
+    cells; before the first edge its first value holds.
 
     A cell moved back by the delay starts in cell j and ends in cell k. Its mean is u[k] plus what
     the cells before k differ from it, so that a delay of zero returns u itself. On a cell's edge
@@ -130,8 +130,8 @@ def moved_back(edges: np.ndarray, u: np.ndarray, delay: Any) -> np.ndarray:
 
 
 def moved_ahead(edges: np.ndarray, u: np.ndarray, delay: Any) -> np.ndarray:
-    """Means of u(t + delay), as ``moved_back`` with the time reversed: behind the last edge the
-    last value holds.
+    """Return the means of u(t + delay), as ``moved_back`` with the time reversed: behind the last
+    edge the last value holds.
     """
     return moved_back(-edges[::-1], u[::-1], delay)[::-1]
 

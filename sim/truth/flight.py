@@ -149,7 +149,7 @@ def drive_from_maneuvers(
 
 
 def _without_break(maneuver: Maneuver, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Whether sub-steps have no switch strictly inside."""
+    """Return whether sub-steps have no switch strictly inside."""
     if not maneuver.breakpoints:
         return np.ones(a.shape, dtype=bool)
     breaks = np.asarray(maneuver.breakpoints)

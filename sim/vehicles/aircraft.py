@@ -302,7 +302,7 @@ def refuse_recorded(
 
 
 def aircraft_model(aircraft: Aircraft) -> Model:
-    """The model of a declared aircraft: constants held, all coefficients of terms free.
+    """Return the model of a declared aircraft: constants held, all coefficients of terms free.
 
     Parameters
     ----------
@@ -511,7 +511,7 @@ class _AircraftEquations:
         return result
 
     def _place(self, name: str, p: Any) -> tuple[Any, Any, Any]:
-        """Position of a sensor from the centre of gravity, m; estimated coordinates are
+        """Return the position of a sensor from the centre of gravity, m; estimated coordinates are
         parameters.
         """
         x, y, z = (
@@ -590,7 +590,7 @@ class _AircraftEquations:
 
 
 def _angle(y: Any, x: Any) -> Any:
-    """The angle whose tangent is y/x, x positive; keeps complex steps."""
+    """Return the angle whose tangent is y/x, x positive; keeps complex steps."""
     return arctan(y / x)
 
 

@@ -42,8 +42,8 @@ class Attitude(Protocol):
     held: tuple[str, ...]
 
     def motion(self, s: Any) -> tuple[Vector, Mapping[str, Any]]:
-        """The Earth's downward axis in body axes, of length one; and the rates of the states by
-        name, those of the heading among them.
+        """Return the Earth's downward axis in body axes, of length one; and the rates of the states
+        by name, those of the heading among them.
         """
 
     def angles(self, s: Any, headed: bool) -> Mapping[str, Any]:
@@ -53,7 +53,7 @@ class Attitude(Protocol):
         """Components in body axes of a vector in the Earth's."""
 
     def at_start(self, phi: float, theta: float, psi: float) -> Mapping[str, float]:
-        """Values of the states at an attitude, rad."""
+        """Return the values of the states at an attitude, rad."""
 
 
 class EulerAngles:
@@ -166,7 +166,7 @@ def _unit(s: Any) -> tuple[Any, Any, Any, Any]:
 
 
 def _angle(y: Any, x: Any) -> Any:
-    """The angle of the direction (x, y), -pi to pi, by functions that keep complex steps."""
+    """Return the angle of the direction (x, y), -pi to pi, by functions that keep complex steps."""
     size = sqrt(x * x + y * y)
     # tan of half the angle, by the form that loses no digits on its side of the y axis.
     ahead, off = real(x) >= 0.0, where(real(y) >= 0.0, y + _ZERO_GUARD, y - _ZERO_GUARD)

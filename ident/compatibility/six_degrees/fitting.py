@@ -51,8 +51,8 @@ _LOG_LEVEL_STD_ABOVE = 3.0  # the same above it, since other errors add to noise
 
 
 def inputs_among(s: KinematicSignals) -> tuple[str, ...]:
-    """Channels whose noise walks in some output: those of which each output's relation is an
-    integral.
+    """Return the channels whose noise walks in some output: those of which each output's relation
+    is an integral.
     """
     return tuple(
         dict.fromkeys(
@@ -62,7 +62,7 @@ def inputs_among(s: KinematicSignals) -> tuple[str, ...]:
 
 
 def first_noise(signals: Sequence[KinematicSignals]) -> RelationNoise:
-    """A start from the roughness of the channels."""
+    """Return a start from the roughness of the channels."""
     outputs, inputs = signals[0].outputs, inputs_among(signals[0])
     rough = [
         float(np.mean([roughness(s.channels[name]) for s in signals]))
@@ -79,7 +79,7 @@ def settled_noise(
     columns: Sequence[np.ndarray],
     begun: RelationNoise,
 ) -> RelationNoise:
-    """Variances of greatest restricted likelihood, each output by itself.
+    """Return the variances of greatest restricted likelihood, each output by itself.
 
     residuals ``(m, N)`` and sensitivities ``(m, N, c)`` to what was fitted, of each record. The
     walk of an output is laid to its inputs: those that another output shows by itself keep that
@@ -397,8 +397,8 @@ def linear(
 def _slopes(
     kinematic_fit: KinematicFit, r: int, faults: Sequence[SensorFault], secants: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes ``(m, N, n + k)`` with secants of times, and of the delays by themselves those at what
-    stands: secants of a common delay differ.
+    """Return the slopes ``(m, N, n + k)`` with secants of times, and of the delays by themselves
+    those at what stands: secants of a common delay differ.
     """
     s, own = kinematic_fit.signals[r], kinematic_fit.own[r]
     unknowns = unknowns_of(s)
@@ -459,8 +459,8 @@ def _projected(
 
 
 def coloured(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """Covariance of the gradient of one output for a residual of this colour: ``(c, c)``, as
-    ``corrected_covariance`` has it.
+    """Return the covariance of the gradient of one output for a residual of this colour: ``(c,
+    c)``, as ``corrected_covariance`` has it.
     """
     lags = min(max(10, len(residual) // 5), len(residual) - 1)
     covariance = autocovariance(residual, lags) * (1.0 - np.arange(lags + 1) / (lags + 1.0))
@@ -487,8 +487,8 @@ def by_output_error(lines: Linear, r: int) -> NormalEquations:
 def output_error_gram(
     s: KinematicSignals, kinematic_fit: KinematicFit, r: int, columns: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Information, gradient and its covariance with each output's residual weighed by its mean
-    square, without priors.
+    """Return the information, gradient and its covariance with each output's residual weighed by
+    its mean square, without priors.
 
     ``columns (m, N, c + 1)``: slopes and, last, the residual. The covariance is that which such
     weights give under the smoother's noise.

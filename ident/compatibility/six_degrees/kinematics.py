@@ -85,8 +85,8 @@ _STEEPEST_PITCH = 1.4  # rad: nearer to the vertical Euler angles are no measure
 
 
 def recorded(record: Record) -> tuple[str, ...]:
-    """Channels of a record that the kinematics know, of an acceleration one for each axis, of a
-    height one.
+    """Return the channels of a record that the kinematics know, of an acceleration one for each
+    axis, of a height one.
     """
     have = [
         name
@@ -198,8 +198,8 @@ _RATES = ("p", "r")
 def misled_by_bank(
     records: Sequence[Record], airspeed: float | None, gravity: float
 ) -> tuple[str, ...]:
-    """A sentence on each record in which level wings would mislead the relations of alpha and
-    theta; ``airspeed`` (m/s) where none is recorded.
+    """Return a sentence on each record in which level wings would mislead the relations of alpha
+    and theta; ``airspeed`` (m/s) where none is recorded.
 
     Of p the integral about its median is the bank, of r the bank of a coordinated turn. What such a
     bank would add to the integrals of theta and alpha, less a constant and a trend, which starts
@@ -277,7 +277,7 @@ def _integral(time: np.ndarray, rate: np.ndarray) -> np.ndarray:
 
 
 def _left(time: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """The integral of a rate without its constant and trend."""
+    """Return the integral of a rate without its constant and trend."""
     whole = _integral(time, rate)
     return np.asarray(whole - np.polynomial.Polynomial.fit(time, whole, 1)(time))
 
@@ -358,8 +358,8 @@ def _at_vane(
     *,
     back: bool = False,
 ) -> np.ndarray:
-    """A flow angle where its vane is, from that at the centre of gravity; ``back``: the other
-    way.
+    """Return a flow angle where its vane is, from that at the centre of gravity; ``back``: the
+    other way.
     """
     ahead = value(name, ARM) + value(BOOM, ARM) + (s.vane_arm if name == "alpha" else 0.0)
     terms = {
@@ -375,8 +375,8 @@ def _at_vane(
 def _lever(
     s: KinematicSignals, axis: str, channel: str, value: Values, rates: dict[str, np.ndarray]
 ) -> np.ndarray:
-    """Integral over each interval of the specific force that an accelerometer measures in addition
-    away from the centre of gravity: ``(P, N - 1)``, m/s.
+    """Return the integral over each interval of the specific force that an accelerometer measures
+    in addition away from the centre of gravity: ``(P, N - 1)``, m/s.
     """
     x, y, z = (value(channel, kind) + value(PACKAGE, kind) for kind in (ARM, RIGHT, BELOW))
     if not (np.any(x) or np.any(y) or np.any(z)):
@@ -547,7 +547,7 @@ def unknowns_of(s: KinematicSignals) -> tuple[Unknown, ...]:
 
 
 def start_of(s: KinematicSignals, unknowns: Sequence[Unknown]) -> np.ndarray:
-    """First values: states as they are first measured, all else zero."""
+    """Return the first values: states as they are first measured, all else zero."""
     out = np.zeros(len(unknowns))
     for i, item in enumerate(unknowns):
         if item.key[0] == "start":
@@ -561,8 +561,8 @@ def start_of(s: KinematicSignals, unknowns: Sequence[Unknown]) -> np.ndarray:
 
 
 def faults_of(s: KinematicSignals, chord: float = 0.0) -> tuple[SensorFault, ...]:
-    """All possible faults of a record's sensors, of an aircraft with that chord (m); biases are
-    unknowns of each record.
+    """Return all possible faults of a record's sensors, of an aircraft with that chord (m); biases
+    are unknowns of each record.
     """
     channels = tuple(s.channels)
     out = [SensorFault(name, kind) for name in channels for kind in (SCALE, DELAY, LAG, DRIFT)]
@@ -601,7 +601,7 @@ def faults_of(s: KinematicSignals, chord: float = 0.0) -> tuple[SensorFault, ...
 def values_of(
     unknowns: Sequence[Unknown], faults: Sequence[SensorFault], own: np.ndarray, sizes: np.ndarray
 ) -> Values:
-    """The table of the kinematics for rows of values: ``own (P, n)``, ``sizes (P, k)``."""
+    """Return the table of the kinematics for rows of values: ``own (P, n)``, ``sizes (P, k)``."""
     table = {item.key: own[:, i : i + 1] for i, item in enumerate(unknowns)}
     for j, fault in enumerate(faults):
         key = (fault.channel, fault.kind)

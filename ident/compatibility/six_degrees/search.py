@@ -122,8 +122,8 @@ def best_set(
     *,
     early: bool,
 ) -> tuple[Sets, int]:
-    """The set, and its row, of greatest gain over the colour of what is left less ``charge`` for
-    each fault, each of them needed.
+    """Return the set, and its row, of greatest gain over the colour of what is left less ``charge``
+    for each fault, each of them needed.
 
     Arms count by how far such sensors usually are from the centre of gravity, too
     (``SensorFault.surprise``).
@@ -146,8 +146,8 @@ def best_set(
 def needed(
     normal: NormalEquations, faults: Sequence[SensorFault], members: tuple[int, ...], charge: float
 ) -> tuple[int, ...]:
-    """A set without every fault that gains at most ``charge`` beside the others, under its coloured
-    residuals.
+    """Return a set without every fault that gains at most ``charge`` beside the others, under its
+    coloured residuals.
     """
     while members:
         whole = fitted(normal, faults, np.array([members]), early=False)
@@ -212,8 +212,8 @@ def _is_load_time(fault: SensorFault) -> bool:
 
 
 def clocks(channels: Sequence[str]) -> tuple[str, ...]:
-    """Channels of which one at least has to be on time: those that the relations tie within a
-    fraction of a second.
+    """Return the channels of which one at least has to be on time: those that the relations tie
+    within a fraction of a second.
     """
     return tuple(name for name in channels if name not in _SLOW)
 
@@ -332,7 +332,7 @@ def _in_turn(
     most: int,
     early: bool,
 ) -> tuple[Linear, tuple[int, ...], tuple[str, float] | None]:
-    """Sets chosen and fitted in turn, from a fit of the faults ``members`` on."""
+    """Return the sets chosen and fitted in turn, from a fit of the faults ``members`` on."""
     secants, ahead = np.full(len(faults), SECANT_STEP), None
     secants[list(members)] = [
         _secant(size) for size in kinematic_fit.sizes.tolist()[: len(members)]
@@ -371,8 +371,8 @@ def _secant(size: float) -> float:
 def _best_delay_exchange(
     signals: Sequence[KinematicSignals], lines: Linear, members: Sequence[int], among: Sequence[int]
 ) -> tuple[tuple[KinematicFit, tuple[int, ...]], dict[tuple[int, int], float]]:
-    """The likeliest of a set and of those with another way to be late, or the arm of the same
-    trace, in the place of one, and what is lost with each of these: by the two places. What is
+    """Return the likeliest of a set and of those with another way to be late, or the arm of the
+    same trace, in the place of one, and what is lost with each of these: by the two places. What is
     known of sizes beforehand counts.
 
     To first order they would be compared under the noise of the one that stands, which has taken
@@ -412,7 +412,7 @@ def _best_delay_exchange(
 
 
 def _secants(lines: Linear, members: Sequence[int]) -> np.ndarray:
-    """Size of each time shift in the set, or in the best position of a set."""
+    """Return the size of each time shift in the set, or in the best position of a set."""
     out, best = np.full(len(lines.faults), SECANT_STEP), np.full(len(lines.faults), -math.inf)
     for place in members or (None,):
         rest = [i for i in members if i != place]
@@ -425,7 +425,7 @@ def _secants(lines: Linear, members: Sequence[int]) -> np.ndarray:
 
 
 def _replicates(lines: Linear, members: Sequence[int], i: int) -> bool:
-    """Whether the records agree on a fault one by one, with the others fixed, and require it
+    """Return whether the records agree on a fault one by one, with the others fixed, and require it
     together.
     """
     from scipy.special import chdtrc
@@ -525,5 +525,5 @@ def alike(
 
 
 def _instead(members: Sequence[int], i: int, j: int) -> tuple[int, ...]:
-    """The set with j, which comes last, in the place of i."""
+    """Return the set with j, which comes last, in the place of i."""
     return (*(k for k in members if k != i), j)

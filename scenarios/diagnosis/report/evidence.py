@@ -107,8 +107,8 @@ def left_over(fitted: Sequence[FittedRecord], channel: str) -> Leftover | None:
 
 
 def _frequencies(parts: Sequence[ResidualPart]) -> tuple[float, float]:
-    """Frequency of the largest power and that below which four fifths lie, Hz; Hann window, mean
-    over records, three neighbours smoothed.
+    """Return the frequency of the largest power and that below which four fifths lie, Hz; Hann
+    window, mean over records, three neighbours smoothed.
     """
     highest = min(0.5 / part.interval for part in parts)
     lowest = max(1.0 / (part.interval * len(part.residual)) for part in parts)
@@ -149,7 +149,7 @@ def _when(parts: Sequence[ResidualPart], rms: float) -> tuple[FittedRecord, floa
 
 
 def _company(parts: Sequence[ResidualPart]) -> Company | None:
-    """The most certain correlation with a signal, where one is worth a word."""
+    """Return the most certain correlation with a signal, where one is worth a word."""
     found: list[tuple[float, Company]] = []
     for name, form in _signals(parts):
         series = [_signal(part, name, form) for part in parts]
@@ -204,8 +204,8 @@ def _signals(parts: Sequence[ResidualPart]) -> list[tuple[str, str]]:
 
 
 def _signal(part: ResidualPart, name: str, form: str) -> np.ndarray:
-    """An input, or an output as the fit has it, away from its mean; its rate, square, or product
-    with the first input; mean taken off.
+    """Return an input, or an output as the fit has it, away from its mean; its rate, square, or
+    product with the first input; mean taken off.
     """
     item = part.item
     if name in item.record.input_names:
@@ -243,8 +243,8 @@ def _correlations(part: ResidualPart, signal: np.ndarray, later: np.ndarray) -> 
 
 
 def _chance(a: np.ndarray, b: np.ndarray) -> float:
-    """Variance of the sum of products of two series that have nothing to do with each other
-    (Bartlett, 1946).
+    """Return the variance of the sum of products of two series that have nothing to do with each
+    other (Bartlett, 1946).
     """
     lags = max(10, len(a) // 5)
     return len(a) * max(
@@ -302,8 +302,8 @@ def apart_text(claim: Claim) -> str:
 
 
 def by_record_text(by_record: Sequence[Mapping[str, Quantity]]) -> str:
-    """Values from each record with their unit: ``"0.058, 0.063, 0.060 s"``; empty for a curve,
-    whose numbers trade off.
+    """Return the values from each record with their unit: ``"0.058, 0.063, 0.060 s"``; empty for a
+    curve, whose numbers trade off.
     """
     names = list(by_record[0]) if by_record else []
     if not 0 < len(names) <= FEW_PARAMETERS:
@@ -322,8 +322,8 @@ def by_record_text(by_record: Sequence[Mapping[str, Quantity]]) -> str:
 
 
 def warnings_of(tracing: Tracing) -> list[str]:
-    """The warnings with a description of what is left in each channel, in place of long lists of
-    tests that failed.
+    """Return the warnings with a description of what is left in each channel, in place of long
+    lists of tests that failed.
 
     Where nothing stands, what the declared model leaves is described: what hints would leave is no
     result.

@@ -77,7 +77,7 @@ if TYPE_CHECKING:
 
 
 def pictured(tracing: Tracing) -> Pictured:
-    """The part of a diagnosis that figures show, its runaway numbers bounded."""
+    """Return the part of a diagnosis that figures show, its runaway numbers bounded."""
     d = as_declared(tracing.diagnosis)
     predictions = tuple(
         Prediction(p.record, p.channels, bounded_series(p.before), bounded_series(p.after))
@@ -263,8 +263,8 @@ GUARD_NOTE = (
 def diagnosis_page(
     tracing: Tracing, warnings: Sequence[str], drawn: Sequence[Drawn] = (), created: str = ""
 ) -> Page:
-    """The page of a diagnosis with the figures ``drawn``; that of the replication stands in its
-    section.
+    """Return the page of a diagnosis with the figures ``drawn``; that of the replication stands in
+    its section.
     """
     d = tracing.diagnosis
     pictures = {each.name: each for each in figures(drawn)}

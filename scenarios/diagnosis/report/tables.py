@@ -58,8 +58,8 @@ SHOWN_CANDIDATES = 6  # candidates of a round
 def candidates_table(
     d: Diagnosis, caption: str, count: int = SHOWN_CANDIDATES, printed: int | None = None
 ) -> Table:
-    """The best candidates of each round at each set, by gain; of several forms of one effect the
-    best. ``printed``: rows that stand on paper.
+    """Return the best candidates of each round at each set, by gain; of several forms of one effect
+    the best. ``printed``: rows that stand on paper.
     """
     some: list[Candidate] = []
     nodes = dict.fromkeys((candidate.round, candidate.within) for candidate in d.candidates)
@@ -83,13 +83,13 @@ def candidates_table(
 
 
 def candidate_parameters(c: Candidate) -> str:
-    """The first parameters of a candidate with their values."""
+    """Return the first parameters of a candidate with their values."""
     told = [f"{name} {with_sigma(quantity, name=name)}" for name, quantity in c.parameters.items()]
     return ", ".join([*told[:3], *(["..."] if len(told) > 3 else [])])
 
 
 def candidate_remarks(c: Candidate) -> str:
-    """Whether a candidate was fitted, and which others have a similar signature."""
+    """Return whether a candidate was fitted, and which others have a similar signature."""
     remarks = [] if c.fitted else ["linearised"]
     # another form of it is no alternative
     others = [name for name in c.collinear_with if name != c.name]
@@ -122,8 +122,8 @@ def errors_table(d: Diagnosis, caption: str, units: Mapping[str, str] = CHANNEL_
 
 
 def derivatives_table(d: Diagnosis, caption: str) -> Table:
-    """Derivatives before and after, their run-to-run scatter where any is known, and the move in
-    sigmas of both (marked beyond two).
+    """Return the derivatives before and after, their run-to-run scatter where any is known, and the
+    move in sigmas of both (marked beyond two).
     """
     pairs = [(name, old, d.after[name]) for name, old in d.before.items() if name in d.after]
     return shown_table(d, _moves(caption, "derivative", pairs, d.scatter))
@@ -169,7 +169,7 @@ def _moves(
 
 
 def move_cell(sigmas: float) -> Cell:
-    """A move in sigmas, marked beyond two; a dash where there is none."""
+    """Return a move in sigmas, marked beyond two; a dash where there is none."""
     if abs(sigmas) < 0.05:
         return MISSING
     mark = " *" if abs(sigmas) > MOVED_SIGMAS else "  "
@@ -236,7 +236,7 @@ def sigma_note(d: Diagnosis) -> str:
 
 
 def moved_title(d: Diagnosis) -> str:
-    """Heading of the table of derivatives."""
+    """Return the heading of the table of derivatives."""
     if nothing_stands(d):
         return (
             "derivatives of the declared model: something is missing in it, they carry what it "
@@ -255,7 +255,7 @@ def moved_title(d: Diagnosis) -> str:
 
 
 def moved(old: Quantity, new: Quantity) -> float:
-    """The change in standard deviations of both together; zero where neither is known."""
+    """Return the change in standard deviations of both together; zero where neither is known."""
     spread = math.hypot(old.std, new.std)
     return (new.value - old.value) / spread if spread > 0 and math.isfinite(spread) else 0.0
 
@@ -274,7 +274,7 @@ def short(value: float) -> str:
 
 
 def level_cell(value: float) -> Cell:
-    """A root mean square with three digits; a dash where there is no number."""
+    """Return a root mean square with three digits; a dash where there is no number."""
     return Number(value, shown=short(value)) if math.isfinite(value) else MISSING
 
 
@@ -282,8 +282,8 @@ Levels = tuple[ModeLevel, ...]
 
 
 def levels_of(tracing: Tracing) -> tuple[Levels, Levels]:
-    """Levels under the declared model and under the one with the effects; empty where a model has
-    no mode that the standard speaks of.
+    """Return the levels under the declared model and under the one with the effects; empty where a
+    model has no mode that the standard speaks of.
     """
     d = tracing.diagnosis
     before, after = (
@@ -294,7 +294,7 @@ def levels_of(tracing: Tracing) -> tuple[Levels, Levels]:
 
 
 def levels_title(tracing: Tracing) -> str:
-    """Standard, class and category."""
+    """Return the standard, class and category."""
     return levels_heading(tracing.flown)
 
 
@@ -348,7 +348,7 @@ FREE = "the fits of a diagnosis leave a bias of each channel free"
 def kinematics_lines(
     kinematics: Kinematics, claims: Sequence[Claim], wording: Wording
 ) -> list[str]:
-    """All of it in sentences, one a line."""
+    """Return all of it in sentences, one a line."""
     if kinematics.result is None:
         return [kinematics.why]
     lines = [each.sentence for each in agreements(kinematics, claims)]
@@ -383,14 +383,14 @@ def finding_sentence(finding: SensorFinding, wording: Wording) -> str:
 
 
 def _parameter(finding: SensorFinding) -> str:
-    """The effect's parameter that is the size of a finding."""
+    """Return the effect's parameter that is the size of a finding."""
     return "arm" if finding.kind in ARMS else PARAMETERS.get(finding.kind, finding.kind)
 
 
 def kinematics_content(
     kinematics: Kinematics, claims: Sequence[Claim], wording: Wording
 ) -> dict[str, Any]:
-    """The entry ``compatibility`` of a study; numbers that are not finite are left out."""
+    """Return the entry ``compatibility`` of a study; numbers that are not finite are left out."""
     lines = kinematics_lines(kinematics, claims, wording)
     if kinematics.result is None:
         return {"records": list(kinematics.records), "checked": False, "sentences": lines}

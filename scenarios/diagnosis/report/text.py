@@ -186,8 +186,8 @@ def where_predicted(tracing: Tracing) -> str:
 
 
 def headline(tracing: Tracing) -> str:
-    """The finding in one sentence: effect, the error that fell most, the derivative that moved
-    most.
+    """Return the finding in one sentence: effect, the error that fell most, the derivative that
+    moved most.
     """
     d, wording = tracing.diagnosis, wording_of(tracing)
     claimed = [claim for claim in d.effects if claim.claimed]
@@ -241,8 +241,8 @@ def verdict_advice(tracing: Tracing) -> list[str]:
 
 
 def deciding_lines(tracing: Tracing) -> list[str]:
-    """The designed maneuver that would decide an ambiguous diagnosis, with its chance, and the
-    command that designs it again.
+    """Return the designed maneuver that would decide an ambiguous diagnosis, with its chance, and
+    the command that designs it again.
     """
     if tracing.decides is None:
         return []
@@ -267,7 +267,7 @@ def effect_heading(claim: Claim, wording: Wording) -> str:
 
 
 def _titled(shown: Table, width: int, note: str = "", keys: int = 1) -> list[str]:
-    """A table under its caption and a note on it, both folded."""
+    """Return a table under its caption and a note on it, both folded."""
     lines = table_as_lines(shown, width, keys, titled=False)
     return [*wrapped(shown.caption, width), *wrapped(note, width, "  "), *lines] if lines else []
 
@@ -426,7 +426,7 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
 
 
 def _decides(found: DesignResult) -> dict[str, Any]:
-    """The maneuver that would decide, as ``design.json`` has it, and where it stands."""
+    """Return the maneuver that would decide, as ``design.json`` has it, and where it stands."""
     from scenarios.maneuver_design.report import maneuver_content
 
     names = [each.effect.name for each in found.acting]
@@ -449,20 +449,20 @@ def quantities(some: Mapping[str, Quantity]) -> dict[str, dict[str, Any]]:
 
 
 def bounded(value: float) -> float:
-    """The number, or one of ``LARGEST`` size where it has run away; zero for none at all."""
+    """Return the number, or one of ``LARGEST`` size where it has run away; zero for none at all."""
     if math.isnan(value):
         return 0.0
     return float(min(max(value, -LARGEST), LARGEST))
 
 
 def positive(std: float) -> float:
-    """A standard deviation above zero and finite."""
+    """Return a standard deviation above zero and finite."""
     return float(min(max(std, 1e-300), LARGEST)) if not math.isnan(std) else LARGEST
 
 
 def _not_met(requirement: Requirement) -> dict[str, Any]:
-    """A requirement on a claim that was not met: what was asked, the number found, the number
-    required.
+    """Return a requirement on a claim that was not met: what was asked, the number found, the
+    number required.
     """
     return {
         "asked": requirement.asked,
@@ -511,8 +511,8 @@ def _claim(claim: Claim, wording: Wording, records: Sequence[str]) -> dict[str, 
 
 
 def _errors(figures: ErrorFigures) -> dict[str, dict[str, float]]:
-    """Root mean squares are there for every channel; the relative figures where they can be
-    formed.
+    """Return the root mean squares are there for every channel; the relative figures where they can
+    be formed.
     """
     return {
         "rmse": {name: bounded(value) for name, value in figures.rmse.items()},
@@ -527,7 +527,7 @@ def _finite_only(some: Mapping[str, float]) -> dict[str, float]:
 
 
 def test_content(test: ResidualTest) -> dict[str, Any]:
-    """One residual test, its numbers within what JSON can say."""
+    """Return one residual test, its numbers within what JSON can say."""
     return {
         "name": test.name,
         "channel": test.channel,

@@ -32,7 +32,7 @@ def kind_of_predicted(d: Diagnosis) -> str:
 
 
 def record_labels(tracing: Tracing) -> list[str]:
-    """The fitted records by name."""
+    """Return the fitted records by name."""
     return [record.name for record in tracing.records]
 
 
@@ -41,21 +41,21 @@ EQUAL_NOISE_TOLERANCE = 1e-9  # relative, to which a residual is its noise
 
 
 def noise_headings(d: Diagnosis) -> tuple[str, ...]:
-    """Headings of what stands beside an error: the noise, and the residual of the fit where that is
-    another number in any channel.
+    """Return the headings of what stands beside an error: the noise, and the residual of the fit
+    where that is another number in any channel.
     """
     return (RESIDUAL, SENSOR_NOISE) if is_coloured(d) else (SENSOR_NOISE,)
 
 
 def is_coloured(d: Diagnosis) -> bool:
-    """Whether the residual of any channel is more than its noise."""
+    """Return whether the residual of any channel is more than its noise."""
     left = residual_levels(d)
     return any(_apart(d, channel, left) for channel in d.noise_floor)
 
 
 def residual_levels(d: Diagnosis) -> dict[str, float]:
-    """Root mean square of what the fit leaves, by channel; of the declared model where no effect
-    stands.
+    """Return the root mean square of what the fit leaves, by channel; of the declared model where
+    no effect stands.
     """
     if d.verdict is Verdict.UNEXPLAINED:
         return {name: rms for name in d.noise_floor if (rms := _declared(d, name)) > 0.0}
@@ -100,8 +100,8 @@ def nothing_stands(d: Diagnosis) -> bool:
 
 
 def shown_table(d: Diagnosis, whole: Table) -> Table:
-    """A table of the diagnosis; under ``unexplained`` without the columns that a further model
-    would fill.
+    """Return a table of the diagnosis; under ``unexplained`` without the columns that a further
+    model would fill.
     """
     if not nothing_stands(d):
         return whole
@@ -115,8 +115,8 @@ def shown_table(d: Diagnosis, whole: Table) -> Table:
 
 
 def as_declared(d: Diagnosis) -> Diagnosis:
-    """The diagnosis as its figures show it: under ``unexplained`` residuals and predictions of the
-    declared model alone, no derivatives after it.
+    """Return the diagnosis as its figures show it: under ``unexplained`` residuals and predictions
+    of the declared model alone, no derivatives after it.
     """
     if not nothing_stands(d):
         return d
@@ -160,8 +160,8 @@ class Wording:
         return self.candidates[known] if known is not None else traits_of(name)
 
     def control_of(self, name: str) -> str:
-        """The input that an effect acts on, ``"input-delay:rudder"``; the first of all where its
-        name does not say.
+        """Return the input that an effect acts on, ``"input-delay:rudder"``; the first of all where
+        its name does not say.
         """
         acted_on = name.partition(":")[2].partition("#")[0]
         return acted_on if acted_on in self.controls else self.control
@@ -173,8 +173,8 @@ def sentence(claim: Claim, wording: Wording) -> str:
 
 
 def group_sentence(claim: Claim, wording: Wording) -> str:
-    """The sentence of an effect with what else it may be: ``"the pitch rate is read 0.06 s late
-    (lag or delay: these records cannot tell)"``.
+    """Return the sentence of an effect with what else it may be: ``"the pitch rate is read 0.06 s
+    late (lag or delay: these records cannot tell)"``.
     """
     if not claim.alternatives:
         return sentence(claim, wording)
@@ -193,7 +193,7 @@ def group_sentence(claim: Claim, wording: Wording) -> str:
 
 
 def _told(claim: Claim, wording: Wording, templates: Sequence[str]) -> str:
-    """The first of some templates that the claim's parameters fill in, else its name and
+    """Return the first of some templates that the claim's parameters fill in, else its name and
     parameters.
     """
     channel = claim.name.partition(":")[2]
@@ -273,8 +273,8 @@ def _fields(claim: Claim, wording: Wording) -> dict[str, str]:
 
 
 def _stick_units(claim: Claim, wording: Wording) -> dict[str, str]:
-    """Units of those parameters that are counted in the stick's unit, by name; none where another
-    control flies.
+    """Return the units of those parameters that are counted in the stick's unit, by name; none
+    where another control flies.
     """
     if wording.control != "stick":
         return {}
@@ -307,7 +307,7 @@ def separating_maneuver(name: str, other: str, wording: Wording | None = None) -
 def separating_maneuvers(
     name: str, others: Sequence[str], wording: Wording | None = None
 ) -> list[tuple[tuple[str, ...], str]]:
-    """The same for several alternatives, those that need the same maneuver together."""
+    """Return the same for several alternatives, those that need the same maneuver together."""
     grouped: dict[str, list[str]] = {}
     for other in others:
         grouped.setdefault(separating_maneuver(name, other, wording), []).append(other)
@@ -318,8 +318,8 @@ LEAST_PRINTED_SHARE = 0.005  # half a per cent rounds to nothing
 
 
 def shown_probability(claim: Claim) -> dict[str, float]:
-    """The claimed name first, then what could take its place, the likeliest first; three digits,
-    without what is below ``LEAST_PRINTED_SHARE``.
+    """Return the claimed name first, then what could take its place, the likeliest first; three
+    digits, without what is below ``LEAST_PRINTED_SHARE``.
 
     Empty of hints.
     """

@@ -56,7 +56,7 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
 
 
 def _of_bytes(path: Path, raw: bytes) -> list[Topic]:
-    """The topics of a binary log."""
+    """Return the topics of a binary log."""
     from pymavlink.DFReader import DFReader_binary
 
     with tempfile.TemporaryDirectory() as folder:
@@ -119,7 +119,7 @@ def _of_text(path: Path, raw: bytes) -> list[Topic]:
 
 
 def _cells(name: str, rest: str) -> list[str]:
-    """The cells of a message that describes others; the columns of a format are one cell."""
+    """Return the cells of a message that describes others; the columns of a format are one cell."""
     return [cell.strip() for cell in rest.split(",", 4 if name == "FMT" else -1)]
 
 
@@ -166,7 +166,7 @@ def _numbers(layout: Any, rows: list[list[str]]) -> dict[str, np.ndarray]:
 
 
 def _has_numbers(layout: Any) -> bool:
-    """Whether messages of a format are measurements with a clock."""
+    """Return whether messages of a format are measurements with a clock."""
     return layout.name not in ADMINISTRATION and any(column in CLOCKS for column in layout.columns)
 
 
@@ -190,7 +190,7 @@ def _silent_process() -> Iterator[None]:
 def _topics(
     path: Path, layout: Any, fields: dict[str, np.ndarray] | None, notes: tuple[str, ...] = ()
 ) -> list[Topic]:
-    """The topics of one kind of message: one for each instance where it has several."""
+    """Return the topics of one kind of message: one for each instance where it has several."""
     if fields is None or not any(column in CLOCKS for column in fields):
         return []
     units = {name: CLOCKS.get(name) or _unit(layout, name) for name in fields}

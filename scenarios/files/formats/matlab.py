@@ -30,7 +30,7 @@ TYPES = (1, 2, 3, 4, 5, 6, 7, 9, 12, 13, MATRIX_TYPE, COMPRESSED_TYPE, 16, 17, 1
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """The tables of a MAT file of version 4 to 7.2 by SciPy, of version 7.3 by h5py."""
+    """Return the tables of a MAT file of version 4 to 7.2 by SciPy, of version 7.3 by h5py."""
     if raw.startswith(b"MATLAB 7.3") or raw.startswith(b"\x89HDF"):
         return read_matlab(path, raw)
     from scipy.io import loadmat
@@ -52,8 +52,8 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
 def _known_types(
     raw: bytes, begin: int, end: int, order: Literal["little", "big"], *, inside: bool = False
 ) -> bool:
-    """Whether all elements from ``begin`` to ``end`` have types that belong there: SciPy ends the
-    whole program at others. Packed elements have checksums and are not looked into.
+    """Return whether all elements from ``begin`` to ``end`` have types that belong there: SciPy
+    ends the whole program at others. Packed elements have checksums and are not looked into.
 
     ``inside``: they are those of an array: flags, sizes, a name, then its content.
     """

@@ -61,8 +61,8 @@ def readers() -> dict[str, Reader]:
 
 
 def reader_for(path: Path, raw: bytes) -> Reader:
-    """The reader whose first bytes the file has, else the one of its suffix, else the reader of
-    text.
+    """Return the reader whose first bytes the file has, else the one of its suffix, else the reader
+    of text.
 
     Several formats are ZIP archives inside, so that of these the suffix decides first.
     """
@@ -83,7 +83,7 @@ def reader_for(path: Path, raw: bytes) -> Reader:
 
 
 def topics_of(source: Source) -> tuple[Topic, ...]:
-    """The topics in a file of any format; a gzip file is unpacked first.
+    """Return the topics in a file of any format; a gzip file is unpacked first.
 
     Raises
     ------
@@ -137,8 +137,8 @@ def _silent() -> Iterator[None]:
 
 
 def without_empty_tail(table: CellTable) -> CellTable:
-    """The table without the rows at its end in which no cell holds anything, as spreadsheets export
-    them.
+    """Return the table without the rows at its end in which no cell holds anything, as spreadsheets
+    export them.
     """
     count = table.rows.size
     while count and all(
@@ -187,7 +187,7 @@ def _without_footer(topic: Topic) -> Topic:
 
 
 def _is_remark(cell: object) -> bool:
-    """Whether a cell holds a word: letters, and neither a number nor the mark of a missing
+    """Return whether a cell holds a word: letters, and neither a number nor the mark of a missing
     sample.
     """
     text = "" if cell is None else str(cell).strip()
@@ -199,8 +199,8 @@ def _is_remark(cell: object) -> bool:
 
 
 def _only_file(path: Path, raw: bytes) -> tuple[bytes, Path]:
-    """Content and name of the one file in a ZIP archive. Raises RecordError where it holds another
-    number of files, or is damaged.
+    """Return the content and name of the one file in a ZIP archive. Raises RecordError where it
+    holds another number of files, or is damaged.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
@@ -234,8 +234,8 @@ def _only_file(path: Path, raw: bytes) -> tuple[bytes, Path]:
 
 
 def _unpacked(path: Path, raw: bytes) -> bytes:
-    """Content of a gzip, bzip2 or xz file, read up to the limit, since a few bytes may expand to
-    any size.
+    """Return the content of a gzip, bzip2 or xz file, read up to the limit, since a few bytes may
+    expand to any size.
     """
     if raw.startswith(BZIP2) or path.suffix.lower() == ".bz2":
         name = "a bzip2"

@@ -62,7 +62,7 @@ Rows = list[tuple[int, list[str]]]  # number of each row as the user sees it, an
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """The one table of a text file.
+    """Return the one table of a text file.
 
     Raises
     ------
@@ -163,7 +163,7 @@ def _large(path: Path, raw: bytes) -> Topic | None:
 
 
 def _table(path: Path, text: str, layout: Layout) -> tuple[CellTable, tuple[str, ...]]:
-    """The table of a text, and a sentence if its header is in a comment."""
+    """Return the table of a text, and a sentence if its header is in a comment."""
     named, separator, above = layout.named, layout.separator, len(layout.above)
     notes: tuple[str, ...] = ()
     lines = _rows(path, text, separator, above)
@@ -244,8 +244,8 @@ def _of_one_width(
 
 
 def _unnamed(layout: Layout, width: int, file: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The header of a table that begins with numbers: from the comment above it, else ``column 1``
-    ...; and a sentence on the comment.
+    """Return the header of a table that begins with numbers: from the comment above it, else
+    ``column 1`` ...; and a sentence on the comment.
     """
     result = _commented_header(layout, width)
     if not result:
@@ -291,7 +291,7 @@ def _is_comment(line: str) -> bool:
 
 
 def _text(path: Path, raw: bytes) -> tuple[str, tuple[str, ...]]:
-    """The text of a file and a sentence on its encoding where that is not UTF-8."""
+    """Return the text of a file and a sentence on its encoding where that is not UTF-8."""
     sample = raw[:4096]
     encodings = ["utf-8-sig"]
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
@@ -387,7 +387,7 @@ def _cells(line: str, mark: str) -> list[str]:
 
 
 def _fast_table(path: Path, raw: bytes, at: int, begin: str, layout: Layout) -> CellTable | None:
-    """The table that begins at a byte of a plain file; ``begin``: its first lines."""
+    """Return the table that begins at a byte of a plain file; ``begin``: its first lines."""
     separator, named = layout.separator, layout.named
     lines = begin.splitlines()[:3]
     body = begin.split("\n", 1)[-1]
@@ -428,8 +428,8 @@ def _fast_table(path: Path, raw: bytes, at: int, begin: str, layout: Layout) -> 
 
 
 def _marked_columns(raw: bytes, at: int, separator: str, width: int) -> list[np.ndarray] | None:
-    """Columns of the rows from a byte on, block by block, so that memory holds the file and its
-    numbers once; None where a cell is unusual.
+    """Return the columns of the rows from a byte on, block by block, so that memory holds the file
+    and its numbers once; None where a cell is unusual.
 
     A column is one of numbers where all cells of its first block are; a cell further on that is
     none makes the careful reading necessary.
@@ -517,8 +517,8 @@ def _numeric_or_text(cells: np.ndarray) -> np.ndarray:
 
 
 def _blank_columns(raw: bytes, at: int, width: int) -> list[np.ndarray] | None:
-    """Columns of rows that are parted by blanks; None where a cell is no number or a row has
-    another width.
+    """Return the columns of rows that are parted by blanks; None where a cell is no number or a row
+    has another width.
     """
     try:
         values = np.loadtxt(io.BytesIO(raw[at:]), dtype=float, comments=None, ndmin=2)
@@ -528,8 +528,8 @@ def _blank_columns(raw: bytes, at: int, width: int) -> list[np.ndarray] | None:
 
 
 def _header_at(text: str) -> tuple[int, list[str]]:
-    """Position of the header, and the lines above it: comments, empty lines, and a spreadsheet's
-    separator line.
+    """Return the position of the header, and the lines above it: comments, empty lines, and a
+    spreadsheet's separator line.
     """
     above: list[str] = []
     at = 0
@@ -542,7 +542,7 @@ def _header_at(text: str) -> tuple[int, list[str]]:
 
 
 def _rows(path: Path, text: str, separator: str, above: int) -> Rows:
-    """All rows without empty ones."""
+    """Return all rows without empty ones."""
     if separator == BLANKS:
         parted = [
             (n + above + 1, line.split())

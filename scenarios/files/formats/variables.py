@@ -52,8 +52,8 @@ def topics_of_variables(path: Path, variables: Mapping[str, Any]) -> tuple[Topic
 
 
 def _simplified(value: Any) -> Any:
-    """A variable in a form that the rules know, at any depth: what programs write for a struct of
-    vectors as a struct of vectors, a cell array of vectors as a matrix.
+    """Return a variable in a form that the rules know, at any depth: what programs write for a
+    struct of vectors as a struct of vectors, a cell array of vectors as a matrix.
 
     Known are an array of structs with one number each, one struct a sample; a cell array with a row
     of names and rows of numbers; Simulink's structure with time, whose ``signals`` have ``values``
@@ -124,8 +124,8 @@ def _is_one(cell: Any) -> bool:
 
 
 def _with_one_struct(variables: Mapping[str, Any]) -> tuple[Mapping[str, Any], dict[str, str]]:
-    """The variables with those of the only struct among them, and names that are in both, with the
-    reason why they cannot be read.
+    """Return the variables with those of the only struct among them, and names that are in both,
+    with the reason why they cannot be read.
     """
     structs = [
         name
@@ -263,8 +263,8 @@ def _named_after(name: str, level: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _with_clock(level: Mapping[str, Any], clock: np.ndarray | None) -> Mapping[str, Any]:
-    """The level with the clock of the level above where it has none, and vectors as long as that
-    one.
+    """Return the level with the clock of the level above where it has none, and vectors as long as
+    that one.
     """
     if clock is None or clock.ndim != 1 or any(word in level for word in CLOCKS):
         return level
@@ -280,8 +280,8 @@ def _with_clock(level: Mapping[str, Any], clock: np.ndarray | None) -> Mapping[s
 def _columns(
     flat: Mapping[str, np.ndarray], level: Mapping[str, Any]
 ) -> tuple[dict[str, np.ndarray], int, list[str]]:
-    """Columns of one level and their rows: arrays with as many rows as its clock, or as most of
-    them have, and all other vectors.
+    """Return the columns of one level and their rows: arrays with as many rows as its clock, or as
+    most of them have, and all other vectors.
 
     A vector of another length is refused with both lengths when a channel asks for it.
     """
@@ -344,8 +344,8 @@ def _names(key: str, value: np.ndarray, level: Mapping[str, Any], *, lone: bool)
 
 
 def _rows(numeric: Mapping[str, np.ndarray]) -> int:
-    """Rows of the table: those of the clock, else the most frequent number, the larger of two as
-    frequent.
+    """Return the rows of the table: those of the clock, else the most frequent number, the larger
+    of two as frequent.
     """
     clock = next(
         (
@@ -366,7 +366,7 @@ def _rows(numeric: Mapping[str, np.ndarray]) -> int:
 
 
 def _upright(value: np.ndarray) -> np.ndarray:
-    """An array with one row a sample: vectors as one column, wide matrices turned."""
+    """Return an array with one row a sample: vectors as one column, wide matrices turned."""
     if value.ndim == 1:
         return value.reshape(-1, 1)
     return (

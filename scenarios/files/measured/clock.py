@@ -156,7 +156,7 @@ def times_of_dates(dates: np.ndarray) -> Clock:
 
 
 def seconds_of_counter(values: np.ndarray, unit: str | None, where: str = "the clock") -> Clock:
-    """Numbers of a clock in seconds.
+    """Return the numbers of a clock in seconds.
 
     Parameters
     ----------
@@ -200,8 +200,8 @@ def seconds_of_counter(values: np.ndarray, unit: str | None, where: str = "the c
 
 
 def _unit_by_rate(values: np.ndarray, where: str) -> tuple[str, str]:
-    """The unit of an unlabelled clock, ``d`` among them, and a sentence on it; ``values`` are
-    finite.
+    """Return the unit of an unlabelled clock, ``d`` among them, and a sentence on it; ``values``
+    are finite.
 
     Raises
     ------
@@ -242,8 +242,8 @@ def _unit_by_rate(values: np.ndarray, where: str) -> tuple[str, str]:
 
 
 def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
-    """The even grid that was rounded to the stamps, and a sentence; None where the stamps are exact
-    enough or no even grid explains them.
+    """Return the even grid that was rounded to the stamps, and a sentence; None where the stamps
+    are exact enough or no even grid explains them.
 
     Parameters
     ----------
@@ -397,7 +397,7 @@ def _past_midnight(time: np.ndarray) -> tuple[np.ndarray, str]:
 
 
 def _unrolled(values: np.ndarray) -> tuple[np.ndarray, int]:
-    """A counter of 16 or 32 bits without its overflows."""
+    """Return a counter of 16 or 32 bits without its overflows."""
     finite_rows = np.flatnonzero(np.isfinite(values))
     steps = np.diff(values[finite_rows])
     for bits in (16, 32):
@@ -415,8 +415,8 @@ def _unrolled(values: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def _last_digits(time: np.ndarray) -> np.ndarray:
-    """The unit of the last digit with which stamps of each power of ten are written, s, shape
-    ``(N,)``.
+    """Return the unit of the last digit with which stamps of each power of ten are written, s,
+    shape ``(N,)``.
     """
     power = np.floor(np.log10(np.maximum(np.abs(time), 1e-12))).astype(int)
     unit = np.zeros_like(time)

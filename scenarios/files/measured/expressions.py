@@ -254,13 +254,13 @@ def parse(text: str, where: str) -> Expression:
 
 
 def is_plain_name(text: str) -> bool:
-    """Whether a text has no operator, so that it can only be a column."""
+    """Return whether a text has no operator, so that it can only be a column."""
     return re.search(r"[-+*/()`]", text) is None
 
 
 def evaluate(expression: Expression, columns: Mapping[str, np.ndarray], where: str) -> np.ndarray:
-    """The values of an expression, shape ``(N,)``, of the columns that it reads, each of shape
-    ``(N,)``.
+    """Return the values of an expression, shape ``(N,)``, of the columns that it reads, each of
+    shape ``(N,)``.
 
     Raises
     ------

@@ -125,6 +125,6 @@ class Row:
 
 
 def rows_of(estimate: Estimate) -> tuple[Row, ...]:
-    """The rows of an estimate of which nothing else is known, in its order."""
+    """Return the rows of an estimate of which nothing else is known, in its order."""
     found = zip(estimate.names, estimate.units, estimate.values, estimate.std, strict=True)
     return tuple(Row(name, unit, float(value), float(std)) for name, unit, value, std in found)

@@ -208,7 +208,7 @@ def _scale(name: str, surface: str, prop: str) -> float:
 
 
 def _read_by_loads(path: Path) -> Iterator[str]:
-    """Every property that an aircraft's aerodynamics read, as often as they do."""
+    """Yield every property that an aircraft's aerodynamics read, as often as they do."""
     for section in ElementTree.parse(path).getroot().iter("aerodynamics"):
         other = section.get("file")
         if other:
@@ -225,8 +225,8 @@ STILL_DEFLECTION = 1e-9  # rad of one frame, below which a surface stands
 
 
 def spoiled(signals: Signals, flight: JsbsimFlight) -> dict[str, np.ndarray]:
-    """The signals as the recorder is given them: vanes ahead, then late sensors, then surfaces that
-    answer late or with play.
+    """Return the signals as the recorder is given them: vanes ahead, then late sensors, then
+    surfaces that answer late or with play.
     """
     shown, time = dict(signals), signals["time"]
     if flight.vane_ahead:
@@ -245,7 +245,7 @@ def spoiled(signals: Signals, flight: JsbsimFlight) -> dict[str, np.ndarray]:
 
 
 def ahead_of_play(surface: np.ndarray, half: float) -> np.ndarray:
-    """A drive that moves a surface just so through a play of ``half`` to either side.
+    """Return a drive that moves a surface just so through a play of ``half`` to either side.
 
     While the surface moves the drive is ``half`` ahead of it; while it stands, the drive crosses
     the play at its own pace, here evenly from one motion to the next. It begins in the middle.
@@ -314,7 +314,7 @@ def by_hand(values: np.ndarray, time: np.ndarray) -> np.ndarray:
 
 
 def rehearsal(control: str, size: float, unit: float, time: np.ndarray) -> dict[str, np.ndarray]:
-    """One control alone: its 3-2-1-1 soon after the start."""
+    """Return one control alone: its 3-2-1-1 soon after the start."""
     return {control: by_hand(three_two_one_one(size, unit, 0.5)(time), time)}
 
 

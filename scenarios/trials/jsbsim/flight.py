@@ -87,7 +87,7 @@ class JsbsimTruth:
 
 
 def fly_jsbsim(flight: JsbsimFlight, seed: int) -> tuple[Record, JsbsimTruth]:
-    """The record and its truth; the same seed gives the same numbers.
+    """Return the record and its truth; the same seed gives the same numbers.
 
     Raises
     ------
@@ -165,7 +165,7 @@ def _frequency(signals: JsbsimSignals, moment: str, by: tuple[str, ...], inertia
 
 
 def _sized(calm: Condition, control: str, unit: float) -> float:
-    """The deflection (rad) at which the first of ``PEAKS`` is reached in a 3-2-1-1."""
+    """Return the deflection (rad) at which the first of ``PEAKS`` is reached in a 3-2-1-1."""
     time, size = calm.step * np.arange(round(REHEARSAL_TIME / calm.step)), FIRST_DEFLECTION
     for _ in range(MOST_REHEARSALS):
         simulated = fly(
@@ -190,8 +190,8 @@ def _small_motion(
     units: Mapping[str, float],
     time: np.ndarray,
 ) -> JsbsimSignals:
-    """The 3-2-1-1 of the flight a tenth as large, in calm air; larger where the play of a linkage
-    swallows it.
+    """Return the 3-2-1-1 of the flight a tenth as large, in calm air; larger where the play of a
+    linkage swallows it.
     """
     share = SMALL_MANEUVER_SHARE
     while True:
@@ -267,8 +267,8 @@ def write_jsbsim(
 def vehicle_text(
     flight: JsbsimFlight, constants: Mapping[str, float], slopes: Slopes, rng: np.random.Generator
 ) -> str:
-    """A vehicle file: constants as JSBSim has them, derivatives wrong by up to ``wrong``; those
-    that move nothing left out.
+    """Return a vehicle file: constants as JSBSim has them, derivatives wrong by up to ``wrong``;
+    those that move nothing left out.
     """
     lines = [
         f'name = "{flight.aircraft}"',
@@ -334,7 +334,7 @@ class _Jsbsim(BaseModel):
 
 
 def jsbsim_of(document: Mapping[str, Any], name: str, where: str) -> JsbsimFlight:
-    """A JsbsimFlight from the content of its file; ``where`` names the file in messages.
+    """Return a JsbsimFlight from the content of its file; ``where`` names the file in messages.
 
     Raises
     ------

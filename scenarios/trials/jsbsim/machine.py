@@ -270,8 +270,8 @@ class _Pilot:
 
 
 def trimmed(condition: Condition) -> Any:
-    """The simulator with the aircraft in level unaccelerated flight, gear up, engines running;
-    DeclarationError where it is not.
+    """Return the simulator with the aircraft in level unaccelerated flight, gear up, engines
+    running; DeclarationError where it is not.
     """
     folder = package_folder()
     os.environ.setdefault("JSBSIM_DEBUG", "0")
@@ -403,7 +403,7 @@ class Slopes:
     left: float
 
     def without(self, *symbols: str) -> Slopes:
-        """The same but for derivatives by these symbols."""
+        """Return the same but for derivatives by these symbols."""
         return Slopes(
             {
                 name: value
@@ -416,7 +416,7 @@ class Slopes:
 
 
 def slopes_of(model: str, signals: JsbsimSignals, motion: JsbsimSignals | None = None) -> Slopes:
-    """The derivatives of a model (rigid, longitudinal or lateral); of ``motion`` where it is
+    """Return the derivatives of a model (rigid, longitudinal or lateral); of ``motion`` where it is
     another flight from the same trim.
     """
     return {"rigid": _rigid, "longitudinal": _longitudinal, "lateral": _lateral}[model](
@@ -481,8 +481,8 @@ def _rigid(trim: JsbsimSignals, signals: JsbsimSignals) -> Slopes:
 
 
 def _longitudinal(trim: JsbsimSignals, signals: JsbsimSignals) -> Slopes:
-    """Coefficients of the whole longitudinal motion at the current speed and density, without
-    thrust and its moment.
+    """Return the coefficients of the whole longitudinal motion at the current speed and density,
+    without thrust and its moment.
     """
     speed, body, alpha = float(trim["airspeed"][0]), signals.body, signals["alpha"]
     slow = {"V": signals["airspeed"] / speed, "alpha": alpha}
@@ -527,7 +527,7 @@ def _pressure_area(signals: JsbsimSignals) -> np.ndarray:
 
 
 def _moved(signals: JsbsimSignals, names: Mapping[str, str]) -> dict[str, np.ndarray]:
-    """The surfaces that the loads of this aircraft read, under the names of derivatives."""
+    """Return the surfaces that the loads of this aircraft read, under the names of derivatives."""
     return {
         symbol: signals[surface] for symbol, surface in names.items() if surface in signals.signals
     }

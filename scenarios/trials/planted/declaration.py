@@ -318,7 +318,7 @@ def own_terms(package_name: str | None = None) -> Mapping[str, Effect]:
 
 
 def true_vehicle(flight: TraceFlight) -> Model:
-    """The vehicle of a flight without hidden effects."""
+    """Return the vehicle of a flight without hidden effects."""
     from scenarios.studies.estimating import vehicle_model
 
     if flight.own is not None:
@@ -356,7 +356,7 @@ def hidden_units(name: str, vehicle: str | Model, where: str) -> Mapping[str, st
 def find_term(
     name: str, equations: Equations, where: str, terms: Mapping[str, Effect] | None = None
 ) -> Effect:
-    """A hidden term that acts on these equations, the truth's own from ``terms`` (None:
+    """Return a hidden term that acts on these equations, the truth's own from ``terms`` (None:
     ``own_terms()``).
 
     Raises
@@ -382,7 +382,7 @@ def find_term(
 
 
 def with_hidden(model: Model, hidden: tuple[HiddenTerm, ...], *, validation: bool) -> Model:
-    """The vehicle with the effects hidden in one of its two records.
+    """Return the vehicle with the effects hidden in one of its two records.
 
     Raises
     ------

@@ -42,8 +42,8 @@ SWEEP_END_RATIO = 2.0  # highest such frequency
 def maneuver_words(
     words: Sequence[str], model: Model, motion: Motion, pulse: float
 ) -> tuple[tuple[dict[str, Any], ...], float]:
-    """Maneuvers as a scenario's file has them, in the inputs' units, and the time at which the last
-    one ends, s.
+    """Return the maneuvers as a scenario's file has them, in the inputs' units, and the time at
+    which the last one ends, s.
 
     Each word is ``INPUT=KIND``, then ``,KEY=VALUE`` for what is not as the example of ``flightid
     models`` would have it: the amplitude that this takes, units of ``pulse`` (s), and one maneuver
@@ -85,7 +85,7 @@ def maneuver_words(
 
 
 def noise_of(words: Sequence[str], model: Model) -> dict[str, float]:
-    """Standard deviations by output, ``OUTPUT=SIZE``. Raises DeclarationError as
+    """Return the standard deviations by output, ``OUTPUT=SIZE``. Raises DeclarationError as
     ``maneuver_words``.
     """
     outputs, out = [signal.name for signal in model.equations.outputs], {}
@@ -178,7 +178,7 @@ def _split(word: str) -> list[str]:
 
 
 def _value(text: str) -> Any:
-    """Value of a text: a number, a list, or a text with a unit."""
+    """Return the value of a text: a number, a list, or a text with a unit."""
     try:
         return toml_value(f"value = {text}")["value"]
     except DocumentError:
@@ -206,7 +206,7 @@ def _usual(
 
 
 def _numbers(given: Mapping[str, Any], unit: str, where: str) -> dict[str, Any]:
-    """Numbers of a maneuver in the units of a scenario: the input's, s, rad/s."""
+    """Return the numbers of a maneuver in the units of a scenario: the input's, s, rad/s."""
     units = {"amplitude": unit, "first_frequency": "rad/s", "last_frequency": "rad/s"}
     out: dict[str, Any] = {}
     for key, value in given.items():
@@ -447,7 +447,7 @@ def _true_step(model: Model, rate: float) -> float:
 
 
 def _round_up(value: float) -> float:
-    """The next of 1, 2, 5, 10, 20 ... that is not below."""
+    """Return the next of 1, 2, 5, 10, 20 ... that is not below."""
     decade = 10.0 ** math.floor(math.log10(value))
     return next(
         float(f"{decade * digit:.1g}")

@@ -133,7 +133,7 @@ def comparable_before(
 
 
 def quantities_of(d: Diagnosis) -> dict[str, Quantity]:
-    """The estimates of a diagnosis by parameter, those of an effect by its full name."""
+    """Return the estimates of a diagnosis by parameter, those of an effect by its full name."""
     effects = d.trained_after.effects if d.trained_after is not None else ()
     of_effects = {
         full_name(effect, local): quantity
@@ -190,8 +190,8 @@ def _same(value: float, true: float, estimate: Quantity | None) -> bool:
 def noise_free_fit(
     model: Model, trained: Trained, estimates: Mapping[str, Quantity], simulated: SimulatedTrace
 ) -> Fit | None:
-    """The fit of a model to both copies of the noise-free training record, from the estimates; None
-    without a minimum.
+    """Return the fit of a model to both copies of the noise-free training record, from the
+    estimates; None without a minimum.
     """
     rng = np.random.default_rng(NOISE_SEED)
     clean = simulated.noise_free
@@ -218,8 +218,8 @@ def refit(
     records: Sequence[Record],
     fixed: Mapping[str, Quantity] | None = None,
 ) -> Fit | None:
-    """A trained model fitted to records, from what it was trained to; None where there is no finite
-    cost.
+    """Return a trained model fitted to records, from what it was trained to; None where there is no
+    finite cost.
 
     Declared priors count once a record. ``fixed`` : estimates to which a prior of
     ``OPEN_PRIOR_SIGMAS`` sigmas ties what is left open.
@@ -237,7 +237,7 @@ def refit(
 
 
 def _tied(layout: FitLayout, prior: Prior | None, fixed: Mapping[str, Quantity]) -> Prior | None:
-    """A prior with a weak one about ``fixed`` added for the shared parameters."""
+    """Return a prior with a weak one about ``fixed`` added for the shared parameters."""
     at = [i for i, name in enumerate(layout.shared) if name in fixed]
     if not at:
         return prior
@@ -290,8 +290,8 @@ def reasons_for(
 
 
 def _of_turbulence(tracing: Tracing, simulated: SimulatedTrace) -> list[str]:
-    """Number of scale lengths of hidden turbulence in a record: of independent gusts that its level
-    is estimated from.
+    """Return the number of scale lengths of hidden turbulence in a record: of independent gusts
+    that its level is estimated from.
     """
     length = simulated.hidden.get(TURBULENCE, {}).get("length", 0.0)
     if not length or "airspeed" not in tracing.model.parameters:
@@ -360,8 +360,8 @@ def _of_the_gearing(
 
 
 def estimated_modes(tracing: Tracing, modes: int) -> dict[str, Quantity]:
-    """Frequencies and damping ratios of the elastic modes of the fitted model, all couplings in;
-    empty without any.
+    """Return the frequencies and damping ratios of the elastic modes of the fitted model, all
+    couplings in; empty without any.
     """
     trained = tracing.diagnosis.trained_after
     if not modes or trained is None:
@@ -428,7 +428,7 @@ def elastic_modes(
 
 
 def true_modes(vehicle: Model) -> dict[str, float]:
-    """Modes of a true vehicle from its own equations, without a fit."""
+    """Return the modes of a true vehicle from its own equations, without a fit."""
     system = compile_model(vehicle)
     p = system.parameters.values()
     short_period = slowest_oscillation(system, p)
@@ -543,7 +543,7 @@ def run_trace(
 def scored(
     scenario: TraceScenario, seed: int, simulated: SimulatedTrace, tracing: Tracing
 ) -> TraceStudy:
-    """A diagnosis compared with the truth, and the third record predicted by it."""
+    """Return a diagnosis compared with the truth, and the third record predicted by it."""
     truth = truth_of(scenario, simulated)
     result, before = (
         comparable_to(tracing, simulated, truth),
@@ -565,7 +565,7 @@ def scored(
 
 
 def truth_of(scenario: TraceScenario, simulated: SimulatedTrace) -> DeclaredTruth:
-    """Values that are known by declaration."""
+    """Return the values that are known by declaration."""
     hidden = {
         f"{name}.{local}": value
         for name, values in simulated.hidden.items()
@@ -579,8 +579,8 @@ def truth_of(scenario: TraceScenario, simulated: SimulatedTrace) -> DeclaredTrut
 
 
 def predicted_test(simulated: SimulatedTrace, tracing: Tracing) -> Predicted:
-    """The third record predicted by the declared model and with the effects found, as `flightid
-    predict` does.
+    """Return the third record predicted by the declared model and with the effects found, as
+    `flightid predict` does.
     """
     d, inputs = tracing.diagnosis, {channel.name for channel in simulated.test.inputs}
     assert d.trained_before is not None and d.trained_after is not None
@@ -614,8 +614,8 @@ def grade(expect: Expectation, tracing: Tracing) -> Grade:
 
 
 def _stands_beside(claims: list[Claim], accepted: tuple[str, ...]) -> bool:
-    """Whether one exchange of a name for one of its alternatives makes the claims the accepted
-    set.
+    """Return whether one exchange of a name for one of its alternatives makes the claims the
+    accepted set.
     """
     names = [claim.name for claim in claims]
     for place, claim in enumerate(claims):
@@ -651,7 +651,7 @@ def _derivatives(
 
 
 def _effects(tracing: Tracing, truth: DeclaredTruth, comparable: Comparable) -> tuple[Scored, ...]:
-    """Parameters of the found effects, with their reference values."""
+    """Return the parameters of the found effects, with their reference values."""
     d = tracing.diagnosis
     names = [name for name in quantities_of(d) if name not in d.after and name in comparable.values]
     return tuple(
@@ -691,8 +691,8 @@ def _modes(
 
 
 def _true_modes(scenario: TraceScenario) -> dict[str, float]:
-    """Frequencies and damping ratios of the true aircraft by its own equations; empty where it has
-    no rest at zero.
+    """Return the frequencies and damping ratios of the true aircraft by its own equations; empty
+    where it has no rest at zero.
     """
     flight = scenario.flight
     if flight.vehicle.startswith(CLOSED_LOOP):

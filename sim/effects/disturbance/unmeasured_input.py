@@ -229,7 +229,7 @@ class ModelDiscrepancy(SizedOnPorts):
 
 
 def discrepancy_for(effects: Sequence[Effect]) -> ModelDiscrepancy | None:
-    """A discrepancy of each load that an unmeasured input can act on; None if there is none.
+    """Return a discrepancy of each load that an unmeasured input can act on; None if there is none.
 
     Parameters
     ----------

@@ -282,8 +282,8 @@ PERIODIC_LOADS: tuple[Traceable, ...] = (
 
 
 def periodic_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """One on the ports of a user's own model whose rates an estimated parameter is part of; one
-    each where there are more than two.
+    """Return one on the ports of a user's own model whose rates an estimated parameter is part of;
+    one each where there are more than two.
     """
     if not isinstance(equations, OwnEquations):
         return ()
@@ -357,7 +357,7 @@ class ProductLoads(SizedOnPorts):
         return ()
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by both where there is none."""
+        """Return the slopes by both where there is none."""
         return (Probe(self.absent, self.ports),)
 
 
@@ -419,8 +419,8 @@ PRODUCT_LOADS: tuple[Traceable, ...] = (
 
 
 def products_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Products of two states or controls of a user's own model, on the ports where no estimated
-    parameter multiplies either.
+    """Return the products of two states or controls of a user's own model, on the ports where no
+    estimated parameter multiplies either.
 
     Where one does, the product is that parameter growing with the other signal, which ``varies``
     says by name.
@@ -530,7 +530,7 @@ GUARDS: tuple[Traceable, ...] = (*LAGGED_LOADS, *PERIODIC_LOADS, *PRODUCT_LOADS,
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """The terms of this file for the signals and ports of a user's own model."""
+    """Return the terms of this file for the signals and ports of a user's own model."""
     return (
         *lagged_made_for(equations),
         *periodic_made_for(equations),

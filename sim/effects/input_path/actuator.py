@@ -300,7 +300,7 @@ DYNAMICS_VARIANTS: tuple[Traceable, ...] = (ActuatorLag(), ActuatorSecondOrder()
 
 
 def dynamics_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Both for each input that has none yet."""
+    """Return both for each input that has none yet."""
     return for_inputs(
         equations,
         lambda signal, label: ActuatorLag(signal.name, signal.unit, label),
@@ -389,15 +389,15 @@ class ActuatorRateLimit:
         ]
 
     def fitted_to(self, context: SearchContext) -> ActuatorRateLimit:
-        """The same; where nothing is known of the input's unit, of a size that its record asks
-        for.
+        """Return the same; where nothing is known of the input's unit, of a size that its record
+        asks for.
         """
         peak = context.input_peak.get(self.signal, 0.0)
         return self if self.sized or not peak > 0.0 else replace(self, typical=3.0 * peak)
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
-        """Mean of the exact response over each cell, for an input that is constant within cells;
-        loops only while the surface is behind.
+        """Return the mean of the exact response over each cell, for an input that is constant
+        within cells; loops only while the surface is behind.
 
         While the command stands, the distance to it shrinks from d to max(d - rate h, 0) over a
         cell of length h; its mean is d - rate h/2, or d^2/(2 rate h) where the surface arrives
@@ -453,8 +453,8 @@ def _distances(commands: np.ndarray, ways: np.ndarray) -> np.ndarray:
 def _lagging_run(
     commands: np.ndarray, ways: np.ndarray, start: int, distance: Any, side: float
 ) -> np.ndarray:
-    """The distances after a cell, all at once, of a surface that is behind on one side, as far as
-    it arrives or is overtaken: one at least.
+    """Return the distances after a cell, all at once, of a surface that is behind on one side, as
+    far as it arrives or is overtaken: one at least.
     """
     length, last = 2 * _LONG, len(commands) - 1
     while True:
@@ -539,8 +539,8 @@ class ActuatorSaturation:
         ]
 
     def fitted_to(self, context: SearchContext) -> ActuatorSaturation:
-        """The same; where nothing is known of the input's unit, of a size that its record asks
-        for.
+        """Return the same; where nothing is known of the input's unit, of a size that its record
+        asks for.
         """
         peak = context.input_peak.get(self.signal, 0.0)
         return self if self.sized or not peak > 0.0 else replace(self, typical=0.5 * peak)
@@ -565,7 +565,7 @@ LIMITS_VARIANTS: tuple[Traceable, ...] = (
 
 
 def limits_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Both for each input that has none yet."""
+    """Return both for each input that has none yet."""
     return for_inputs(equations, sized(ActuatorRateLimit, 3.0), sized(ActuatorSaturation, 0.5))
 
 
@@ -573,5 +573,5 @@ VARIANTS: tuple[Traceable, ...] = (*DYNAMICS_VARIANTS, *LIMITS_VARIANTS)
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """The instances of every effect in this file that none of ``VARIANTS`` is for."""
+    """Return the instances of every effect in this file that none of ``VARIANTS`` is for."""
     return (*dynamics_made_for(equations), *limits_made_for(equations))

@@ -93,8 +93,8 @@ class InputBacklash:
         return tried(context, self.signal)
 
     def fitted_to(self, context: SearchContext) -> InputBacklash:
-        """The same; where nothing is known of the input's unit, of a size that its record asks
-        for.
+        """Return the same; where nothing is known of the input's unit, of a size that its record
+        asks for.
         """
         peak = context.input_peak.get(self.signal, 0.0)
         return self if self.sized or not peak > 0.0 else replace(self, typical=0.05 * peak)
@@ -169,8 +169,8 @@ class InputDeadband:
         return tried(context, self.signal)
 
     def fitted_to(self, context: SearchContext) -> InputDeadband:
-        """The same; where nothing is known of the input's unit, of a size that its record asks
-        for.
+        """Return the same; where nothing is known of the input's unit, of a size that its record
+        asks for.
         """
         peak = context.input_peak.get(self.signal, 0.0)
         return self if self.sized or not peak > 0.0 else replace(self, typical=0.1 * peak)
@@ -195,5 +195,5 @@ VARIANTS: tuple[Traceable, ...] = (
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Both for each input that has none yet."""
+    """Return both for each input that has none yet."""
     return for_inputs(equations, sized(InputBacklash, 0.05), sized(InputDeadband, 0.1))

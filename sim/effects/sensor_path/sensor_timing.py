@@ -88,7 +88,7 @@ class SensorDelay:
 
 
 def _delayed_edges(edges: np.ndarray, delay: Any) -> Any:
-    """Time at which each edge was true."""
+    """Return the time at which each edge was true."""
     return edges - delay
 
 
@@ -313,8 +313,8 @@ class SensorHold:
         return replace(self, interval=context.interval if context.interval > 0 else self.interval)
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
-        """The values at the last updates, before which the first value holds; the channel itself
-        where the period is no longer than a sample's.
+        """Return the values at the last updates, before which the first value holds; the channel
+        itself where the period is no longer than a sample's.
         """
         held = each_run_earlier(steps, begin, end, self._updated, p.period, p.phase)
         depth = held[0].ndim - 1
@@ -327,7 +327,7 @@ class SensorHold:
         return 0.25 * p.period, -1.0
 
     def _updated(self, edges: np.ndarray, period: Any, phase: Any) -> Any:
-        """Time of the last update at each edge."""
+        """Return the time of the last update at each edge."""
         if period.real <= self.interval:
             return edges
         number = np.floor((edges + 0.5 * self.interval - phase.real) / period.real)
