@@ -518,7 +518,7 @@ def _with_lacking(
     every = (*found.terms, *further)
     products = TermColumns.of(histories, found.axis, every).products(histories, found.axis)
     gains, sse = gains_of(products, list(range(len(found.terms))))
-    told = [
+    significant = [
         (
             every[i],
             ratio_of(products, gains[i], sse - gains[i], len(found.terms) + 1),
@@ -527,7 +527,7 @@ def _with_lacking(
         for i in np.argsort(gains)[::-1][:3]
         if gains[i] > 0.03 * sse and gains[i] > 0.1 * LEAST_VARIANCE_SHARE * spread
     ]
-    return replace(found, lacking=tuple(each for each in told if each[1] > F_IN))
+    return replace(found, lacking=tuple(each for each in significant if each[1] > F_IN))
 
 
 def _step(

@@ -136,7 +136,9 @@ def check_summary(check: CompatibilityCheck, details: str = BELOW) -> Summary:
         if finding.stands and finding.name not in said:
             said |= {finding.name, *finding.group}
             standing.append(" or ".join((finding.name, *finding.group)))
-    told = [line.removeprefix("fault found: ") for line in lines if line.startswith("fault found")]
+    sentences = [
+        line.removeprefix("fault found: ") for line in lines if line.startswith("fault found")
+    ]
     named = f"{check.records[0].name}{f' and {len(check.records) - 1} more' if len(check.records) > 1 else ''}"  # noqa: E501
     checked = (
         f"kinematics of {', '.join(result.relations)}"
@@ -150,7 +152,7 @@ def check_summary(check: CompatibilityCheck, details: str = BELOW) -> Summary:
         f"sensor fault found: {', '.join(standing)}"
         if standing
         else next((line for line in lines if line.startswith(("no sensor", "nothing"))), lines[0]),
-        "; ".join(told),
+        "; ".join(sentences),
         f"noise {_noise(check)}" if result.joint.noise_std else "",
         details,
     )

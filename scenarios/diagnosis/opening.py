@@ -270,7 +270,7 @@ def at_bounds(diagnosis: Diagnosis, constraints: Constraints) -> tuple[Diagnosis
     before, after = (
         _pressed(side, constraints.bounds) for side in (diagnosis.before, diagnosis.after)
     )
-    told = []
+    sentences = []
     for name in dict.fromkeys([*before, *after]):
         sides = [
             word
@@ -278,12 +278,14 @@ def at_bounds(diagnosis: Diagnosis, constraints: Constraints) -> tuple[Diagnosis
             if name in names
         ]
         value = (diagnosis.before if name in before else diagnosis.after)[name].value
-        told.append(f"{name} is at its bound {value:g}, {' and '.join(sides)}: it has no sigma")
-    if not told:
+        sentences.append(
+            f"{name} is at its bound {value:g}, {' and '.join(sides)}: it has no sigma"
+        )
+    if not sentences:
         return diagnosis, ()
     return replace(
         diagnosis, before=_held(diagnosis.before, before), after=_held(diagnosis.after, after)
-    ), tuple(told)
+    ), tuple(sentences)
 
 
 def _pressed(

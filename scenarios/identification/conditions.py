@@ -185,14 +185,14 @@ def cautions_of(vehicle: VehicleFile, estimate: Estimate, rows: Sequence[Row]) -
     """Return the sentences, at most one on the outcome, one on coloured noise and one on all
     derivatives together.
     """
-    told = []
+    sentences = []
     outcome = estimate.outcome
     if outcome is not Outcome.CONVERGED:
-        told.append(f"{outcome.value}; {outcome.hint}" if outcome.hint else outcome.value)
-    told += [said] if (said := coloured(estimate)) else []
+        sentences.append(f"{outcome.value}; {outcome.hint}" if outcome.hint else outcome.value)
+    sentences += [said] if (said := coloured(estimate)) else []
     if vehicle.model in AIRCRAFT:
-        told += [said] if (said := contradicted(rows, vehicle.derivatives)) else []
-    return tuple(told)
+        sentences += [said] if (said := contradicted(rows, vehicle.derivatives)) else []
+    return tuple(sentences)
 
 
 def failed(

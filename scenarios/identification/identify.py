@@ -643,11 +643,13 @@ def _read_otherwise(
         )
     reading = other_reading(used, found.rows, other.rows, gain)
     if reading is not None and reading.decided:
-        said = [
+        sentences = [
             note for note in found.notes if note.startswith(f"inputs {WORDS[used]} between samples")
         ]
         return ready, replace(
-            found, decided=reading, notes=found.notes if said else (*found.notes, reading.decision)
+            found,
+            decided=reading,
+            notes=found.notes if sentences else (*found.notes, reading.decision),
         )
     return ready, replace(found, reading=reading)
 

@@ -203,21 +203,21 @@ def intervals_table(intervals: Sequence[ProfileInterval], units: Mapping[str, st
 
 def interval_sentences(intervals: Sequence[ProfileInterval]) -> list[str]:
     """Return sentences on open ends and asymmetry of intervals, and on likelier values in them."""
-    said: list[str] = []
+    sentences: list[str] = []
     odd = [each for each in intervals if not each.agrees]
     open_ends = [f"{each.name} is open {' and '.join(_open(each))}" for each in odd if _open(each)]
     if open_ends:
-        said.append(f"not determined on that side by these data: {'; '.join(open_ends)}")
+        sentences.append(f"not determined on that side by these data: {'; '.join(open_ends)}")
     skewed = [each.name for each in odd if not _open(each)]
     if skewed:
-        said.append(f"the interval is not +- 2 sigma: {', '.join(skewed)}; quote the interval")
+        sentences.append(f"the interval is not +- 2 sigma: {', '.join(skewed)}; quote the interval")
     better = [each.name for each in intervals if each.better > NOTABLE_REFIT_GAIN]
     if better:
-        said.append(
+        sentences.append(
             f"likelier values than the estimate were found along {', '.join(better)}: the fit was "
             "not at its best"
         )
-    return said
+    return sentences
 
 
 def fits_table(fits: Sequence[RecordFit]) -> Table:
@@ -383,11 +383,11 @@ def print_identification(
         )
     if found.engine:
         print_paragraph(out, f"engine: {found.engine['sentence']}", 0)
-    said = [
+    sentences = [
         *(f"warning: {doubt}" for doubt in found.doubts),
         *(f"caution: {caution}" for caution in found.cautions),
     ]
-    for line in (*said, *record_lines(found.look), *bound_lines(found.at_bounds, found.tied)):
+    for line in (*sentences, *record_lines(found.look), *bound_lines(found.at_bounds, found.tied)):
         print_caution(out, line)
     show_table(out, _estimates("", found, (*found.rows, *found.biases)))
     show_blocks(out, [*_considered(found), *_intervals(found)])

@@ -170,9 +170,9 @@ def table_lines(
     return lines
 
 
-def print_table(out: Console, title: str, columns: Sequence[TableColumn], keys: int = 1) -> None:
+def print_table(out: Console, title: str, columns: Sequence[TableColumn]) -> None:
     """Print a table on a console, as wide as that is, its title bold."""
-    lines = table_lines(columns, width=out.width, keys=keys)
+    lines = table_lines(columns, width=out.width)
     for line in wrapped(title, out.width) if title and lines else ():
         out.print(line, style="bold", highlight=False, markup=False, soft_wrap=True)
     print_lines(out, lines)

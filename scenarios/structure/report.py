@@ -315,9 +315,9 @@ def structure_page(found: FoundStructure, drawn: Sequence[Drawn] = ()) -> Page:
     ]
     fitted = {each.name for each in found.histories}
     records = [each.name for each in found.files[:-1]]
-    told = ["flightid", "structure", *(name for name in records if name in fitted)]
+    sentences = ["flightid", "structure", *(name for name in records if name in fitted)]
     held = [name for name in records if name not in fitted]
-    told += ["--vehicle", found.files[-1].name, *(["--validate", *held] if held else [])]
+    sentences += ["--vehicle", found.files[-1].name, *(["--validate", *held] if held else [])]
     return Page(
         title=f"{found.aircraft.name}: model structure",
         kind=f"Terms of six coefficients by {_method(found)}",
@@ -334,7 +334,7 @@ def structure_page(found: FoundStructure, drawn: Sequence[Drawn] = ()) -> Page:
             *section("Terms", *(terms_table(found, axis) for axis in found.selections)),
             *section("How it was made", Bullets(found.notes)),
         ),
-        reproduction=reproduction(told, "", inputs),
+        reproduction=reproduction(sentences, "", inputs),
         created=now(),
     )
 

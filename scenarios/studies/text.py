@@ -61,7 +61,7 @@ from scenarios.studies.sweep import Criterion, Sweep, SweepPoint, criteria_of
 
 # ---- What records and priors determine, in the terminal
 
-UNINFORMED_SHARE = 0.95  # of the prior's deviation: above it a record has said nothing to speak of
+UNINFORMED_SHARE = 0.95  # of the prior's deviation, above which a record adds no information
 MOST_NAMED_DIRECTIONS = 3  # directions of each kind that are named
 
 
@@ -118,7 +118,7 @@ def determination_sentences(method: MethodDetermination) -> tuple[str, ...]:
     """
     found, label = method.found, method.estimation.name
     seen = len(found.names) - found.unseen
-    said = [
+    sentences = [
         f"{label}: of {len(found.names)} parameters the record shows {seen} directions and knows "
         f"{found.determined} of them better than the prior "
         f"does ({found.effective:.1f} numbers settled); along {found.unseen} directions the "
@@ -128,15 +128,15 @@ def determination_sentences(method: MethodDetermination) -> tuple[str, ...]:
         range(min(MOST_NAMED_DIRECTIONS, seen)),
         range(max(seen - MOST_NAMED_DIRECTIONS, 0), seen),
     )
-    said.append(f"{label}: known best: {'; '.join(_direction(method, at) for at in best)}")
-    said.append(f"{label}: seen least: {'; '.join(_direction(method, at) for at in least)}")
+    sentences.append(f"{label}: known best: {'; '.join(_direction(method, at) for at in best)}")
+    sentences.append(f"{label}: seen least: {'; '.join(_direction(method, at) for at in least)}")
     if method.overclaimed:
         few = ", ".join(method.overclaimed[:8]) + (", ..." if len(method.overclaimed) > 8 else "")
-        said.append(
+        sentences.append(
             f"{label}: claims {len(method.overclaimed)} parameters better than record and prior "
             f"allow: {few}"
         )
-    return tuple(said)
+    return tuple(sentences)
 
 
 def _direction(method: MethodDetermination, at: int) -> str:
@@ -147,7 +147,7 @@ def _direction(method: MethodDetermination, at: int) -> str:
 
 # ---- A sweep in the terminal
 
-LEAST_LOG_PROBABILITY = -20  # logarithm of a probability below which its size says no more
+LEAST_LOG_PROBABILITY = -20  # decimal logarithm of the smallest probability that is printed
 HEADINGS = {"likelihood": "BIC gain of a mode", "whiteness": "p(white)", "misfit": ""}
 
 

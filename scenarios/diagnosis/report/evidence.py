@@ -288,7 +288,7 @@ def evidence_sentences(claim: Claim) -> list[str]:
 
 def apart_text(claim: Claim) -> str:
     """Return where values of the records differ by more than their sigmas; empty if they agree."""
-    told = []
+    sentences = []
     for name in claim.by_record[0] if len(claim.by_record) > 1 else ():
         each = [found[name] for found in claim.by_record]
         values = np.array([q.value for q in each])
@@ -297,8 +297,8 @@ def apart_text(claim: Claim) -> str:
         mean = float(values @ weight / weight.sum())
         scatter = math.sqrt(float(np.sum(((values - mean) / sigmas) ** 2)) / (len(values) - 1))
         if scatter > DISAGREEING_SIGMAS:
-            told.append(f"{name} differs between them by {scatter:.1f} of their sigmas")
-    return "; ".join(told)
+            sentences.append(f"{name} differs between them by {scatter:.1f} of their sigmas")
+    return "; ".join(sentences)
 
 
 def by_record_text(by_record: Sequence[Mapping[str, Quantity]]) -> str:
@@ -308,17 +308,17 @@ def by_record_text(by_record: Sequence[Mapping[str, Quantity]]) -> str:
     names = list(by_record[0]) if by_record else []
     if not 0 < len(names) <= FEW_PARAMETERS:
         return ""
-    told = []
+    sentences = []
     for name in names:
         shown = [displayed(each[name], name) for each in by_record if name in each]
         known = [std for _, std, _ in shown if 0.0 < std < math.inf]
         digits = max(0, -math.floor(math.log10(min(known)))) if known else 3
         unit = shown[0][2] if shown[0][2] not in ("", "1") else ""
         values = ", ".join(f"{value:.{min(digits, 6)}f}" for value, _, _ in shown)
-        told.append(
+        sentences.append(
             f"{f'{name} ' if len(names) > 1 or not unit else ''}{values}{f' {unit}' if unit else ''}"  # noqa: E501
         )
-    return "; ".join(told)
+    return "; ".join(sentences)
 
 
 def warnings_of(tracing: Tracing) -> list[str]:
@@ -330,14 +330,14 @@ def warnings_of(tracing: Tracing) -> list[str]:
     """
     d = tracing.diagnosis
     if nothing_stands(d):
-        told = [
+        sentences = [
             *(caution.sentence for caution in d.warnings if caution.test is None),
             *([overflow_sentence(tracing.overflows)] if tracing.overflows else []),
         ]
         declared = [replace(item, after=item.before) for item in d.fitted]
         open_channels = _channels([test for test in d.tests_before if not test.passed])
         return [
-            *told,
+            *sentences,
             *(
                 f"with the declared model, {line}"
                 for line in _left(tracing, declared, open_channels)
@@ -346,8 +346,8 @@ def warnings_of(tracing: Tracing) -> list[str]:
     cautions = [caution for caution in d.warnings if caution.test is not None]
     failed = [caution.test for caution in cautions if caution.test is not None]
     lines = cautions if len(failed) > FEW_PARAMETERS else []
-    told = [caution.sentence for caution in d.warnings if caution not in lines]
-    told += [overflow_sentence(tracing.overflows)] if tracing.overflows else []
+    sentences = [caution.sentence for caution in d.warnings if caution not in lines]
+    sentences += [overflow_sentence(tracing.overflows)] if tracing.overflows else []
     if failed:
         share = (
             [
@@ -357,8 +357,8 @@ def warnings_of(tracing: Tracing) -> list[str]:
             if lines
             else []
         )
-        return [*told, *share, *_left(tracing, d.fitted, _channels(failed))]
-    return told
+        return [*sentences, *share, *_left(tracing, d.fitted, _channels(failed))]
+    return sentences
 
 
 def _channels(tests: Sequence[ResidualTest]) -> list[str]:

@@ -105,10 +105,10 @@ def pictured(tracing: Tracing) -> Pictured:
 
 def _replicated(tracing: Tracing) -> tuple[Replicated, ...]:
     labels = tuple(record_labels(tracing))
-    told = [claim for claim in tracing.diagnosis.effects if claim.by_record]
+    claims = [claim for claim in tracing.diagnosis.effects if claim.by_record]
     return tuple(
         Replicated(claim.name, labels[: len(claim.by_record)], claim.by_record, claim.parameters)
-        for claim in told
+        for claim in claims
     )
 
 

@@ -84,8 +84,10 @@ def candidates_table(
 
 def candidate_parameters(c: Candidate) -> str:
     """Return the first parameters of a candidate with their values."""
-    told = [f"{name} {with_sigma(quantity, name=name)}" for name, quantity in c.parameters.items()]
-    return ", ".join([*told[:3], *(["..."] if len(told) > 3 else [])])
+    values = [
+        f"{name} {with_sigma(quantity, name=name)}" for name, quantity in c.parameters.items()
+    ]
+    return ", ".join([*values[:3], *(["..."] if len(values) > 3 else [])])
 
 
 def candidate_remarks(c: Candidate) -> str:

@@ -84,11 +84,11 @@ def diagnosis_summary(tracing: Tracing, details: str = BELOW) -> Summary:
     d, wording = tracing.diagnosis, wording_of(tracing)
     claimed = [claim for claim in d.effects if claim.claimed]
     names = ", ".join(" or ".join((claim.name, *claim.alternatives)) for claim in claimed)
-    told = [
+    sentences = [
         f"{claim.name} {parameter_text(claim, wording)}" for claim in claimed if claim.parameters
     ]
     moved_most = _most_moved(d) if claimed else ""
-    told += (
+    sentences += (
         [f"{moved_most} {value_text(d.after[moved_most].value, d.after[moved_most].std)}"]
         if moved_most
         else []
@@ -97,7 +97,7 @@ def diagnosis_summary(tracing: Tracing, details: str = BELOW) -> Summary:
     return Summary(
         subject(tracing),
         f"{d.verdict.value.upper()}: {names or d.verdict.sentence}",
-        "; ".join(told) or _error_phrase(tracing),
+        "; ".join(sentences) or _error_phrase(tracing),
         residual_phrase(tests),
         details,
     )

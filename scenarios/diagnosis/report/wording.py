@@ -224,16 +224,16 @@ def parameter_text(claim: Claim, wording: Wording) -> str:
         for name, quantity in claim.parameters.items()
         if not determined(quantity.value, quantity.std)
     ]
-    told = [
+    sentences = [
         f"{name} {with_sigma(quantity, units.get(name), name)}"
         for name, quantity in claim.parameters.items()
         if name not in vague
     ]
     if len(vague) > _MOST_NAMED_PARAMETERS:
-        told.append(f"{vague[0]} and {len(vague) - 1} more {UNDETERMINED}")
+        sentences.append(f"{vague[0]} and {len(vague) - 1} more {UNDETERMINED}")
     return ", ".join(
         [
-            *told,
+            *sentences,
             *(f"{name} {UNDETERMINED}" for name in vague if len(vague) <= _MOST_NAMED_PARAMETERS),
         ]
     )

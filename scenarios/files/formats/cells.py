@@ -217,8 +217,10 @@ def unit_row(header: Sequence[str], under: Sequence[str]) -> tuple[str, ...]:
     if len(under) != len(header):
         return ()
     cells = [without_brackets(cell) for cell in under]
-    said = [cell for cell in cells if cell.lower() not in (*MISSING, "1", "-")]
-    if any(is_number(cell) for cell in said) or not any(is_unit(cell) for cell in said):
+    filled_cells = [cell for cell in cells if cell.lower() not in (*MISSING, "1", "-")]
+    if any(is_number(cell) for cell in filled_cells) or not any(
+        is_unit(cell) for cell in filled_cells
+    ):
         return ()
     return tuple("" if cell == "-" else cell for cell in cells)
 

@@ -341,7 +341,7 @@ def unread_topics(topics: Sequence[Topic], used: Sequence[int]) -> list[str]:
     """Return a sentence on topics that have the same columns as those that are read, as the sheets
     of several runs have.
     """
-    told = []
+    sentences = []
     for at in used:
         header = topics[at].table.header
         others = [
@@ -352,8 +352,10 @@ def unread_topics(topics: Sequence[Topic], used: Sequence[int]) -> list[str]:
         if others:
             shown = ", ".join(others[:6]) + (", ..." if len(others) > 6 else "")
             have, are = ("has", "is") if len(others) == 1 else ("have", "are")
-            told.append(f"{shown} {have} the same columns as {topics[at].name} and {are} not read")
-    return told
+            sentences.append(
+                f"{shown} {have} the same columns as {topics[at].name} and {are} not read"
+            )
+    return sentences
 
 
 def on_grid(

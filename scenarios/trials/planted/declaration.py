@@ -1,8 +1,8 @@
 """Declaration of a tracing scenario, its hidden terms by name, and the terms that only a truth has.
 
-Such terms are written like the effects of `sim/effects` but never offered to the loop. To add one
-that a scenario hides, write an effect named `own:NAME` and put it into ``TERMS``. Those that no
-scenario hides are in `exam/hidden_terms`.
+The terms of a truth are written like the effects of `sim/effects`, but the loop never tries them.
+To add one that a scenario hides, write an effect named `own:NAME` and put it into ``TERMS``. Terms
+that no scenario hides are in `exam/hidden_terms`.
 """
 
 from __future__ import annotations
@@ -204,11 +204,11 @@ _NONE: Mapping[str, float] = MappingProxyType({})
 
 @dataclass(frozen=True)
 class HiddenTerm:
-    """Something that acts and that the declared model lacks.
+    """A term of the truth that the declared model lacks.
 
-    ``name`` is that of a library effect or, with ``own:``, of a term of ``TERMS``.
-    ``values`` are its local parameters (SI); ``elsewhere`` those
-    that differ in the other two records, as the time of an event does.
+    ``name`` is that of a library effect or, with ``own:``, of a term of ``TERMS``. ``values`` are
+    its local parameters (SI); ``elsewhere`` are the values that differ in the other two records,
+    such as the time of an event.
     """
 
     name: str
