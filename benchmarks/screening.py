@@ -22,8 +22,8 @@ sys.path.insert(0, str(ROOT))
 
 def problems() -> dict[str, Any]:
     """A search's problem by model."""
+    from ident.tracing.diagnosis import TraceSettings
     from ident.tracing.problem import TraceProblem
-    from ident.tracing.settings import TraceSettings
     from ident.tracing.wrong_samples import measured_masks
     from sim.vehicles.factory import model_from_constants
     from tests.tracing_problem import declared, doublets, planted

@@ -61,6 +61,11 @@ EXAMINATIONS: Mapping[str, tuple[str, str, str]] = {
         "main",
         "flights of independent simulators, diagnosed from files alone and graded",
     ),
+    "ablate": (
+        "exam.ablation",
+        "ablate",
+        "one rule of the tracing loop left out at a time",
+    ),
     "papers-page": (
         "exam.reproduction.command",
         "main",

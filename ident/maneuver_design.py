@@ -23,8 +23,8 @@ import numpy as np
 
 from ident.statistics.intervals import inverse_information
 from ident.tracing.context import search_context
-from ident.tracing.decision import CLAIM_LEVEL
 from ident.tracing.fitted_model import FittedModel, added_parameters, is_event, known_beforehand
+from ident.tracing.names import CLAIM_LEVEL
 from ident.tracing.priors import FAMILY_ODDS, FEWEST_FAMILY_MEMBERS
 from ident.tracing.scan import SCANNED_PLACES, starts_at
 from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records, without_sensitivities
@@ -35,6 +35,7 @@ from ident.whole_record.layout import (
     LaidOut,
     Standardised,
     WeightedResiduals,
+    WithoutUnknowns,
     lay_out,
 )
 from ident.whole_record.linearise import Linearisation
@@ -49,7 +50,7 @@ from sim.record import Channel, Record
 
 
 @dataclass(frozen=True, eq=False)
-class KnownLevels:
+class KnownLevels(WithoutUnknowns):
     """Independent Gaussian noise of known ``variance (m,)``: the cost is half the sum of the
     weighted squares.
 
@@ -57,13 +58,6 @@ class KnownLevels:
     """
 
     variance: np.ndarray
-    names: tuple[str, ...] = ()
-
-    @property
-    def start(self) -> np.ndarray:
-        return np.zeros(0)
-
-    low = high = start
 
     def weight_residuals(
         self,
@@ -83,20 +77,6 @@ class KnownLevels:
         return WeightedResiduals(
             tuple(residuals), tuple(line.jacobian for line in lines), self.variance, cost, filters
         )
-
-    def covariance_terms(
-        self,
-        layout: LaidOut,
-        theta: np.ndarray,
-        lines: Sequence[Linearisation],
-        weighted: WeightedResiduals,
-    ) -> tuple[np.ndarray, np.ndarray] | None:
-        """None: the variances are known."""
-        return None
-
-    def step_bounds(self, layout: LaidOut, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the bounds of the layout."""
-        return layout.low, layout.high
 
 
 # ---- A flight that is planned
@@ -181,17 +161,6 @@ def fitted(
     layout = _laid_out(planned, effects, values)
     fit = fit_whole_records(FitProblem(layout, KnownLevels(planned.noise**2)))
     return None if fit is None else _as_model(planned, effects, layout, fit)
-
-
-def expected_sigmas(planned: Planned) -> dict[str, float]:
-    """Cramer-Rao bounds of the free parameters of the declared model: standard deviations that no
-    unbiased fit of the flight undercuts.
-
-    Initial states and biases are unknown beside them, as in a fit. Infinite where the flight
-    determines nothing of a parameter.
-    """
-    fit = simulated(planned).fit
-    return sigmas_of(fit)
 
 
 def sigmas_of(fit: Fit) -> dict[str, float]:

@@ -200,7 +200,7 @@ TREND_FEWEST = 4  # flights: with three, a line has one degree of freedom and it
 class Trend:
     """``value = at_middle + slope * (condition - middle)``.
 
-    ``slope_sigma``, ``at_middle_sigma``: standard deviations. ``covariance (2, 2)`` of both.
+    ``slope_sigma``: its standard deviation. ``covariance (2, 2)`` of value at the middle and slope.
     ``scatter``: standard deviation of the flights about the line. ``p_value``: of a slope so large
     where there is none.
     """
@@ -212,10 +212,6 @@ class Trend:
     covariance: np.ndarray
     scatter: float
     p_value: float
-
-    @property
-    def at_middle_sigma(self) -> float:
-        return float(np.sqrt(self.covariance[0, 0]))
 
     def band(self, condition: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the line and its standard deviation, ``(k,)`` each, at conditions ``(k,)``."""

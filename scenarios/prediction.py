@@ -477,8 +477,8 @@ def prediction_page(found: PredictionResult, drawn: Sequence[Drawn] = ()) -> Pag
         else ""
     )
     fits = (
-        f"worst of {len(found.channels)} channels: {worst}, {found.after.fit_percent(worst):.1f} % "
-        "of it predicted"
+        f"smallest fit of {len(found.channels)} channels: {worst}, "
+        f"{found.after.fit_percent(worst):.1f} %"
         if worst
         else ""
     )

@@ -452,17 +452,6 @@ def least_peak_multisine(
     return Multisine(period, first.harmonics, amplitudes, turned, start, cycles=1)
 
 
-def peak_factor(multisine: Multisine) -> float:
-    """Return the largest magnitude over root mean square, of a sine the root of two."""
-    t = (
-        np.arange(_PEAK_POINTS_PER_PERIOD * max(multisine.harmonics))
-        * multisine.period
-        / (_PEAK_POINTS_PER_PERIOD * max(multisine.harmonics))
-    )
-    u = multisine._inside(t)
-    return float(np.max(np.abs(u)) / np.sqrt(np.mean(u**2)))
-
-
 def _first_zero(multisine: Multisine) -> float:
     """Return the first upward zero of a multisine within its period, s, by bisection; it has zero
     mean, so there is one.

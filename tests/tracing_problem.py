@@ -9,9 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ident.tracing.diagnosis import TraceSettings
 from ident.tracing.fitted_model import FittedModel
 from ident.tracing.problem import TraceProblem
-from ident.tracing.settings import TraceSettings
 from ident.tracing.wrong_samples import measured_masks
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable

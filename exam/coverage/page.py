@@ -14,7 +14,7 @@ HEAD = """# Whether the sigmas of every scenario hold
 How many of {count} parameters have a two-sigma coverage of {low:.0f} to {high:.0f} %, and which sigma is wrong and why where it is not. Each row is a
 [campaign](how-to/campaigns.md) from seed 1: the flight of the scenario measured or flown as often as it says, the share of the runs whose
 interval of two reported sigmas holds the reference, its exact 95 % interval. Why a sigma is wrong is told from the runs themselves,
-[as described there](how-to/campaigns.md#which-sigma-is-wrong-and-why); the coverage of the right sigma stands behind it.
+[as described there](how-to/campaigns.md#which-sigma-is-wrong-and-why); the coverage of the runs without that cause follows.
 
 | | parameters |
 |---|---|
@@ -101,15 +101,15 @@ def judged(each: Mapping[str, Any]) -> str:
     wrong = each["wrong"]
     factor = wrong["factor"]
     size = (
-        f"too small by {_size(factor)}"
+        f"too small by a factor of {_size(factor)}"
         if factor > 1.0
-        else f"too large by {_size(1.0 / max(factor, 1e-12))}"
+        else f"too large by a factor of {_size(1.0 / max(factor, 1e-12))}"
     )
     right = (
         f"{100 * wrong['right_within_2']:.1f} % ({100 * wrong['right_low']:.1f} to "
         f"{100 * wrong['right_high']:.1f} %)"
     )
-    return f"σ {size}: {wrong['because_of']}; right σ {right}"
+    return f"σ {size}: {wrong['because_of']}; without this cause {right}"
 
 
 def _size(factor: float) -> str:

@@ -128,7 +128,8 @@ def _rightly_concluded(case: Case, tracing: Tracing, claims: Sequence[Claim]) ->
 
 def _told_of(words: Sequence[str], tracing: Tracing) -> bool:
     """Whether a warning or a note about the record has one of the words."""
-    texts = [*tracing.doubts, *tracing.look.doubts, *tracing.look.lines, *warnings_of(tracing)]
+    look = (*tracing.look.doubts, *tracing.look.lines)
+    texts = [*tracing.doubts, *look, *tracing.notes, *warnings_of(tracing)]
     return any(
         re.search(rf"\b{re.escape(word)}\b", text, re.IGNORECASE)
         for word in words

@@ -60,15 +60,19 @@ def examine(seed: int, group: str = "") -> CaseScore:
     ``group`` : one of ``GROUPS``; empty, it is drawn as well.
     """
     with tempfile.TemporaryDirectory(prefix="flightid-") as name:
-        written = write_case(seed, Path(name), group)
-        started = process_time()
-        try:
-            tracing = diagnose_files(written.request)
-        except FlightidError as fault:
-            score = refusal_score_of(written.case, fault, process_time() - started)
-            # The folder's name is chance, and no part of a score.
-            return replace(score, values=written.values, said=score.said.replace(f"{name}/", ""))
-        score = case_score_of(written.case, written.model, tracing, process_time() - started)
+        return score_written(write_case(seed, Path(name), group), Path(name))
+
+
+def score_written(written: Written, folder: Path) -> CaseScore:
+    """Have a case diagnosed from its files, and score it."""
+    started = process_time()
+    try:
+        tracing = diagnose_files(written.request)
+    except FlightidError as fault:
+        score = refusal_score_of(written.case, fault, process_time() - started)
+        # The folder's name is chance, and no part of a score.
+        return replace(score, values=written.values, said=score.said.replace(f"{folder}/", ""))
+    score = case_score_of(written.case, written.model, tracing, process_time() - started)
     return replace(score, values=written.values)
 
 

@@ -18,19 +18,15 @@ Every table, figure and conclusion of the two papers that this project began wit
 two are, and why. `python -m exam papers-page` runs the studies and writes this page; the reasons stand in
 `exam/reproduction` ([how to add a row](../exam/reproduction/README.md)).
 
-**Difference** is ours minus the printed value in sigmas: over the root of the sum of both variances, or over the one standard deviation that
+**Δ** is ours minus the printed value in sigmas: over the root of the sum of both variances, or over the one standard deviation that
 is known where the other prints none; in per cent where there is none at all. `x 1.9`: ours is 1.9 times the printed number, where both are
-settings or variances. `+-` is one standard deviation. **Off** tells how far the printed value and ours, each in its own sigmas, are from the
-true value, or from the reference that the table names. A study is `SCENARIO` or `SCENARIO/METHOD`: run it with
+settings or variances. `+-` is one standard deviation. **Error** is the distance of the printed value and of ours from the reference (the
+value in the column before "printed"), each in its own sigmas. A study is `SCENARIO` or `SCENARIO/METHOD`: run it with
 `flightid run SCENARIO --out study`, or see all of them with `flightid list`.
 """  # noqa: E501
 WIDTH = 150  # of a line of prose in the file
 _REFERENCES = {"true": "", "condensed": "condensed", "loop_equivalent": "loop's own"}
-_OFF = {
-    "true": "off true (printed; ours)",
-    "condensed": "off condensed (printed; ours)",
-    "loop_equivalent": "off loop's own (printed; ours)",
-}
+_ERROR = "error (printed; ours)"
 
 
 class Tally:
@@ -136,7 +132,7 @@ def _rows_table(part: Part, groups: Sequence[tuple[Values, Sequence[Row]]]) -> s
         *(["true"] if part.true else []),
         *([reference] if reference else []),
     ]
-    heads += ["printed", "ours", "difference", *([_OFF[kind]] if kind else []), "why"]
+    heads += ["printed", "ours", "Δ", *([_ERROR] if kind else []), "why"]
     lines = []
     for group, rows in groups:
         whose = [f"{group.label}: `{group.study}`"] if part.together else []

@@ -201,7 +201,7 @@ def figure_structure(
         panel.plot(time, modelled, color=BLUE, lw=1.1, label="modelled")
         caption(panel, text)
         time_axis(panel)
-    y_label(rest[0], symbol(axis))
+        y_label(panel, symbol(axis))
     return finish(sheet, head=0.25)
 
 

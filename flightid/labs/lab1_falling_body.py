@@ -34,7 +34,7 @@ def _(mo):
     ## Theory
 
     A body falls straight down from 200 000 ft at 6000 ft/s. A radar measures its altitude $h$ ten times a second. Its drag depends on one number,
-    the **ballistic coefficient** $\beta = m / (C_D A)$, mass over drag area, truly 500 lb/ft² (pounds of mass: 2441 kg/m²):
+    the **ballistic coefficient** $\beta = m / (C_D A)$, mass over drag area. Its true value is 500 lb/ft² (pounds of mass per square foot), or 2441 kg/m²:
 
     $$ \ddot h = \frac{\rho(h)\,\dot h^2}{2\,\beta} - g , \qquad \rho(h) = \rho_0\, e^{-h/h_0} , $$
 
@@ -44,12 +44,21 @@ def _(mo):
     the mean $\hat x$ and the
     covariance $P$ along,
 
-    $$ \dot{\hat x} = f(\hat x) , \qquad P \leftarrow \Phi P \Phi^T , \qquad \Phi \approx I + F\,\Delta t + \tfrac12 (F\,\Delta t)^2, \qquad
-    F = \left.\frac{\partial f}{\partial x}\right|_{\hat x} , $$
+    $$ \dot{\hat x} = f(\hat x) , $$
+
+    $$ P \leftarrow \Phi P \Phi^T , $$
+
+    $$ \Phi \approx I + F\,\Delta t + \tfrac12 (F\,\Delta t)^2 , $$
+
+    $$ F = \left.\frac{\partial f}{\partial x}\right|_{\hat x} , $$
 
     and at a sample $z$ with noise variance $R$ it weighs prediction against measurement. The matrix $H = (1, 0, 0)$ takes the measured altitude from the state; $K$ is the gain:
 
-    $$ K = P H^T (H P H^T + R)^{-1} , \qquad \hat x \leftarrow \hat x + K (z - H \hat x) , \qquad P \leftarrow (I - K H) P . $$
+    $$ K = P H^T (H P H^T + R)^{-1} , $$
+
+    $$ \hat x \leftarrow \hat x + K (z - H \hat x) , $$
+
+    $$ P \leftarrow (I - K H) P . $$
 
     *Where the information is.* The altitude contains information about $\beta$ only through one entry of $F$,
 
@@ -61,10 +70,10 @@ def _(mo):
     *What the reported sigma leaves out.* The filter does not know the true $\beta$, so it evaluates $F$ at its own estimate $\hat\beta$.
     If $\hat\beta$ is wrong, so are the sensitivity and the gain $K$ that follows from it, and each measurement moves $\hat\beta$ by a wrong amount.
     $P$ contains the prior and the noise of the radar, but not this **error of linearisation**: it shrinks after each measurement as if $F$ were right.
-    Later measurements then get too little weight to correct the early errors. At the end sigma, the root of the entry of $P$ that belongs to $\beta$,
+    Later measurements then get too little weight to correct the early errors. At the end, sigma (the square root of the entry of $P$ that belongs to $\beta$)
     is nearly that of a filter with a good start, but the error of $\hat\beta$ is many times larger.
 
-    A second *pass* avoids this: the filter runs through the record again and starts at the first estimate, with twenty times its sigma. With the original wide prior it would not help (`labs/falling-body.md`, part 4).
+    A second *pass* avoids this: the filter runs through the record again and starts at the first estimate, with twenty times its sigma. If the second pass starts with the wide prior again, it does not help (`labs/falling-body.md`, part 4).
 
     *An honest sigma:* in 95 of 100 repetitions the interval of two standard deviations contains the true value. One run cannot show this; a **campaign** of many runs can.
     """)
@@ -156,16 +165,20 @@ def _(asked, command, lab, mo, page, runs):
             mo.md("## Not one fall but many"),
             runs,
             page.table(
-                ["over all falls", "found", "with an honest sigma"],
                 [
-                    ["mean error, in reported sigmas", f"{_all.bias:+.1f}", "0"],
+                    "errors in units of the sigma that each fall reports",
+                    "found",
+                    "with an honest sigma",
+                ],
+                [
+                    ["mean over the falls", f"{_all.bias:+.1f}", "0"],
                     [
-                        "scatter, in reported sigmas",
-                        f"{many.spreads[0].scatter / many.spreads[0].reported:.1f}",
+                        "scatter: standard deviation over the falls",
+                        f"{_all.scatter:.1f}",
                         "1",
                     ],
                     [
-                        "2-sigma intervals that contain the true value",
+                        "share within 2: the interval of two sigmas contains the true value",
                         f"{100 * _all.within_two:.0f} %",
                         "95 %",
                     ],
@@ -200,7 +213,7 @@ def _(close, lab, page):
             page.number_field("of 100"),
             lambda value: abs(value - _at["within 2 sigma"]) <= 3,
             "Read the table of the campaign.",
-            "Honest sigmas would give 95. A single fall shows nothing unusual; only repeated "
+            "With honest sigmas it is 95. A single fall shows nothing unusual; only repeated "
             "falls show that the errors are many times the reported sigma.",
         ),
         "noise": page.Question(
@@ -254,7 +267,8 @@ def _(mo):
     flightid campaign ballistic --runs 200 --set estimate.method=output-error --set "estimate.label=output error"
     ```
 
-    The reported sigma is that of the filter, 1.5 kg/m² (0.3 lb/ft²). The mean error is less than its standard error, and 96 % of the 2-sigma intervals contain the true value.
+    Output error needs a start of β only for its first step: from 550 lb/ft², as in this command, and from 800 lb/ft² it ends at the same estimate. It reports a sigma of
+    1.5 kg/m² (0.30 lb/ft²), nearly as the filter does (1.4 kg/m², 0.28 lb/ft²). But the mean error of output error is less than its standard error, and 96 % of its 2-sigma intervals contain the true value.
     When would you still want the filter?
     """)
     return

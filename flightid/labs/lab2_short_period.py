@@ -43,8 +43,9 @@ def _(mo):
     After a short deflection of the elevator $\delta_e$ an aircraft oscillates in angle of attack $\alpha$ and pitch rate $q$ before its speed has time to change. This
     oscillation is the **short period**. For small deviations from trim, with $q$ made non-dimensional by $\bar c / 2V$,
 
-    $$ \dot\alpha = q - \frac{\rho V S}{2m}\Big(C_{L_\alpha}\alpha + C_{L_q}\tfrac{\bar c}{2V} q + C_{L_{\delta_e}}\delta_e\Big), \qquad
-       \dot q = \frac{\rho V^2 S \bar c}{2 I_y}\Big(C_{m_\alpha}\alpha + C_{m_q}\tfrac{\bar c}{2V} q + C_{m_{\delta_e}}\delta_e\Big) . $$
+    $$ \dot\alpha = q - \frac{\rho V S}{2m}\Big(C_{L_\alpha}\alpha + C_{L_q}\tfrac{\bar c}{2V} q + C_{L_{\delta_e}}\delta_e\Big) , $$
+
+    $$ \dot q = \frac{\rho V^2 S \bar c}{2 I_y}\Big(C_{m_\alpha}\alpha + C_{m_q}\tfrac{\bar c}{2V} q + C_{m_{\delta_e}}\delta_e\Big) . $$
 
     Here $V$ is the airspeed, $\rho$ the air density, $S$ the wing area, $\bar c$ the mean chord, $m$ the mass and $I_y$ the moment of inertia in pitch.
 
@@ -185,13 +186,13 @@ def _(close, lab, page):
             lambda value: (
                 value == round(lab.sigma_ratio(lab.changes(), lab.changes(amplitude=3.0)) ** 2)
             ),
-            "Every sigma doubles. With n equal flights it falls by the root of n.",
-            "Sigma is proportional to noise over amplitude, and to one over the root of the number of "
+            "Every sigma doubles. With n equal flights it falls by the square root of n.",
+            "Sigma is proportional to noise over amplitude, and to one over the square root of the number of "
             "samples.",
         ),
         "doublet": page.Question(
-            """The spectrum of a doublet of unit T peaks where ωT = 2.33. Which T puts the peak at this aircraft's short period, in s? (Then try the
-            nearest on the slider,
+            """The spectrum of a doublet of unit T peaks where ωT = 2.33. Which T puts the peak at this aircraft's short period, in s? (Then set the slider
+            to the nearest value
             and compare the sigmas with those of a doublet of 0.5 s.)""",
             page.number_field("s"),
             lambda value: close(value, lab.tuned_doublet(lab.numbers()["frequency"]), 0.03),
@@ -201,7 +202,7 @@ def _(close, lab, page):
         "limit": page.Question(
             "A 3-2-1-1 of 6 deg, but the flight-test card allows at most 10 deg of angle of attack "
             "from trim. What is the longest unit on "
-            "the slider that keeps it?",
+            "the slider that keeps this limit?",
             page.number_field("s"),
             lambda value: close(value, lab.longest_unit(10.0), 1e-6),
             "Read the largest angle of attack below the table.",
@@ -234,8 +235,8 @@ def _(close, lab, page):
             "The elevator switches at multiples of 0.5 s. Which of these are multiples of 0.04 s, "
             "and which of 0.05 s?",
             "The recorded input is 0.02 s late there. The sigma does not show it, the test of the "
-            "residual does. Which of your "
-            "sensors is late by 20 ms?",
+            "residual does. Do you know by "
+            "how much your own sensors are late?",
         ),
     }
     answers = page.fields(questions)

@@ -48,8 +48,11 @@ def _(mo):
     The pilot notices none of these states: the **stick** $\delta_p$ moves, and the aircraft answers with a short period, slightly late. The **low-order equivalent system** (LOES)
     has a short period and a delay, and nothing else. Its input $\delta$ is the stick behind a first-order lag:
 
-    $$ \dot\delta = \tfrac1\tau\big(\delta_p(t - t_d) - \delta\big) + \delta_0 , \qquad
-       \dot\alpha = L_\alpha\alpha + L_q q + L_\delta\delta + L_0 , \qquad \dot q = M_\alpha\alpha + M_q q + M_\delta\delta + M_0 , $$
+    $$ \dot\delta = \tfrac1\tau\big(\delta_p(t - t_d) - \delta\big) + \delta_0 , $$
+
+    $$ \dot\alpha = L_\alpha\alpha + L_q q + L_\delta\delta + L_0 , $$
+
+    $$ \dot q = M_\alpha\alpha + M_q q + M_\delta\delta + M_0 , $$
 
     with the time constant $\tau$ of the lag and a pure delay $t_d$. These are eight parameters, and three constants for biases ($L_0$, $M_0$, $\delta_0$), in place of thirty states. The transfer function from stick to
     pitch rate is
@@ -111,8 +114,9 @@ def _(controls, figure_fit, mo, page, response_of, seed, study):
                     page.sliders(controls),
                     seed,
                     mo.md(
-                        "Airframe S resembles the X-29's simulation, airframe F its flight, both as "
-                        "published in NASA TM-101722."
+                        "Airframe S resembles the X-29 as simulated, airframe F the X-29 as flown "
+                        "(NASA TM-101722). The last column of the table is an equivalent system that was "
+                        "fitted, without noise, to the frequency response of the whole loop below."
                     ),
                 ],
                 _figure,
@@ -145,10 +149,7 @@ def _(command, controls, lab, mo, page, seed):
         f"{level.level}"
         for level in study.levels
     )
-    _tests = "; ".join(
-        f"{test.channel or 'all'} ({test.name}): {'passed' if test.passed else '**failed**'}"
-        for test in study.found.tests
-    )
+    _tests = page.tests_of(study.found.tests)
     mo.vstack(
         [
             mo.md(
@@ -163,7 +164,7 @@ def _(command, controls, lab, mo, page, seed):
                     "unit",
                     "from the record",
                     "sigma",
-                    "from the loop's frequency response",
+                    "from the frequency response",
                 ],
                 _rows,
             ),
@@ -174,7 +175,7 @@ def _(command, controls, lab, mo, page, seed):
                 f"**{1000 * lab.quality(study, 'total_delay'):.0f} ms**. Flying qualities by "
                 f"MIL-F-8785C, class IV (fighters), category {lab.CATEGORY} (rapid maneuvers): "
                 f"{_judged}. Tests of the "
-                f"residual: {_tests}."
+                f"residual (Ljung-Box tests whiteness, as in lab 3): {_tests}."
             ),
             page.command_line(
                 command(
@@ -222,7 +223,7 @@ def _(figure_bode, lab, np, page, study):
 def _(close, lab, page):
     questions = {
         "doubles": page.Question(
-            "Airframe F. If the computer stopped, in what time would a disturbance double, in ms?",
+            "Airframe F without its control law (the computer has stopped): in what time does a disturbance double, in ms?",
             page.number_field("ms"),
             lambda value: close(value, 1000 * lab.numbers()["doubles in"], 0.03),
             "Read the line above the table; it is in seconds.",
@@ -239,8 +240,8 @@ def _(close, lab, page):
             "surfaces must be recorded too.",
         ),
         "level": page.Question(
-            "Which Level has airframe F by its equivalent *delay* (not lag and delay together) in "
-            "MIL-F-8785C?",
+            "Which Level does the equivalent *delay* of airframe F have in MIL-F-8785C? Take the delay "
+            "alone, without the lag.",
             page.choice(["Level 1", "Level 2", "Level 3"]),
             lambda value: value == lab.level_of_delay(),
             "Read the delay in the table; its bounds are in the theory.",

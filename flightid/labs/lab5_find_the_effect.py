@@ -55,8 +55,8 @@ def _(lab, mo, page):
     **How to read it.** In which channels is it larger than the noise? Does it follow a step of the elevator? Does it return, decay or grow? Does it have a single frequency?
 
     **What the tracing loop does.** This is the search behind `flightid diagnose`. For each effect of its library it computes how much of the residual the signature would explain (a *score*, one linear step). It then fits
-    the best effects fully, and predicts a **second record that was not fitted**.
-    It names an effect if noise alone would hardly give such a gain in likelihood, and if the
+    all parameters of the best effects together with the derivatives, and predicts a **second record that was not fitted**.
+    It names an effect if noise alone rarely gives such a gain in likelihood, and if the
     prediction improves. If two effects explain the data equally well, it says so.
     """),
             mo.accordion(
@@ -161,7 +161,7 @@ def _(lab, mo, seed):
 @app.cell
 def _(guess, mo, seed, set_locked, sure):
     show = mo.ui.button(
-        label="This is my guess. Show the loop",
+        label="This is my guess. Show what the loop finds",
         kind="success",
         disabled=guess.value is None,
         on_click=lambda _: set_locked((seed.value, guess.value, sure.value)),
@@ -200,7 +200,7 @@ def _(flown, get_locked, lab, mo, page, seed):
     _effects = [
         f"- **{page.plain(effect.name)}**: {page.plain(effect.sentence)}"
         + (
-            f" ({page.plain(' or '.join(effect.alternatives))} fits these data as well)"
+            f" ({page.plain(' or '.join(effect.alternatives))} fits these data equally well)"
             if effect.alternatives
             else ""
         )
@@ -340,10 +340,10 @@ def _(mo):
     ## Questions
 
     1. Seed 1: which channel has the largest residual in units of its noise, and which *measured* signal does it resemble? What position of a sensor has this effect?
-    2. Seed 1: the loop names another effect that fits the data as well. Why can these data not distinguish the two? By which prior knowledge does the loop prefer
+    2. Seed 1: the loop names another effect that fits the data equally well. Why can these data not distinguish the two? By which prior knowledge does the loop prefer
     one of them, and which further channel or maneuver could decide?
     3. Why does the error on the *second* record show more than the error on the first?
-    4. Which of the suspects would bias the derivatives most and leave the smallest residual?
+    4. Which of the suspects biases the derivatives most and leaves the smallest residual?
     5. Play five seeds. Is your Brier score below 0.25? Compare the mean of your probabilities with the share of your guesses that were right: were you too sure? What
     will you look at first in the next round?
     """)

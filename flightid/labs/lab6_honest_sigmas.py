@@ -37,8 +37,11 @@ def _(mo):
     if the flight is repeated with other noise, the estimates will scatter by $\hat\sigma$ about the true value $\theta$. A
     **campaign** of $N$ runs tests this prediction. With the error $e_i = \hat\theta_i - \theta$ of run $i$,
 
-    $$ \text{bias} = \frac1N\sum e_i , \qquad \text{scatter} = \Big(\tfrac{1}{N-1}\sum (e_i - \bar e)^2\Big)^{1/2} , \qquad
-       \text{coverage} = \frac1N\,\#\{\, |e_i| \le 2\hat\sigma_i \,\} . $$
+    $$ \text{bias} = \frac1N\sum e_i , $$
+
+    $$ \text{scatter} = \Big(\tfrac{1}{N-1}\sum (e_i - \bar e)^2\Big)^{1/2} , $$
+
+    $$ \text{coverage} = \frac1N\,\#\{\, |e_i| \le 2\hat\sigma_i \,\} . $$
 
     For honest sigmas, scatter / sigma is 1 and the coverage is 95 %. $N$ runs determine the coverage of one parameter only with a standard deviation of $\sqrt{0.95 \cdot
     0.05/N}$: 3 % at 50 runs.
@@ -49,17 +52,20 @@ def _(mo):
     *What an estimator assumes.* A Kalman filter weighs the data by two assumed covariances: $R$ of the sensor noise $v$, and $Q$ of the **process noise** $w$, which stands for
     disturbances that act on the states, such as turbulence:
 
-    $$ \dot x = f(x, u) + w , \quad \operatorname{E} w w^T = Q\,\delta(t - t') , \qquad z_k = h(x_k) + v_k , \quad \operatorname{E} v v^T = R . $$
+    $$ \dot x = f(x, u) + w , \quad \operatorname{E} w w^T = Q\,\delta(t - t') , $$
 
-    If $R$ is wrong by a factor, sigma is wrong by its root; the slider scales $\sqrt R$, so that sigma changes by the slider's factor. If forces act that the estimator does not assume, the residual becomes **coloured**: each
+    $$ z_k = h(x_k) + v_k , \quad \operatorname{E} v v^T = R . $$
+
+    If $R$ is wrong by a factor, sigma is wrong by the square root of this factor. The slider scales $\sqrt R$, so sigma changes by the slider's factor. If forces act that the estimator does not assume, the residual becomes **coloured**: each
     sample resembles the one before, and $n$ samples contain
     less information than $n$ independent ones. An estimator that counts them as independent reports sigmas that are too small.
 
     *Two remedies.* With the right $Q$ the filter weighs the data correctly: sigma *and* estimate improve. The other remedy keeps the estimate and corrects its
     sigma for the colour of the residual, as output error does here. The correction contains the autocorrelation $\mathcal{R}_{vv}(i-j)$ of the residual between samples $i$ and $j$, and the sensitivities $S_i$ of the outputs:
 
-    $$ \operatorname{cov}\hat\theta = M^{-1} \Big[ \sum_{i,j} S_i^T R^{-1}\,\mathcal{R}_{vv}(i-j)\,R^{-1} S_j \Big] M^{-1} ,
-    \qquad M = \sum_i S_i^T R^{-1} S_i . $$
+    $$ \operatorname{cov}\hat\theta = M^{-1} \Big[ \sum_{i,j} S_i^T R^{-1}\,\mathcal{R}_{vv}(i-j)\,R^{-1} S_j \Big] M^{-1} , $$
+
+    $$ M = \sum_i S_i^T R^{-1} S_i . $$
     """)
     return
 
@@ -108,8 +114,8 @@ def _(controls, figure_scatter, lab, many, mo, page, runs):
                     mo.md(
                         "With process noise, every run is a flight of its own: fifty take a few "
                         "seconds. "
-                        "The estimator `output error` assumes no process noise, so the third slider "
-                        "has no effect on it."
+                        "The estimator `output error` has no process noise, so the third slider "
+                        "does not change its result."
                     ),
                 ],
                 _figure,
@@ -156,7 +162,8 @@ def _(command, controls, lab, mo, page, runs):
                 f"All six derivatives together: **{100 * many.pooled.within_two:.0f} %** of the "
                 "2-sigma intervals contain the true value (95 % interval "
                 f"{100 * _low:.0f} to {100 * _high:.0f} %; honest sigmas: 95 %); "
-                f"scatter over reported sigma **{many.pooled.scatter:.2f}**."
+                f"standard deviation of all errors, each divided by the sigma of its run: "
+                f"**{many.pooled.scatter:.2f}** (honest sigmas: 1)."
             ),
             page.command_line(
                 command("campaign", lab.SCENARIO, asked, "--runs", str(runs.value), "--seed", "1")

@@ -36,11 +36,13 @@ def _(mo):
 
     *1. Check of the sensors by kinematics.* Angle of attack $\alpha$, pitch rate $q$ and load factor $n_z$ depend on each other, whatever the aerodynamics are. For small deviations from trim,
 
-    $$ \dot\alpha = q - \frac{g_0}{V}\,(n_z - n_{z0}) , \qquad \alpha_m = (1 + k_\alpha)\,\alpha - \frac{d}{V}\, q + b_\alpha , $$
+    $$ \dot\alpha = q - \frac{g_0}{V}\,(n_z - n_{z0}) , $$
+
+    $$ \alpha_m = (1 + k_\alpha)\,\alpha - \frac{d}{V}\, q + b_\alpha , $$
 
     with the true airspeed $V$, the standard gravity $g_0$ (9.81 m/s²), and the load factor $n_{z0}$ in trim: 1, or 0 if the sensor records changes from trim. $\alpha_m$ is what the vane
     measures: it has a scale error $k_\alpha$ and a bias $b_\alpha$, and it sits the arm $d$ ahead of the centre of gravity. The check
-    integrates the measured $q$ and $n_z$ and compares the result with $\alpha_m$. A difference shows a bias, a scale error, a delay or an arm. Such a comparison is called **data compatibility check**.
+    integrates the measured $q$ and $n_z$ and compares the result with $\alpha_m$. A difference shows a bias, a scale error, a delay or an arm. The check adds each possible fault to these equations; it reports the fault that raises the log likelihood of the record most, if the rise is larger than chance explains. Such a comparison is called **data compatibility check**.
 
     *2. Identification* estimates the derivatives by output error, with a bias for each output: it minimises the squared difference between measured and simulated outputs, weighted by the sensor noise. Its sigmas are honest only if its residual is white
     (lab 6).
@@ -171,7 +173,7 @@ def _(given, lab, mo, page):
             mo.callout(mo.md(f"**Refused.** {page.plain(_error)}"), kind="danger")
             if _check is None
             else mo.md(
-                "\n".join(f"- {page.plain(line)}" for line in (*_check.sentences, *_check.warnings))
+                "\n".join(f"- {page.plain(line)}" for line in lab.check_remarks(_check))
                 or "The check by kinematics has no result for these channels."
             ),
             page.plotted(
@@ -213,7 +215,7 @@ def _(given, lab, mo, model, page):
             ),
             mo.md(
                 f"Outcome: {_found.outcome}."
-                + "".join(f"\n- {page.plain(line)}" for line in (*_found.warnings, *_found.notes))
+                + "".join(f"\n- {page.plain(line)}" for line in lab.fit_remarks(_found))
             ),
             page.plotted(_found.plot.fit(), "measured and fitted outputs with the residual"),
         ]
@@ -274,7 +276,7 @@ def _(ask, given, lab, mo, model, page, partial):
                 "record that was not fitted: measured and predicted, before and after",
             ),
             page.plotted(_found.plot.derivatives(), "parameters before and after"),
-            mo.md("\n".join(f"- {page.plain(line)}" for line in (*_found.warnings, *_found.notes))),
+            mo.md("\n".join(f"- {page.plain(line)}" for line in lab.diagnosis_remarks(_found))),
             mo.download(
                 partial(lab.report, _found),
                 filename="report.html",
@@ -298,9 +300,9 @@ def _(mo):
     mo.md(r"""
     ## Questions
 
-    1. The table: does the check of the sensors alone find the fault? In which sentence? Another fault fits the data as well: why is it improbable?
+    1. The table: does the check of the sensors alone find the fault? In which sentence? Another fault fits the data equally well: why is it improbable?
     2. The table: run the diagnosis. By how many of the sigmas before does each derivative change when the fault is part of the model (the numbers beside the last figure of section 5)? Which sigmas become smaller, and why?
-    3. The table: set the unit of `alpha` in the channel map to `rad`. Which step refuses the record, and with which reason? What would have happened without that check?
+    3. The table: set the unit of `alpha` in the channel map to `rad`. Which step refuses the record, and with which reason? Without that check, which derivatives does the fit find?
     4. The log of ArduPilot: the check of the sensors finds no fault, but the identification warns. Which derivatives differ in sign from their starting values? What does the
        diagnosis find? Why can the check of the sensors not find it?
     5. Your own record: is the residual white? If not, which of labs 3 to 6 shows a similar residual?

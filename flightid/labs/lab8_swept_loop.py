@@ -43,7 +43,8 @@ def _(mo):
     *Noise runs round the loop.* Gyro noise and turbulence enter $f$, and from there $e$. Let $S_{fe}$ be the cross spectrum of $f$ and $e$, and $S_{ee}$ the power spectrum of $e$. The **direct** estimate
     $\hat L = S_{fe}/S_{ee}$ then mixes two values:
 
-    $$ L \ \text{(if there were only the sweep)} \quad\text{and}\quad -1 \ \text{(if there were only noise: } r = 0, \text{ so } e = -f\text{)} . $$
+    - $L$, which it gives where the sweep is much larger than the noise,
+    - $-1$, which it gives where the noise is much larger than the sweep (with $r = 0$, $e = -f$).
 
     The **joint** estimate relates both signals to the sweep, which contains no noise: $\hat L = S_{fr}/S_{er}$.
 
@@ -128,7 +129,7 @@ def _(command, controls, lab, mo, page):
             page.table(["quantity", "unit", "true", "estimate ± σ", "error, σ"], _rows),
             mo.md(
                 "`inv T roll` is 1/T of the roll mode. `gain increase` is the gain margin; `delay "
-                "margin` is the further delay at which the loop would become unstable. `distance` is "
+                "margin` is the further delay at which the loop becomes unstable. `distance` is "
                 "the smallest distance from -1; the figure below shows it in dB."
             ),
             page.command_line(command("run", lab.SCENARIO, asked)),

@@ -41,16 +41,19 @@ def _(mo):
     The model of a coefficient is a sum $z = \theta_0 + \sum_j \theta_j\, t_j$ of **terms** $t_j$: signals ($\alpha$, $\hat q = q \bar c / 2V$, $\delta_e$, ...) and
     their products. Which terms does it need? With eight signals there are 44 terms up to the second degree: 8 signals, 8 squares, 28 products.
 
-    **Stepwise regression** adds terms one after the other. $F$ of a term is the sum of squares that it explains, divided by the variance of the residual. At each step the term with the largest $F$ enters, if $F > 20$; terms whose $F$ has fallen below 20 leave. A linear term of small $F$ stays if
-    the value of another term depends on it. Two further numbers show whether the last terms improve the model, with $N$ samples $k$:
+    **Stepwise regression** adds terms one after the other. $F$ of a term is the sum of squares that it explains, divided by the variance of the residual. Linear terms enter first, whatever their $F$: two terms that mask each other both have a
+    small $F$ alone. Those whose $F$ is below 20 then leave. From there on the term with the largest $F$ enters, if $F > 20$, and terms whose $F$ has fallen below 20 leave. At the end a linear term of small $F$ returns
+    if the value of another term depends on it. The column `step` of the table says when a term entered; the steps that are missing there belong to terms that left again. Two further numbers show whether the last terms improve the model, with the samples $k = 1 \dots N$:
 
-    $$ \text{PSE} = \frac{1}{N}\sum_k (z_k - \hat z_k)^2 + \sigma^2_{max}\,\frac{n}{N} , \qquad R^2_{\text{left out}} = 1 - \frac{\sum_k (z_k - \hat z_k^{(-m)})^2}{\sum_k (z_k - \bar z)^2} . $$
+    $$ \text{PSE} = \frac{1}{N}\sum_k (z_k - \hat z_k)^2 + \sigma^2_{max}\,\frac{n}{N} , $$
+
+    $$ R^2_{\text{left out}} = 1 - \frac{\sum_k (z_k - \hat z_k^{(-m)})^2}{\sum_k (z_k - \bar z)^2} . $$
 
     The **predicted squared error** (PSE) adds a penalty for each of the $n$ terms, with the variance $\sigma^2_{max}$ of $z$. The second number, **R² left out**, leaves out each
     maneuver $m$ in turn and predicts it by a model from the others, $\hat z^{(-m)}$.
 
     **Collinearity.** If two terms change together in a record, the record determines their joint effect, but not
-    the effect of each. The *variance inflation factor* (VIF) of a term is the ratio of the variance of its estimate to the variance that it would have if the term were uncorrelated with all others; values above 10 are critical. Two
+    the effect of each. The *variance inflation factor* (VIF) of a term is the variance of its estimate, divided by the variance of an estimate of the same term without correlation with the others; values above 10 are critical. Two
     proportional terms do not show a large VIF, because only one of them enters.
     """)
     return
@@ -184,10 +187,10 @@ def _(close, lab, page):
             page.number_field("VIF"),
             lambda value: close(value, lab.numbers(axis="Cn", linked=True)["VIF"], 0.03),
             "The last column of the table.",
-            "The rudder moves 0.6 times the aileron, and hardly by itself. In a model without the rudder, the aileron "
-            "would take over its effect: 0.004 + 0.6 (-0.110) = -0.062, with R² left out of 0.98. The regression "
-            "keeps both terms: their large standard deviations show that the maneuvers hardly "
-            "distinguish them.",
+            "The rudder moves 0.6 times the aileron, and hardly by itself. The regression keeps both "
+            "terms, and their large standard deviations show that the maneuvers hardly distinguish "
+            "them. A model without the rudder gives its effect to the aileron: "
+            "0.004 + 0.6 (-0.110) = -0.062. Its R² left out is still 0.98.",
         ),
         "noise": page.Question(
             "Rudder free, multisines at once, Cm, noise of 10. How many maneuvers does it take "
@@ -205,7 +208,7 @@ def _(close, lab, page):
             lambda value: value == lab.numbers(axis="Cl", maneuvers=1, degree=4)["terms"],
             "Count the rows of the table.",
             "The same six as at degree 2, all of them true. A term enters only if it lowers the "
-            "residual by more than chance, and linear terms enter first. With one maneuver no R² of "
+            "residual by more than chance. With one maneuver no R² of "
             "maneuvers left out checks this; the maneuver that is never fitted does (R² 0.999).",
         ),
     }

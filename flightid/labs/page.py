@@ -74,6 +74,16 @@ def plain(text: str) -> str:
     return text.replace(":", "&#58;").replace("*", "\\*").replace("_", "\\_")
 
 
+def tests_of(tests: Sequence[Any]) -> str:
+    """Each test of a residual: its channel, its name and whether it passed, as Markdown."""
+    names = {"ljung-box": "Ljung-Box", "nis": "NIS"}
+    return "; ".join(
+        f"{test.channel or 'all'} ({names.get(test.name, test.name)}): "
+        f"{'passed' if test.passed else '**failed**'}"
+        for test in tests
+    )
+
+
 def command_line(line: str, what: str = "The same on the command line") -> Any:
     """A command that a student may copy."""
     note = "`methods=[]` leaves out the further methods of the scenario."

@@ -313,9 +313,7 @@ def _correlation(omega: bytes, length: bytes) -> np.ndarray:
 
 LARGEST_DROOP = -3.0  # dB
 LEVELS = (3.0, 9.0)  # dB, of the resonance: limits of levels 1 and 2
-# rad/s by category of the flight phase, and s
-BANDWIDTHS: Mapping[str, float] = {"A": 3.5, "B": 1.5, "C": 1.5}
-PILOT_DELAY = 0.25
+PILOT_DELAY = 0.25  # s
 RESPONSE_DRAWS = 100  # samples of the response for standard deviations
 SCAN_POINTS = 60  # frequencies of a scan
 SEED = 20  # of the random numbers

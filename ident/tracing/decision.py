@@ -12,8 +12,19 @@ from ident.process_noise.filter_error import noise_levels
 from ident.tracing.diagnosis import Candidate, Step, Verdict
 from ident.tracing.evidence import Key, WeighedSet
 from ident.tracing.fitted_model import FittedModel
+from ident.tracing.names import (
+    CLAIM_LEVEL,
+    Named,
+    inclusion_of,
+    look_alikes,
+    named_with_rivals,
+    passing_events,
+    probabilities,
+    rivals_of,
+    with_shares,
+)
 from ident.tracing.problem import TraceProblem
-from ident.tracing.search import CLEAR_GAIN, CONFUSABLE_COSINE, Search
+from ident.tracing.search import CLEAR_GAIN, FITTED_SINGLES, Search
 from ident.tracing.steady_search import (
     CONFUSABLE_SETS_Z,
     is_steady,
@@ -26,7 +37,6 @@ from ident.tracing.whiteness import is_noise, whiteness
 from sim.declaration.effect import NoiseEffect, Station, full_name
 from sim.declaration.proposal import Traceable
 
-CLAIM_LEVEL = 0.95  # probability of what is claimed
 NEGLIGIBLE_RATIO = 1.1  # error over the noise up to which a discrepancy is of no consequence
 OVER_LEAST = 6.0  # times the least noise of a sensor: 1.8 times what high frequencies show
 SUPPORTED_Z = 3.0  # z of an effect that brings little
@@ -34,23 +44,6 @@ TWO_EVENTS = "two loads or gusts in passing are likelier one cause that the libr
 ROUGH_AIR = "its evidence comes from the maneuvers: rough air acts between them as well"
 LITTLE = "it brings little, {:.1f} times its scatter over the record; {:.1f} are required"
 BESIDE_GUARD = "it is found beside a term that no effect of the library has"
-
-
-@dataclass(frozen=True)
-class Named:
-    """An effect of the decision, with its probability and that of each that could take its place.
-
-    ``spread`` : z of Vuong's test, beside a discrepancy; None under white noise.
-    ``reason`` : of a hint, why it is not named. ``within`` : the fitted set that has it, where
-    that is not the one that the verdict rests on.
-    """
-
-    name: str
-    probability: float
-    alternatives: Mapping[str, float]
-    spread: float | None = None
-    reason: str = ""
-    within: FittedModel | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,23 +80,6 @@ class Decision:
         return any(search.budget_spent for search in self.searches)
 
 
-def probabilities(search: Search, without: Collection[str] = ()) -> dict[Key, float]:
-    """Posterior probability of each set that was fitted and has none of some effects."""
-    keys = [key for key in search.visited if key.isdisjoint(without)]
-    weights = np.array([search.visited[key].weight for key in keys])
-    share = np.exp(weights - weights.max())
-    return dict(zip(keys, (share / share.sum()).tolist(), strict=True))
-
-
-def inclusion_of(sets: Mapping[Key, float]) -> dict[str, float]:
-    """Return the probability of each effect: the sum over the sets that contain it."""
-    found: dict[str, float] = {}
-    for key, share in sets.items():
-        for name in key:
-            found[name] = found.get(name, 0.0) + share
-    return found
-
-
 def searched(problem: TraceProblem, discrepancy: Traceable | None = None) -> Search:
     """Return the search without a discrepancy among effects that have a cause of their own.
 
@@ -125,6 +101,7 @@ def decided(
     search: Search,
     discrepancy: Traceable | None = None,
     leaves_noise: LeavesNoise = nothing_held_out,
+    predicts_well: LeavesNoise | None = None,
 ) -> Decision:
     """Return the decision (``_decided``) without names that stand for a cause outside the library.
 
@@ -135,8 +112,10 @@ def decided(
     ----------
     search : without a discrepancy (``searched``). discrepancy : None decides without one.
     leaves_noise : whether what a fitted set leaves is noise, of data that were not fitted too.
+    predicts_well : whether a fitted set leaves hardly more than noise of data not fitted; the same
+        as ``leaves_noise`` where it is left out.
     """
-    decision = _decided(search, discrepancy, leaves_noise)
+    decision = _decided(search, discrepancy, leaves_noise, predicts_well or leaves_noise)
     effects = {each.name: each for each in decision.best.effects}
     names = {each.name for each in decision.named}
     doubted = {
@@ -192,14 +171,19 @@ def _acts_when_quiet(decision: Decision, name: str) -> bool:
     return quiet_vuong(best.fitted, smaller.fitted, declared, interval) >= CONFUSABLE_SETS_Z
 
 
-def _decided(search: Search, discrepancy: Traceable | None, leaves_noise: LeavesNoise) -> Decision:
+def _decided(
+    search: Search,
+    discrepancy: Traceable | None,
+    leaves_noise: LeavesNoise,
+    predicts_well: LeavesNoise,
+) -> Decision:
     """Decide, with further searches beside a discrepancy where no set of effects leaves noise.
 
     General forms have no cause of their own: they are tried where nothing with one is named.
 
     Parameters
     ----------
-    search, discrepancy, leaves_noise : see ``decided``.
+    search, discrepancy, leaves_noise, predicts_well : see ``decided``.
     """
     problem, best = search.problem, search.best()
     if is_noise(best.fitted.fit):
@@ -208,7 +192,14 @@ def _decided(search: Search, discrepancy: Traceable | None, leaves_noise: Leaves
         general = _decided_with_general_forms(search, leaves_noise) if outside else None
         if general is not None:
             return general
-        if not found.named or leaves_noise(found.best):
+        if leaves_noise(found.best):
+            return found
+        predicting = _decided_by_prediction(search, leaves_noise)
+        if predicting is not None:
+            return predicting
+        if not found.named:
+            return replace(found, verdict=Verdict.UNEXPLAINED)
+        if predicts_well(found.best):
             return found
     if discrepancy is None:
         return _decided_with_general_forms(search, leaves_noise) or _unexplained(search, best)
@@ -226,6 +217,32 @@ def _decided(search: Search, discrepancy: Traceable | None, leaves_noise: Leaves
         or _decided_with_general_forms(search, leaves_noise)
         or beside
     )
+
+
+def _decided_by_prediction(search: Search, leaves_noise: LeavesNoise) -> Decision | None:
+    """The decision for the likeliest set that leaves noise of held-out data as well; None where
+    no set that is nearly as likely as the leading one does.
+
+    Likelier sets are set aside. What brings little to the fitted records may be what others need.
+    Motion that any record may have is not taken for what is missing.
+    """
+    leading = sorted(search.visited.items(), key=lambda item: -item[1].weight)[: 2 * FITTED_SINGLES]
+    usual = {each.name for each in search.problem.candidates if each.traits.background}
+    failed: list[Key] = []
+    for key, one in leading:
+        if one.weight < leading[0][1].weight - CLEAR_GAIN:
+            break
+        if key & usual - leading[0][0]:
+            continue
+        if is_noise(one.fitted.fit) and leaves_noise(one.fitted):
+            for other in failed:
+                search.visited[other] = replace(search.visited[other], weight=-math.inf)
+            found = _decided_under_white_noise(search, one, clear=-math.inf)
+            if found.named or leaves_noise(found.best):
+                return found
+            return replace(found, verdict=Verdict.UNEXPLAINED)
+        failed.append(key)
+    return None
 
 
 def _decided_with_small_misfit(
@@ -246,7 +263,10 @@ def _decided_with_small_misfit(
     if any(levels[name] > OVER_LEAST * least.get(name, math.inf) for name in left):
         return None
     found = _decided_under_white_noise(search, best, clear=math.inf)
-    return found if found.named else None
+    enough = (
+        _error_over_noise(found.best, fitted) <= NEGLIGIBLE_RATIO
+    )  # without what brings little as well
+    return found if found.named and enough else None
 
 
 def _decided_with_general_forms(search: Search, leaves_noise: LeavesNoise) -> Decision | None:
@@ -325,7 +345,7 @@ def _decided_under_white_noise(
         sets = probabilities(search, out)
         best = _certain_part(search, best, sets)
     named = [
-        _named(search, best, effect, sets)
+        named_with_rivals(search, best, effect, sets)
         for effect in best.fitted.effects
         if _is_cause(effect, best, search.context.interval)
     ]
@@ -361,7 +381,8 @@ def _certain_part(search: Search, best: WeighedSet, sets: Mapping[Key, float]) -
     certain = frozenset(
         effect.name
         for effect in best.fitted.effects
-        if inclusion[effect.name] + sum(_alike(search, best, effect, sets).values()) >= CLAIM_LEVEL
+        if inclusion[effect.name] + sum(look_alikes(search, best, effect, sets).values())
+        >= CLAIM_LEVEL
     )
     return search.visited[certain] if sets.get(certain, 0.0) > 1.0 - CLAIM_LEVEL else best
 
@@ -446,57 +467,6 @@ def _drop_guards(search: Search, best: WeighedSet) -> WeighedSet:
     return plain if _error_over_noise(plain.fitted, best.fitted) <= NEGLIGIBLE_RATIO else best
 
 
-def _named(search: Search, best: WeighedSet, effect: Traceable, sets: Mapping[Key, float]) -> Named:
-    """Return a member with its probability and those of the effects that could take its place.
-
-    Posterior odds suppose that the equations are true. Where Vuong's test does not tell another
-    effect from the member, its odds are at least those of that test.
-    """
-    mine, alike = inclusion_of(sets)[effect.name], _alike(search, best, effect, sets)
-    odds = {name: share / mine for name, share in alike.items()}
-    formless = {
-        each.name
-        for each in search.candidates
-        if each.traits.guard or (each.traits.general and not effect.traits.general)
-    }
-    for name, each in _rivals(search, best, effect.name, CLEAR_GAIN).items():
-        if name not in formless:
-            odds[name] = max(each, odds.get(name, 0.0))
-    return _with_shares(effect.name, mine + sum(alike.values()), odds)
-
-
-def _with_shares(
-    name: str, together: float, odds: Mapping[str, float], spread: float | None = None
-) -> Named:
-    """Return an effect and its alternatives with their shares of the probability that they have
-    together, by the ``odds`` of each alternative against the effect.
-    """
-    share = together / (1.0 + sum(odds.values()))
-    return Named(name, share, {other: each * share for other, each in odds.items()}, spread)
-
-
-def _alike(
-    search: Search, best: WeighedSet, effect: Traceable, sets: Mapping[Key, float]
-) -> dict[str, float]:
-    """Return the effects that the records do not tell from a member, with their probabilities."""
-    found: dict[str, float] = {}
-    equal: set[str] = set()
-    traits = effect.traits
-    for key, share in sets.items():
-        if effect.name in key:
-            continue
-        for name in key - best.names:
-            alike = search.alike.get(frozenset((name, effect.name)), 0.0) > CONFUSABLE_COSINE
-            if alike or name in (*traits.equivalents, *traits.twins, *effect.aliases):
-                found[name] = found.get(name, 0.0) + share
-        new = key - best.names
-        apart = abs(search.visited[key].fitted.fit.cost - best.fitted.fit.cost)
-        if len(key) == len(best.names) and len(new) == 1 and apart < CONFUSABLE_SETS_Z:
-            equal |= new & set(traits.equivalents)  # to the data: priors alone tell the two apart
-    least = 0.05 * (1.0 - CLAIM_LEVEL)
-    return {name: share for name, share in found.items() if share > least or name in equal}
-
-
 def _unexplained(search: Search, best: WeighedSet) -> Decision:
     """No name: what the best set leaves is not noise."""
     inclusion = inclusion_of(probabilities(search))
@@ -514,7 +484,10 @@ def _decided_beside_discrepancy(white: Search, search: Search, best: WeighedSet)
     guards, root = search.problem.guards, search.root.fitted
     searches = (white, search)
     best, spread = _prefer_named_by_kinematics(search, *_drop_local_evidence(search, best))
-    named = [_with_shares(name, 1.0, _rivals(search, best, name), z) for name, z in spread.items()]
+    named = [
+        with_shares(name, 1.0, rivals_of(search, best, name) | passing_events(white, best, name), z)
+        for name, z in spread.items()
+    ]
     if not named:
         return Decision(Verdict.UNEXPLAINED, root, root, (), (), searches)
     if guards & set(spread):
@@ -562,33 +535,6 @@ def _prefer_named_by_kinematics(
         if rivals:
             return _drop_local_evidence(search, max(rivals, key=lambda one: one.weight))
     return best, spread
-
-
-def _rivals(
-    search: Search, best: WeighedSet, name: str, clear: float = math.inf
-) -> dict[str, float]:
-    """Effects that Vuong's test does not tell from one, with their odds by its normal law.
-
-    Motion that any record may have may stand beside them or not. What is less likely by ``clear``
-    in the logarithm is told apart.
-    """
-    from scipy.special import ndtr
-
-    rest = best.names - {name}
-    usual = {each.name for each in search.problem.candidates if each.traits.background}
-    found: dict[str, float] = {}
-    for key, other in search.visited.items():
-        new = key - rest
-        new = new - usual if len(new) > 1 else new
-        if name in key or len(new) != 1 or not rest - usual <= key:
-            continue
-        z = vuong(best, other, search.context.interval)
-        if z < CONFUSABLE_SETS_Z and 0.0 < best.weight - other.weight < clear:
-            p, rival = float(ndtr(z)), next(iter(new))
-            # The relations between the sensors rest on no equation of forces: they decide then.
-            even = 1.0 if rival in search.problem.named_by_kinematics else 0.0
-            found[rival] = max((1.0 - p) / p, even, found.get(rival, 0.0))
-    return found
 
 
 def _error_over_noise(plain: FittedModel, beside: FittedModel) -> float:

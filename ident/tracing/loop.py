@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ident.process_noise.filter_error import noise_levels
+from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.residuals import WHITENESS_P_VALUE
 from ident.tracing.between_records import (
     RecordScatter,
@@ -14,9 +16,8 @@ from ident.tracing.between_records import (
     scatter_between_records,
 )
 from ident.tracing.decision import (
-    CLAIM_LEVEL,
+    NEGLIGIBLE_RATIO,
     Decision,
-    Named,
     decided,
     searched,
 )
@@ -29,23 +30,29 @@ from ident.tracing.diagnosis import (
     Data,
     Diagnosis,
     Requirement,
+    TraceSettings,
     Trained,
     Verdict,
 )
 from ident.tracing.fitted_model import FittedModel, quantities, records_of
 from ident.tracing.held_out import HeldOut, HeldOutData, predicted_by
+from ident.tracing.names import CLAIM_LEVEL, Named
 from ident.tracing.predictive import predictive_gains
 from ident.tracing.priors import FAMILY_ODDS, FEWEST_FAMILY_MEMBERS
 from ident.tracing.problem import TraceProblem, no_progress
 from ident.tracing.result import After, Before, Judgement, not_noise, reported, residual_tests
 from ident.tracing.search import Search
-from ident.tracing.settings import TraceSettings
 from ident.tracing.wrong_samples import measured_masks, spike_claims
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.record import Record
 
+FROZEN_WORSE = (
+    "with its values as fitted, the model predicts the held-out data no better; with values that "
+    "the fit leaves open what remains there is noise: fit these data as well before you predict "
+    "with the model"
+)
 MOST_ALTERNATIVES = 2  # named at most: fixed by the format of a diagnosis
 
 
@@ -204,13 +211,21 @@ class _HeldOutCheck:
         self.problem.progress("judging on data that were not fitted", 0.9)
         return not not_noise(residual_tests(*self.ended(fitted)).all, WHITENESS_P_VALUE)
 
+    def predicts_well(self, fitted: FittedModel) -> bool:
+        """Whether the set leaves hardly more than the noise of the fitted data in held-out data."""
+        best, out = self.ended(fitted)
+        if out.informed is None:
+            return not self.held.records
+        levels, found = noise_levels(best.fit), noise_levels(out.informed)
+        return all(std <= NEGLIGIBLE_RATIO * levels[name] for name, std in found.items())
+
 
 def _decided(
     search: Search, discrepancy: Traceable | None, held: HeldOutData
 ) -> tuple[Decision, HeldOut]:
     """Return the decision, its set fitted to the end, and what that predicts of data not fitted."""
     against = _HeldOutCheck(search.problem, held)
-    decision = decided(search, discrepancy, against.leaves_noise)
+    decision = decided(search, discrepancy, against.leaves_noise, against.predicts_well)
     best, out = against.ended(decision.best)
     return replace(decision, best=best), out
 
@@ -245,6 +260,8 @@ def _judged(
         why = (worse.requirement.sentence if worse.requirement else worse.sentence,)
         claims = [replace(claim, claimed=False, reasons=why, probability={}) for claim in claims]
         cautions.append(worse)
+    elif decision.named and not has_process_noise(best.system) and _frozen_worse(held, out):
+        cautions.append(Caution(Concern.NO_IMPROVEMENT, FROZEN_WORSE))
     if verdict is Verdict.CONSISTENT and spikes:
         verdict = Verdict.TRACED
     return Judgement(verdict, best, out, (*spikes, *claims), tests, tuple(cautions))
@@ -259,6 +276,14 @@ def _of_guards(problem: TraceProblem, decision: Decision) -> list[Caution]:
     asked = f"the probability of {' and '.join(guards)}, outside the library,"
     requirement = Requirement(asked, most, 1.0 - CLAIM_LEVEL, at_least=False)
     return [Caution(Concern.GUARD, what, requirement=requirement)]
+
+
+def _frozen_worse(held: HeldOutData, out: HeldOut) -> bool:
+    """Whether the fitted values by themselves predict held-out data no better than the declared
+    model's.
+    """
+    before, after = held.declared.frozen, out.frozen
+    return before is not None and after is not None and after.cost >= before.cost
 
 
 def _no_improvement(raised: float) -> Caution:

@@ -13,7 +13,7 @@ from ident.process_noise.innovations_model import has_process_noise
 from ident.statistics.noise_levels import final_spikes
 from ident.tracing.diagnosis import ErrorFigures, Prediction, Trained
 from ident.tracing.fitted_model import FittedModel, local_names
-from ident.tracing.held_out import HeldOut, HeldOutData, frozen_on
+from ident.tracing.held_out import HeldOut, HeldOutData, frozen_on, predicted_by
 from ident.tracing.wrong_samples import held_out_masks, measured_masks, with_mended
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.model import Model
@@ -25,8 +25,9 @@ def predictive_gains(
 ) -> tuple[float, ...]:
     """Rise of the log density of held-out data from one fitted set to another.
 
-    Of free simulations where neither has process noise, all records together; else of predictions
-    one step ahead, record by record: a free simulation cannot tell of random loads.
+    Of free simulations where neither has process noise, all records together, under what training
+    leaves open where frozen values bring no rise; else of predictions one step ahead, record by
+    record: a free simulation cannot tell of random loads.
 
     Parameters
     ----------
@@ -43,7 +44,12 @@ def predictive_gains(
     if held.declared.frozen is None:
         return (math.inf,)
     if not has_process_noise(more.system):
-        return (held.declared.frozen.cost - out.frozen.cost,)
+        gain = held.declared.frozen.cost - out.frozen.cost
+        # Frozen values reject right sets whose parameters trade off (``held_out``).
+        plain = None if gain > 0.0 else predicted_by(less, held).informed
+        if plain is None or out.informed is None:
+            return (gain,)
+        return (plain.cost - out.informed.cost,)
     gains = []
     masks = [problem.valid for problem in (out.informed or out.frozen).layout.problems]
     begin = _own_values(more, out)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ident.tracing.diagnosis import TraceSettings
 from ident.tracing.fitted_model import FitData, FittedModel, fit_set, start_from
-from ident.tracing.settings import TraceSettings
 from ident.whole_record.layout import FitSettings
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.model import Model

@@ -452,11 +452,8 @@ class Standardised:
         return weight[:, :, None] * columns
 
 
-@dataclass(frozen=True)
-class White:
-    """Independent Gaussian noise on each output, its variance concentrated out: the mean square of
-    the residual.
-    """
+class WithoutUnknowns:
+    """A noise model without unknowns of its own: its variances are known, or concentrated out."""
 
     names: tuple[str, ...] = ()
 
@@ -465,6 +462,27 @@ class White:
         return np.zeros(0)
 
     low = high = start
+
+    def covariance_terms(
+        self,
+        layout: LaidOut,
+        theta: np.ndarray,
+        lines: Sequence[Linearisation],
+        weighted: WeightedResiduals,
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """None: no unknown changes the covariance of the residuals."""
+        return None
+
+    def step_bounds(self, layout: LaidOut, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The bounds of the layout."""
+        return layout.low, layout.high
+
+
+@dataclass(frozen=True)
+class White(WithoutUnknowns):
+    """Independent Gaussian noise on each output, its variance concentrated out: the mean square of
+    the residual.
+    """
 
     def weight_residuals(
         self,
@@ -486,20 +504,6 @@ class White:
         return WeightedResiduals(
             tuple(residuals), tuple(line.jacobian for line in lines), variance, cost, filters
         )
-
-    def covariance_terms(
-        self,
-        layout: LaidOut,
-        theta: np.ndarray,
-        lines: Sequence[Linearisation],
-        weighted: WeightedResiduals,
-    ) -> tuple[np.ndarray, np.ndarray] | None:
-        """None: the variances are concentrated out."""
-        return None
-
-    def step_bounds(self, layout: LaidOut, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the bounds of the layout."""
-        return layout.low, layout.high
 
 
 WHITE = White()

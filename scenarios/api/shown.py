@@ -14,7 +14,6 @@ import numpy as np
 
 from ident.tracing.diagnosis import Diagnosis
 from scenarios.api import tables
-from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.report.text import effect_heading, wording_of
 from scenarios.files.declarations import TIME
 from scenarios.identification.assessment import IdentificationResult, RecordFit
@@ -25,6 +24,7 @@ from sim.errors import DeclarationError
 if TYPE_CHECKING:
     import pandas
 
+    from scenarios.diagnosis.diagnose import Tracing
     from scenarios.report.document import Table
 
 

@@ -27,7 +27,8 @@ _OPTION = re.compile(r"(?<![\w-])--([a-z][a-z-]*)")
 # An option with its value, a word, and a command with the files and options behind it.
 _WITH_VALUE = re.compile(r"(?<![\w-])--(method|hold|margins) ([a-z-]+)")
 _COMMAND = re.compile(
-    r"\bflightid ([a-z]+)((?: (?:--(?!method|hold)[a-z-]+ [^\s;,]+|[A-Z]{3,}|[^\s;,]+\.[a-z]\w*))*)"
+    r"\bflightid ([a-z]+)"
+    r"((?: (?:--(?!method|hold)[a-z-]+ [^\s;,]+|[A-Z]{3,}|[^\s;,]+\.[A-Za-z]\w*))*)"
 )
 WORDS = {  # Options whose keyword is another word: those that Python keeps for itself, and plurals.
     "from": "start",

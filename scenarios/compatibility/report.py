@@ -230,12 +230,13 @@ def _share(share: float) -> str:
 def sentence(finding: SensorFinding) -> str:
     """Return one finding with its alternatives."""
     other = f"; {fit_as_well(finding.group)}" if finding.group else ""
-    return f"{finding.name}, {fault_text(finding)} (gain {finding.gain:.1f}{other})"
+    gain = f"raises the log likelihood by {finding.gain:.1f}"
+    return f"{finding.name}, {fault_text(finding)} ({gain}{other})"
 
 
 def fit_as_well(group: Sequence[str]) -> str:
-    """Return a sentence that names the faults which fit the data as well as the accepted one."""
-    return f"{' or '.join(group)} fits these data as well"
+    """That other faults fit the data as well as the one that is named."""
+    return f"{' or '.join(group)} fits these data equally well"
 
 
 def fault_text(finding: SensorFinding) -> str:

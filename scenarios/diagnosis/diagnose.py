@@ -14,8 +14,15 @@ from typing import Any, Protocol
 import numpy as np
 
 from ident.flying_qualities.levels import FlightPhase
-from ident.tracing.diagnosis import Claim, Data, Diagnosis, Prediction, Verdict
-from ident.tracing.settings import NORMAL, TraceSettings
+from ident.tracing.diagnosis import (
+    NORMAL,
+    Claim,
+    Data,
+    Diagnosis,
+    Prediction,
+    TraceSettings,
+    Verdict,
+)
 from scenarios.diagnosis.kinematics import OF_MODEL, Kinematics, kinematics_of_files
 from scenarios.diagnosis.opening import (
     InputReading,
@@ -200,17 +207,6 @@ class Overflows:
                 return trace(*arguments, **named)
 
         return counting
-
-
-def overflow_sentence(count: int) -> str:
-    """Return one line on what was left out; empty where nothing was."""
-    if count == 0:
-        return ""
-    several = f"{count} computations" if count > 1 else "one computation"
-    return (
-        f"{several} of the search left the range of numbers: what they would have shown is left "
-        "out; look for wild samples and wrong units"
-    )
 
 
 DESIGN_DIGITS = 4  # of every number that is asked: what is printed is what was designed with

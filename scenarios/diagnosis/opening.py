@@ -12,8 +12,16 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from ident.tracing.diagnosis import TIMES, Data, Diagnosis, Quantity, Verdict
-from ident.tracing.settings import EFFORTS, NORMAL, TraceSettings
+from ident.tracing.diagnosis import (
+    EFFORTS,
+    NORMAL,
+    TIMES,
+    Data,
+    Diagnosis,
+    Quantity,
+    TraceSettings,
+    Verdict,
+)
 from scenarios.files.declarations import CHANNEL_UNITS, WANTED, run_python
 from scenarios.files.measured.columns import RecordFile, identities, path_of, read_with_validation
 from scenarios.files.sources import InputFile, Source, read_source

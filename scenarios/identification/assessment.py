@@ -508,10 +508,10 @@ class OtherReading:
     @property
     def decision(self) -> str:
         """The reading that the data chose, and by how much."""
-        worse = f"the fit is worse (twice the log likelihood {self.gain:.1f})"
         return (
-            f"inputs {WORDS[self.used]} between samples: with {WORDS[self.other]} inputs {worse}; "
-            f"--hold {self.other.value} selects these"
+            f"inputs are {WORDS[self.used]} between samples: {WORDS[self.other]} inputs fit worse "
+            f"(twice the log likelihood is lower by {-self.gain:.1f}); --hold {self.other.value} "
+            "selects these all the same"
         )
 
     @property

@@ -40,7 +40,6 @@ from sim.declaration.model import Model, Noise
 from sim.errors import DeclarationError
 from sim.maneuvers import (
     Maneuver,
-    MultiStep,
     Spacing,
     Sweep,
     doublet,
@@ -244,15 +243,6 @@ KINDS: Mapping[str, Callable[[ManeuverLimits, float], Shapes]] = {
 }
 OVER_A_BAND = ("sweep", "multisine")  # kinds that take a band
 PACE_IS = {"3-2-1-1": "step", "doublet": "step", "sweep": "up to", "multisine": "up to"}
-
-
-def held_inputs(record: Record) -> dict[str, MultiStep]:
-    """Return the inputs of a record as maneuvers that hold each sample until the next."""
-    interval = float(record.time[-1] - record.time[-2])
-    times = (*record.time.tolist(), float(record.time[-1] + interval))
-    return {
-        channel.name: MultiStep(tuple(channel.values.tolist()), times) for channel in record.inputs
-    }
 
 
 # ---- From what is asked to what flies

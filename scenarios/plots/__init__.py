@@ -4,8 +4,9 @@ import matplotlib.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -15,7 +16,10 @@ if TYPE_CHECKING:
 
 
 def draw_into(
-    folder: Path, named: Iterable[tuple[str, Callable[[], Figure]]], formats: Formats
+    folder: Path,
+    named: Iterable[tuple[str, Callable[[], Figure]]],
+    formats: Formats,
+    methods: Mapping[str, str] = MappingProxyType({}),
 ) -> tuple[Drawn, ...]:
     """Draw the figures of a study into its folder and return them for its page; empty without a
     format.
@@ -23,10 +27,10 @@ def draw_into(
     Parameters
     ----------
     folder : one that exists. named : the stem of each file, and what draws it. formats : of the
-        files.
+        files. methods : label of each method whose name ends a stem.
     """
     if not formats:
         return ()
     from scenarios.plots.drawing import draw_for_page
 
-    return draw_for_page(named, folder, formats)
+    return draw_for_page(named, folder, formats, methods)

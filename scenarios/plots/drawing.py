@@ -11,6 +11,7 @@ from dataclasses import replace
 from html import escape
 from itertools import pairwise
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -264,15 +265,6 @@ Named = tuple[str, Callable[[], Figure]]  # the stem of a figure's file, and wha
 _VECTOR: dict[Any, Any] = {"svg.hashsalt": "flightid", "svg.fonttype": "path", "pdf.fonttype": 42}
 
 
-def save_figures(figures: Iterable[Named], folder: Path, formats: Formats = USUAL) -> list[Path]:
-    """Draw each figure once and write ``folder/STEM.FORMAT`` in every format; the paths. The folder
-    must exist.
-    """
-    if not formats:
-        return []
-    return [path for stem, make in figures for path in save_figure(make(), folder, stem, formats)]
-
-
 def save_figure(figure: Figure, folder: Path, stem: str, formats: Formats = USUAL) -> list[Path]:
     """Write ``folder/stem.FORMAT`` in every format; the paths. The folder must exist."""
     paths = []
@@ -350,10 +342,16 @@ _FONT = re.compile(
 _DROPPED = ("font-family", "font-variant", "font-stretch")
 
 
-def draw_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> tuple[Drawn, ...]:
+def draw_for_page(
+    figures: Iterable[Named],
+    folder: Path,
+    formats: Formats,
+    methods: Mapping[str, str] = MappingProxyType({}),
+) -> tuple[Drawn, ...]:
     """Draw each figure once: into ``folder`` in every format, and for the page.
 
-    On the page a title that another figure above has is left out.
+    On the page a title that another figure above has is left out. ``methods``: label of each
+    method whose name ends a stem.
     """
     out, titles = [], set[str]()
     for stem, make in figures:
@@ -366,7 +364,7 @@ def draw_for_page(figures: Iterable[Named], folder: Path, formats: Formats) -> t
         titles |= {title}
         draw = page_svg if data is None else _for_a_sheet
         svg = draw(figure, stem, left_out)
-        out.append(Drawn(stem, svg, caption_of(stem), data))
+        out.append(Drawn(stem, svg, caption_of(stem, methods=methods), data))
     return tuple(out)
 
 

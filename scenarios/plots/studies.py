@@ -206,7 +206,7 @@ def figure_errors(names: Sequence[str], sigmas: np.ndarray, title: str = "") -> 
         color=LIGHT,
         linewidth=5.0,
         zorder=1.0,
-        label="right sigmas",
+        label="correct sigmas",
     )
     count = sigmas.shape[1]
     expected = _normal_quantiles((np.arange(count) + 0.5) / count)
@@ -350,12 +350,12 @@ def figure_determination(methods: Sequence[DeterminedBy], title: str = "") -> Fi
         places = np.arange(n, dtype=float)
         ratio.plot([each.ratio.get(name, np.nan) for name in names], places, **look)
         share.plot([100.0 * each.share.get(name, np.nan) for name in names], places, **look)
-    caption(spectrum, "strength of each direction (–): 1 where record = prior")
-    caption(spare, "numbers that the record settles (–), added up")
+    caption(spectrum, "σ of the prior over σ by the record alone (–)")
+    caption(spare, "number of directions that the record determines (–), cumulative")
     unseen = sorted({each.unseen for each in methods})
     for panel in (spectrum, spare):
         panel.set_xlabel(
-            f"direction (–); {' or '.join(map(str, unseen))} more have no influence",
+            f"direction (–); {' or '.join(map(str, unseen))} more do not change the outputs",
             fontsize=LABEL_SIZE,
         )
     for panel, text in (

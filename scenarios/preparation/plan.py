@@ -195,7 +195,7 @@ class Request:
     channels : a channel map, for all records.
     aircraft_class, flight_phase : class I to IV and category A to C of MIL-F-8785C; None takes the
         vehicle file's.
-    effort : how far a diagnosis looks, one of ``ident.tracing.settings.EFFORTS``.
+    effort : how far a diagnosis looks, one of ``ident.tracing.diagnosis.EFFORTS``.
     plan : segments of ``records`` (those of ``validate`` are not cut), and how all of them are
         prepared.
     """

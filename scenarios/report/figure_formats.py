@@ -86,66 +86,93 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
         "held_out": (
             "Recorded and predicted outputs of data that were not fitted, with the residuals"
         ),
-        "spectra": "Spectra of recorded and simulated outputs and of what is left",
-        "parameters": "Parameters over time with two sigmas",
-        "states": "States of the filter over time with two sigmas",
-        "innovations": (
-            "Innovations with two sigmas, and their autocorrelation with the band of white noise"
+        "spectra": "Power spectra of recorded and simulated outputs, and of the residuals",
+        "parameters": (
+            "Estimate of each parameter over time, with the band of two standard deviations"
         ),
-        "correlation": "Correlation of the estimates",
-        "poles": "Poles of the estimate, with those that its covariance allows",
-        "errors": "Errors of the estimates in sigmas",
-        "repeated": "Errors over repeated flights in reported sigmas",
-        "determination": "How far this record determines each parameter",
-        "flexibility": "Errors against the degree of flexibility",
-        "equivalents": "Estimates against true and condensed values",
-        "trajectory": "The fall: recorded, true and estimated",
-        "ballistic_coefficient": "Ballistic coefficient over time with two sigmas",
+        "states": "States of the filter over time, with the band of two standard deviations",
+        "innovations": (
+            "Innovations (measured minus predicted outputs) with two standard deviations, and "
+            "their autocorrelation with the band that holds 95 % of the values of white noise"
+        ),
+        "correlation": "Correlation between the estimated parameters",
+        "poles": "Poles of the estimated model, and those of models within its uncertainty",
+        "errors": "Error of each estimate in reported standard deviations",
+        "repeated": (
+            "Errors of the estimates over repeated flights, in reported standard deviations"
+        ),
+        "determination": "How much of each estimate the record determines, and how much the prior",
+        "flexibility": "Errors of the estimates over the degree of flexibility of the aircraft",
+        "equivalents": (
+            "Estimates, true values, and condensed values (those of a rigid aircraft whose "
+            "structure follows its loads without lag)"
+        ),
+        "trajectory": "Altitude and velocity of the fall: recorded, true and estimated",
+        "ballistic_coefficient": (
+            "Estimate of the ballistic coefficient over time, with the band of two standard "
+            "deviations"
+        ),
         "fit_other": (
             "Recorded against simulated outputs of the study that this one is compared with"
         ),
-        "compared": "The two studies side by side",
-        "delays": "Likelihood of each delay of the bank",
-        "linear": "Flown against the linear loop",
-        "margins": "Phase margins that the printed numbers leave open",
-        "variants": "The same study with one change at a time",
-        "reconstruction": "Recorded outputs and their reconstruction from kinematics",
-        "compared_estimates": "Estimates of all studies with two sigmas",
-        "compared_errors": "Errors of all studies",
+        "compared": "Results of the two studies",
+        "delays": (
+            "Log likelihood of each delay: one Kalman filter for each delay runs on the record"
+        ),
+        "linear": "Response of the simulated flight, and of the control loop linearised",
+        "margins": "Range of the phase margin that agrees with the published, rounded numbers",
+        "variants": "Estimates of the same study, each with one setting changed",
+        "reconstruction": (
+            "Recorded outputs, and the same outputs computed from the other sensors by kinematics"
+        ),
+        "compared_estimates": "Estimates of all studies, with two standard deviations",
+        "compared_errors": "Errors of the estimates of all studies",
         "compared_responses": "Outputs of all studies over time",
-        "normality": "Errors of all parameters against the normal distribution",
-        "consistency": "Squared errors and innovations of all runs against chi-square",
-        "coverage": "Share of the runs whose interval contains the reference",
+        "normality": (
+            "Errors of all parameters in reported standard deviations, against the normal "
+            "distribution"
+        ),
+        "consistency": (
+            "Normalised squared errors (NEES) and innovations (NIS) of all runs, against the "
+            "chi-square distribution that correct sigmas give"
+        ),
+        "coverage": "Share of the runs whose interval contains the true value, for each parameter",
         "campaign": (
-            "Errors of all runs in their own sigmas, and the share of intervals that hold the "
-            "reference"
+            "Errors of all runs, each in the standard deviation that its run reports, and the "
+            "share of two-sigma intervals that contain the true value"
         ),
         "verdicts": (
-            "Verdicts by what was hidden, with the share of right answers and its exact 95 % "
+            "Verdicts for each hidden effect, with the share of right answers and its exact 95 % "
             "interval"
         ),
         "confusion": (
-            "What was concluded (along) of what was hidden (up the side), in per cent of its "
-            "flights"
+            "Named cause (columns) for each hidden effect (rows), in per cent of the flights with "
+            "this effect"
         ),
         "reliability": (
-            "The share of names that is right against the probability that they were given, with "
-            "exact 95 % intervals"
+            "Share of named causes that are right, over the probability that was reported for "
+            "them, with exact 95 % intervals"
         ),
         "effect_coverage": (
-            "The share of effects' parameters within one, two and three reported sigmas of the "
-            "truth, flights resampled whole"
+            "Share of the effects' parameters within one, two and three reported standard "
+            "deviations of the true value, with intervals by a bootstrap over flights"
         ),
         "maneuvers": (
             "Inputs and expected responses of every maneuver, the best first, with the limits"
         ),
-        "effects": ("Effects by flight. Filled: has it; grey: undecided; open: does not have it"),
-        "shared": "What each flight says of a shared value by itself, and the common value",
-        "over": (
-            "Derivatives of all flights over the condition, with the common line and the scatter "
-            "between flights"
+        "effects": (
+            "Effects by flight. Filled: the flight has the effect; grey: undecided; open: it does "
+            "not"
         ),
-        "flight": ("The whole flight: inputs and motion, maneuvers shaded, trim points grey"),
+        "shared": (
+            "Estimate of each shared parameter from each flight alone, and from all flights "
+            "together"
+        ),
+        "over": (
+            "Derivatives of all flights over the flight condition, with the common line and the "
+            "scatter between flights"
+        ),
+        "flight": "The whole flight: inputs and motion, maneuvers shaded, trim points grey",
         "response": (
             "Magnitude, phase and coherence over frequency, with 95 % bands; grey: outside the "
             "usable band"
@@ -155,50 +182,57 @@ CAPTIONS: Mapping[str, str] = MappingProxyType(
             "pilot does not notice"
         ),
         "bandwidth": (
-            "The attitude response with its phase and gain bandwidth and its phase delay, spans of "
-            "95 %"
+            "Response of the attitude, with phase bandwidth, gain bandwidth and phase delay; bars:"
+            " 95 % intervals"
         ),
         "coherence": (
-            "Coherence of every response that is expected of one flight, over frequency; dotted: "
-            "the limit of a usable one"
+            "Expected coherence of each response over frequency; dotted: least coherence of a "
+            "usable estimate"
         ),
         "loop": (
-            "The broken-loop response with its gain and phase margins, and its distance from -1, "
-            "spans of 95 %"
+            "Broken-loop response with gain and phase margins, and its distance from -1; bands and"
+            " bars: 95 % intervals"
         ),
         "tolerances": (
-            "The prediction in the band that a test of simulator qualification allows about the "
-            "measured channel"
+            "Prediction, and the band about the measurement that a test of simulator qualification"
+            " allows"
         ),
-        "forces": "Force coefficients of each maneuver, measured and by the terms that were chosen",
+        "forces": (
+            "Force coefficients of each maneuver: measured, and computed by the selected terms"
+        ),
         "moments": (
-            "Moment coefficients of each maneuver, measured and by the terms that were chosen"
+            "Moment coefficients of each maneuver: measured, and computed by the selected terms"
         ),
         "prediction": "Measured and predicted outputs, with the residuals",
-        "watched": "Parameters while the stream arrived",
-        "history": "Margins while the stream arrived, with their 95 % intervals",
+        "watched": "Estimates of the parameters while the data arrived",
+        "history": "Stability margins while the data arrived, with their 95 % intervals",
         "qualities": (
-            "Flying qualities on the charts of their criteria, with the regions that hold 95 % and "
-            "the limits of the levels"
+            "Flying qualities on the charts of their criteria, with the regions that hold 95 % and"
+            " the limits of the levels"
         ),
         "step": (
-            "Step response of the fitted transfer function over its steady value, with its 95 % "
-            "band"
+            "Step response of the fitted transfer function, divided by its steady value, with its "
+            "95 % band"
         ),
     }
 )
 
 
-def caption_of(stem: str) -> str:
-    """Return the caption of ``fit``, ``fit_2`` and ``fit_METHOD`` alike, the number or method
-    behind it; the stem in words where there is none.
+def caption_of(
+    stem: str,
+    captions: Mapping[str, str] = CAPTIONS,
+    methods: Mapping[str, str] = MappingProxyType({}),
+) -> str:
+    """The caption of ``fit``, ``fit_2`` and ``fit_METHOD`` alike, with the number of the record, or
+    the label that ``methods`` gives the method; the stem in words where there is none.
     """
     known = [name for name in CAPTIONS if stem == name or stem.startswith(f"{name}_")]
     if not known:
         words = stem.replace("_", " ")
         return words[:1].upper() + words[1:]
     name = max(known, key=len)
-    rest = stem[len(name) + 1 :].replace("_", " ")
+    rest = stem[len(name) + 1 :]
     if not rest:
-        return CAPTIONS[name]
-    return f"{CAPTIONS[name]} ({f'record {rest}' if re.fullmatch(r'[0-9]+', rest) else rest})"
+        return captions[name]
+    rest = methods.get(rest, rest.replace("_", " "))
+    return f"{captions[name]} ({f'record {rest}' if re.fullmatch(r'[0-9]+', rest) else rest})"

@@ -15,7 +15,6 @@ import numpy as np
 from ident.statistics.intervals import SHARES_LEVEL, clopper_pearson
 from scenarios.studies.campaign import CampaignRuns
 from scenarios.studies.campaign_statistics import (
-    FILTERS,
     NORMAL,
     Bound,
     CampaignStatistics,
@@ -38,6 +37,7 @@ from scenarios.studies.campaign_trials import (
     quiet_trial,
     residuals_of,
 )
+from scenarios.studies.declaration import FILTERS
 
 # ---- Which sigmas are judged wrong
 

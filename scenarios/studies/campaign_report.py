@@ -68,7 +68,7 @@ from scenarios.studies.comparison import distance_text
 
 # ---- Why sigmas are wrong, in tables and words
 
-TITLE = "wrong sigmas, why, and right ones beside them"
+TITLE = "wrong sigmas, their causes, and sigmas with each cause removed"
 LEVELS_TITLE = "noise levels by likelihood beside those that are assumed"
 NONE = (
     "no reported sigma differs significantly from the scatter of these runs: the two-sigma "
@@ -94,8 +94,8 @@ def cause_word(finding: Finding) -> str:
 
 
 def findings_blocks(found: Findings) -> list[Block]:
-    """Return the wrong sigmas with the right ones and a sentence for each cause, or that there is
-    none; noise levels where they were looked for.
+    """The wrong sigmas, the corrected ones and a sentence for each cause, or that there is none;
+    noise levels where they were looked for.
     """
     blocks = levels_blocks(found, found.levels) if found.levels is not None else []
     if not found.found:
@@ -107,7 +107,7 @@ def findings_blocks(found: Findings) -> list[Block]:
         TITLE,
         (Column("parameter"), [f.name for f in each]),
         (
-            Column("sigma is", PURE, left=True),
+            Column("reported σ is", PURE, printed="reported is", left=True),
             [Number(f.wrong.factor, shown=direction(f)) for f in each],
         ),
         (
@@ -115,13 +115,13 @@ def findings_blocks(found: Findings) -> list[Block]:
             [two_digits(factor * f.wrong.statistics.reported) for f, factor in shown],
         ),
         (
-            Column("right σ", BY_ROW, printed="right one"),
+            Column("σ without the cause", BY_ROW, printed="without the cause"),
             [two_digits(factor * f.corrected) for f, factor in shown],
         ),
         (Column("its coverage", "%"), [Number(100.0 * w.share, digits=1) for w in covered]),
         (Column("from", "%"), [Number(100.0 * w.interval[0], digits=1) for w in covered]),
         (Column("to", "%"), [Number(100.0 * w.interval[1], digits=1) for w in covered]),
-        (Column("because of"), [cause_word(f) for f in each]),
+        (Column("cause"), [cause_word(f) for f in each]),
         units=[shown_in(f.wrong.statistics.unit, f.name).unit for f in each],
     )
     return [*blocks, right, *map(Prose, cause_sentences(found))]
@@ -202,12 +202,12 @@ def _off(item: Level) -> str:
 
 
 def direction(finding: Finding) -> str:
-    """``"too small by 3.2"``: the factor that makes two sigmas hold 95.4 % of the errors."""
+    """``"too small by a factor of 3.2"``: with it two sigmas hold 95.4 % of the errors."""
     factor = finding.wrong.factor
     return (
-        f"too small by {_factor(factor)}"
+        f"too small by a factor of {_factor(factor)}"
         if factor > 1.0
-        else f"too large by {_factor(1.0 / max(factor, 1e-12))}"
+        else f"too large by a factor of {_factor(1.0 / max(factor, 1e-12))}"
     )
 
 
@@ -242,7 +242,7 @@ def _directions(group: list[Finding]) -> str:
                 if _factor(factors[0]) == _factor(factors[-1])
                 else f"{_factor(factors[0])} to {_factor(factors[-1])}"
             )
-            parts.append(f"{word} by {ends}")
+            parts.append(f"{word} by a factor of {ends}")
     return f"{'sigmas' if len(group) > 1 else 'sigma'} of {_names(group)} {' and '.join(parts)}"
 
 
@@ -250,12 +250,14 @@ def _how(group: list[Finding], found: Findings) -> str:
     """Return the source of the right sigma."""
     if group[0].again:
         return (
-            f". With that changed, {found.again} of the runs computed again have the right sigma "
-            "above"
+            f". The table has sigma and coverage of {found.again} runs repeated without this "
+            "cause; where their sigma equals the reported one, their errors are smaller"
         )
     if group[0].causes[-1] in (MODEL, NOISE, OPEN):
-        return ". The right sigma is of half the runs, its coverage of the other half"
-    return ". The right sigma follows from that alone, its coverage is that of all runs"
+        return (
+            ". The corrected sigma follows from half of the runs, its coverage from the other half"
+        )
+    return ". The corrected sigma follows from this cause alone, its coverage from all runs"
 
 
 def _start(group: list[Finding], found: Findings) -> str:
@@ -488,8 +490,9 @@ def campaign_page(
 
 
 SIZES_NOTE = (
-    "Bias: mean error with its standard error. Scatter: standard deviation of the estimates. "
-    "Reported: root mean square of the sigmas."
+    "Bias: mean error with its standard error. Scatter: standard deviation over the runs. "
+    "Reported: root mean square of the sigmas. Row all: errors of all parameters, each in units "
+    "of the sigma that its own run reports."
 )
 
 

@@ -42,7 +42,7 @@ from scenarios.report.document import (
 )
 from scenarios.report.quantities import number_text, shown_in
 from scenarios.studies.campaign import CampaignRuns, EstimatorRuns, Spread
-from scenarios.studies.declaration import Estimation
+from scenarios.studies.declaration import FILTERS, Estimation
 from scenarios.studies.estimating import biased_system, compiled, filter_settings
 from sim.declaration.compile import compile_model
 from sim.declaration.model import Model, Noise
@@ -53,10 +53,10 @@ from sim.truth.flight import Truth
 # ---- What the best estimator with a method's priors could do on a campaign's flight
 
 WIDE_PRIOR_FACTOR = 30.0  # priors by which a filter about exact data is told next to nothing
-FILTERS = ("ekf", "ukf")
 _DIFFERENCE_STEP_SHARE = 1e-4  # of differences, as a share of a parameter
-# of the largest singular value: what differences of flights still resolve
-_RESOLVED_SINGULAR_VALUE_SHARE = 1e-10
+_RESOLVED_SINGULAR_VALUE_SHARE = (
+    1e-10  # of the largest singular value: what differences of flights still resolve
+)
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,8 +25,8 @@ from ident.filters.ekf import FilterSettings, run_ekf
 from ident.statistics.intervals import mean_square_interval
 from ident.statistics.residual_spectrum import autocovariance, filtered_product
 from scenarios.studies.campaign import SOUND, CampaignRuns, EstimatorRuns
-from scenarios.studies.campaign_statistics import FILTERS, Bound
-from scenarios.studies.declaration import Estimation, Start
+from scenarios.studies.campaign_statistics import Bound
+from scenarios.studies.declaration import FILTERS, Estimation, Start
 from scenarios.studies.estimating import Estimates, compiled, filter_settings, is_batched
 from sim.declaration.model import Noise
 from sim.errors import FlightidError

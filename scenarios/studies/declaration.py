@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 # ---- What a scenario declares
 
 EMPTY: Mapping[str, Any] = MappingProxyType({})
+FILTERS = ("ekf", "ukf")  # methods that may make several passes
 
 
 @dataclass(frozen=True)

@@ -431,7 +431,8 @@ def write_study(study: StudyResult, folder: str | Path, *, figures: Formats = US
         if study.sweep is not None:
             write_text(scratch / "sweep.csv", sweep_csv(study.sweep))
         write_text(scratch / "study.txt", as_text(lambda out: print_study(study, out, HERE)))
-        drawn = draw_into(scratch, study_figures(study), figures)
+        labels = {each.estimation.name: each.estimation.label for each in study.methods}
+        drawn = draw_into(scratch, study_figures(study), figures, labels)
         write_page(scratch, study_page(study, drawn))
         write_json(scratch / MAIN, comparison(study))
     return Path(folder)

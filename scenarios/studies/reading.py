@@ -14,6 +14,7 @@ from scenarios.files.user_models import OwnModel, is_model_file, is_of_aircraft
 from scenarios.files.vehicles import MODELS, with_priors
 from scenarios.files.writing import unportable
 from scenarios.studies.declaration import (
+    FILTERS,
     Estimation,
     FlightPlan,
     ManeuverPlan,
@@ -468,6 +469,13 @@ def _choice(published: PublishedTable | None) -> PublishedChoice | None:
     return PublishedChoice(published.file, published.table, published.column) if published else None
 
 
+def _label(estimate: EstimateTable, name: str) -> str:
+    """The method's label, with the number of passes of a filter that makes more than one."""
+    label = estimate.label or name
+    repeated = estimate.method in FILTERS and estimate.passes > 1
+    return f"{label}, {estimate.passes} passes" if repeated else label
+
+
 def estimation_of(
     estimate: EstimateTable,
     name: str,
@@ -481,7 +489,7 @@ def estimation_of(
     _refuse_missing(estimate, own, place)
     declared = Estimation(
         name=name,
-        label=estimate.label or name,
+        label=_label(estimate, name),
         model=estimate.model,
         outputs=tuple(estimate.outputs or ()),
         start={

@@ -5,9 +5,9 @@ separate them; affected coefficients of controls, one-parameter curves, half wid
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
 
@@ -355,6 +355,63 @@ def of_all_controls(form: type[Form], **pseudo_control: float) -> tuple[Form, ..
         **pseudo_control,  # type: ignore[arg-type]
     )
     return (form(), stick, *lateral, form(label="elevator", speed="reference_airspeed"))
+
+
+# ---- What effects on one input, and effects on one channel, share
+
+
+class OfInput:
+    """An effect on one recorded input, named after its ``family`` and the label of the input."""
+
+    signal: str
+    label: str
+    family: ClassVar[str]
+    station: ClassVar[Station] = Station.INPUT_PATH
+
+    @property
+    def name(self) -> str:
+        return labelled(self.family, self.label)
+
+
+class OfChannel:
+    """An effect on one output channel, named after its ``family`` and the channel."""
+
+    channel: str
+    family: ClassVar[str]
+    station: ClassVar[Station] = Station.SENSOR_PATH
+
+    @property
+    def name(self) -> str:
+        return f"{self.family}:{self.channel}"
+
+
+@dataclass(frozen=True)
+class SizedOnInput(OfInput):
+    """An effect on an input whose one parameter has a size in the unit of that input.
+
+    A subclass has ``of_peak``, the typical value as a share of the input's peak.
+
+    Attributes
+    ----------
+    signal, unit : the input it acts on.
+    typical : the starting value, unless not ``sized``.
+    label : of the name, where there are several inputs.
+    """
+
+    signal: str = "elevator"
+    unit: str = "rad"
+    typical: float = 0.01
+    label: str = ""
+    sized: bool = True
+
+    of_peak: ClassVar[float]
+
+    def fitted_to(self, context: SearchContext) -> Self:
+        """The same; where nothing is known of the input's unit, of a size that its record asks
+        for.
+        """
+        peak = context.input_peak.get(self.signal, 0.0)
+        return self if self.sized or not peak > 0.0 else replace(self, typical=self.of_peak * peak)
 
 
 # ---- What dead band and backlash share

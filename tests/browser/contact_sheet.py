@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 SCALE = 0.4  # of the pictures on the sheet
-TALLEST = 4000  # px of a picture that stands on the sheet; the rest is in its own file
+TALLEST = 4000  # px of a strip of the sheet; what is taller continues in a strip beside it
 GAP, HEAD = 24, 40  # px between pictures, above a row
 PAPER = 60  # dots an inch
 # Of the site, a page of each kind.
@@ -129,18 +129,25 @@ def column(pictures: list[Image]) -> Image:
     return whole
 
 
+def strips(picture: Image) -> list[Image]:
+    """The whole picture, cut into pieces that are at most ``TALLEST`` tall."""
+    return [
+        picture.crop((0, top, picture.width, min(picture.height, top + TALLEST)))
+        for top in range(0, picture.height, TALLEST)
+    ]
+
+
 def sheet_of(pictures: dict[str, list[Path]]) -> Image:
-    """A row of pictures for each kind of page, its name above."""
+    """A row for each kind of page, its name above: all its pictures, whole."""
     from PIL import Image, ImageDraw
 
     rows = []
     for kind, files in pictures.items():
         small = []
         for file in files:
-            picture = _opened(file)
-            shown = picture.crop((0, 0, picture.width, min(picture.height, TALLEST)))
-            size = int(shown.width * SCALE), max(1, int(shown.height * SCALE))
-            small.append(shown.resize(size))
+            for shown in strips(_opened(file)):
+                size = int(shown.width * SCALE), max(1, int(shown.height * SCALE))
+                small.append(shown.resize(size))
         row = Image.new(
             "RGB",
             (

@@ -65,3 +65,16 @@ def test_a_process_serves_and_ends(tmp_path: Path) -> None:
         servers.process(
             [sys.executable, "-c", "raise SystemExit('no such option')"], port, tmp_path
         )
+
+
+def test_the_contact_sheet_shows_tall_pages_whole(tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image")
+    from tests.browser.contact_sheet import GAP, HEAD, SCALE, TALLEST, sheet_of
+
+    tall = image.new("RGB", (390, 2 * TALLEST + 1000), "white")
+    tall.paste("red", (0, tall.height - 500, 390, tall.height))
+    tall.save(tmp_path / "phone.png")
+    sheet = sheet_of({"run": [tmp_path / "phone.png"]})
+    width = int(390 * SCALE)
+    assert sheet.width == 3 * (width + GAP)
+    assert sheet.getpixel((2 * (width + GAP) + 5, HEAD + int(900 * SCALE))) == (255, 0, 0)

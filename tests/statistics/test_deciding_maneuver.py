@@ -15,10 +15,11 @@ from ident.maneuver_design import DECISIVE_LOG_LIKELIHOOD_RATIO, ODDS_COST, Acti
 from ident.tracing.fitted_model import FitData, FittedModel, Start, fit_set
 from ident.whole_record.layout import FitSettings
 from scenarios.maneuver_design.design import DesignResult, design
-from scenarios.maneuver_design.setting import DesignRequest, held_inputs
+from scenarios.maneuver_design.setting import DesignRequest
 from sim.declaration.model import Noise
 from sim.record import Record
 from sim.truth.flight import fly, remeasure
+from tests.held_inputs import held_inputs
 
 VEHICLE = """name = "fighter"
 mass = 7500.0

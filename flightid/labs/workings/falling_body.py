@@ -74,14 +74,13 @@ def numbers(
     asked = changes(start, spread, passes, noise)
     one, many = study(asked, seed), campaign(asked, runs)
     row, (time, altitude) = row_of(one.main, "beta"), awakening(one)
-    spread_of = many.spreads[0]
     return {
         "estimate": row.estimate / POUND_PER_SQUARE_FOOT,
         "sigma": row.std / POUND_PER_SQUARE_FOOT,
         "awakes at": time,
         "altitude then": altitude / 1000.0,
         "bias": many.pooled.bias,
-        "scatter over sigma": spread_of.scatter / spread_of.reported,
+        "scatter": many.pooled.scatter,
         "within 2 sigma": 100.0 * many.pooled.within_two,
     }
 

@@ -206,8 +206,8 @@ def shown(studied: Studied, axis: str) -> dict[str, tuple[np.ndarray, np.ndarray
     found, terms = studied.found, studied.found.selections[axis].table
     drawn = {}
     for text, history in (
-        ("fitted (the last)", found.histories[-1]),
-        ("never fitted", coefficients_of(studied.held_out, studied.true)),
+        ("last fitted maneuver", found.histories[-1]),
+        ("maneuver not fitted", coefficients_of(studied.held_out, studied.true)),
     ):
         model = sum(value * history.column(term, axis) for term, value in terms.items())
         drawn[text] = (history.time, history.coefficients[axis], np.asarray(model))

@@ -96,6 +96,10 @@ delay = 0.01
 """
 # where uploaded files lie, which says nothing to who uploaded them
 _SCRATCH = re.compile(rf"\S*/{PREFIX}[^/\s]+/")
+# digits that only rounding leaves
+_LONG = re.compile(r"\b\d+\.\d{10,}\b")
+# a function of Python has read the vehicle file, so that its name is not in the command
+_WITHOUT_VEHICLE = re.compile(r"(\bflightid diagnose .* --model \S+)(?! --vehicle)(?=\s|$)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +119,8 @@ def vehicle_text(model: str, source: str = TABLE) -> str:
     import flightid
 
     if model == "rigid":
-        return recorder_log.vehicle_text() if source == LOG else _flown().vehicle_file
+        text = recorder_log.vehicle_text() if source == LOG else _flown().vehicle_file
+        return _LONG.sub(lambda found: f"{float(found[0]):.10g}", text)
     texts = {"loes": LOES, "multirotor": MULTIROTOR}
     return texts[model] if model in texts else flightid.vehicle(VEHICLES[model]).to_toml()
 
@@ -166,7 +171,36 @@ def tried(what: Callable[[], Found]) -> tuple[Found | None, str]:
     try:
         return what(), ""
     except FlightidError as error:
-        return None, _SCRATCH.sub("", " ".join(str(error).split()))
+        # The functions of Python raise it again in their words; the lab prints commands.
+        first = error.__context__
+        return None, _plain(str(first if isinstance(first, FlightidError) else error))
+
+
+def _plain(text: str) -> str:
+    """A sentence on one line, without the folder of the uploaded files."""
+    return _SCRATCH.sub("", " ".join(text.split()))
+
+
+def check_remarks(found: flightid.Check) -> list[str]:
+    """What the check found and what speaks against the records, in the words of the command."""
+    look = found.details.look
+    return [_plain(each) for each in (*found.sentences, *look.doubts, *look.set_aside)]
+
+
+def fit_remarks(found: flightid.Identification) -> list[str]:
+    """Warnings and notes of an identification, in the words of the command."""
+    fit = found.details.found
+    reading = (fit.reading.sentence,) if fit.reading else ()
+    lines = (*fit.doubts, *fit.cautions, *reading, *fit.look.set_aside, *fit.notes)
+    return [_WITHOUT_VEHICLE.sub(r"\1 --vehicle vehicle.toml", _plain(each)) for each in lines]
+
+
+def diagnosis_remarks(found: flightid.Diagnosis) -> list[str]:
+    """Warnings and notes of a diagnosis, in the words of the command."""
+    from scenarios.diagnosis.report.evidence import warnings_of
+
+    details = found.details
+    return [_plain(each) for each in (*details.doubts, *warnings_of(details), *found.notes)]
 
 
 def read(given: Kept) -> list[flightid.Record]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,10 +15,12 @@ from ident.statistics.residual_spectrum import autocovariance
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Quantity
 from ident.tracing.whiteness import FEWEST_SAMPLES, RUNAWAY_RESIDUAL, ResidualPart, residual_part
-from scenarios.diagnosis.diagnose import Tracing, overflow_sentence
 from scenarios.diagnosis.report.wording import nothing_stands
 from scenarios.files.user_models import is_of_aircraft
 from scenarios.report.quantities import CHANNELS, displayed, shown_in, spaced
+
+if TYPE_CHECKING:
+    from scenarios.diagnosis.diagnose import Tracing
 
 LARGE_RESIDUAL_WINDOW = 2.0  # s, in which a residual is called large: about one short period
 LARGEST_RESIDUAL_SHIFT = 0.5  # s, by which a residual may follow or precede what it goes with
@@ -319,6 +322,15 @@ def by_record_text(by_record: Sequence[Mapping[str, Quantity]]) -> str:
             f"{f'{name} ' if len(names) > 1 or not unit else ''}{values}{f' {unit}' if unit else ''}"  # noqa: E501
         )
     return "; ".join(sentences)
+
+
+def overflow_sentence(count: int) -> str:
+    """One line on the computations that were left out."""
+    several = f"{count} computations" if count > 1 else "one computation"
+    return (
+        f"{several} of the search left the range of numbers: what they would have shown is left "
+        "out; look for wild samples and wrong units"
+    )
 
 
 def warnings_of(tracing: Tracing) -> list[str]:

@@ -122,18 +122,20 @@ def bounded_series(values: np.ndarray) -> np.ndarray:
 # File stem and caption, in the order of the report; further records get a number behind the stem.
 CAPTIONS = {
     "replication": (
-        "Parameters of the effects from each record by itself and from the fitted records together"
+        "Parameters of the effects from each record alone, and from all fitted records together"
     ),
-    "held_out": ("Recorded and predicted outputs of data that were not fitted, with the residuals"),
+    "held_out": "Recorded and predicted outputs of data that were not fitted, with the residuals",
     "residuals": "Residuals of the fitted data with the declared model and with the effects",
     "evidence": (
-        "Log posterior odds of each candidate against the model of the round: gain of the log "
-        "evidence plus the log of the prior odds, above zero where the candidate is more probable "
-        "than its absence; at the right why it was not chosen; open bars are linearised"
+        "Log posterior odds of each candidate effect against the model of the round (gain of the "
+        "log evidence plus log prior odds; above zero the effect is more probable than its "
+        "absence). Filled bars: fitted; open bars: linear estimate. At the right: why the effect "
+        "was not chosen"
     ),
     "derivatives": "Derivatives with the declared model and with the effects",
     "spectra": (
-        "Spectra of the residuals over that of the noise, and their coherence with the inputs"
+        "Power spectra of the residuals, divided by the spectrum of the noise, and coherence of "
+        "the residuals with the inputs"
     ),
 }
 DECLARED_CAPTIONS = {

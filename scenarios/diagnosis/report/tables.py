@@ -7,14 +7,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ident.compatibility.kinematics import ARMS
 from ident.compatibility.six_degrees.kinematics import LEVEL
 from ident.compatibility.trials import SensorFinding
 from ident.flying_qualities.levels import ModeLevel, mode_levels
 from ident.tracing.diagnosis import Candidate, Claim, Diagnosis, Quantity
-from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.kinematics import (
     BIAS,
     PARAMETERS,
@@ -49,7 +48,10 @@ from scenarios.report.document import (
 from scenarios.report.quantities import is_frequency, shown_in, with_sigma
 from scenarios.report.summary import changes, level_text, levels_content, levels_heading, limit_text
 
-MOVED_SIGMAS = 2.0
+if TYPE_CHECKING:
+    from scenarios.diagnosis.diagnose import Tracing
+
+MOVED_SIGMAS = 2.0  # sigmas
 SIGMA_NOTE = "+- sigma, widened by the scatter between records"
 Move = tuple[str, Quantity, Quantity]  # a name, and its quantity before and after
 SHOWN_CANDIDATES = 6  # candidates of a round

@@ -20,7 +20,6 @@ from ident.tracing.diagnosis import (
     Step,
     Verdict,
 )
-from scenarios.diagnosis.diagnose import Tracing
 from scenarios.diagnosis.opening import effort_sentence
 from scenarios.diagnosis.report.evidence import evidence_sentences, scatter_text, warnings_of
 from scenarios.diagnosis.report.tables import (
@@ -63,6 +62,7 @@ from scenarios.report.summary import BELOW, WIDTH, Summary, residual_phrase, sum
 from scenarios.report.terminal import table_as_lines
 
 if TYPE_CHECKING:
+    from scenarios.diagnosis.diagnose import Tracing
     from scenarios.maneuver_design.design import DesignResult
 
 

@@ -8,11 +8,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ident.tracing.diagnosis import Claim, Diagnosis, ErrorFigures, Verdict
-from scenarios.diagnosis.diagnose import Tracing
 from scenarios.report.document import Table
 from scenarios.report.quantities import (
     CHANNELS,
@@ -24,6 +24,9 @@ from scenarios.report.quantities import (
     with_sigma,
 )
 from sim.declaration.proposal import Traits
+
+if TYPE_CHECKING:
+    from scenarios.diagnosis.diagnose import Tracing
 
 
 def kind_of_predicted(d: Diagnosis) -> str:
@@ -173,8 +176,8 @@ def sentence(claim: Claim, wording: Wording) -> str:
 
 
 def group_sentence(claim: Claim, wording: Wording) -> str:
-    """Return the sentence of an effect with what else it may be: ``"the pitch rate is read 0.06 s
-    late (lag or delay: these records cannot tell)"``.
+    """The sentence of an effect with what else it may be: ``"the pitch rate is read 0.06 s late
+    (lag or delay: both fit these data equally well)"``.
     """
     if not claim.alternatives:
         return sentence(claim, wording)
@@ -189,7 +192,10 @@ def group_sentence(claim: Claim, wording: Wording) -> str:
         for name, traits in zip(names, known, strict=True)
     ]
     told = told.removesuffix(f" ({members[0]})")  # "(break-out)" once is enough
-    return f"{told} ({', '.join(members[:-1])} or {members[-1]}: these records cannot tell)"
+    count = "both" if len(members) == 2 else "all"
+    return (
+        f"{told} ({', '.join(members[:-1])} or {members[-1]}: {count} fit these data equally well)"
+    )
 
 
 def _told(claim: Claim, wording: Wording, templates: Sequence[str]) -> str:

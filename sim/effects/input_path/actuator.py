@@ -5,13 +5,13 @@ of its rate or of its travel.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.declaration.effect import Parameter, Regularity, Signal, Station
+from sim.declaration.effect import Parameter, Regularity, Signal
 from sim.declaration.model import Equations
 from sim.declaration.proposal import (
     Probe,
@@ -21,7 +21,15 @@ from sim.declaration.proposal import (
     delays_to_try,
     shares_of_peak,
 )
-from sim.effects.instances import MANY_SIZES, all_labelled, for_inputs, has_size, labelled, sized
+from sim.effects.instances import (
+    MANY_SIZES,
+    OfInput,
+    SizedOnInput,
+    all_labelled,
+    for_inputs,
+    has_size,
+    sized,
+)
 from sim.maths import (
     absolute,
     clip,
@@ -39,7 +47,7 @@ USUAL_OF_ENGINES = 1.0  # s: turbofans from near idle take longer, propellers ar
 
 
 @dataclass(frozen=True)
-class ActuatorLag:
+class ActuatorLag(OfInput):
     """The surface y follows the recorded command u as y_dot = (u - y)/time_constant, settled at the
     start.
 
@@ -53,7 +61,7 @@ class ActuatorLag:
     label: str = ""
     own_name: str = ""
 
-    station: ClassVar[Station] = Station.INPUT_PATH
+    family: ClassVar[str] = "actuator-lag"
     rank: ClassVar[int] = 40
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("time_constant", 0.08, "s", bounds=(0.0, 5.0)),
@@ -69,10 +77,6 @@ class ActuatorLag:
         "fast can, since a delay lets them pass as steps. "
         "Large and small steps take the same time, unlike with a rate limit."
     )
-
-    @property
-    def name(self) -> str:
-        return labelled("actuator-lag", self.label)
 
     @property
     def aliases(self) -> tuple[str, ...]:
@@ -145,7 +149,7 @@ SERIES_ANGLE = 1e-3
 
 
 @dataclass(frozen=True)
-class ActuatorSecondOrder:
+class ActuatorSecondOrder(OfInput):
     """The surface d follows the recorded command u as d_ddot = frequency^2 (u - d) - 2 damping
     frequency d_dot, settled at the start.
 
@@ -160,7 +164,7 @@ class ActuatorSecondOrder:
     unit: str = "rad"
     label: str = ""
 
-    station: ClassVar[Station] = Station.INPUT_PATH
+    family: ClassVar[str] = "actuator-second-order"
     rank: ClassVar[int] = 40
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("frequency", 20.0, "rad/s", bounds=(0.5, UNLIMITED)),
@@ -177,10 +181,6 @@ class ActuatorSecondOrder:
         "large with little damping, too small with much. "
         "Steps sampled fast show which it is, a slow record does not."
     )
-
-    @property
-    def name(self) -> str:
-        return labelled("actuator-second-order", self.label)
 
     @property
     def aliases(self) -> tuple[str, ...]:
@@ -320,28 +320,19 @@ _LONG = 16
 
 
 @dataclass(frozen=True)
-class ActuatorRateLimit:
+class ActuatorRateLimit(SizedOnInput):
     """The surface runs towards the held command with ``rate`` at most, in unit of the input per
     second, and stops there.
 
     At ``UNLIMITED_RATE`` it is taken as absent. It starts at the first recorded value. The rate is
     not a smooth function of where the surface is: there is no state form, a filter takes it only
     with a rate that is held.
-
-    Attributes
-    ----------
-    signal, unit : the input it acts on.
-    typical : the starting value, unless not ``sized``.
-    label : of the name, where there are several inputs.
     """
 
-    signal: str = "elevator"
-    unit: str = "rad"
     typical: float = 0.3
-    label: str = ""
-    sized: bool = True
 
-    station: ClassVar[Station] = Station.INPUT_PATH
+    family: ClassVar[str] = "actuator-rate-limit"
+    of_peak: ClassVar[float] = 3.0
     rank: ClassVar[int] = 50
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"rate": UNLIMITED_RATE})
     regularity: ClassVar[Regularity] = Regularity.INACTIVE
@@ -354,10 +345,6 @@ class ActuatorRateLimit:
         "amplitude is lost as well as time. A record in "
         "which the command never moves faster than the limit shows nothing of it."
     )
-
-    @property
-    def name(self) -> str:
-        return labelled("actuator-rate-limit", self.label)
 
     @property
     def aliases(self) -> tuple[str, ...]:
@@ -387,13 +374,6 @@ class ActuatorRateLimit:
             for rate in shares_of_peak(context, self.signal, PER_SECOND)
             if 0.0 < rate < fastest
         ]
-
-    def fitted_to(self, context: SearchContext) -> ActuatorRateLimit:
-        """Return the same; where nothing is known of the input's unit, of a size that its record
-        asks for.
-        """
-        peak = context.input_peak.get(self.signal, 0.0)
-        return self if self.sized or not peak > 0.0 else replace(self, typical=3.0 * peak)
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Return the mean of the exact response over each cell, for an input that is constant
@@ -472,26 +452,17 @@ UNLIMITED_TRAVEL = 1e9
 
 
 @dataclass(frozen=True)
-class ActuatorSaturation:
+class ActuatorSaturation(SizedOnInput):
     """The vehicle feels max(-limit, min(u, limit)): the same limit on both sides of trim.
 
     ``limit`` in the unit of the input; at ``UNLIMITED_TRAVEL`` it is taken as absent. Without
     memory: the state form has no states.
-
-    Attributes
-    ----------
-    signal, unit : the input it acts on.
-    typical : the starting value, unless not ``sized``.
-    label : of the name, where there are several inputs.
     """
 
-    signal: str = "elevator"
-    unit: str = "rad"
     typical: float = 0.05
-    label: str = ""
-    sized: bool = True
 
-    station: ClassVar[Station] = Station.INPUT_PATH
+    family: ClassVar[str] = "actuator-saturation"
+    of_peak: ClassVar[float] = 0.5
     rank: ClassVar[int] = 60
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"limit": UNLIMITED_TRAVEL})
     regularity: ClassVar[Regularity] = Regularity.INACTIVE
@@ -506,10 +477,6 @@ class ActuatorSaturation:
         "from where the recorded input does: from trim where that is a perturbation, from its zero "
         "where it is a total."
     )
-
-    @property
-    def name(self) -> str:
-        return labelled("actuator-saturation", self.label)
 
     @property
     def aliases(self) -> tuple[str, ...]:
@@ -537,13 +504,6 @@ class ActuatorSaturation:
             Probe({"limit": size})
             for size in shares_of_peak(context, self.signal, (0.95, 0.85, 0.7, 0.5))
         ]
-
-    def fitted_to(self, context: SearchContext) -> ActuatorSaturation:
-        """Return the same; where nothing is known of the input's unit, of a size that its record
-        asks for.
-        """
-        peak = context.input_peak.get(self.signal, 0.0)
-        return self if self.sized or not peak > 0.0 else replace(self, typical=0.5 * peak)
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Exact for an input that is constant within cells."""

@@ -11,16 +11,16 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.declaration.effect import Parameter, Regularity, Station
+from sim.declaration.effect import Parameter, Regularity
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, delays_to_try
-from sim.effects.instances import all_labelled, for_inputs, labelled
+from sim.effects.instances import OfInput, all_labelled, for_inputs
 from sim.effects.loads import moved_ahead, moved_back
 from sim.maths import each_column
 
 
 @dataclass(frozen=True)
-class InputDelay:
+class InputDelay(OfInput):
     """Delay of the input: u_vehicle(t) = u(t - delay), with u the recorded input.
 
     ``delay`` in s, not negative. Before the begin of the record the first value holds. A delay has
@@ -35,7 +35,7 @@ class InputDelay:
     own_name: bool = False
     label: str = ""
 
-    station: ClassVar[Station] = Station.INPUT_PATH
+    family: ClassVar[str] = "input-delay"
     rank: ClassVar[int] = 90
     commutes: ClassVar[bool] = True
     parameters: ClassVar[tuple[Parameter, ...]] = (
@@ -51,10 +51,6 @@ class InputDelay:
         "where the input moves fast. A slow record cannot tell it from an actuator lag with a time "
         "constant equal to the delay."
     )
-
-    @property
-    def name(self) -> str:
-        return labelled("input-delay", self.label)
 
     @property
     def aliases(self) -> tuple[str, ...]:
@@ -90,7 +86,7 @@ class InputDelay:
 
 
 @dataclass(frozen=True)
-class RecordedInputDelay:
+class RecordedInputDelay(OfInput):
     """Delay of the recorded input: u_vehicle(t) = u(t + delay), with u the recorded input.
 
     ``delay`` in s, not negative: an input delay of opposite sign. The record does not show the
@@ -103,7 +99,7 @@ class RecordedInputDelay:
     signal: str = "elevator"
     label: str = ""
 
-    station: ClassVar[Station] = Station.INPUT_PATH
+    family: ClassVar[str] = "input-recorded-late"
     rank: ClassVar[int] = 90
     commutes: ClassVar[bool] = True
     anticipates: ClassVar[bool] = True
@@ -123,10 +119,6 @@ class RecordedInputDelay:
         "late by half the interval. What came after the "
         "record's end is unknown: its last value is held, so let the input rest there."
     )
-
-    @property
-    def name(self) -> str:
-        return labelled("input-recorded-late", self.label)
 
     @property
     def aliases(self) -> tuple[str, ...]:

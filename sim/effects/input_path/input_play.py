@@ -5,20 +5,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Parameter, Regularity, Signal, Station
+from sim.declaration.effect import Parameter, Regularity, Signal
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.effects.instances import (
     ABSENT,
     MANY_SIZES,
+    SizedOnInput,
     all_labelled,
     believed,
     for_inputs,
     half_width,
-    labelled,
     played,
     sized,
     tried,
@@ -27,28 +27,19 @@ from sim.maths import clip, each_column
 
 
 @dataclass(frozen=True)
-class InputBacklash:
+class InputBacklash(SizedOnInput):
     """The vehicle's input y stays where it is until |u - y| > half_width, then follows at that
     distance.
 
     ``half_width`` in the unit of the input, not negative. It starts at the first recorded value, in
     the middle of its play. A play is no differential equation: there is no state form, a filter
     takes it only with a width that is held.
-
-    Attributes
-    ----------
-    signal, unit : the input it acts on.
-    typical : the starting value, unless not ``sized``.
-    label : of the name, where there are several inputs.
     """
 
-    signal: str = "elevator"
-    unit: str = "rad"
     typical: float = 0.005
-    label: str = ""
-    sized: bool = True
 
-    station: ClassVar[Station] = Station.INPUT_PATH
+    family: ClassVar[str] = "input-backlash"
+    of_peak: ClassVar[float] = 0.05
     rank: ClassVar[int] = 30
     absent: ClassVar[Mapping[str, float]] = ABSENT
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
@@ -61,10 +52,6 @@ class InputBacklash:
         "trim after the maneuver. A dead band loses its "
         "width about zero only, with no memory: reversals away from zero tell the two apart."
     )
-
-    @property
-    def name(self) -> str:
-        return labelled("input-backlash", self.label)
 
     @property
     def aliases(self) -> tuple[str, ...]:
@@ -92,13 +79,6 @@ class InputBacklash:
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         return tried(context, self.signal)
 
-    def fitted_to(self, context: SearchContext) -> InputBacklash:
-        """Return the same; where nothing is known of the input's unit, of a size that its record
-        asks for.
-        """
-        peak = context.input_peak.get(self.signal, 0.0)
-        return self if self.sized or not peak > 0.0 else replace(self, typical=0.05 * peak)
-
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Exact for an input that is constant within cells; the loop runs over the turns of the
         input only.
@@ -107,27 +87,18 @@ class InputBacklash:
 
 
 @dataclass(frozen=True)
-class InputDeadband:
+class InputDeadband(SizedOnInput):
     """The vehicle feels sign(u) max(|u| - half_width, 0): nothing near zero, no step at the edge of
     the band.
 
     ``half_width`` in the unit of the input, not negative. Without memory: the state form has no
     states.
-
-    Attributes
-    ----------
-    signal, unit : the input it acts on.
-    typical : the starting value, unless not ``sized``.
-    label : of the name, where there are several inputs.
     """
 
-    signal: str = "elevator"
-    unit: str = "rad"
     typical: float = 0.01
-    label: str = ""
-    sized: bool = True
 
-    station: ClassVar[Station] = Station.INPUT_PATH
+    family: ClassVar[str] = "input-deadband"
+    of_peak: ClassVar[float] = 0.1
     rank: ClassVar[int] = 20
     absent: ClassVar[Mapping[str, float]] = ABSENT
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
@@ -142,10 +113,6 @@ class InputDeadband:
         "smaller control effectiveness; two sizes or more are needed, of which one is not much "
         "above the band."
     )
-
-    @property
-    def name(self) -> str:
-        return labelled("input-deadband", self.label)
 
     @property
     def aliases(self) -> tuple[str, ...]:
@@ -167,13 +134,6 @@ class InputDeadband:
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         return tried(context, self.signal)
-
-    def fitted_to(self, context: SearchContext) -> InputDeadband:
-        """Return the same; where nothing is known of the input's unit, of a size that its record
-        asks for.
-        """
-        peak = context.input_peak.get(self.signal, 0.0)
-        return self if self.sized or not peak > 0.0 else replace(self, typical=0.1 * peak)
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Exact for an input that is constant within cells."""

@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from sim.declaration.effect import Parameter, Regularity, Station
+from sim.declaration.effect import Parameter, Regularity
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.effects.instances import (
     STEADY_FLIGHT,
+    OfChannel,
     for_outputs,
     further_outputs,
     has_output_size,
@@ -44,7 +45,7 @@ WITH_LOAD_FACTOR = (
 
 
 @dataclass(frozen=True)
-class SensorScale:
+class SensorScale(OfChannel):
     """Scale factor error: y_recorded = scale y + bias.
 
     ``scale`` is positive and has no unit; 1 for a correct sensor. A scale of the altitude is
@@ -58,7 +59,7 @@ class SensorScale:
 
     channel: str
 
-    station: ClassVar[Station] = Station.SENSOR_PATH
+    family: ClassVar[str] = "sensor-scale"
     rank: ClassVar[int] = 10
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("scale", 1.05, "1", bounds=(0.01, 100.0)),
@@ -77,10 +78,6 @@ class SensorScale:
         "density's scale height and with beta gives the same fall but for gravity: only where it "
         "is large does it show."
     )
-
-    @property
-    def name(self) -> str:
-        return f"sensor-scale:{self.channel}"
 
     @property
     def aliases(self) -> tuple[str, ...]:
@@ -132,7 +129,7 @@ WITH_OTHERS = (
 
 
 @dataclass(frozen=True)
-class SensorCurve:
+class SensorCurve(OfChannel):
     """Nonlinear calibration: y_recorded = y + curvature y^2 + cubic y^3 + bias.
 
     y is the true value less ``middle``. ``curvature`` is in 1/unit of the channel and ``cubic`` in
@@ -159,7 +156,7 @@ class SensorCurve:
     is_state: bool = False
     bends: tuple[str, ...] = ("curvature",)
 
-    station: ClassVar[Station] = Station.SENSOR_PATH
+    family: ClassVar[str] = "sensor-curve"
     rank: ClassVar[int] = 5
     regularity: ClassVar[Regularity] = Regularity.REGULAR
     explanation: ClassVar[str] = (
@@ -174,10 +171,6 @@ class SensorCurve:
         "that bend over the angle of attack change the motion itself and obey the kinematics. With "
         "one channel alone the two look much the same."
     )
-
-    @property
-    def name(self) -> str:
-        return f"sensor-curve:{self.channel}"
 
     @property
     def aliases(self) -> tuple[str, ...]:
@@ -285,7 +278,7 @@ SERIES_BELOW = 1e-3  # of rate times elapsed time: the series is then exact to r
 
 
 @dataclass(frozen=True)
-class SensorDrift:
+class SensorDrift(OfChannel):
     """Drift of zero: y_recorded = y + bias + slope (t - begin).
 
     The refined form settles: slope (1 - exp(-settling (t - begin))) / settling. ``slope`` is in
@@ -308,7 +301,7 @@ class SensorDrift:
     sized: bool = True
     settles: bool = False
 
-    station: ClassVar[Station] = Station.SENSOR_PATH
+    family: ClassVar[str] = "sensor-drift"
     rank: ClassVar[int] = 20
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"slope": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
@@ -326,10 +319,6 @@ class SensorDrift:
         "constant to the measured velocity, a horizontal "
         "motion seen by the radar among them."
     )
-
-    @property
-    def name(self) -> str:
-        return f"sensor-drift:{self.channel}"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -395,7 +384,7 @@ def settled(elapsed: Any, rate: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class SensorStep:
+class SensorStep(OfChannel):
     """Step of zero: y_recorded = y + bias + size from the time ``at`` on.
 
     ``at`` is in s, ``size`` in the unit of the channel, of either sign; each record has its own
@@ -418,7 +407,7 @@ class SensorStep:
     width: float = 0.02
     sized: bool = True
 
-    station: ClassVar[Station] = Station.SENSOR_PATH
+    family: ClassVar[str] = "sensor-step"
     rank: ClassVar[int] = 20
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"size": 0.0})
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
@@ -432,10 +421,6 @@ class SensorStep:
         "load that nobody recorded would move all "
         "channels, and over the time of a short period. The step belongs to one record."
     )
-
-    @property
-    def name(self) -> str:
-        return f"sensor-step:{self.channel}"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

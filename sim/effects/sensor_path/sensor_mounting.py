@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 from sim.declaration.effect import Parameter, Regularity, Station
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
+from sim.effects.instances import OfChannel
 from sim.effects.loads import at_arm
 from sim.maths import G0
 
@@ -58,7 +59,7 @@ _EXPLANATIONS = {"nz": ACCELEROMETER_IN_PITCH, "ny": ACCELEROMETER_IN_YAW, "nx":
 
 
 @dataclass(frozen=True)
-class AccelerometerOffset:
+class AccelerometerOffset(OfChannel):
     """The accelerometer sits ``arm`` metres ahead of the centre of gravity: nz_m = nz + (arm/g0)
     q_dot.
 
@@ -76,7 +77,7 @@ class AccelerometerOffset:
     rate: str = "q"
 
     unit: ClassVar[str] = "g"
-    station: ClassVar[Station] = Station.SENSOR_PATH
+    family: ClassVar[str] = "accelerometer-offset"
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("arm", 3.0, "m", bounds=(-100.0, 100.0)),
     )
@@ -86,10 +87,6 @@ class AccelerometerOffset:
     @property
     def explanation(self) -> str:
         return _EXPLANATIONS[self.channel]
-
-    @property
-    def name(self) -> str:
-        return f"accelerometer-offset:{self.channel}"
 
     @property
     def rates_read(self) -> tuple[str, ...]:
@@ -280,7 +277,7 @@ class SensorCoupling:
 
 
 @dataclass(frozen=True)
-class TurnedGyro:
+class TurnedGyro(OfChannel):
     """A roll or yaw gyro that is turned towards the other axis: it reads r + share p, or p + share
     r.
 
@@ -296,7 +293,7 @@ class TurnedGyro:
     other: str
 
     rank: ClassVar[int] = -10
-    station: ClassVar[Station] = Station.SENSOR_PATH
+    family: ClassVar[str] = "sensor-coupling"
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("share", 0.05, "1"),)
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"share": 0.0})
     regularity: ClassVar[Regularity] = Regularity.REGULAR
@@ -308,10 +305,6 @@ class TurnedGyro:
         "kinematics of the sideslip, and the lateral load factor, know the true yaw rate. A "
         "platform that is turned as a whole has such shares of opposite sign in both gyros."
     )
-
-    @property
-    def name(self) -> str:
-        return f"sensor-coupling:{self.channel}"
 
     @property
     def outputs_read(self) -> tuple[str, ...]:

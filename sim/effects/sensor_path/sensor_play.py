@@ -8,11 +8,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim.declaration.effect import Parameter, Regularity, Station
+from sim.declaration.effect import Parameter, Regularity
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.effects.instances import (
     ABSENT,
+    OfChannel,
     believed,
     further_outputs,
     half_width,
@@ -26,7 +27,7 @@ VANES = ("alpha", "beta")
 
 
 @dataclass(frozen=True)
-class SensorBacklash:
+class SensorBacklash(OfChannel):
     """The recorded angle y stays where it is until |v - y| > half_width, then follows the true one
     v at that distance.
 
@@ -42,7 +43,7 @@ class SensorBacklash:
     unit: str = "rad"
     typical: float = 0.005
 
-    station: ClassVar[Station] = Station.SENSOR_PATH
+    family: ClassVar[str] = "sensor-backlash"
     rank: ClassVar[int] = 8
     absent: ClassVar[Mapping[str, float]] = ABSENT
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
@@ -54,10 +55,6 @@ class SensorBacklash:
         "after a reversal. A delay is the same at all sizes; play weighs more where the motion is "
         "small. The kinematics with a rate and a load factor show it in the one channel."
     )
-
-    @property
-    def name(self) -> str:
-        return f"sensor-backlash:{self.channel}"
 
     @property
     def aliases(self) -> tuple[str, ...]:
@@ -103,7 +100,7 @@ SHARES_OF_LARGEST = (0.04, 0.12, 0.3)  # of the largest reading, tried as widths
 
 
 @dataclass(frozen=True)
-class SensorDeadband:
+class SensorDeadband(OfChannel):
     """The recorded rate is sign(v) max(|v| - half_width, 0), v the true one, before the bias is
     added.
 
@@ -119,7 +116,7 @@ class SensorDeadband:
     unit: str = "rad/s"
     typical: float = 0.01
 
-    station: ClassVar[Station] = Station.SENSOR_PATH
+    family: ClassVar[str] = "sensor-deadband"
     rank: ClassVar[int] = 6
     absent: ClassVar[Mapping[str, float]] = ABSENT
     regularity: ClassVar[Regularity] = Regularity.BOUNDARY
@@ -129,10 +126,6 @@ class SensorDeadband:
         "all, and fast motion is shown too small by the half width. The kinematics between the "
         "rate and the other sensors show it in the one channel; a bent load obeys them."
     )
-
-    @property
-    def name(self) -> str:
-        return f"sensor-deadband:{self.channel}"
 
     @property
     def aliases(self) -> tuple[str, ...]:

@@ -65,8 +65,52 @@ class Bursts:
         return p.size * total
 
 
+class _Spikes:
+    """What wrong samples of a channel and of a recorded input share; ``wrong`` is which of them."""
+
+    unit: str
+    typical: float
+
+    station: ClassVar[Station] = Station.SENSOR_PATH
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"size": 0.0})
+    regularity: ClassVar[Regularity] = Regularity.OUTLIER
+    aliases: ClassVar[tuple[str, ...]] = ()
+    explanation: ClassVar[str] = EXPLANATION
+
+    @property
+    def wrong(self) -> str:
+        raise NotImplementedError
+
+    @property
+    def name(self) -> str:
+        return f"sensor-spikes:{self.wrong}"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (
+            Parameter("size", self.typical, self.unit),
+            Parameter("duration", 5.0, "s", bounds=(1e-3, 1e6), free=False),
+            Parameter("width", 0.02, "s", bounds=(1e-6, 10.0), free=False),
+        )
+
+    @property
+    def traits(self) -> Traits:
+        return Traits(
+            sentences=(
+                "the reading of the {channel} has {count_spikes} of about {size}",
+                "the reading of the {channel} has spikes: {rest}",
+                "the reading of the {channel} has spikes",
+            ),
+            per_record=True,
+            wrong_samples_of=self.wrong,
+        )
+
+    def probes(self, context: SearchContext) -> Sequence[Probe]:
+        return ()
+
+
 @dataclass(frozen=True)
-class SensorSpikes:
+class SensorSpikes(_Spikes):
     """``bursts.count`` moments at which the recorded output is off by ``size``, up or down; no
     later stage changes them.
 
@@ -86,27 +130,11 @@ class SensorSpikes:
     typical: float
     bursts: Bursts = Bursts()
 
-    station: ClassVar[Station] = Station.SENSOR_PATH
     rank: ClassVar[int] = 90
-    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"size": 0.0})
-    regularity: ClassVar[Regularity] = Regularity.OUTLIER
-    aliases: ClassVar[tuple[str, ...]] = ()
-    explanation: ClassVar[str] = EXPLANATION
 
     @property
-    def name(self) -> str:
-        return f"sensor-spikes:{self.channel}"
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return _parameters(self.unit, self.typical)
-
-    @property
-    def traits(self) -> Traits:
-        return _traits(self.channel)
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return ()
+    def wrong(self) -> str:
+        return self.channel
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
         """Adds the spikes to the values at the edges of the sub-steps."""
@@ -119,7 +147,7 @@ class SensorSpikes:
 
 
 @dataclass(frozen=True)
-class InputSpikes:
+class InputSpikes(_Spikes):
     """``bursts.count`` moments at which the recorded input is off by ``size``, up or down, while
     the vehicle feels the right one.
 
@@ -138,27 +166,11 @@ class InputSpikes:
     typical: float = 0.1
     bursts: Bursts = Bursts()
 
-    station: ClassVar[Station] = Station.SENSOR_PATH
     rank: ClassVar[int] = -10
-    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"size": 0.0})
-    regularity: ClassVar[Regularity] = Regularity.OUTLIER
-    aliases: ClassVar[tuple[str, ...]] = ()
-    explanation: ClassVar[str] = EXPLANATION
 
     @property
-    def name(self) -> str:
-        return f"sensor-spikes:{self.signal}"
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return _parameters(self.unit, self.typical)
-
-    @property
-    def traits(self) -> Traits:
-        return _traits(self.signal)
-
-    def probes(self, context: SearchContext) -> Sequence[Probe]:
-        return ()
+    def wrong(self) -> str:
+        return self.signal
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Takes the spikes off the mean over each cell, in proportion to the part of the cell that
@@ -168,26 +180,6 @@ class InputSpikes:
         wrong = self.bursts.errors(since[:-1], since[1:], p)
         depth = max(wrong.ndim, u.ndim) - 1
         return trailing(u, depth) - trailing(wrong, depth)
-
-
-def _traits(channel: str) -> Traits:
-    return Traits(
-        sentences=(
-            "the reading of the {channel} has {count_spikes} of about {size}",
-            "the reading of the {channel} has spikes: {rest}",
-            "the reading of the {channel} has spikes",
-        ),
-        per_record=True,
-        wrong_samples_of=channel,
-    )
-
-
-def _parameters(unit: str, typical: float) -> tuple[Parameter, ...]:
-    return (
-        Parameter("size", typical, unit),
-        Parameter("duration", 5.0, "s", bounds=(1e-3, 1e6), free=False),
-        Parameter("width", 0.02, "s", bounds=(1e-6, 10.0), free=False),
-    )
 
 
 VARIANTS: tuple[Traceable, ...] = (

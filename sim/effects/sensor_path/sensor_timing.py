@@ -15,7 +15,7 @@ import numpy as np
 from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits, delays_to_try
-from sim.effects.instances import FASTER_MOTION, for_outputs, further_outputs
+from sim.effects.instances import FASTER_MOTION, OfChannel, for_outputs, further_outputs
 from sim.effects.loads import each_run_earlier
 from sim.maths import linear_recurrence, real, trailing, where
 
@@ -25,7 +25,7 @@ _DELAY_LOOKS_LIKE: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 
 @dataclass(frozen=True)
-class SensorDelay:
+class SensorDelay(OfChannel):
     """The recorded channel shows what was true ``delay`` seconds before: y(t) -> y(t - delay).
 
     ``delay`` in s, not negative. Before the record's start the first value holds. It has no state
@@ -34,7 +34,7 @@ class SensorDelay:
 
     channel: str
 
-    station: ClassVar[Station] = Station.SENSOR_PATH
+    family: ClassVar[str] = "sensor-delay"
     rank: ClassVar[int] = 20
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("delay", 0.05, "s", bounds=(0.0, 2.0)),
@@ -52,10 +52,6 @@ class SensorDelay:
         "of a falling body cannot be seen at all: the same "
         "fall begun later is the same fall."
     )
-
-    @property
-    def name(self) -> str:
-        return f"sensor-delay:{self.channel}"
 
     @property
     def aliases(self) -> tuple[str, ...]:
@@ -98,7 +94,7 @@ _LAG_LOOKS_LIKE: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 
 @dataclass(frozen=True)
-class SensorLag:
+class SensorLag(OfChannel):
     """The recorded channel y follows the true one v as y_dot = (v - y)/time_constant, settled at
     the start.
 
@@ -110,7 +106,7 @@ class SensorLag:
 
     channel: str
 
-    station: ClassVar[Station] = Station.SENSOR_PATH
+    family: ClassVar[str] = "sensor-lag"
     rank: ClassVar[int] = 10
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("time_constant", 0.05, "s", bounds=(0.0, 2.0)),
@@ -127,10 +123,6 @@ class SensorLag:
         "gravity looks much the same. A late altitude of a falling body cannot be seen at all: the "
         "same fall begun later is the same fall."
     )
-
-    @property
-    def name(self) -> str:
-        return f"sensor-lag:{self.channel}"
 
     @property
     def aliases(self) -> tuple[str, ...]:
@@ -220,7 +212,7 @@ CLOSER = (
 
 
 @dataclass(frozen=True)
-class SensorHold:
+class SensorHold(OfChannel):
     """The recorded channel shows its value at the last update; updates come ``phase + k period``
     seconds after the record's start.
 
@@ -246,7 +238,7 @@ class SensorHold:
     channel: str
     interval: float = 0.02
 
-    station: ClassVar[Station] = Station.SENSOR_PATH
+    family: ClassVar[str] = "sensor-hold"
     rank: ClassVar[int] = 30
     absent: ClassVar[Mapping[str, float]] = MappingProxyType({"period": 0.0})
     regularity: ClassVar[Regularity] = Regularity.INACTIVE
@@ -260,10 +252,6 @@ class SensorHold:
         "part, so that a delay or a lag of half the period is nearly the same where the motion is "
         "slow. The phase belongs to one record."
     )
-
-    @property
-    def name(self) -> str:
-        return f"sensor-hold:{self.channel}"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

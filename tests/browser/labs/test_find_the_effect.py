@@ -30,7 +30,7 @@ def test_from_the_guess_to_the_truth(page: Page, servers: Servers, tmp_path: Pat
         lambda socket: socket.on("framereceived", lambda frame: heard.append(str(frame))),
     )
     open_lab(page, lab_address(5, servers, tmp_path), "Play five seeds")
-    show = page.get_by_role("button", name="Show the loop")
+    show = page.get_by_role("button", name="Show what the loop finds")
     assert show.is_disabled()
     assert page.get_by_text("What the loop says").count() == 0
     # Neither what is shown nor what the page was sent tells the values, or names one of the

@@ -277,7 +277,7 @@ def test_the_page_of_a_lab_has_what_its_notebook_says() -> None:
         "$M_\\alpha > 0$",
         "![Axes, angles, rates and their signs](../../axes.svg)",
         "stick amplitude, in",
-        "1. Airframe F. If the computer stopped",
+        "1. Airframe F without its control law",
         "## To think about",
     ):
         assert part in page, part

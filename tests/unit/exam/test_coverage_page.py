@@ -31,8 +31,16 @@ def test_every_scenario_of_estimators_is_in_the_plan_and_its_methods_exist() -> 
     [
         (0.951, None, "holds"),
         (0.90, None, "not told from 95.4 %"),
-        (0.60, 2.5, "σ too small by 2.50: model; right σ 95.0 % (91.0 to 98.0 %)"),
-        (1.00, 0.05, "σ too large by 20: model; right σ 95.0 % (91.0 to 98.0 %)"),
+        (
+            0.60,
+            2.5,
+            "σ too small by a factor of 2.50: model; without this cause 95.0 % (91.0 to 98.0 %)",
+        ),
+        (
+            1.00,
+            0.05,
+            "σ too large by a factor of 20: model; without this cause 95.0 % (91.0 to 98.0 %)",
+        ),
     ],
 )
 def test_what_is_said_of_a_parameter(share: float, wrong: float | None, said: str) -> None:

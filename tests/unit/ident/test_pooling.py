@@ -175,7 +175,7 @@ def test_a_trend_is_found_with_its_sigma_and_none_where_there_is_none() -> None:
     assert found is not None
     line, band = found.band(np.array([found.middle]))
     assert line[0] == pytest.approx(found.at_middle)
-    assert band[0] == pytest.approx(found.at_middle_sigma)
+    assert band[0] == pytest.approx(np.sqrt(found.covariance[0, 0]))
 
 
 def test_no_trend_is_told_of_one_condition_or_of_three_flights() -> None:

@@ -20,8 +20,8 @@ from ident.maneuver_design import (
     contest,
     decision_of,
     detection_probability,
-    expected_sigmas,
     linear_squares,
+    sigmas_of,
     simulated,
 )
 from sim.declaration.model import Model, Noise
@@ -99,7 +99,7 @@ def test_expected_sigmas_are_the_bounds_by_differences_of_flights() -> None:
         columns.append(one.ravel())
     information = np.array(columns) @ np.array(columns).T
     bounds = np.sqrt(np.diag(np.linalg.inv(information)))[: len(DERIVATIVES)]
-    found = expected_sigmas(plan)
+    found = sigmas_of(simulated(plan).fit)
     assert list(found) == [*DERIVATIVES]
     assert [*found.values()] == pytest.approx(bounds, rel=2e-3)
 
@@ -207,5 +207,5 @@ def test_effects_that_no_record_tells_apart_are_told_by_no_maneuver() -> None:
 
 
 def test_a_longer_flight_tells_more() -> None:
-    short, long = (expected_sigmas(replace(planned(t))) for t in (4.0, 8.0))
+    short, long = (sigmas_of(simulated(replace(planned(t))).fit) for t in (4.0, 8.0))
     assert all(long[name] < short[name] for name in short)

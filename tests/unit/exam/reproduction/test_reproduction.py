@@ -323,10 +323,7 @@ def test_a_page_of_one_row(numbers: Numbers) -> None:
     text = page_of(
         [paper(values=[group], statements=[statement(figure="one/fit.png")], units="rad")], numbers
     )
-    assert (
-        "**By hand**: ours is `one`. A note.\n\n| quantity | printed | ours | difference | why |"
-        in text
-    )
+    assert "**By hand**: ours is `one`. A note.\n\n| quantity | printed | ours | Δ | why |" in text
     assert "| `a` | 2.1 +- 0.4 | 2.00 +- 0.30 | -0.2 | within two sigmas |" in text
     assert (
         "1 rows of numbers: 1 within two sigmas, 0 beyond, 0 not compared" in text

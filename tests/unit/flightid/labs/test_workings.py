@@ -79,3 +79,21 @@ def test_errors_of_a_campaign_are_in_the_sigmas_of_each_run() -> None:
     errors = honest_sigmas.errors(found)
     np.testing.assert_allclose(errors["a"], [2.0, -0.5])
     np.testing.assert_allclose(errors["b"], [0.0, -2.0])
+
+
+def test_lab_7_prints_commands_that_can_be_copied() -> None:
+    from flightid.labs.workings import own_data as lab
+
+    given = lab.kept(lab.example(), lab.vehicle_text("rigid"), lab.MAP)
+    lines = "\n".join(
+        (*lab.check_remarks(lab.checked(given)), *lab.fit_remarks(lab.identified(given, "rigid")))
+    )
+    assert (
+        "next: flightid diagnose point_1.csv --model rigid --vehicle vehicle.toml --validate "
+        "point_2.csv --channels map.toml"
+    ) in lines
+    assert "flightid." not in lines and str(given.folder.path) not in lines
+    radians = lab.MAP.replace('"AoA1", unit = "deg"', '"AoA1", unit = "rad"')
+    refused = lab.kept(lab.example(), lab.vehicle_text("rigid"), radians)
+    found, error = lab.tried(lambda: lab.identified(refused, "rigid"))
+    assert found is None and "--trust-record" in error

@@ -18,12 +18,12 @@ from ident.tracing.decision import (
     _other_forms,
     _prefer_named_by_kinematics,
     decided,
-    probabilities,
     searched,
 )
 from ident.tracing.diagnosis import Verdict
 from ident.tracing.evidence import WeighedSet
 from ident.tracing.loop import diagnose
+from ident.tracing.names import probabilities
 from ident.tracing.problem import TraceProblem
 from ident.tracing.search import CLEAR_GAIN, Search
 from ident.tracing.steady_search import quiet_vuong, vuong
@@ -398,6 +398,43 @@ def test_names_need_a_residual_that_is_noise_on_data_that_were_not_fitted() -> N
     doubted = decided(search, leaves_noise=lambda fitted: False)
     assert doubted.verdict is Verdict.UNEXPLAINED and doubted.named == ()
     assert "not fitted" in doubted.hints[0].reason
+
+
+def test_a_declared_model_that_does_not_predict_other_data_is_not_consistent() -> None:
+    search = searched(offered([planted(seed=4)]))
+    assert decided(search).verdict is Verdict.CONSISTENT
+    doubted = decided(search, leaves_noise=lambda fitted: False)
+    assert doubted.verdict is Verdict.UNEXPLAINED and doubted.named == ()
+
+
+def test_data_that_were_not_fitted_choose_among_likely_sets() -> None:
+    """A vane that is slightly late: an arm describes it nearly as well, and is named where what
+    the delay predicts is not noise.
+    """
+    hidden = planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.02}, seed=2)
+    search = searched(problem_of([hidden], [effect(LATE), effect(ARM)], model=declared()))
+    (likeliest,) = search.best().names
+    (other,) = {LATE, ARM} - {likeliest}
+    assert likeliest in {each.name for each in decided(search).named}
+    found = decided(search, leaves_noise=lambda fitted: likeliest not in fitted.names)
+    assert found.verdict is Verdict.TRACED
+    assert [(each.name, dict(each.alternatives)) for each in found.named] == [(other, {})]
+
+
+def test_what_brings_little_is_named_where_data_that_were_not_fitted_need_it() -> None:
+    both = [effect("sensor-scale:q"), effect(LATE)]
+    values = {"sensor-scale:q.scale": 1.15, "sensor-delay:alpha.delay": 0.012}
+    search = searched(offered([planted(both, values, seed=1)]))
+    assert [each.name for each in decided(search).named] == ["sensor-scale:q"]
+    found = decided(search, leaves_noise=lambda fitted: len(fitted.names) > 1)
+    assert {each.name for each in found.named} == {"sensor-scale:q", ARM}
+
+
+def test_a_right_set_stays_where_it_leaves_hardly_more_than_noise_of_other_data() -> None:
+    hidden = planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=2)
+    search = searched(offered([hidden]))
+    found = decided(search, None, lambda fitted: False, lambda fitted: True)
+    assert [each.name for each in found.named] == [LATE]
 
 
 def late(record: Record, channel: str, samples: int) -> Record:

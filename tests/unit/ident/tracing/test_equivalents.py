@@ -7,9 +7,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.tracing.decision import CLAIM_LEVEL
 from ident.tracing.diagnosis import Diagnosis, Verdict
 from ident.tracing.loop import diagnose
+from ident.tracing.names import CLAIM_LEVEL
 from sim.declaration.model import Model
 from sim.effects.guards.further_loads import VaneBehind
 from sim.effects.sensor_path.sensor_mounting import AccelerometerOffset, VaneOffset

@@ -71,6 +71,24 @@ def test_what_is_not_there_lowers_it_and_what_hardly_moves_hardly_tells(
     assert found[0] < -100.0 and abs(found[1]) < 5.0
 
 
+def test_frozen_values_that_bring_nothing_are_not_the_last_word(
+    sets: tuple[FittedModel, FittedModel],
+) -> None:
+    """Where derivatives of the fit are off by a little that its own sigmas allow for, the gain is
+    that under what training leaves open.
+    """
+    root, best = sets
+    held = held_of(root, lagged(2))
+    out = predicted_by(best, held)
+    assert out.frozen is not None and out.informed is not None
+    assert held.declared.frozen is not None
+    worse = replace(out, frozen=held.declared.frozen)
+    (gain,) = predictive_gains(root, best, held, worse)
+    plain = predicted_by(root, held).informed
+    assert plain is not None
+    assert gain == pytest.approx(plain.cost - out.informed.cost) and gain > 100.0
+
+
 def test_nothing_without_such_data_and_minus_infinity_where_the_larger_set_fails(
     sets: tuple[FittedModel, FittedModel],
 ) -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from ident.tracing.diagnosis import TraceSettings
 from ident.tracing.problem import TraceProblem
-from ident.tracing.settings import TraceSettings
 from ident.tracing.wrong_samples import measured_masks
 from sim.maneuvers import Sum, step, three_two_one_one
 from sim.vehicles.factory import model_from_constants

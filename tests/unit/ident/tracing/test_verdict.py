@@ -10,10 +10,10 @@ from dataclasses import replace
 import pytest
 
 from ident.statistics.residuals import ResidualTest
-from ident.tracing.decision import CLAIM_LEVEL
 from ident.tracing.diagnosis import Concern, Diagnosis, Verdict
 from ident.tracing.held_out import HeldOut, held_out
 from ident.tracing.loop import diagnose
+from ident.tracing.names import CLAIM_LEVEL
 from ident.tracing.result import not_noise, residual_tests
 from sim.declaration.proposal import Traceable
 from sim.effects.sensor_path.sensor_calibration import SensorScale

@@ -70,6 +70,8 @@ def test_messages_name_keywords(record: fid.Record) -> None:
     assert as_keywords("use --method ekf, --from and --trust-record") == (
         'use method="ekf", start= and trust_record='
     )
+    said = ("next: flightid diagnose /a/1.BIN --model rigid --validate /a/2.BIN --channels m.toml",)
+    assert in_python_words(said) == ("next: flightid.diagnose on the same records",)
     said = ("flightid identify a.csv --model rigid --start 3 --method filter-error estimates it",)
     assert in_python_words(said) == (
         'flightid.identify on the same records with method="filter-error" estimates it',

@@ -50,7 +50,8 @@ def test_a_recorded_airspeed_is_kept_and_without_a_density_none_is_made() -> Non
 def test_an_arm_is_told_by_its_side_and_a_confusable_fault_beside_it() -> None:
     behind = SensorFinding("nz", "arm", -9.14, 0.23, "m", 824.7, True, ("vane-offset",), "x")
     assert fault_text(behind) == "the accelerometer is 9.14 +- 0.23 m behind the centre of gravity"
-    assert "(gain 824.7; vane-offset fits these data as well)" in sentence(behind)
+    words = "(raises the log likelihood by 824.7; vane-offset fits these data equally well)"
+    assert words in sentence(behind)
     ahead = replace(behind, channel="alpha", value=9.14, group=())
     assert fault_text(ahead) == "the vane is 9.14 +- 0.23 m ahead of the centre of gravity"
-    assert sentence(ahead).endswith("(gain 824.7)")
+    assert sentence(ahead).endswith("(raises the log likelihood by 824.7)")

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from ident.tracing.diagnosis import Diagnosis, Verdict
-from ident.tracing.settings import EFFORTS, NORMAL, THOROUGH, TraceSettings
+from ident.tracing.diagnosis import EFFORTS, NORMAL, THOROUGH, Diagnosis, TraceSettings, Verdict
 from scenarios.diagnosis.diagnose import Tracing, diagnose_files
 from scenarios.diagnosis.kinematics import Kinematics
 from scenarios.diagnosis.opening import effort_sentence, settings_of

@@ -150,7 +150,7 @@ def test_only_sensor_effects_are_compared_and_others_found_are_told() -> None:
     lines = kinematics_lines(kinematics, claims, Wording())
     assert lines == [
         "kinematics alone give sensor-delay:q 0.0400 +- 0.0040 s, the pitch rate is read 0.040 s "
-        "late (delay or lag: these records cannot tell); "
+        "late (delay or lag: both fit these data equally well); "
         "the diagnosis does not name it",
         "kinematics were checked on a.csv: fitted data alone",
     ]

@@ -188,8 +188,8 @@ def test_a_group_does_not_repeat_the_name_of_its_first_member() -> None:
         ("control-nonlinearity",),
     )
     told = (
-        "the elevator sticks within +-0.41 deg of zero (break-out or curved control: these records "
-        "cannot tell)"
+        "the elevator sticks within +-0.41 deg of zero (break-out or curved control: both "
+        "fit these data equally well)"
     )
     assert group_sentence(claim, Wording()) == told
 

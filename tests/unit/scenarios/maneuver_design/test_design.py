@@ -22,12 +22,13 @@ from scenarios.files.records import read_record
 from scenarios.maneuver_design.design import DesignResult, design
 from scenarios.maneuver_design.limits import ACTUATOR_RATE, PILOT, no_faster, offset_of
 from scenarios.maneuver_design.report import MAIN, design_text, write_design
-from scenarios.maneuver_design.setting import DesignRequest, held_inputs, setting_of
+from scenarios.maneuver_design.setting import DesignRequest, setting_of
 from scenarios.preparation.plan import Request
 from sim.errors import DeclarationError
-from sim.maneuvers import least_peak_multisine, peak_factor, schroeder_multisine
+from sim.maneuvers import Multisine, least_peak_multisine, schroeder_multisine
 from sim.record import Record
 from sim.truth.flight import fly
+from tests.held_inputs import held_inputs
 
 VEHICLE = """name = "fighter"
 mass = 7500.0
@@ -165,6 +166,13 @@ def test_the_folder_has_a_page_and_strict_json(told: DesignResult, tmp_path: Pat
 def test_the_best_maneuver_is_the_first(told: DesignResult) -> None:
     chances = [round(each.chance, 3) for each in told.maneuvers]
     assert chances == sorted(chances, reverse=True)
+
+
+def peak_factor(multisine: Multisine) -> float:
+    """Largest magnitude over root mean square, of a sine the root of two."""
+    count = 64 * max(multisine.harmonics)
+    u = multisine._inside(np.arange(count) * multisine.period / count)
+    return float(np.max(np.abs(u)) / np.sqrt(np.mean(u**2)))
 
 
 def test_multisines_are_orthogonal_and_of_low_peak() -> None:

@@ -155,6 +155,8 @@ def test_captions_know_records_and_methods() -> None:
     assert caption_of("fit_other") == CAPTIONS["fit_other"] and caption_of(
         "innovations_ukf-two"
     ).endswith("(ukf-two)")
+    labels = {"one-pass": "extended Kalman filter"}
+    assert caption_of("innovations_one-pass", methods=labels).endswith("(extended Kalman filter)")
     assert caption_of("some_thing") == "Some thing"
 
 

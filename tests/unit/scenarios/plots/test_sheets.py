@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from scenarios.plots.drawing import figure_pdf, figure_png, figure_svg, page_svg, save_figures
+from scenarios.plots.drawing import figure_pdf, figure_png, figure_svg, page_svg, save_figure
 from scenarios.plots.estimates import (
     figure_correlation,
     figure_innovations,
@@ -153,10 +153,9 @@ def test_same_result_same_bytes(studies: Studies, tmp_path: Path) -> None:
                 b"Matplotlib v",
             )
         )
-    paths = save_figures([("fit", lambda: FIGURES["fit"](studies))], tmp_path, FORMATS)
+    paths = save_figure(FIGURES["fit"](studies), tmp_path, "fit", FORMATS)
     assert [path.name for path in paths] == ["fit.png", "fit.svg", "fit.pdf"]
     assert paths[0].read_bytes() == figure_png(FIGURES["fit"](studies))
-    assert save_figures([("none", lambda: pytest.fail("drawn"))], tmp_path, ()) == []
 
 
 @pytest.mark.long

@@ -118,7 +118,7 @@ def test_parameters_that_keep_their_prior_are_counted_and_not_drawn() -> None:
     spectrum, added, rows, shares = figure_determination([one]).axes
     assert [label.get_text() for label in rows.get_yticklabels()] == ["a", "c"]
     assert "2 further parameters" in rows.get_title(loc="left")
-    assert "2 more have no influence" in spectrum.get_xlabel()
+    assert "2 more do not change the outputs" in spectrum.get_xlabel()
     settled = next(line for line in added.lines if len(np.asarray(line.get_ydata())) == 2)
     assert np.asarray(settled.get_ydata(), dtype=float) == pytest.approx([25 / 26, 25 / 26 + 0.5])
     assert np.asarray(shares.lines[0].get_xdata(), dtype=float) == pytest.approx([50.0, 50.0])

@@ -68,8 +68,8 @@ def late(values: tuple[float, ...] = LATE, spread: float = 5.2) -> Claim:
 def test_headline_says_what_where_how_sure_and_what_follows() -> None:
     told = headline(spread_tracing())
     assert told.startswith(
-        "the angle of attack is read 0.061 s late (lag, delay or vane ahead: these records cannot "
-        "tell); "
+        "the angle of attack is read 0.061 s late (lag, delay or vane ahead: all fit these data "
+        "equally well); "
         f"{SPREAD}; from each of 3 records: 0.058, 0.063, 0.060 s"
     )
     assert told.endswith(
@@ -135,23 +135,23 @@ def test_turbulence_is_told_by_what_judged_it_and_not_by_a_free_simulation() -> 
         (
             "sensor-delay:q",
             ("sensor-lag:q",),
-            "the pitch rate is read 0.061 s late (delay or lag: these records cannot tell)",
+            "the pitch rate is read 0.061 s late (delay or lag: both fit these data equally well)",
         ),
         (
             "sensor-delay:q",
             ("sensor-scale:alpha",),
-            "(sensor-delay:q or sensor-scale:alpha: these records cannot tell)",
+            "(sensor-delay:q or sensor-scale:alpha: both fit these data equally well)",
         ),
         (
             "input-delay",
             ("actuator-lag",),
             "the aircraft responds 0.061 s after the recorded elevator (delay or actuator lag: "
-            "these records cannot tell)",
+            "both fit these data equally well)",
         ),
         (
             "my-effect",
             ("elastic-mode#2",),
-            "(my-effect or bending structure: these records cannot tell)",
+            "(my-effect or bending structure: both fit these data equally well)",
         ),
         ("sensor-delay:q", (), "the pitch rate is read 0.061 s late"),
     ],

@@ -1,0 +1,156 @@
+"""Names of a decision: the probability of each, and of the effects that could take its place."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ident.tracing.evidence import Key, WeighedSet
+from ident.tracing.fitted_model import FittedModel
+from ident.tracing.search import CLEAR_GAIN, CONFUSABLE_COSINE, Search
+from ident.tracing.steady_search import CONFUSABLE_SETS_Z, vuong
+from sim.declaration.effect import NoiseEffect, Station
+from sim.declaration.proposal import Traceable
+
+CLAIM_LEVEL = 0.95  # probability of what is claimed
+
+
+@dataclass(frozen=True)
+class Named:
+    """An effect of the decision, with its probability and that of each that could take its place.
+
+    ``spread`` : z of Vuong's test, beside a discrepancy; None under white noise.
+    ``reason`` : of a hint, why it is not named. ``within`` : the fitted set that has it, where
+    that is not the one that the verdict rests on.
+    """
+
+    name: str
+    probability: float
+    alternatives: Mapping[str, float]
+    spread: float | None = None
+    reason: str = ""
+    within: FittedModel | None = None
+
+
+def probabilities(search: Search, without: Collection[str] = ()) -> dict[Key, float]:
+    """Posterior probability of each set that was fitted and has none of some effects."""
+    keys = [key for key in search.visited if key.isdisjoint(without)]
+    weights = np.array([search.visited[key].weight for key in keys])
+    share = np.exp(weights - weights.max())
+    return dict(zip(keys, (share / share.sum()).tolist(), strict=True))
+
+
+def inclusion_of(sets: Mapping[Key, float]) -> dict[str, float]:
+    """Probability of each effect: the sum over the sets that contain it."""
+    found: dict[str, float] = {}
+    for key, share in sets.items():
+        for name in key:
+            found[name] = found.get(name, 0.0) + share
+    return found
+
+
+def named_with_rivals(
+    search: Search, best: WeighedSet, effect: Traceable, sets: Mapping[Key, float]
+) -> Named:
+    """A member with its probability and those of the effects that could take its place.
+
+    Posterior odds suppose that the equations are true. Where Vuong's test does not tell another
+    effect from the member, its odds are at least those of that test.
+    """
+    mine, alike = inclusion_of(sets)[effect.name], look_alikes(search, best, effect, sets)
+    odds = {name: share / mine for name, share in alike.items()}
+    formless = {
+        each.name
+        for each in search.candidates
+        if each.traits.guard or (each.traits.general and not effect.traits.general)
+    }
+    # Motion that any record may have may stand in the place of a likelier effect of small gain.
+    least = -math.inf if effect.traits.background else 0.0
+    for name, each in rivals_of(search, best, effect.name, CLEAR_GAIN, least).items():
+        if name not in formless:
+            odds[name] = max(each, odds.get(name, 0.0))
+    return with_shares(effect.name, mine + sum(alike.values()), odds)
+
+
+def with_shares(
+    name: str, together: float, odds: Mapping[str, float], spread: float | None = None
+) -> Named:
+    """An effect and its alternatives with their shares of the probability that they have together,
+    by the ``odds`` of each alternative against the effect.
+    """
+    share = together / (1.0 + sum(odds.values()))
+    return Named(name, share, {other: each * share for other, each in odds.items()}, spread)
+
+
+def look_alikes(
+    search: Search, best: WeighedSet, effect: Traceable, sets: Mapping[Key, float]
+) -> dict[str, float]:
+    """Effects that the records do not tell from a member, with their probabilities."""
+    found: dict[str, float] = {}
+    equal: set[str] = set()
+    traits = effect.traits
+    for key, share in sets.items():
+        if effect.name in key:
+            continue
+        for name in key - best.names:
+            alike = search.alike.get(frozenset((name, effect.name)), 0.0) > CONFUSABLE_COSINE
+            if alike or name in (*traits.equivalents, *traits.twins, *effect.aliases):
+                found[name] = found.get(name, 0.0) + share
+        new = key - best.names
+        apart = abs(search.visited[key].fitted.fit.cost - best.fitted.fit.cost)
+        if len(key) == len(best.names) and len(new) == 1 and apart < CONFUSABLE_SETS_Z:
+            equal |= new & set(traits.equivalents)  # to the data: priors alone tell the two apart
+    least = 0.05 * (1.0 - CLAIM_LEVEL)
+    return {name: share for name, share in found.items() if share > least or name in equal}
+
+
+def passing_events(white: Search, best: WeighedSet, name: str) -> dict[str, float]:
+    """Loads and gusts in passing that the search under white noise does not tell from rough air,
+    with their odds; none for another effect. Beside a discrepancy they are not offered.
+    """
+    (effect,) = [each for each in best.fitted.effects if each.name == name]
+    names = best.names & ({each.name for each in white.candidates} | white.base_names)
+    found = white.visited.get(frozenset(names))
+    if not isinstance(effect, NoiseEffect) or found is None:
+        return {}
+    events = {
+        each.name
+        for each in white.candidates
+        if each.traits.onset and each.station is not Station.SENSOR_PATH
+    }
+    rivals = rivals_of(white, found, name, least=-math.inf)
+    return {other: odds for other, odds in rivals.items() if other in events}
+
+
+def rivals_of(
+    search: Search,
+    best: WeighedSet,
+    name: str,
+    clear: float = math.inf,
+    least: float = 0.0,
+) -> dict[str, float]:
+    """Effects that Vuong's test does not tell from one, with their odds by its normal law.
+
+    Motion that any record may have may stand beside them or not. Those count that are less likely
+    by more than ``least`` and less than ``clear`` in the logarithm.
+    """
+    from scipy.special import ndtr
+
+    rest = best.names - {name}
+    usual = {each.name for each in search.problem.candidates if each.traits.background}
+    found: dict[str, float] = {}
+    for key, other in search.visited.items():
+        new = key - rest
+        new = new - usual if len(new) > 1 else new
+        if name in key or len(new) != 1 or not rest - usual <= key:
+            continue
+        z = vuong(best, other, search.context.interval)
+        if z < CONFUSABLE_SETS_Z and least < best.weight - other.weight < clear:
+            p, rival = float(ndtr(z)), next(iter(new))
+            # The relations between the sensors rest on no equation of forces: they decide then.
+            even = 1.0 if rival in search.problem.named_by_kinematics else 0.0
+            found[rival] = max((1.0 - p) / p, even, found.get(rival, 0.0))
+    return found
