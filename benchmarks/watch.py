@@ -40,7 +40,7 @@ from scenarios.commands.watch import _prepared, _written
 from scenarios.files.writing import write_record
 from scenarios.identification.low_order import PAPER_START, loes_filter_system
 from scenarios.watching.rows import growing_file, lines_of
-from scenarios.watching.session import TOGETHER, pieces, rows_in, session_of, take
+from scenarios.watching.session import ROWS_PER_BATCH, pieces, rows_in, session_of, take
 from scenarios.watching.show import Show
 from scenarios.watching.study import History
 from sim.closed_loop.airframe import load_x29
@@ -144,7 +144,7 @@ def main() -> None:
             timed(lambda: run_bank(record, system, fixed_values=held)) / len(record)
         )
         times["bank, rows that wait"].append(
-            timed(lambda: online(bank, rows, TOGETHER)) / len(record)
+            timed(lambda: online(bank, rows, ROWS_PER_BATCH)) / len(record)
         )
         times["bank, row by row"].append(timed(lambda: online(bank, some, 1)) / ROW_BY_ROW)
         times["lines to history"].append(follow(record) / (len(record) - 2.0 * RATE))
@@ -157,7 +157,7 @@ def main() -> None:
             f"{reference * median:5.2f} x the batch"
         )
     found, expected = (
-        bank_estimate(bank, online(bank, rows, TOGETHER)),
+        bank_estimate(bank, online(bank, rows, ROWS_PER_BATCH)),
         run_bank(record, system, fixed_values=held),
     )
     print(

@@ -72,7 +72,13 @@ contents = {
         "made/changelog",
         "developers",
     ],
-    "developers": ["architecture", "tracing-details", "decisions/README", "made/contributing", "made/api/README"],
+    "developers": [
+        "architecture",
+        "tracing-details",
+        "decisions/README",
+        "made/contributing",
+        "made/api/README",
+    ],
     "how-to/README": [
         "how-to/your-recorder",
         "how-to/own-record",

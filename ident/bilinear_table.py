@@ -21,8 +21,8 @@ from sim.maths import COMPLEX_STEP
 from sim.propagation import Drive
 
 Function = Callable[[list[Any]], Sequence[Any]]
-_TRIALS = 12  # random points at which the table is compared with the equations
-_AGREEMENT = 1e-10  # largest relative difference at these points
+_TRIAL_POINTS = 12  # random points at which the table is compared with the equations
+_LARGEST_DIFFERENCE = 1e-10  # largest relative difference at these points
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +38,8 @@ class Bilinear:
     table: np.ndarray
 
     def at(self, w: np.ndarray) -> np.ndarray:
-        """Jacobian and, as a further column, values, ``(B, m, n + 1)``, at ``w (B, 1 + n +
-        inputs)``.
+        """Return the Jacobian and, as a further column, values, ``(B, m, n + 1)``, at ``w (B, 1 + n
+        + inputs)``.
         """
         B, width = w.shape
         out = (w @ self.table).reshape(B, -1, self.n + width)
@@ -110,7 +110,7 @@ def system_tables(system: System, p: Sequence[Any]) -> tuple[Bilinear, Bilinear]
 
 
 def constant_within_steps(drive: Drive) -> bool:
-    """Whether the inputs do not change within a step."""
+    """Return whether the inputs do not change within a step."""
     return all(
         a is b is c or (np.array_equal(a, b) and np.array_equal(a, c))
         for a, b, c in zip(*drive.stages, strict=True)
@@ -126,8 +126,8 @@ def _scalar_or_row(value: Any) -> Any:
 
 
 def _table(constant: np.ndarray, at_rest: np.ndarray, twice: np.ndarray, n: int) -> np.ndarray:
-    """Table from values and Jacobian ``(m, size)`` at zero and the second derivatives ``(m, size,
-    size)``.
+    """Return the table from values and Jacobian ``(m, size)`` at zero and the second derivatives
+    ``(m, size, size)``.
     """
     m, size = at_rest.shape
     slopes = np.concatenate([at_rest[None], np.moveaxis(twice, 2, 0)])
@@ -139,21 +139,21 @@ def _table(constant: np.ndarray, at_rest: np.ndarray, twice: np.ndarray, n: int)
 def _agrees(function: Function, table: Bilinear) -> bool:
     rng = np.random.default_rng(0)
     n, width = table.n, len(table.table)
-    points = rng.choice([-1.0, 1.0], (width - 1, _TRIALS)) * 10.0 ** rng.uniform(
-        -3.0, 3.0, (width - 1, _TRIALS)
+    points = rng.choice([-1.0, 1.0], (width - 1, _TRIAL_POINTS)) * 10.0 ** rng.uniform(
+        -3.0, 3.0, (width - 1, _TRIAL_POINTS)
     )
-    w = np.vstack([np.ones(_TRIALS), points]).T
-    terms = (np.abs(w) @ np.abs(table.table)).reshape(_TRIALS, -1, n + width)
+    w = np.vstack([np.ones(_TRIAL_POINTS), points]).T
+    terms = (np.abs(w) @ np.abs(table.table)).reshape(_TRIAL_POINTS, -1, n + width)
     # of what was added up
     largest = np.concatenate([terms[:, :, :n], terms[:, :, n:] @ np.abs(w)[:, :, None]], axis=2)
     values, slopes = _values_and_slopes(function, points)
     exact = np.concatenate([slopes[:, :n], values[:, None]], axis=1).transpose(2, 0, 1)
-    return bool(np.all(np.abs(table.at(w) - exact) <= _AGREEMENT * largest))
+    return bool(np.all(np.abs(table.at(w) - exact) <= _LARGEST_DIFFERENCE * largest))
 
 
 def _values_and_slopes(function: Function, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values ``(m, K)`` and Jacobians ``(m, size, K)`` at points ``(size, K)``, by complex steps in
-    one call.
+    """Return the values ``(m, K)`` and Jacobians ``(m, size, K)`` at points ``(size, K)``, by
+    complex steps in one call.
     """
     size, count = points.shape
     out = function(list(points[:, None, :] + (1j * COMPLEX_STEP) * np.eye(size)[:, :, None]))

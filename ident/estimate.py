@@ -10,7 +10,7 @@ from enum import Enum
 
 import numpy as np
 
-LARGEST = 1e100  # beyond it squares and sums leave the range of finite numbers
+LARGEST_NUMBER = 1e100  # beyond it squares and sums leave the range of finite numbers
 
 
 class Outcome(Enum):
@@ -176,7 +176,7 @@ class Estimate:
         )
 
     def as_dict(self) -> dict[str, float]:
-        """Values by name, for ``Model.with_values``."""
+        """Return the values by name, for ``Model.with_values``."""
         return {name: float(value) for name, value in zip(self.names, self.values, strict=True)}
 
 

@@ -24,9 +24,9 @@ import numpy as np
 from ident.statistics.intervals import inverse_information
 from ident.tracing.context import search_context
 from ident.tracing.fitted_model import FittedModel, added_parameters, is_event, known_beforehand
-from ident.tracing.names import CERTAIN
-from ident.tracing.priors import FEWEST, ODDS
-from ident.tracing.scan import PLACES, starts_at
+from ident.tracing.names import CLAIM_LEVEL
+from ident.tracing.priors import FAMILY_ODDS, FEWEST_FAMILY_MEMBERS
+from ident.tracing.scan import SCANNED_PLACES, starts_at
 from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records, without_sensitivities
 from ident.whole_record.layout import (
     FitLayout,
@@ -67,8 +67,8 @@ class KnownLevels(WithoutUnknowns):
         residuals: Sequence[np.ndarray],
         counts: np.ndarray,
     ) -> WeightedResiduals:
-        """Residuals and sensitivities as they are; the cost is that of residuals over the known
-        levels.
+        """Return the residuals and sensitivities as they are; the cost is that of residuals over
+        the known levels.
         """
         cost = 0.5 * float(
             sum(np.sum(residual**2 / self.variance[:, None]) for residual in residuals)
@@ -81,8 +81,8 @@ class KnownLevels(WithoutUnknowns):
 
 # ---- A flight that is planned
 
-CLOSED = 1e-9  # of a state's size: gaps of a trajectory that is simulated
-PASSES = 12  # of Newton's method on the trajectory, which doubles the digits
+LARGEST_TRAJECTORY_GAP = 1e-9  # of a state's size: gaps of a trajectory that is simulated
+NEWTON_PASSES = 12  # of Newton's method on the trajectory, which doubles the digits
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,7 @@ class Planned:
     settings: FitSettings = field(default_factory=FitSettings)
 
     def measuring(self, y: np.ndarray) -> Planned:
-        """The maneuver with outputs ``(m, N)`` without noise in its record."""
+        """Return the maneuver with outputs ``(m, N)`` without noise in its record."""
         rows = zip(self.outputs, y, strict=True)
         return replace(
             self,
@@ -123,8 +123,8 @@ def simulated(
     *,
     slopes: bool = True,
 ) -> FittedModel:
-    """The model with effects in the maneuver, nothing fitted; ``values`` by full name where they
-    are not the model's and the effects' own.
+    """Return the model with effects in the maneuver, nothing fitted; ``values`` by full name where
+    they are not the model's and the effects' own.
 
     Its residual is measured minus simulated. ``slopes`` False: without sensitivities, which are
     most of the work.
@@ -135,8 +135,10 @@ def simulated(
     problem = FitProblem(layout, KnownLevels(planned.noise**2))
     bare = without_sensitivities(problem)
     fit = evaluate(bare, layout.start, layout.guesses(layout.start))
-    for _ in range(PASSES):
-        if fit is None or (_gap(fit) < CLOSED and (fit.problem is problem or not slopes)):
+    for _ in range(NEWTON_PASSES):
+        if fit is None or (
+            _gap(fit) < LARGEST_TRAJECTORY_GAP and (fit.problem is problem or not slopes)
+        ):
             break
         fit = evaluate(
             problem if slopes else bare, layout.start, [line.states for line in fit.lines]
@@ -153,8 +155,8 @@ def simulated(
 def fitted(
     planned: Planned, effects: Sequence[Traceable], values: Mapping[str, float] | None = None
 ) -> FittedModel | None:
-    """The model with effects fitted to what the record of the maneuver holds, from ``values``; None
-    where no cost is finite.
+    """Return the model with effects fitted to what the record of the maneuver holds, from
+    ``values``; None where no cost is finite.
     """
     layout = _laid_out(planned, effects, values)
     fit = fit_whole_records(FitProblem(layout, KnownLevels(planned.noise**2)))
@@ -162,8 +164,8 @@ def fitted(
 
 
 def sigmas_of(fit: Fit) -> dict[str, float]:
-    """Standard deviations of the shared parameters by name, from the information of a fit or a
-    simulation.
+    """Return the standard deviations of the shared parameters by name, from the information of a
+    fit or a simulation.
     """
     information, _ = fit.normal_equations()
     inverse, _ = inverse_information(information, fit.theta)
@@ -209,7 +211,7 @@ def _gap(fit: Fit) -> float:
 # ---- How likely a flight tells which of two effects acts
 
 # of twice the log likelihood: one name is then certain
-CLEAR = 2.0 * math.log(CERTAIN / (1.0 - CERTAIN))
+DECISIVE_LOG_LIKELIHOOD_RATIO = 2.0 * math.log(CLAIM_LEVEL / (1.0 - CLAIM_LEVEL))
 
 
 @dataclass(frozen=True)
@@ -234,12 +236,12 @@ class RivalDecision:
         """Probability that the search prefers the acting effect by more than the ambiguous
         margin.
         """
-        return self._above(CLEAR)
+        return self._above(DECISIVE_LOG_LIKELIHOOD_RATIO)
 
     @property
     def wrong(self) -> float:
         """Probability that it prefers the other by more than that."""
-        return 1.0 - self._above(-CLEAR)
+        return 1.0 - self._above(-DECISIVE_LOG_LIKELIHOOD_RATIO)
 
     def _above(self, limit: float) -> float:
         return normal_above(self.mean + self.price - limit, self.std)
@@ -248,7 +250,7 @@ class RivalDecision:
 def decision_of(
     squares: np.ndarray, counts: np.ndarray, gain: float, own: int, other: int, price: float = 0.0
 ) -> RivalDecision:
-    """The decision between two effects.
+    """Return the decision between two effects.
 
     Parameters
     ----------
@@ -278,15 +280,15 @@ def detection_probability(gain: float, own: int, price: float, accept: float) ->
 
 
 def normal_above(mean: float, std: float) -> float:
-    """Probability that a normal number is above zero."""
+    """Return the probability that a normal number is above zero."""
     return 0.5 * math.erfc(-mean / (std * math.sqrt(2.0))) if std > 0.0 else float(mean > 0.0)
 
 
 # ---- Two effects that could explain the same
 
-STARTS = 2  # of the rival
+RIVAL_STARTS = 2
 # what the prior odds of an effect cost, of twice the log evidence
-ODDS_COST = -2.0 * math.log(ODDS / FEWEST)
+ODDS_COST = -2.0 * math.log(FAMILY_ODDS / FEWEST_FAMILY_MEMBERS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -329,8 +331,8 @@ class Contest:
 
 
 def declared_fit(planned: Planned, true: Acting) -> tuple[Planned, FittedModel]:
-    """The noise-free flight with an effect, and the declared model fitted to it: half the sum of
-    squares is the expected gain of the effect.
+    """Return the noise-free flight with an effect, and the declared model fitted to it: half the
+    sum of squares is the expected gain of the effect.
     """
     simulated_fit = simulated(planned, (true.effect,), true.full_values, slopes=False)
     measured = planned.measuring(simulated_fit.fit.lines[0].y)
@@ -376,7 +378,7 @@ def best_fit(
     """
     known = base.values.shared
     places = starts_at(base, rival, search_context(base))
-    tries = [(form, {**known, **start}) for form, (start,) in places[:STARTS]]
+    tries = [(form, {**known, **start}) for form, (start,) in places[:RIVAL_STARTS]]
     if hint:
         form = places[0][0] if places else rival
         named = {
@@ -413,12 +415,12 @@ def _squares(best: FittedModel) -> np.ndarray:
 
 
 def _prior_cost(best: FittedModel) -> float:
-    """Cost of a fit from its priors."""
+    """Return the cost of a fit from its priors."""
     return best.fit.cost - 0.5 * float(_squares(best).sum())
 
 
 def _own_cost(measured: Planned, true: Acting) -> float:
-    """Cost of the true effect fitted to its own flight: that of its priors."""
+    """Return the cost of the true effect fitted to its own flight: that of its priors."""
     there = simulated(measured, (true.effect,), true.full_values, slopes=False)
     if there.fit.layout.prior is None or there.fit.cost < 1e-9:
         return there.fit.cost
@@ -434,7 +436,9 @@ def price(effect: Traceable, counts: np.ndarray) -> float:
     """Approximate cost of an effect's parameters in twice the log evidence, for ``counts`` samples
     (Schwarz).
     """
-    return _free(effect) * float(np.log(counts.sum())) + 2.0 * math.log(PLACES) * is_event(effect)
+    return _free(effect) * float(np.log(counts.sum())) + 2.0 * math.log(SCANNED_PLACES) * is_event(
+        effect
+    )
 
 
 def _form(best: FittedModel, rival: Traceable) -> Traceable:

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from scipy.special import chdtrc, expit, ndtr, stdtr, stdtrit
 
-# ---- A flight's estimates once other flights have told a value that they share
+# ---- A flight's estimates, given a value that it shares with other flights
 
 
 def conditioned(
@@ -36,8 +36,8 @@ def conditioned(
 def without_one(
     value: np.ndarray, covariance: np.ndarray, own: np.ndarray, own_covariance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """A pooled ``value (k,)`` with ``covariance (k, k)`` without one of the flights in it; None
-    where nothing is left.
+    """Return a pooled ``value (k,)`` with ``covariance (k, k)`` without one of the flights in it;
+    None where nothing is left.
     """
     information = np.linalg.inv(covariance) - np.linalg.inv(own_covariance)
     if np.linalg.eigvalsh(0.5 * (information + information.T))[0] <= 1e-9 * np.trace(
@@ -48,11 +48,11 @@ def without_one(
     return left @ (np.linalg.solve(covariance, value) - np.linalg.solve(own_covariance, own)), left
 
 
-# ---- Many questions asked at once
+# ---- Multiple tests: false discovery rate
 
 
 def adjusted(p_values: np.ndarray) -> np.ndarray:
-    """The least rate of false discoveries ``(n,)`` at which each question is answered, from
+    """Return the least rate of false discoveries ``(n,)`` at which each question is answered, from
     ``p_values (n,)`` in [0, 1].
 
     Benjamini and Hochberg, J. Royal Statistical Society B 57(1), 1995: of those below a level, the
@@ -73,7 +73,7 @@ def adjusted(p_values: np.ndarray) -> np.ndarray:
 
 # ---- A common value of estimates from many flights, with the scatter between flights
 
-CERTAIN = 0.95  # of an interval that a common value states
+POOLED_CONFIDENCE = 0.95  # of an interval that a common value states
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ def pooled(values: np.ndarray, sigmas: np.ndarray) -> Pooled:
     value = float(weight @ values / weight.sum())
     factor = max(1.0, float(weight @ (values - value) ** 2) / (n - 1))
     sigma = float(np.sqrt(factor / weight.sum()))
-    reach = float(stdtrit(n - 1, 0.5 + 0.5 * CERTAIN)) * sigma
+    reach = float(stdtrit(n - 1, 0.5 + 0.5 * POOLED_CONFIDENCE)) * sigma
     exact = 1.0 / sigmas**2
     q = float(exact @ (values - exact @ values / exact.sum()) ** 2)
     return Pooled(
@@ -135,8 +135,8 @@ def pooled(values: np.ndarray, sigmas: np.ndarray) -> Pooled:
 
 
 def scatter_between(values: np.ndarray, sigmas: np.ndarray, design: np.ndarray) -> float:
-    """The standard deviation between flights about ``design (n, c)`` times its coefficients, by
-    restricted likelihood; zero where none shows.
+    """Return the standard deviation between flights about ``design (n, c)`` times its coefficients,
+    by restricted likelihood; zero where none shows.
     """
     from scipy.optimize import minimize_scalar
 
@@ -167,13 +167,13 @@ def scatter_between(values: np.ndarray, sigmas: np.ndarray, design: np.ndarray) 
 # ---- Flights whose value lies beyond the scatter of the others
 
 NORMAL_QUARTILE = 0.6745  # of a Gaussian in standard deviations
-RARE = 0.01  # rate of false discoveries among the flights that are told
-FEWEST = 5  # flights: with fewer, the median is no measure of the others
+FALSE_DISCOVERY_RATE = 0.01  # rate of false discoveries among the flights that are told
+FEWEST_FLIGHTS = 5  # flights: with fewer, the median is no measure of the others
 
 
 def outlying_flights(residuals: np.ndarray, sigmas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """By how many standard deviations each flight is off ``(n,)``, and which stand out ``(n,)``,
-    from what is left ``(n,)`` about a common value.
+    """Return by how many standard deviations each flight is off ``(n,)``, and which flights are
+    outliers ``(n,)``, from residuals ``(n,)`` about a common value.
 
     Residuals are taken from their median; the scatter between flights is what their median absolute
     deviation shows beyond ``sigmas (n,)``, so that the flights sought do not hide themselves
@@ -181,14 +181,14 @@ def outlying_flights(residuals: np.ndarray, sigmas: np.ndarray) -> tuple[np.ndar
     over all flights.
     """
     n = len(residuals)
-    if n < FEWEST:
+    if n < FEWEST_FLIGHTS:
         return np.zeros(n), np.zeros(n, dtype=bool)
     off = residuals - np.median(residuals)
     spread = float(np.median(np.abs(off))) / NORMAL_QUARTILE
     between = max(0.0, spread**2 - float(np.median(sigmas)) ** 2)
     far = off / np.sqrt(sigmas**2 + between)
     p_values = 2.0 * ndtr(-np.abs(far))
-    return far, adjusted(p_values) < RARE
+    return far, adjusted(p_values) < FALSE_DISCOVERY_RATE
 
 
 # ---- A value that changes with the flight condition
@@ -214,15 +214,15 @@ class Trend:
     p_value: float
 
     def band(self, condition: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The line and its standard deviation, ``(k,)`` each, at conditions ``(k,)``."""
+        """Return the line and its standard deviation, ``(k,)`` each, at conditions ``(k,)``."""
         away = np.stack([np.ones_like(condition), condition - self.middle])
         line = self.at_middle + self.slope * (condition - self.middle)
         return line, np.sqrt(np.einsum("ik,ij,jk->k", away, self.covariance, away))
 
 
 def trend(values: np.ndarray, sigmas: np.ndarray, condition: np.ndarray) -> Trend | None:
-    """How ``values (n,)`` with ``sigmas (n,)`` change with a ``condition (n,)``; None with fewer
-    than ``FEWEST`` flights or one condition alone.
+    """Fit the change of ``values (n,)`` with ``sigmas (n,)`` over a ``condition (n,)``; None with
+    fewer than ``FEWEST_FLIGHTS`` flights or one condition alone.
 
     Mixed-effects meta-regression: scatter about the line by restricted maximum likelihood; the
     covariance by Knapp and Hartung (Statistics in Medicine 22, 2003), never below that of known
@@ -259,14 +259,15 @@ def trend(values: np.ndarray, sigmas: np.ndarray, condition: np.ndarray) -> Tren
 
 # of a false recurrence in a survey, over all candidates. chosen: a page of every morning tells a
 # false one once in three years
-CHANCE = 1e-3
-# probability from which a flight is said to have the effect, and below 1 - SURE not to have it
-SURE = 0.95
+FALSE_RECURRENCE_PROBABILITY = 1e-3
+# probability from which a flight is said to have the effect, and below 1 - MEMBERSHIP_PROBABILITY
+# not to have it
+MEMBERSHIP_PROBABILITY = 0.95
 SCATTERS = (0.0, 0.03, 0.1, 0.2, 0.4, 0.8)  # of the value, between flights, that are tried
 # twice the log likelihood: theorem, chi-squared with one degree of freedom, one in twenty
-AGREES = 3.84
-ROUNDS = 60  # most iterations
-SETTLED = 1e-4  # log likelihood, below which a gain ends them
+COMMON_VALUE_CHI_SQUARE = 3.84
+MOST_ITERATIONS = 60
+SETTLED_LOG_LIKELIHOOD = 1e-4  # log likelihood, below which a gain ends them
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,7 +283,7 @@ class Evidence:
     covariance: np.ndarray
 
     def of(self, flights: np.ndarray) -> Evidence:
-        """That of some of the flights."""
+        """Return the evidence of some of the flights."""
         return Evidence(self.gain[flights], self.value[flights], self.covariance[flights])
 
 
@@ -309,16 +310,16 @@ class Recurrence:
 
     @property
     def has(self) -> np.ndarray:
-        return self.probability > SURE
+        return self.probability > MEMBERSHIP_PROBABILITY
 
     @property
     def has_not(self) -> np.ndarray:
-        return self.probability < 1.0 - SURE
+        return self.probability < 1.0 - MEMBERSHIP_PROBABILITY
 
     @property
     def recurs(self) -> bool:
         """Whether it acts in two flights at least, beyond chance."""
-        return int(self.has.sum()) >= 2 and self.p_value < CHANCE
+        return int(self.has.sum()) >= 2 and self.p_value < FALSE_RECURRENCE_PROBABILITY
 
     @property
     def belongs(self) -> Literal["aircraft", "some flights", "no flight"]:
@@ -356,7 +357,7 @@ def recurrence(evidence: Evidence, candidates: int = 1) -> Recurrence:
     n, k = evidence.value.shape
     best = _best(evidence)
     without_scatter = best if best.scatter == 0.0 else _best(evidence, (0.0,))
-    agrees = 2.0 * (best.total - without_scatter.total) < AGREES
+    agrees = 2.0 * (best.total - without_scatter.total) < COMMON_VALUE_CHI_SQUARE
     best = without_scatter if agrees else best
     own = np.log1p(best.share * np.expm1(np.clip(best.each, -700.0, 700.0)))
     probability = expit(best.each + _logit(np.array(best.share)))
@@ -381,8 +382,8 @@ def recurrence(evidence: Evidence, candidates: int = 1) -> Recurrence:
 
 
 def _best(evidence: Evidence, scatters: tuple[float, ...] = SCATTERS) -> _Mixture:
-    """Most likely common value: started from the values of the flights with most evidence, and
-    their mean, with each scatter.
+    """Return the most likely common value: started from the values of the flights with most
+    evidence, and their mean, with each scatter.
     """
     largest = np.argsort(-evidence.gain)[:4]
     starts = np.array(
@@ -397,10 +398,10 @@ def _best(evidence: Evidence, scatters: tuple[float, ...] = SCATTERS) -> _Mixtur
 
 
 def _maximised(evidence: Evidence, value: np.ndarray, scatter: np.ndarray) -> _Mixture:
-    """The best of c searches at once, from ``value (c, k)`` with ``scatter (c,)``."""
+    """Return the best of c searches at once, from ``value (c, k)`` with ``scatter (c,)``."""
     share, total = np.full(len(value), 0.5), np.full(len(value), -np.inf)
     each, inverse = _at(evidence, value, scatter)
-    for _ in range(ROUNDS):
+    for _ in range(MOST_ITERATIONS):
         probability = expit(each + _logit(share)[:, None])
         weights = probability[:, :, None, None] * inverse
         result = np.einsum(
@@ -415,7 +416,7 @@ def _maximised(evidence: Evidence, value: np.ndarray, scatter: np.ndarray) -> _M
             total,
             np.logaddexp(np.log1p(-share)[:, None], np.log(share)[:, None] + each).sum(axis=1),
         )
-        if np.all(np.abs(total - before) < SETTLED):
+        if np.all(np.abs(total - before) < SETTLED_LOG_LIKELIHOOD):
             break
     best = int(np.argmax(total))
     return _Mixture(
@@ -426,8 +427,8 @@ def _maximised(evidence: Evidence, value: np.ndarray, scatter: np.ndarray) -> _M
 def _at(
     evidence: Evidence, value: np.ndarray, scatter: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Gain of each flight's log likelihood ``(c, n)`` with the effect about common values ``(c,
-    k)``, and inverses ``(c, n, k, k)``.
+    """Return the gain of each flight's log likelihood ``(c, n)`` with the effect about common
+    values ``(c, k)``, and inverses ``(c, n, k, k)``.
     """
     added = (scatter[:, None] * value)[:, :, None] ** 2 * np.eye(value.shape[1])
     wide = evidence.covariance + added[:, None]

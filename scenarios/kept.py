@@ -34,7 +34,7 @@ def effect_content(effect: Traceable) -> dict[str, Any]:
 
 
 def effect_of(content: Mapping[str, Any], own: Sequence[Traceable], where: str) -> Traceable:
-    """The effect that ``effect_content`` described; one of ``own`` where it was a user's.
+    """Return the effect that ``effect_content`` described; one of ``own`` where it was a user's.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def _made(content: Mapping[str, Any]) -> Any:
 
 
 def _class_of(module: str, name: str) -> Any:
-    """A class of the library by the file that had it when the study was kept, or by its name
+    """Return a class of the library by the file that had it when the study was kept, or by its name
     alone where an older version had it in another file.
     """
     try:
@@ -269,8 +269,8 @@ class KeptFile:
         return None if entry is None else InputFile(entry["name"], entry["sha256"])
 
     def model(self, own: Sequence[Traceable] = ()) -> KeptModel:
-        """The model; ``own`` are the user's effects. Raises DeclarationError where it cannot be
-        made again.
+        """Return the model; ``own`` are the user's effects. Raises DeclarationError where it cannot
+        be made again.
         """
         try:
             return self._made(own)
@@ -301,7 +301,7 @@ class KeptFile:
 
 
 def read_kept(folder: str | Path) -> KeptFile:
-    """The model that a study folder keeps.
+    """Return the model that a study folder keeps.
 
     Raises
     ------
@@ -330,8 +330,8 @@ def read_kept(folder: str | Path) -> KeptFile:
 
 
 def _says_its_files(content: Mapping[str, Any]) -> bool:
-    """Whether a model says what it was declared with, in texts: this is read before its parameters
-    are.
+    """Return whether a model says what it was declared with, in texts: this is read before its
+    parameters are.
     """
     files = content.get("files")
     if not isinstance(files, dict) or not all(
@@ -351,8 +351,8 @@ def _unreadable(path: Path) -> DeclarationError:
 
 
 def _no_model(folder: Path) -> DeclarationError:
-    """What to run where a folder keeps no model: the study again, or an identification of its
-    record.
+    """Return the error for a folder without a model, with the command to run: the study again, or
+    an identification of its record.
     """
     if (folder / "diagnosis.json").is_file():
         return DeclarationError(

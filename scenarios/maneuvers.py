@@ -15,7 +15,7 @@ from rich.console import Console
 
 from ident.maneuver_detection import (
     AXES,
-    PAUSE,
+    LONGEST_GAP,
     DetectedManeuver,
     FlightSignals,
     active_share,
@@ -130,7 +130,7 @@ class FoundManeuvers:
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """What a user should know, one sentence each."""
+        """Cautions for the user, one sentence each."""
         inputs = [name for name in CONTROLS if name in self.record.output_names]
         cautions = (
             []
@@ -200,7 +200,7 @@ def maneuvers_of(
 
 
 def _unread(file: RecordFile, record: Record) -> Mapping[str, str]:
-    """Columns that look like a control or a rate that the record lacks, by channel."""
+    """Return the columns that look like a control or a rate that the record lacks, by channel."""
     from scenarios.preparation.drafting import recognised
 
     missing = [name for name in (*CONTROLS, "p", "q", "r") if name not in record.output_names]
@@ -208,7 +208,7 @@ def _unread(file: RecordFile, record: Record) -> Mapping[str, str]:
 
 
 def signals_of(record: Record) -> FlightSignals:
-    """A record's controls and motion as the search takes them."""
+    """Return a record's controls and motion as the search takes them."""
     values = {channel.name: channel.with_gaps() for channel in record.channels}
     return FlightSignals(
         record.time,
@@ -218,8 +218,8 @@ def signals_of(record: Record) -> FlightSignals:
 
 
 def numbered(found: Sequence[DetectedManeuver], record: Record) -> tuple[NumberedManeuver, ...]:
-    """Maneuvers with numbers, names and parts of the record that do not reach into the next
-    maneuver's.
+    """Return the maneuvers with numbers, names and parts of the record that do not reach into the
+    next maneuver's.
     """
     counts: Counter[str] = Counter()
     out = []
@@ -243,7 +243,7 @@ def numbered(found: Sequence[DetectedManeuver], record: Record) -> tuple[Numbere
 def _part(
     each: DetectedManeuver, found: Sequence[DetectedManeuver], record: Record
 ) -> tuple[float, float]:
-    """The input with ``LEAD`` and ``TAIL``, up to a pause in the rows and half way to its
+    """Return the input with ``LEAD`` and ``TAIL``, up to a pause in the rows and half way to its
     neighbours; a trim point as it is.
     """
     if each.kind == "trim":
@@ -258,7 +258,7 @@ def _part(
             stop = min(stop, 0.5 * (each.end + other.start))
     first = int(np.searchsorted(record.time, start))
     last = int(np.searchsorted(record.time, stop, side="right")) - 1
-    pauses = np.flatnonzero(np.diff(record.time[first : last + 1]) > PAUSE) + first
+    pauses = np.flatnonzero(np.diff(record.time[first : last + 1]) > LONGEST_GAP) + first
     middle = 0.5 * (each.start + each.end)
     first = max([first, *(int(k) + 1 for k in pauses if record.time[k] < middle)])
     last = min([last, *(int(k) for k in pauses if record.time[k] >= middle)])
@@ -289,7 +289,7 @@ def print_maneuvers(
 
 
 def maneuvers_summary(found: FoundManeuvers, details: str = BELOW) -> Summary:
-    """The record, what was found, and how much of the time an input moves."""
+    """Return the record, what was found, and how much of the time an input moves."""
     record, kinds = found.record, Counter(each.found.kind for each in found.maneuvers)
     moves = sum(count for kind, count in kinds.items() if kind != "trim")
     named = ", ".join(f"{count} {kind}" for kind, count in kinds.items() if kind != "trim")
@@ -305,7 +305,7 @@ def maneuvers_summary(found: FoundManeuvers, details: str = BELOW) -> Summary:
 
 
 def maneuvers_table(found: FoundManeuvers) -> Table:
-    """A row for each maneuver and trim point."""
+    """Return a row for each maneuver and trim point."""
     some = found.maneuvers
     columns: list[tuple[Column, Sequence[Cell]]] = [
         (Column("no.", PURE), [Number(each.number, digits=0) for each in some]),
@@ -360,7 +360,7 @@ def excitation_text(each: NumberedManeuver) -> str:
 
 
 def maneuvers_page(found: FoundManeuvers, drawn: Sequence[Drawn] = ()) -> Page:
-    """The page of a search with the figures ``drawn``."""
+    """Return the page of a search with the figures ``drawn``."""
     name, summary = found.identity.name, maneuvers_summary(found)
     moves = sum(each.found.kind != "trim" for each in found.maneuvers)
     used = (
@@ -428,7 +428,7 @@ def write_maneuvers(found: FoundManeuvers, folder: str | Path, *, figures: Forma
 
 
 def maneuvers_toml(found: FoundManeuvers) -> str:
-    """Content of ``maneuvers.toml``."""
+    """Return the content of ``maneuvers.toml``."""
     lines = [
         _HEAD,
         f"record = {_text(found.identity.name)}",
@@ -454,7 +454,7 @@ def _text(text: str) -> str:
 
 
 def maneuvers_content(found: FoundManeuvers) -> dict[str, Any]:
-    """Content of ``maneuvers.json``: SI, nz in g."""
+    """Return the content of ``maneuvers.json``: SI, nz in g."""
     return {
         "schema": SCHEMA,
         "maneuvers": [_content(each) for each in found.maneuvers],

@@ -196,8 +196,9 @@ def predict_record(asked: PredictionRequest) -> PredictionResult:
 def _by_identification(
     kept: KeptModel, declared: Model, ready: PreparedData, *, trusted: bool
 ) -> tuple[Record, Simulation | None, Simulation, list[Record]]:
-    """As ``identify --validate`` predicts: the record, the simulations before and after, and its
-    parts less their wild points."""
+    """Predict as ``identify --validate`` does: return the record, the simulations before and after,
+    and its parts less their outliers.
+    """
     model = with_weight(declared) if kept.weighed else declared
     system = compile_model(model.with_biases(kept.biases), kept.after.outputs)
     fits = record_fits(
@@ -222,7 +223,7 @@ def _by_identification(
 def _by_diagnosis(
     kept: KeptModel, declared: Model, ready: PreparedData, *, trusted: bool
 ) -> tuple[Record, Simulation | None, Simulation, list[Record]]:
-    """As ``diagnose --validate`` predicts, which looks for wild points in any record."""
+    """Predict as ``diagnose --validate`` does, which looks for outliers in any record."""
     assert kept.before is not None
     found = predict(
         kept.before, kept.after, declared.with_biases(kept.biases), ready.validation, kept.spiked
@@ -245,8 +246,8 @@ def _by_diagnosis(
 
 
 def vehicle_of_study(file: KeptFile, model: Path | OwnModel | None) -> VehicleFile:
-    """The study's vehicle, from the text that it keeps; of a user's own model with the file that is
-    named again.
+    """Return the study's vehicle, from the text that it keeps; of a user's own model with the file
+    that is named again.
     """
     own, text = file.file("model_file"), file.content["vehicle_text"]
     chosen: str | OwnModel = file.content["model"]
@@ -301,8 +302,8 @@ def _own_effects(
 
 
 def _same(path: Path, known: InputFile, option: str) -> str:
-    """The path of a user's file; refused where it is not the one that the study was made with, to
-    the byte.
+    """Return the path of a user's file; refused where it is not the one that the study was made
+    with, to the byte.
     """
     if read_source(path, DeclarationError, "a Python file").identity.sha256 != known.sha256:
         what = f"{path} is not the {known.name} that the study was made with"
@@ -313,7 +314,7 @@ def _same(path: Path, known: InputFile, option: str) -> str:
 
 
 def _plan(kept: KeptModel, asked: Plan) -> Plan:
-    """The study's preparation, and of the record the part that is asked."""
+    """Return the study's preparation, and of the record the part that is asked."""
     reading = kept.reading
     hold = Hold(reading.hold) if reading.by_hand else None
     trusted = reading.trusted or asked.trusted
@@ -366,7 +367,7 @@ def figures_of(simulation: Simulation) -> Mapping[str, Mapping[str, float]]:
 
 
 def prediction_figures(found: PredictionResult) -> Iterator[Named]:
-    """The figure of a prediction: recorded and predicted, of a diagnosis with effects also as
+    """Yield the figure of a prediction: recorded and predicted, of a diagnosis with effects also as
     declared. Nothing where no simulation is finite.
     """
     from scenarios.plots.signals import MethodOutputs, context, figure_fit
@@ -395,7 +396,7 @@ TITLE = "simulation with the study's parameters held fixed; initial states and b
 
 
 def prediction_text(found: PredictionResult, width: int = WIDTH) -> str:
-    """What was predicted with which model, warnings, and the errors channel by channel."""
+    """Return the text of a prediction: record, model, warnings, and errors by channel."""
     record, kept = found.record, found.kept
     effects = [effect.name for effect in kept.after.effects]
     lines = wrapped(f"{_samples(found)}; {predicting_model(found)} ({found.study})", width)
@@ -412,7 +413,7 @@ def prediction_text(found: PredictionResult, width: int = WIDTH) -> str:
 
 
 def predicting_model(found: PredictionResult) -> str:
-    """The model, whose it is, and the effects in it."""
+    """Return the model, whose it is, and the effects in it."""
     kept = found.kept
     effects = [effect.name for effect in kept.after.effects]
     vehicle = vehicle_with_file(found.vehicle, kept.vehicle)
@@ -452,8 +453,8 @@ def _rows(found: PredictionResult, simulation: Simulation, word: str) -> list[li
 
 
 def _verdict(found: PredictionResult) -> tuple[str, str]:
-    """Whether the prediction is within the tolerances, and the tone; empty where none were asked
-    for.
+    """Return whether the prediction is within the tolerances, and the tone; empty where none were
+    asked for.
     """
     if found.after.figures is None:
         return "no finite simulation", "open"
@@ -467,7 +468,7 @@ def _verdict(found: PredictionResult) -> tuple[str, str]:
 
 
 def prediction_page(found: PredictionResult, drawn: Sequence[Drawn] = ()) -> Page:
-    """The page of a prediction with the figures ``drawn``."""
+    """Return the page of a prediction with the figures ``drawn``."""
     record, figures_after = found.record, found.after.figures
     verdict, tone = _verdict(found)
     worst = (
@@ -544,8 +545,8 @@ def write_prediction(
 
 
 def prediction_content(found: PredictionResult) -> dict[str, Any]:
-    """Content of ``prediction.json``: errors in SI, nz in g; ``declared`` those of a diagnosis's
-    model without the effects found.
+    """Return the content of ``prediction.json``: errors in SI, nz in g; ``declared`` those of a
+    diagnosis's model without the effects found.
     """
     kept, record = found.kept, found.record
     files = {"vehicle": kept.vehicle, "model": kept.own_file, "effects": kept.effects_file}

@@ -48,7 +48,7 @@ class Tolerance:
     of: str = VALUE
 
     def half_width(self, channel: Channel, where: str) -> np.ndarray:
-        """Half of the band at each sample, ``(N,)``, in the channel's unit."""
+        """Return half of the band at each sample, ``(N,)``, in the channel's unit."""
         number, _, unit = self.text.partition(" ")
         try:
             value = float(number)
@@ -64,7 +64,7 @@ class Tolerance:
         return np.maximum(least, self.share * size)
 
     def told(self, value: float, unit: str) -> tuple[float, str]:
-        """A value of the channel, whose unit is ``unit``, in the unit of the tolerance."""
+        """Return a value of the channel, whose unit is ``unit``, in the unit of the tolerance."""
         own = self.text.partition(" ")[2].strip()
         return value / float(to_si(1.0, own, unit, self.channel, DeclarationError)), own
 
@@ -137,7 +137,7 @@ class ToleranceVerdict:
 
 @cache
 def _schema() -> type[BaseModel]:
-    """The form of a file of tolerances."""
+    """Return the form of a file of tolerances."""
     from scenarios.files.schemas import table_of
 
     bound: Any = table_of(
@@ -208,7 +208,7 @@ def _tests(content: Mapping[str, Any], where: str) -> tuple[ObjectiveTest, ...]:
 def verdicts_of(
     tests: Sequence[ObjectiveTest], record: Record, channels: Sequence[str], rows: np.ndarray
 ) -> tuple[ToleranceVerdict, ...]:
-    """Whether a prediction stays within the bands.
+    """Return whether a prediction stays within the bands.
 
     Parameters
     ----------
@@ -269,7 +269,7 @@ def _word(passed: bool) -> str:
 
 
 def tolerance_content(verdicts: Sequence[ToleranceVerdict], record: Record) -> list[dict[str, Any]]:
-    """The verdicts for a JSON document, in the record's units."""
+    """Return the verdicts for a JSON document, in the record's units."""
     return [
         {
             "test": verdict.test.name,
@@ -299,7 +299,7 @@ def tolerance_content(verdicts: Sequence[ToleranceVerdict], record: Record) -> l
 def tolerance_figures(
     verdicts: Sequence[ToleranceVerdict], record: Record, channels: Sequence[str], rows: np.ndarray
 ) -> Iterator[Named]:
-    """A figure for each test: the measured channel with its band, and the prediction."""
+    """Yield a figure for each test: the measured channel with its band, and the prediction."""
     predicted = dict(zip(channels, rows, strict=True))
     for verdict in verdicts:
         stem = f"tolerances_{verdict.test.name}"

@@ -17,7 +17,7 @@ from sim.maths import absolute, maximum, real, where
 ANGLES = ("alpha", "beta")
 RATES = ("p", "q", "r")
 FLOW = (*ANGLES, "mach", *RATES)  # signals that every aircraft has; surfaces are the file's
-HIGHEST = 9  # power
+HIGHEST_POWER = 9
 AS_TERM = "term_"  # what the name of a signal begins with as it stands in terms
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _NAME = r"[A-Za-z]\w*"
@@ -64,7 +64,7 @@ class Factor:
         return self.signal if self.power == 1 else f"{self.signal}{self.power}"
 
     def of(self, value: Any) -> Any:
-        """The factor where its signal has a value; takes complex numbers and arrays.
+        """Return the factor where its signal has a value; takes complex numbers and arrays.
 
         Parameters
         ----------
@@ -117,7 +117,7 @@ class Term:
         return frozenset(factor.signal for factor in self.factors)
 
     def unit(self, angles: Collection[str]) -> str:
-        """Unit of the term's coefficient: ``1/rad2`` for two factors of angles.
+        """Return the unit of the term's coefficient: ``1/rad2`` for two factors of angles.
 
         Parameters
         ----------
@@ -127,7 +127,7 @@ class Term:
         return "1" if power == 0 else "1/rad" if power == 1 else f"1/rad{power}"
 
     def of(self, values: Mapping[str, Any]) -> Any:
-        """The term's value.
+        """Return the term's value.
 
         Parameters
         ----------
@@ -160,7 +160,7 @@ class TermTable:
         self._places = [self._place_of(term.factors) if term.factors else None for term in terms]
 
     def values(self, signals: Mapping[str, Any]) -> list[Any]:
-        """Values of the terms; to the last bit those of ``Term.of``.
+        """Return the values of the terms; to the last bit those of ``Term.of``.
 
         Parameters
         ----------
@@ -175,7 +175,7 @@ class TermTable:
         return [1.0 if place is None else result[place] for place in self._places]
 
     def _place_of(self, factors: tuple[Factor, ...]) -> int:
-        """The step that gives a product of factors."""
+        """Return the step that gives a product of factors."""
         if len(factors) == 1:
             return self._factor(factors[0])
         if factors not in self._known:
@@ -183,7 +183,7 @@ class TermTable:
         return self._known[factors]
 
     def _factor(self, factor: Factor) -> int:
-        """The step that gives a factor; a power comes from the power below it."""
+        """Return the step that gives a factor; a power comes from the power below it."""
         if factor not in self._known:
             power = factor.knot is None and not factor.absolute and factor.power > 1
             if power:
@@ -199,7 +199,7 @@ class TermTable:
 
 
 def parse_term(text: str, signals: Collection[str], where: str = "term") -> Term:
-    """A term from its text.
+    """Return a term from its text.
 
     Parameters
     ----------
@@ -232,9 +232,9 @@ def parse_term(text: str, signals: Collection[str], where: str = "term") -> Term
         key = (factor.signal, factor.absolute, factor.knot, 0 if is_power else factor.power)
         if key in factors and is_power:
             factor = Factor(factor.signal, factor.power + factors[key].power)
-        if (key in factors and not is_power) or factor.power > HIGHEST:
+        if (key in factors and not is_power) or factor.power > HIGHEST_POWER:
             raise DeclarationError(
-                f"the term {text!r} is no product of powers up to {HIGHEST}",
+                f"the term {text!r} is no product of powers up to {HIGHEST_POWER}",
                 where=where,
                 remedy="write each factor once",
             )
@@ -250,7 +250,7 @@ def _order(factor: Factor) -> tuple[int, str, bool, float, int]:
 
 
 def _parts(compact: str) -> list[str]:
-    """The text between the stars that are outside of brackets."""
+    """Return the text between the stars that are outside of brackets."""
     parts, depth = [""], 0
     for letter in compact:
         depth += (letter == "(") - (letter == ")")
@@ -355,7 +355,7 @@ def is_linear(term: Term, axis: str) -> bool:
 
 
 def _others_even(powers: Mapping[str, int], name: str, power: int) -> bool:
-    """Whether the factors that multiply a signal are unchanged in a mirrored motion."""
+    """Return whether the factors that multiply a signal are unchanged in a mirrored motion."""
     return power % 2 == 1 and not _odd({n: other for n, other in powers.items() if n != name})
 
 
@@ -364,7 +364,7 @@ def _odd(powers: Mapping[str, int]) -> bool:
 
 
 def allowed_terms(along: Sequence[str], across: Sequence[str], *, symmetric: bool) -> list[Term]:
-    """Terms that are even, or odd, in the variables of the lateral motion.
+    """Return the terms that are even, or odd, in the variables of the lateral motion.
 
     Parameters
     ----------

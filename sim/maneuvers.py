@@ -127,7 +127,7 @@ class MultiStep:
 
 
 def three_two_one_one(amplitude: float, unit: float, start: float = 0.0) -> MultiStep:
-    """The 3-2-1-1: steps of 3, 2, 1 and 1 ``unit`` (s) with alternating sign, the first of
+    """Return the 3-2-1-1: steps of 3, 2, 1 and 1 ``unit`` (s) with alternating sign, the first of
     ``amplitude``, from ``start`` (s).
     """
     return alternating(amplitude, [3.0 * unit, 2.0 * unit, unit, unit], start)
@@ -149,8 +149,8 @@ def step(amplitude: float, start: float = 0.0) -> MultiStep:
 
 
 def alternating(amplitude: float, durations: Sequence[float], start: float = 0.0) -> MultiStep:
-    """Steps of alternating sign with the given durations (s), the first of ``amplitude``, from
-    ``start`` (s).
+    """Return the steps of alternating sign with the given durations (s), the first of
+    ``amplitude``, from ``start`` (s).
     """
     for duration in durations:
         if not (duration > SWITCH_TOLERANCE and math.isfinite(duration)):
@@ -224,8 +224,8 @@ class Delayed:
 
 
 def sequence(parts: Sequence[Maneuver], gap: float, start: float = 0.0) -> Sum:
-    """Maneuvers one after another: the first begins at ``start`` (s), each next ``gap`` (s) after
-    the last break of the one before.
+    """Return the maneuvers one after another: the first begins at ``start`` (s), each next ``gap``
+    (s) after the last break of the one before.
 
     Raises ModelError for a negative gap or a part that never begins.
     """
@@ -248,8 +248,9 @@ def _bad(what: str, remedy: str) -> ModelError:
 # ---- Smooth maneuvers that spread their energy over a band
 
 _GAUSS_POINTS = 8
-_FINE = 32  # points in a period of the highest harmonic, where peaks are looked for
-_CLIPPINGS = 200
+# points in a period of the highest harmonic, where peaks are looked for
+_PEAK_POINTS_PER_PERIOD = 32
+_MOST_CLIPPINGS = 200
 _LEVELS = (0.75, 0.99)  # of the peak, at which the first and the last clipping cut
 
 
@@ -325,8 +326,8 @@ class Multisine:
         )
 
     def mean(self, begin: Any, end: Any) -> np.ndarray:
-        """Mean over each interval: a harmonic's mean is its value at the middle times sin(x)/x of
-        half its phase advance.
+        """Return the mean over each interval: a harmonic's mean is its value at the middle times
+        sin(x)/x of half its phase advance.
         """
         begin, end = np.broadcast_arrays(
             np.asarray(begin, dtype=float), np.asarray(end, dtype=float)
@@ -359,8 +360,8 @@ class Multisine:
 def schroeder_multisine(
     rms: float, period: float, harmonics: Sequence[int], start: float = 0.0, cycles: int = 1
 ) -> Multisine:
-    """A multisine of equal amplitudes with Schroeder's phases, shifted in time so that it begins
-    and ends at zero.
+    """Return a multisine of equal amplitudes with Schroeder's phases, shifted in time so that it
+    begins and ends at zero.
 
     phase_i = -pi i (i - 1) / n keeps the peaks low (Schroeder, IEEE Trans. Information Theory
     16(1), 1970). ``rms`` in the input's unit over a period, ``period`` and ``start`` in s.
@@ -384,15 +385,10 @@ def schroeder_multisine(
 
 
 def orthogonal_multisines(
-    rms: Sequence[float],
-    period: float,
-    lowest: int,
-    highest: int,
-    start: float = 0.0,
-    cycles: int = 1,
+    rms: Sequence[float], period: float, lowest: int, highest: int, start: float = 0.0
 ) -> tuple[Multisine, ...]:
-    """One multisine an input, harmonics ``lowest`` to ``highest`` dealt out in turn, hence mutually
-    orthogonal over a period.
+    """Return one multisine an input, harmonics ``lowest`` to ``highest`` dealt out in turn, hence
+    mutually orthogonal over a period.
 
     Raises ModelError when an input would be left without a harmonic.
     """
@@ -404,7 +400,7 @@ def orthogonal_multisines(
         )
     dealt = [range(lowest + i, highest + 1, len(rms)) for i in range(len(rms))]
     return tuple(
-        schroeder_multisine(level, period, list(own), start, cycles)
+        schroeder_multisine(level, period, list(own), start)
         for level, own in zip(rms, dealt, strict=True)
     )
 
@@ -414,7 +410,6 @@ def least_peak_multisine(
     period: float,
     harmonics: Sequence[int],
     start: float = 0.0,
-    cycles: int = 1,
     shares: Sequence[float] | None = None,
 ) -> Multisine:
     """``schroeder_multisine`` with its phases improved until the peaks hardly fall any more.
@@ -426,7 +421,7 @@ def least_peak_multisine(
     all that was passed the lowest peak is taken, so it is never above Schroeder's.
     """
     first = schroeder_multisine(rms, period, harmonics, 0.0)
-    at, count = np.asarray(first.harmonics), _FINE * max(first.harmonics)
+    at, count = np.asarray(first.harmonics), _PEAK_POINTS_PER_PERIOD * max(first.harmonics)
     size, phases = np.asarray(first.amplitudes), np.asarray(first.phases)
     if shares is not None:
         relative = np.asarray(shares, dtype=float)
@@ -438,14 +433,14 @@ def least_peak_multisine(
             )
         size = size * relative * math.sqrt(size.size / float(relative @ relative))
     best, lowest = phases, math.inf
-    for step in range(_CLIPPINGS):
+    for step in range(_MOST_CLIPPINGS):
         spectrum = np.zeros(count // 2 + 1, dtype=complex)
         spectrum[at] = 0.5 * count * size * np.exp(1j * phases)
         u = np.fft.irfft(spectrum, count)
         peak = float(np.max(np.abs(u)))
         if peak < lowest:
             best, lowest = phases, peak
-        level = peak * (_LEVELS[0] + (_LEVELS[1] - _LEVELS[0]) * step / _CLIPPINGS)
+        level = peak * (_LEVELS[0] + (_LEVELS[1] - _LEVELS[0]) * step / _MOST_CLIPPINGS)
         phases = np.angle(np.fft.rfft(np.clip(u, -level, level))[at])
     amplitudes = tuple(size.tolist())
     plain = Multisine(period, first.harmonics, amplitudes, tuple(best.tolist()), 0.0)
@@ -454,12 +449,12 @@ def least_peak_multisine(
         phase + 2.0 * math.pi * harmonic * shift / period
         for harmonic, phase in zip(first.harmonics, best.tolist(), strict=True)
     )
-    return Multisine(period, first.harmonics, amplitudes, turned, start, cycles)
+    return Multisine(period, first.harmonics, amplitudes, turned, start, cycles=1)
 
 
 def _first_zero(multisine: Multisine) -> float:
-    """First upward zero of a multisine within its period, s, by bisection; it has zero mean, so
-    there is one.
+    """Return the first upward zero of a multisine within its period, s, by bisection; it has zero
+    mean, so there is one.
     """
     t = np.linspace(0.0, multisine.period, 32 * max(multisine.harmonics) + 1)
     u = multisine._inside(t)
@@ -556,8 +551,8 @@ class Sweep:
         )
 
     def mean(self, begin: Any, end: Any) -> np.ndarray:
-        """Mean over each interval by Gauss-Legendre panels short against the period: exact to
-        rounding.
+        """Return the mean over each interval by Gauss-Legendre panels short against the period:
+        exact to rounding.
         """
         begin, end = np.broadcast_arrays(
             np.asarray(begin, dtype=float), np.asarray(end, dtype=float)

@@ -25,7 +25,7 @@ G0 = 9.80665  # m/s2, standard gravity: the unit of nz
 
 COMPLEX_STEP = 1e-30
 # runs beside each other, from which steps taken together are cheaper than solves one by one
-_WIDE = 64
+_LEAST_BATCHED_RUNS = 64
 
 
 def plus(x: Any, port: Any) -> Any:
@@ -118,14 +118,14 @@ def sqrt(x: Any) -> Any:
 
 
 def asinh(x: Any) -> Any:
-    """Inverse hyperbolic sine of a float, complex number or array."""
+    """Return the inverse hyperbolic sine of a float, complex number or array."""
     if isinstance(x, float):
         return math.asinh(x)
     return cmath.asinh(x) if isinstance(x, complex) else np.arcsinh(x)
 
 
 def arctan(x: Any) -> Any:
-    """Inverse tangent of a float, complex number or array."""
+    """Return the inverse tangent of a float, complex number or array."""
     if isinstance(x, float):
         return math.atan(x)
     return cmath.atan(x) if isinstance(x, complex) else np.arctan(x)
@@ -149,19 +149,19 @@ def clip(x: Any, low: Any, high: Any) -> Any:
 
 
 def maximum(x: Any, y: Any) -> Any:
-    """The larger by real part."""
+    """Return the larger by real part."""
     return where(real(x) >= real(y), x, y)
 
 
 def minimum(x: Any, y: Any) -> Any:
-    """The smaller by real part."""
+    """Return the smaller by real part."""
     return where(real(x) <= real(y), x, y)
 
 
 def complex_step_jacobian(
     function: Callable[[list[Any]], Sequence[Any]], x: Sequence[float]
 ) -> np.ndarray:
-    """Jacobian of ``function`` at the point ``x``, exact to rounding, shape ``(m, n)``.
+    """Return the Jacobian of ``function`` at the point ``x``, exact to rounding, shape ``(m, n)``.
 
     One call a column with Python complex numbers: for the small systems here that is several times
     cheaper than one call with arrays. ``function`` maps ``n`` scalars to ``m`` scalars.
@@ -180,8 +180,8 @@ def complex_step_jacobian(
 def jacobian_in_one_call(
     function: Callable[[list[Any]], Sequence[Any]], x: Sequence[float]
 ) -> np.ndarray:
-    """As ``complex_step_jacobian``, equal to rounding, for functions that broadcast: all columns in
-    one call with arrays.
+    """Compute ``complex_step_jacobian``, equal to rounding, for functions that broadcast: all
+    columns in one call with arrays.
 
     The cheaper of the two from about six columns on: 3 to 5 times for the 19 states and parameters
     of a flexible aircraft.
@@ -237,7 +237,7 @@ def linear_recurrence(a: Any, b: Any, start: Any) -> np.ndarray:
     n, shape = len(b), np.broadcast_shapes(a.shape[1:], b.shape[1:], start.shape)
     y = np.empty((n + 1, *shape), dtype=np.result_type(a, b, start, float))
     y[0] = start
-    if math.prod(shape) > _WIDE:
+    if math.prod(shape) > _LEAST_BATCHED_RUNS:
         for k in range(n):
             y[k + 1] = a[k] * y[k] + b[k]
         return y
@@ -301,15 +301,15 @@ def once_for_alike(function: Callable[..., Any], *values: Any) -> Any:
 
 
 def trailing(row: np.ndarray, depth: int) -> np.ndarray:
-    """A row with time first, its batch axes moved to the end of ``depth`` batch axes: ``(n, ...)``
-    to ``(n, 1, ..., ...)``.
+    """Return a row with time first, its batch axes moved to the end of ``depth`` batch axes: ``(n,
+    ...)`` to ``(n, 1, ..., ...)``.
     """
     return row.reshape(row.shape[:1] + (1,) * (depth + 1 - row.ndim) + row.shape[1:])
 
 
 # ---- Smooth curves of a few shapes
 
-COARSE = 5  # intervals of the usual form
+USUAL_INTERVALS = 5  # intervals of the usual form
 
 
 @dataclass(frozen=True, eq=False)
@@ -361,15 +361,15 @@ def natural_shapes(
     low, high = min(low, anchor), max(high, anchor)
     if not high > low:
         high = low + 1.0
-    intervals = 2 * COARSE if fine else COARSE
+    intervals = 2 * USUAL_INTERVALS if fine else USUAL_INTERVALS
     at = (anchor - low) / (high - low)
-    coarse = np.linspace(0.0, 1.0, COARSE + 1)
-    powers = (coarse[:, None] - at) ** np.arange(2 if flat else 1, COARSE + 1)
+    coarse = np.linspace(0.0, 1.0, USUAL_INTERVALS + 1)
+    powers = (coarse[:, None] - at) ** np.arange(2 if flat else 1, USUAL_INTERVALS + 1)
     ordinates = _without_anchor(powers, at, flat)
     if fine:
-        middle = _values(_cubics(ordinates), np.linspace(0.0, 1.0, 2 * COARSE + 1))
-        bumps = np.zeros((2 * COARSE + 1, COARSE))
-        bumps[1::2] = np.eye(COARSE)
+        middle = _values(_cubics(ordinates), np.linspace(0.0, 1.0, 2 * USUAL_INTERVALS + 1))
+        bumps = np.zeros((2 * USUAL_INTERVALS + 1, USUAL_INTERVALS))
+        bumps[1::2] = np.eye(USUAL_INTERVALS)
         ordinates = np.hstack([middle, _without_anchor(bumps, at, flat)])
     grid = (np.arange(400) + 0.5) / 400
     _, mixing = np.linalg.qr(_values(_cubics(ordinates), grid) / np.sqrt(len(grid)))
@@ -384,17 +384,17 @@ def natural_shapes(
 
 @lru_cache(maxsize=256)
 def first_shapes(shapes: Shapes, count: int) -> Shapes:
-    """The first ``count`` of some shapes, which are the plainest: a straight line, a parabola and
-    so on where they are not flat.
+    """Return the first ``count`` of some shapes, which are the plainest: a straight line, a
+    parabola and so on where they are not flat.
     """
     columns = tuple(cell[:count] for cell in shapes.columns)
     return Shapes(shapes.low, shapes.spacing, shapes.intervals, shapes.table[:, :count], columns)
 
 
 def shape_names(fine: bool = False, flat: bool = True) -> tuple[str, ...]:
-    """Names of the sizes of these functions: ``shape1`` ..., the finer ones last."""
-    usual = COARSE - 1 if flat else COARSE
-    return tuple(f"shape{i + 1}" for i in range(usual + COARSE if fine else usual))
+    """Return the names of the sizes of these functions: ``shape1`` ..., the finer ones last."""
+    usual = USUAL_INTERVALS - 1 if flat else USUAL_INTERVALS
+    return tuple(f"shape{i + 1}" for i in range(usual + USUAL_INTERVALS if fine else usual))
 
 
 def combine(shapes: Shapes, x: Any, sizes: Sequence[Any]) -> Any:

@@ -31,7 +31,7 @@ from sim.record import Hold
 
 # ---- The time grid of a simulation
 
-CELL = 0.001
+INPUT_CELL_TIME = 0.001
 MOST_STEPS = 20_000_000  # of a simulation, some 100 bytes and a microsecond each
 MOST_CELLS = 500  # of a sub-step: one of more than half a second is of a motion that takes minutes
 
@@ -135,8 +135,8 @@ def drive_from_record(
 
 
 def recorded_drive(u: np.ndarray, time: np.ndarray, hold: Hold, grid: Grid) -> Drive:
-    """A record's inputs ``u (n_inputs, N)`` as they are: held ones unchanged, linear ones exact at
-    the stages.
+    """Return a record's inputs ``u (n_inputs, N)`` as they are: held ones unchanged, linear ones
+    exact at the stages.
     """
     if hold is Hold.PREVIOUS:
         inputs = [row[grid.source] for row in u]
@@ -160,8 +160,8 @@ def drive_from_means(
 
 
 def cell_edges(grid: Grid) -> np.ndarray:
-    """Boundaries of the cells that input-path effects act on, s: ``CELL`` or less where sub-steps
-    are short, these met exactly.
+    """Boundaries of the cells that input-path effects act on, s: ``INPUT_CELL_TIME`` or less where
+    sub-steps are short, these met exactly.
 
     One further sub-step after the last sample carries the feed-through there.
     """
@@ -187,7 +187,7 @@ def drive_from_cells(
 
 
 def _cells_per_step(grid: Grid) -> int:
-    return min(max(1, math.ceil(float(grid.steps.max()) / CELL - 1e-6)), MOST_CELLS)
+    return min(max(1, math.ceil(float(grid.steps.max()) / INPUT_CELL_TIME - 1e-6)), MOST_CELLS)
 
 
 def _by_step(row: Any, grid: Grid) -> np.ndarray:
@@ -247,8 +247,8 @@ def euler_step(
 
 
 def rk4_step(f: Rates, t: Any, x: Sequence[Any], u: Stages, p: Sequence[Any], dt: Any) -> list[Any]:
-    """One classical Runge-Kutta step of size ``dt``; order 4. ``u`` are inputs at begin, middle,
-    end.
+    """Return one classical Runge-Kutta step of size ``dt``; order 4. ``u`` are inputs at begin,
+    middle, end.
     """
     half = 0.5 * dt
     k1 = f(t, x, u[0], p)
@@ -373,11 +373,10 @@ def _outputs(
 
 Inputs = Callable[[np.ndarray], list[np.ndarray]]
 
-_NODES = 8  # of Gauss's rule: exact for polynomials up to degree 15
-_LONGEST = 0.05  # s between them at most, so that inputs of some ten hertz are met to rounding
-# of the size of the terms: what a system may differ from A x + B u + c along its motion
-_AFFINE = 1e-11
-_LENGTHS = 1e-12  # s: intervals that differ by less are the same
+_GAUSS_NODES = 8  # of Gauss's rule: exact for polynomials up to degree 15
+_NODE_SPACING = 0.05  # s at most, so that inputs of some ten hertz are met to rounding
+_AFFINE_TOLERANCE = 1e-11  # of the terms: largest difference from A x + B u + c
+_SAME_STEP_TOLERANCE = 1e-12  # s: intervals that differ by less are the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -414,7 +413,7 @@ def exact_motion(
         if affine is None:
             return None
         edges, sample = _edges(time, breaks, affine.A)
-        node, weight = np.polynomial.legendre.leggauss(_NODES)
+        node, weight = np.polynomial.legendre.leggauss(_GAUSS_NODES)
         share, lengths = 0.5 * (1.0 + node), np.diff(edges)
         times = edges[:-1] + lengths * share[:, None]
         u = np.array(
@@ -431,8 +430,8 @@ def exact_motion(
 
 
 def _at_rest(system: System, p: Sequence[float], begin: float, n: int, m: int) -> Affine | None:
-    """Coefficients from the rates at zero and at one unit of each state and input; None where they
-    are not finite.
+    """Return the coefficients from the rates at zero and at one unit of each state and input; None
+    where they are not finite.
     """
     rows = list(np.eye(n + m, n + m + 1, 1))
     try:
@@ -469,7 +468,10 @@ def _edges(
         nearest = np.clip(np.searchsorted(time, inside), 1, len(time) - 1)
         inside = inside[np.minimum(inside - time[nearest - 1], time[nearest] - inside) > 1e-9]
     edges = np.unique(np.concatenate([time, inside]))
-    longest = min(_LONGEST, 2.0 / max(float(np.abs(np.linalg.eigvals(A)).max(initial=0.0)), 1e-300))
+    longest = min(
+        _NODE_SPACING,
+        2.0 / max(float(np.abs(np.linalg.eigvals(A)).max(initial=0.0)), 1e-300),
+    )
     counted = np.maximum(1, np.ceil(np.diff(edges) / longest - 1e-9))
     refuse_endless(float(counted.sum()), np.diff(edges), longest)
     pieces = counted.astype(int)
@@ -494,7 +496,7 @@ def _carried(
     from scipy.linalg import expm  # imported late: it takes longer than a flight
 
     _, first, which = np.unique(
-        np.round(lengths / _LENGTHS), return_index=True, return_inverse=True
+        np.round(lengths / _SAME_STEP_TOLERANCE), return_index=True, return_inverse=True
     )
     different = lengths[first]
     forcing = np.einsum("im,mjk->jki", affine.B, u) + affine.c
@@ -514,7 +516,7 @@ def _carried(
 def _holds(
     system: System, p: Sequence[float], affine: Affine, t: np.ndarray, x: np.ndarray, u: np.ndarray
 ) -> bool:
-    """Whether the rates are those of the coefficients everywhere along the motion."""
+    """Return whether the rates are those of the coefficients everywhere along the motion."""
     try:
         said = _rates(system, p, t, list(x), list(u), len(t))
     except (ArithmeticError, ValueError, TypeError):
@@ -524,7 +526,7 @@ def _holds(
         + np.abs(affine.B) @ np.abs(u).max(axis=1, initial=0.0)
         + np.abs(affine.c)
     )
-    return bool(np.all(np.abs(said - affine.rates(x, u)) <= _AFFINE * size[:, None]))
+    return bool(np.all(np.abs(said - affine.rates(x, u)) <= _AFFINE_TOLERANCE * size[:, None]))
 
 
 # ---- Motion to a tolerance by LSODA
@@ -533,8 +535,8 @@ InputsAt = Callable[[float], list[float]]
 Stretch = Callable[[float, float], InputsAt]
 
 # relative tolerance of a step; the error of a flight is then below 1e-9 of its motion
-RELATIVE = 1e-10
-ABSOLUTE = 1e-12  # absolute tolerance of each state, SI
+RELATIVE_TOLERANCE = 1e-10
+ABSOLUTE_TOLERANCE = 1e-12  # absolute tolerance of each state, SI
 _MOST_STEPS = 5000  # between two samples: one that needs more is not of this kind
 
 
@@ -583,8 +585,8 @@ def smooth_motion(
                     x,
                     at,
                     tfirst=True,
-                    rtol=RELATIVE,
-                    atol=ABSOLUTE,
+                    rtol=RELATIVE_TOLERANCE,
+                    atol=ABSOLUTE_TOLERANCE,
                     tcrit=[end],
                     hmax=usual,
                     mxstep=_MOST_STEPS,

@@ -55,7 +55,7 @@ class Channel:
 
     @staticmethod
     def of(name: str, unit: str, values: np.ndarray) -> Channel:
-        """A channel from raw values in which NaN marks a missing sample."""
+        """Return a channel from raw values in which NaN marks a missing sample."""
         raw = np.array(values, dtype=float)
         valid = np.isfinite(raw)
         return Channel(name, unit, _frozen(np.where(valid, raw, 0.0)), _frozen(valid))
@@ -64,7 +64,7 @@ class Channel:
         return f"<Channel {self.name} ({self.unit}), {self.values.size} samples>"
 
     def with_gaps(self) -> np.ndarray:
-        """Values with NaN where a sample is missing, for writing and plotting only."""
+        """Return the values with NaN where a sample is missing, for writing and plotting only."""
         return np.where(self.valid, self.values, np.nan)
 
 
@@ -191,7 +191,7 @@ class Record:
         return values, valid
 
     def window(self, start: float | None = None, stop: float | None = None) -> Record:
-        """The rows with ``start <= time <= stop`` (s); None leaves that end open."""
+        """Return the rows with ``start <= time <= stop`` (s); None leaves that end open."""
         keep = np.ones(len(self), dtype=bool)
         if start is not None:
             keep &= self.time >= start
@@ -207,7 +207,7 @@ class Record:
         return self.rows(keep)
 
     def rows(self, keep: np.ndarray) -> Record:
-        """The rows where ``keep (N,)``, bool, is true."""
+        """Return the rows where ``keep (N,)``, bool, is true."""
         cut = [
             tuple(
                 replace(c, values=_frozen(c.values[keep]), valid=_frozen(c.valid[keep]))
@@ -218,7 +218,7 @@ class Record:
         return replace(self, time=self.time[keep], inputs=cut[0], outputs=cut[1])
 
     def only(self, outputs: Iterable[str]) -> Record:
-        """The same record with only the named outputs."""
+        """Return the same record with only the named outputs."""
         return replace(self, outputs=tuple(self[name] for name in outputs))
 
 

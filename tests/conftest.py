@@ -24,7 +24,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile("flightid", deadline=None, derandomize=True)
 settings.load_profile("flightid")
-terminal.EVERY = 1e6  # s; a command's stderr is empty on a busy machine, too
+terminal.PLAIN_LINE_INTERVAL = 1e6  # s; a command's stderr is empty on a busy machine, too
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -24,7 +24,7 @@ from exam.coverage.estimators import read_rows
 from exam.coverage.streams import beside_the_bank, stick_multisine, watched
 from exam.options import Parser
 from ident.flying_qualities.attitude_criteria import GAIN_MARGIN, attitude_bandwidth
-from ident.flying_qualities.stability_margins import NORMAL, stability_margins
+from ident.flying_qualities.stability_margins import NORMAL_HALF_WIDTH, stability_margins
 from ident.frequency_response import EvenSignals, Spectra, estimate_responses
 from ident.frequency_response.estimate import frequencies as response_frequencies
 from ident.frequency_response.estimate import window_lengths
@@ -311,7 +311,10 @@ def swept_roll_loop(case: str, seed: int) -> Counts:
     for name, margin in crossings.items():
         if margin is not None:
             at = margin.frequency
-            ends[name] = at.value - NORMAL * at.std, at.value + NORMAL * at.std
+            ends[name] = (
+                at.value - NORMAL_HALF_WIDTH * at.std,
+                at.value + NORMAL_HALF_WIDTH * at.std,
+            )
     return {name: [int(low <= exact[name] <= high), 1] for name, (low, high) in ends.items()}
 
 
@@ -354,7 +357,7 @@ def bandwidths(noise: str, seed: int) -> Counts:
     out: Counts = {}
     for (name, exact), each in zip(true_bandwidth().items(), quantities, strict=True):
         if each is not None:
-            out[name] = [int(abs(each.value - exact) <= NORMAL * each.std), 1]
+            out[name] = [int(abs(each.value - exact) <= NORMAL_HALF_WIDTH * each.std), 1]
     return out
 
 

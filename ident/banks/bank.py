@@ -33,8 +33,8 @@ from ident.banks.equation_kernels import (
     values_and_jacobians,
 )
 from ident.banks.row_kernel import pass_side_by_side
-from ident.estimate import LARGEST, Estimate, FilterHistory, Outcome
-from ident.filters.ekf import SETTLED, FilterSettings, filter_by_filterpy, filter_by_table
+from ident.estimate import LARGEST_NUMBER, Estimate, FilterHistory, Outcome
+from ident.filters.ekf import SETTLED_SIGMAS, FilterSettings, filter_by_filterpy, filter_by_table
 from ident.filters.problem import FilterProblem, filter_problem, with_free
 from sim.declaration.model import System
 from sim.errors import ModelError
@@ -45,7 +45,7 @@ from sim.record import Record
 # ---- One pass of many extended Kalman filters over one time base, runs on a batch axis
 
 LOG_TWO_PI = float(np.log(2.0 * np.pi))
-_STRETCH = 32  # samples; more gain nothing and cost memory
+_SAMPLES_PER_CHECK = 32  # samples; more gain nothing and cost memory
 
 
 def run_pass(
@@ -82,8 +82,8 @@ def run_pass(
     )
     with np.errstate(all="ignore"):
         march = march_of_table(problem, settings, runs) or march_of_steps(problem, settings, runs)
-        for first in range(0, N, _STRETCH):
-            last = min(first + _STRETCH, N)
+        for first in range(0, N, _SAMPLES_PER_CHECK):
+            last = min(first + _SAMPLES_PER_CHECK, N)
             done = march(first, last, x, P, about, trace)
             x, P = done.mean[-1].T, done.covariance[-1]
             gained, squared = worth(done.innovation, problem.valid[:, first:last])
@@ -117,8 +117,8 @@ def worth(innovation: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def sound_so_far(done: PassStretch, squared: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """Whether runs are finite, without a negative variance, up to each sample: ``(K, B)``, given
-    ``before (B,)``.
+    """Return whether runs are finite, without a negative variance, up to each sample: ``(K, B)``,
+    given ``before (B,)``.
     """
     variance = np.diagonal(done.covariance, axis1=2, axis2=3)
     # What is not finite stays so: the last sample tells of all. Sums of squares are the cheapest
@@ -126,22 +126,22 @@ def sound_so_far(done: PassStretch, squared: np.ndarray, before: np.ndarray) -> 
     ends = [each.ravel() for each in (done.mean[-1], done.covariance[-1], squared)]
     if (
         before.all()
-        and sum(np.vdot(each, each) for each in ends) < LARGEST**2
+        and sum(np.vdot(each, each) for each in ends) < LARGEST_NUMBER**2
         and variance.min() >= 0.0
     ):
         return np.ones(squared.shape, dtype=bool)
-    good = np.all(np.abs(done.mean) < LARGEST, axis=2) & np.all(
-        np.abs(done.covariance) < LARGEST, axis=(2, 3)
+    good = np.all(np.abs(done.mean) < LARGEST_NUMBER, axis=2) & np.all(
+        np.abs(done.covariance) < LARGEST_NUMBER, axis=(2, 3)
     )
-    good &= np.all(variance >= 0.0, axis=2) & (np.abs(squared) < LARGEST)
+    good &= np.all(variance >= 0.0, axis=2) & (np.abs(squared) < LARGEST_NUMBER)
     return np.logical_and.accumulate(good, axis=0) & before
 
 
 def _last_sound(
     done: PassStretch, good: np.ndarray, x: np.ndarray, P: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean ``(n, B)`` and covariance ``(B, n, n)`` of each run after its last finite sample; ``x``
-    and ``P``: before the first one.
+    """Return the mean ``(n, B)`` and covariance ``(B, n, n)`` of each run after its last finite
+    sample; ``x`` and ``P``: before the first one.
     """
     if good[-1].all():
         return done.mean[-1].T, done.covariance[-1]
@@ -291,14 +291,14 @@ def run_bank(
             np.abs(again.mean[n_x:] - result.mean[n_x:, active]) / std, axis=0, initial=0.0
         )
         result, iterations[active] = _merged(result, again, active), done + 1
-        active = active[again.sound & (moved >= SETTLED)]
+        active = active[again.sound & (moved >= SETTLED_SIGMAS)]
     return bank_estimate(problem, result, iterations, sound=result.sound)
 
 
 def bank_estimate(
     problem: FilterProblem, result: BankPass, iterations: np.ndarray, *, sound: np.ndarray
 ) -> BankEstimate:
-    """A pass as an estimate; the likelihood of a run that is not ``sound`` is zero."""
+    """Return a pass as an estimate; the likelihood of a run that is not ``sound`` is zero."""
     kept = result.history
     log_likelihood = np.where(sound, result.log_likelihood, -np.inf)
     estimate = (
@@ -371,7 +371,7 @@ def _number_of_runs(counts: Mapping[str, int]) -> int:
 
 
 def _merged(old: BankPass, new: BankPass, at: np.ndarray) -> BankPass:
-    """The old pass with the runs ``at`` replaced by those of the new one."""
+    """Return the old pass with the runs ``at`` replaced by those of the new one."""
 
     def put(whole: np.ndarray, part: np.ndarray, leading: bool = False) -> np.ndarray:
         out = whole.copy()
@@ -459,8 +459,8 @@ def filter_batched(
 def _history(
     problem: FilterProblem, trace: BankTrace, about: np.ndarray | None
 ) -> tuple[FilterHistory, np.ndarray]:
-    """The history of a pass of one run, and the outputs ``(m, N)`` that the filter expected, also
-    of channels without a sample.
+    """Return the history of a pass of one run, and the outputs ``(m, N)`` that the filter expected,
+    also of channels without a sample.
     """
     system, N, n = problem.system, len(problem.time), len(problem.names)
     n_x = len(problem.system.states)
@@ -507,7 +507,7 @@ def _history(
 
 # ---- The iterated extended Kalman filter for many runs at once
 
-ITERATIONS = 15
+MOST_ITERATIONS = 15
 
 
 def run_iterated_bank(
@@ -517,8 +517,8 @@ def run_iterated_bank(
     *,
     fixed_values: Mapping[str, np.ndarray] | None = None,
     about: np.ndarray | None = None,
-    iterations: int = ITERATIONS,
-    tolerance: float = SETTLED,
+    iterations: int = MOST_ITERATIONS,
+    tolerance: float = SETTLED_SIGMAS,
 ) -> tuple[BankEstimate, np.ndarray]:
     """Run B filters, each linearised about its own smoothed trajectory, until they converge.
 

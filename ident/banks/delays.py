@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.banks.bank import (
-    ITERATIONS,
+    MOST_ITERATIONS,
     BankEstimate,
     filter_alone,
     filter_batched,
@@ -30,7 +30,7 @@ from ident.banks.bank import (
     run_iterated_bank,
 )
 from ident.estimate import Estimate, Outcome
-from ident.filters.ekf import SETTLED, FilterSettings, OnePass, filter_by_filterpy, run_ekf
+from ident.filters.ekf import SETTLED_SIGMAS, FilterSettings, OnePass, filter_by_filterpy, run_ekf
 from ident.filters.problem import filter_problem
 from ident.filters.smoother import smooth
 from sim.declaration.model import System
@@ -87,8 +87,8 @@ def run_iterated_one_by_one(
     *,
     fixed_values: Mapping[str, np.ndarray],
     about: np.ndarray | None = None,
-    iterations: int = ITERATIONS,
-    tolerance: float = SETTLED,
+    iterations: int = MOST_ITERATIONS,
+    tolerance: float = SETTLED_SIGMAS,
 ) -> tuple[BankEstimate, np.ndarray]:
     """Run ``run_iterated_bank`` with filterpy; same arguments, result ``(n, N, B)`` and errors."""
     settings = settings or FilterSettings()
@@ -188,20 +188,15 @@ class SecondPass:
 
 
 def against_filterpy(
-    record: Record,
-    system: System,
-    bank: BankEstimate,
-    values: np.ndarray,
-    name: str = "delay",
-    settings: FilterSettings | None = None,
+    record: Record, system: System, bank: BankEstimate, values: np.ndarray
 ) -> SecondPass | None:
     """Compare the likeliest filter of a batched bank of one pass with filterpy's.
 
     Parameters
     ----------
-    record, system, settings : as the bank was run with.
-    bank, values : the bank, and the values ``(B,)`` at which its filters hold the parameter
-        ``name``.
+    record, system : as the bank was run with.
+    bank, values : the bank, and the delays ``(B,)`` in s at which its filters hold the parameter
+        ``delay``.
 
     Returns
     -------
@@ -217,10 +212,12 @@ def against_filterpy(
         log_likelihood=bank.log_likelihood[best : best + 1],
         sound=bank.sound[best : best + 1],
     )
-    settings = replace(settings or FilterSettings(), passes=1)
+    single_pass = replace(FilterSettings(), passes=1)
     result = agreement(
         own,
-        run_one_by_one(record, system, settings, fixed_values={name: np.atleast_1d(values[best])}),
+        run_one_by_one(
+            record, system, single_pass, fixed_values={"delay": np.atleast_1d(values[best])}
+        ),
     )
     return (
         SecondPass(float(values[best]), result.mean, result.std, result.log_likelihood)
@@ -253,7 +250,7 @@ class BankDifferences:
 
 
 def agreement(one: BankEstimate, other: BankEstimate) -> BankDifferences:
-    """How far two banks of the same runs are apart; ``one`` gives the sigmas to divide by."""
+    """Return how far two banks of the same runs are apart, in the sigmas of ``one``."""
     both = one.sound & other.sound
     sigma = np.maximum(one.std[:, both], np.finfo(float).tiny)
     likelihood = one.log_likelihood[both]
@@ -270,7 +267,7 @@ def agreement(one: BankEstimate, other: BankEstimate) -> BankDifferences:
 
 
 def _systems(system: System, fixed_values: Mapping[str, np.ndarray]) -> list[System]:
-    """The System once for each run, with its values held."""
+    """Return the System once for each run, with its values held."""
     runs = zip(*(np.atleast_1d(values).tolist() for values in fixed_values.values()), strict=True)
     return [
         replace(
@@ -300,15 +297,15 @@ def _bank(estimates: list[Estimate], sound: np.ndarray) -> BankEstimate:
 
 DELAYS = tuple(0.025 * i for i in range(9))  # s
 # a fall of the log-likelihood to a neighbour (three sigmas) up to which it counts as a parabola
-_PARABOLA = 4.5
-_FINEST = 1e-4  # s, closer together filters do not stand
-_POINTS = 7  # delays in a refined bank
-_BANKS = 8  # banks at most
-_REACH = 6.0  # sigmas to either side of the vertex; seven filters then stand two apart
-_SETTLED = 0.1  # sigmas; the likelihood then lies within 0.005 of its final value
+_LARGEST_PARABOLA_FALL = 4.5
+_FINEST_SPACING = 1e-4  # s, closer together filters do not stand
+_REFINED_POINTS = 7  # delays in a refined bank
+_MOST_BANKS = 8
+_REFINED_REACH = 6.0  # sigmas to either side of the vertex; seven filters then stand two apart
+_SETTLED_SIGMAS = 0.1  # sigmas; the likelihood then lies within 0.005 of its final value
 WIDENINGS = 4
 # sigmas of its prior that a parameter may end from its start before the two contradict each other
-FAR = 3.0
+FAR_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -329,8 +326,8 @@ class DelayBank:
     estimate : the iterated filter at the refined delay, with its history. Where refinement gave a
         sigma, the delay is the last name and the covariance holds what its uncertainty adds to the
         others; else the delay is not among the names. Its message tells of contradicted priors.
-    contradicted : parameters whose estimate lies more than ``FAR`` sigmas of the prior from the
-        start, with these sigmas. The start holds them back: they hang on it.
+    contradicted : parameters whose estimate lies more than ``FAR_SIGMAS`` sigmas of the
+        prior from the start, with these sigmas. The start holds them back: they hang on it.
     system : the one that gave ``estimate``, its priors as wide as they were made.
     about : ``(n, N)`` the smoothed trajectory that the refined filters were linearised about; None
         where none was sound.
@@ -355,7 +352,6 @@ def run_delay_bank(
     record: Record,
     system: System,
     delays: Sequence[float] = DELAYS,
-    settings: FilterSettings | None = None,
     *,
     name: str = "delay",
     widenings: int = WIDENINGS,
@@ -365,7 +361,7 @@ def run_delay_bank(
 
     Parameters
     ----------
-    record, settings : as for ``run_ekf``.
+    record : as for ``run_ekf``.
     system : compiled with ``online=True``; its parameter ``name`` is held, and its value does not
         matter.
     delays : at least three, increasing, s.
@@ -386,7 +382,7 @@ def run_delay_bank(
             where="delay bank",
             remedy="give three or more in order, in s",
         )
-    settings = settings or FilterSettings()
+    settings = FilterSettings()
     bank = engine.run(record, system, settings, fixed_values={name: grid})
     weights, best = likelihood_weights(bank.log_likelihood), int(np.argmax(bank.log_likelihood))
     between = (float(grid[max(best - 1, 0)]), float(grid[min(best + 1, grid.size - 1)]))
@@ -450,18 +446,18 @@ def run_delay_bank(
 
 
 def contradicted(system: System, values: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
-    """Free parameters more than ``FAR`` prior sigmas from their prior mean, with that distance."""
+    """Return the free parameters beyond ``FAR_SIGMAS`` of their prior, with their distance."""
     free = [system.parameters[name] for name in system.parameters.free_names if name in values]
     far = [
         (item.name, (values[item.name] - item.value) / item.prior_std)
         for item in free
         if item.prior_std > 0
     ]
-    return tuple((name, float(sigmas)) for name, sigmas in far if abs(sigmas) > FAR)
+    return tuple((name, float(sigmas)) for name, sigmas in far if abs(sigmas) > FAR_SIGMAS)
 
 
 def widened(system: System, contradicted_parameters: Sequence[tuple[str, float]]) -> System:
-    """The System with the prior of each of these as wide as its estimate is far."""
+    """Return the System with the prior of each of these as wide as its estimate is far."""
     return replace(
         system,
         parameters=system.parameters.with_prior(
@@ -522,8 +518,8 @@ def _closing_in(
     """
     low, high = between
     nowhere = _RefinedDelay(best, 0.0, np.zeros(0), about, {})
-    for _ in range(_BANKS):
-        fine = np.linspace(low, high, _POINTS)
+    for _ in range(_MOST_BANKS):
+        fine = np.linspace(low, high, _REFINED_POINTS)
         bank, trajectories = engine.iterated(
             record, system, settings, fixed_values={name: fine}, about=about, tolerance=np.inf
         )
@@ -532,7 +528,7 @@ def _closing_in(
         top = int(np.argmax(bank.log_likelihood))
         about = trajectories[:, :, top : top + 1]
         nowhere = _RefinedDelay(float(fine[top]), 0.0, np.zeros(0), about, _at_end(system, about))
-        if top in (0, _POINTS - 1):
+        if top in (0, _REFINED_POINTS - 1):
             shift = (
                 (fine[top] - 0.5 * (low + high)) if top else -min(0.5 * (high - low), low - grid[0])
             )
@@ -544,14 +540,14 @@ def _closing_in(
         near = slice(top - 1, top + 2)
         spacing = fine[1] - fine[0]
         fall = bank.log_likelihood[top] - bank.log_likelihood[near].min()
-        if fall <= _PARABOLA or spacing <= _FINEST:
+        if fall <= _LARGEST_PARABOLA_FALL or spacing <= _FINEST_SPACING:
             bank, trajectories = engine.iterated(
                 record,
                 system,
                 settings,
                 fixed_values={name: fine[near]},
                 about=trajectories[:, :, near],
-                tolerance=_SETTLED,
+                tolerance=_SETTLED_SIGMAS,
             )
             delay, curvature = vertex(fine[near], bank.log_likelihood)
             if curvature > 0 and np.all(bank.sound) and abs(delay - fine[top]) <= spacing:
@@ -566,7 +562,9 @@ def _closing_in(
             return nowhere
         delay, curvature = vertex(fine[near], bank.log_likelihood[near])
         half = (
-            max(min(_REACH * curvature**-0.5, spacing), 3.0 * _FINEST) if curvature > 0 else spacing
+            max(min(_REFINED_REACH * curvature**-0.5, spacing), 3.0 * _FINEST_SPACING)
+            if curvature > 0
+            else spacing
         )
         low, high = delay - half, delay + half
     return nowhere

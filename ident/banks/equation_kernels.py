@@ -38,7 +38,7 @@ class BankRuns:
     start: np.ndarray
 
     def only(self, chosen: np.ndarray) -> BankRuns:
-        """The chosen runs, by position."""
+        """Return the chosen runs, by position."""
         runs = self.start.shape[1]
 
         def cut(row: Any) -> Any:
@@ -94,7 +94,7 @@ class BankTrace:
 
 
 def empty_trace(problem: FilterProblem, B: int) -> BankTrace:
-    """A trace to be filled by ``run_pass``."""
+    """Return a trace to be filled by ``run_pass``."""
     n, n_x, (m, N) = len(problem.names), len(problem.system.states), problem.valid.shape
     rows, whole = (N, B, m, n), np.zeros((N, B, n, n))
     S = np.array(np.broadcast_to(np.eye(m), (N, B, m, m)))
@@ -193,8 +193,8 @@ def _prediction(
     def predict(
         s: int, x: np.ndarray, P: np.ndarray, point: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Means, covariances and transition rows over sub-step ``s``; a ``point`` to linearise at
-        moves along in place.
+        """Return the means, covariances and transition rows over sub-step ``s``; a ``point`` to
+        linearise at moves along in place.
         """
         stages: Any = tuple([row[s] for row in stage] for stage in runs.drive.stages)
         t, dt = float(grid.edges[s]), float(grid.steps[s])
@@ -241,7 +241,7 @@ def _update(
     def update(
         k: int, x: np.ndarray, P: np.ndarray, point: np.ndarray | None, trace: BankTrace | None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Means and covariances after sample ``k``, and its innovations."""
+        """Return the means and covariances after sample ``k``, and its innovations."""
         sample, B = problem.grid.sample[k], x.shape[1]
         t, u = float(grid.edges[sample]), [row[sample] for row in runs.drive.begin]
         at = x if point is None else point
@@ -275,8 +275,8 @@ def _update(
 def moved_covariance(
     P: np.ndarray, D: np.ndarray, noise: np.ndarray | None, walk: np.ndarray | None, dt: float
 ) -> np.ndarray:
-    """Covariances ``P (B, n, n)`` moved by transitions whose first rows less the identity are ``D
-    (B, n_x, n)``.
+    """Return the covariances ``P (B, n, n)`` moved by transitions whose first rows less the
+    identity are ``D (B, n_x, n)``.
 
     ``noise`` are the same rows of Q_k, its first n_x columns or all; ``walk`` the spectral
     densities of the entries below, random walks.
@@ -308,8 +308,8 @@ def leave_out(rows: np.ndarray, missing: np.ndarray) -> None:
 
 
 def decorrelated(rows: np.ndarray) -> np.ndarray:
-    """Variances ``(..., m)`` of channels freed in place of what those before them tell, rows
-    ``[..., y, S] (..., m, width)``: Gaussian elimination.
+    """Return the variances ``(..., m)`` of channels freed in place of what those before them tell,
+    rows ``[..., y, S] (..., m, width)``: Gaussian elimination.
 
     What is left on the diagonal of S are the variances of independent scalars: the update for a
     joint S without its inverse.
@@ -325,8 +325,8 @@ def decorrelated(rows: np.ndarray) -> np.ndarray:
 def values_and_jacobians(
     function: Callable[[list[Any]], Sequence[Any]], x: np.ndarray, nudge: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Values ``(m, B)`` of a function at each run's ``x (n, B)`` and its Jacobians ``(B, m, n)``,
-    all in one call.
+    """Return the values ``(m, B)`` of a function at each run's ``x (n, B)`` and its Jacobians ``(B,
+    m, n)``, all in one call.
 
     ``nudge (n, n, 1)`` is the complex step on the diagonal, one column of the Jacobian each.
     """
@@ -377,8 +377,8 @@ class Legs(NamedTuple):
 def tables_of(
     system: System, p: Sequence[Any], density: np.ndarray, variance: np.ndarray
 ) -> Tables | None:
-    """The tables of a System whose free parameters are states, at held values ``p``; None where its
-    equations have none.
+    """Return the tables of a System whose free parameters are states, at held values ``p``; None
+    where its equations have none.
 
     ``density (n,)`` as in ``FilterProblem``. None also for equations that ask for the time, for
     parameters that are random walks, and for a held parameter of several values that acts anywhere
@@ -405,8 +405,8 @@ def tables_of(
 
 
 def tables_for(problem: FilterProblem, settings: FilterSettings, runs: BankRuns) -> Tables | None:
-    """The tables of a pass, None where the equations, the integrator, the transition or the inputs
-    have none.
+    """Return the tables of a pass, None where the equations, the integrator, the transition or the
+    inputs have none.
     """
     if (
         settings.step is not rk4_step
@@ -638,8 +638,8 @@ def _table_update(
 
 
 def _by_run(rows: Sequence[np.ndarray], count: int) -> np.ndarray:
-    """Rows ``(count,)`` or ``(count, B)`` side by side, ``(count, B, rows)`` or ``(count, 1,
-    rows)``.
+    """Return the rows ``(count,)`` or ``(count, B)`` side by side, ``(count, B, rows)`` or
+    ``(count, 1, rows)``.
     """
     parts = np.broadcast_arrays(*(np.asarray(row).reshape(count, -1) for row in rows))
     return np.stack(parts, axis=2)

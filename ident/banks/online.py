@@ -87,7 +87,7 @@ class BankState(NamedTuple):
         return int(self.log_likelihood.argmax())
 
     def std(self, run: int) -> np.ndarray:
-        """Standard deviations of a filter, ``(n,)``."""
+        """Return the standard deviations of a filter, ``(n,)``."""
         return np.sqrt(np.maximum(np.diagonal(self.covariance[run]), 0.0))
 
 
@@ -211,8 +211,8 @@ def online_bank(
 def with_delays(
     bank: OnlineBank, delays: np.ndarray, start: np.ndarray | None = None
 ) -> OnlineBank:
-    """The bank with other delays ``(B,)`` (s, in any order), and starts ``(n,)`` or ``(n, B)`` if
-    given.
+    """Return the bank with other delays ``(B,)`` (s, in any order), and starts ``(n,)`` or ``(n,
+    B)`` if given.
     """
     # The delays are the only held value that is an array.
     p = [delays if np.ndim(value) else value for value in bank.p]
@@ -295,8 +295,8 @@ class _Nodes(NamedTuple):
 
 
 def _nodes(bank: OnlineBank, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Times at which the filters stop after ``time[0]``, as in ``sim.propagation.make_grid``, and
-    the row whose input holds from each on.
+    """Return the times at which the filters stop after ``time[0]``, as in
+    ``sim.propagation.make_grid``, and the row whose input holds from each on.
     """
     gaps = np.diff(time)
     pieces = np.maximum(1, np.ceil(gaps / (1.5 * bank.interval) - 1e-9)).astype(int)
@@ -415,7 +415,7 @@ def _filtered(
 
 
 def bank_estimate(bank: OnlineBank, state: BankState) -> BankEstimate:
-    """The state as a result of ``run_bank``, without normalised squares of the rows."""
+    """Return the state as a result of ``run_bank``, without normalised squares of the rows."""
     P = 0.5 * (state.covariance + np.swapaxes(state.covariance, 1, 2))
     log_likelihood = np.where(state.sound, state.log_likelihood, -np.inf)
     B = len(bank.delays)
@@ -481,7 +481,7 @@ def moved_starts(bank: OnlineBank, factors: Sequence[str]) -> np.ndarray:
 
 
 def bank_of_starts(bank: OnlineBank, starts: np.ndarray) -> OnlineBank:
-    """All delays of a bank from each start ``(n, K)``, start by start, without a test for
+    """Return all delays of a bank from each start ``(n, K)``, start by start, without a test for
     spikes.
     """
     count = starts.shape[1]
@@ -492,8 +492,8 @@ def bank_of_starts(bank: OnlineBank, starts: np.ndarray) -> OnlineBank:
 
 
 def final_states_of(bank: OnlineBank, states: Sequence[BankState], delays: int) -> FinalStates:
-    """Most likely filter of each start in states of a ``bank_of_starts`` with ``delays`` delays a
-    start.
+    """Return the most likely filter of each start in states of a ``bank_of_starts`` with ``delays``
+    delays a start.
     """
     K, n = len(bank.delays) // delays, len(bank.names)
     likely = np.array(
@@ -528,7 +528,7 @@ def spread_of(bank: OnlineBank, states: Sequence[BankState], ends: FinalStates) 
 
 
 def spread_covariance(std: np.ndarray, differences: np.ndarray) -> np.ndarray:
-    """The covariance ``(n, n)`` with the deviations ``std (n,)`` and the correlations of the
+    """Return the covariance ``(n, n)`` with the deviations ``std (n,)`` and the correlations of the
     differences ``(K, n)`` of one row.
     """
     products = differences.T @ differences
@@ -540,7 +540,7 @@ def spread_covariance(std: np.ndarray, differences: np.ndarray) -> np.ndarray:
 
 
 def _typical(differences: np.ndarray, sound: np.ndarray) -> np.ndarray:
-    """Variances by the median square over the starts, the second axis; of a diverged start
-    infinite.
+    """Return the variances by the median square over the starts, the second axis; of a diverged
+    start infinite.
     """
     return np.median(np.where(sound, np.square(differences), np.inf), axis=1) / MEDIAN_SQUARE

@@ -23,24 +23,25 @@ from sim.errors import FlightidError
 from sim.record import Record
 
 # filters to either side, one sigma of the delay apart: their sum is a Gaussian's integral to 1e-4
-REACH = 4
+FILTERS_ON_EITHER_SIDE = 4
 # filters over delays that are hardly known: midpoints of so many cells have a uniform density's
 # deviation to 2 %
-FEWEST = 5
+FEWEST_FILTERS = 5
 # of the sigma when last linearised: a curvature that was of no account over that is of less over
 # this
-SHARPER = 0.5
+SHARPENED_SHARE = 0.5
 # sigmas when last linearised: within one the quadratic term is a small part of the linear one
-MOVED = 1.0
+MOVED_SIGMAS = 1.0
 # sigma of the delay over the step of the grid: below, a sum over the filters is no integral
-COARSE = 0.5
-EDGE = 0.01  # likelihood of the outermost filter: above, the grid stands aside
+COARSE_GRID_SIGMAS = 0.5
+EDGE_LIKELIHOOD = 0.01  # likelihood of the outermost filter: above, the grid stands aside
 # times the sigma that all rows give: rows that give no more hold nearly two thirds of the
 # information
-WIDER = 1.25
-CONTRADICTED = 2.0  # sigmas
-SETTLED = 0.1  # sigmas within which iterated filters count as settled
-ELSEWHERE = 0.5  # sigmas: filters that settle within a tenth of one answer are not this far apart
+WIDENING = 1.25
+CONTRADICTED_SIGMAS = 2.0
+SETTLED_SIGMAS = 0.1  # sigmas within which iterated filters count as settled
+# sigmas: filters that settle within a tenth of one answer are not this far apart
+OTHER_OPTIMUM_SIGMAS = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +59,14 @@ class Relinearised:
 
 
 def informative_enough(bank: OnlineBank, state: BankState, names: Sequence[str]) -> bool:
-    """Whether the most likely filter knows any of these parameters twice as well as before the
-    first row.
+    """Return whether the most likely filter knows any of these parameters twice as well as before
+    the first row.
     """
     at = [bank.names.index(name) for name in names]
     return bool(
-        np.any(state.std(state.best)[at] < SHARPER * np.sqrt(np.diagonal(bank.covariance)[at]))
+        np.any(
+            state.std(state.best)[at] < SHARPENED_SHARE * np.sqrt(np.diagonal(bank.covariance)[at])
+        )
     )
 
 
@@ -107,7 +110,7 @@ def linearise(
         bank_result.system,
         fixed_values={name: fine},
         about=bank_result.about[:, :, None],
-        tolerance=SETTLED,
+        tolerance=SETTLED_SIGMAS,
     )
     if np.count_nonzero(runs.sound) < 3:
         return None
@@ -149,13 +152,13 @@ def linearise(
 
 
 def along(current: Relinearised, rows: Rows) -> list[Relinearised]:
-    """On through rows, one for each."""
+    """Advance through rows and return the bank after each of them."""
     return [replace(current, state=state) for state in advance(current.bank, current.state, rows)]
 
 
 def on_a_grid_that_fits(current: Relinearised) -> Relinearised:
-    """The same, its delays laid anew where they have become too far apart for a sum over them, or
-    stand aside of the likely ones.
+    """Return the same, its delays laid anew where they have become too far apart for a sum over
+    them, or stand aside of the likely ones.
     """
     bank, state = current.bank, current.state
     mean, covariance = joint(bank, state)
@@ -163,10 +166,10 @@ def on_a_grid_that_fits(current: Relinearised) -> Relinearised:
     step = float(np.diff(bank.delays).mean())
     # Where there is no room for a further filter the Gaussian is cut off: laid anew, it would be
     # cut again and become narrower without a row.
-    inside = (weights[0] < EDGE or bank.delays[0] < step) and (
-        weights[-1] < EDGE or bank.delays[-1] > bank.memory - step
+    inside = (weights[0] < EDGE_LIKELIHOOD or bank.delays[0] < step) and (
+        weights[-1] < EDGE_LIKELIHOOD or bank.delays[-1] > bank.memory - step
     )
-    dense = float(np.sqrt(covariance[-1, -1])) > COARSE * step
+    dense = float(np.sqrt(covariance[-1, -1])) > COARSE_GRID_SIGMAS * step
     return (
         current
         if not state.sound.any() or (inside and dense)
@@ -182,14 +185,15 @@ def due(current: Relinearised, names: Sequence[str]) -> bool:
     at = [*(current.bank.names.index(name) for name in names), len(mean) - 1]
     std, before = np.sqrt(np.diagonal(covariance))[at], current.std[at]
     return bool(
-        np.any(std < SHARPER * before) or np.any(np.abs(mean - current.mean)[at] > MOVED * before)
+        np.any(std < SHARPENED_SHARE * before)
+        or np.any(np.abs(mean - current.mean)[at] > MOVED_SIGMAS * before)
     )
 
 
 def sharper_of(
     current: Relinearised | None, linearised: Relinearised | None, names: Sequence[str]
 ) -> Relinearised | None:
-    """Which of the two goes on, where ``linearised`` comes from the last rows alone.
+    """Return the bank that continues, if ``linearised`` comes from the last rows alone.
 
     It does if these parameters are hardly less sharp by it: then these rows hold what is known.
     Else the current one does, which was linearised over other rows; where the two contradict each
@@ -200,11 +204,11 @@ def sharper_of(
     at = [linearised.bank.names.index(name) for name in names]
     mean, covariance = joint(current.bank, current.state)
     std = np.sqrt(np.diagonal(covariance))
-    if np.all(linearised.std[at] <= WIDER * std[at]):
+    if np.all(linearised.std[at] <= WIDENING * std[at]):
         return linearised
     off = np.abs(mean - linearised.mean)[:-1]
     apart = np.where(
-        off > CONTRADICTED * linearised.std[:-1],
+        off > CONTRADICTED_SIGMAS * linearised.std[:-1],
         np.maximum(off, current.start_dependence),
         current.start_dependence,
     )
@@ -214,8 +218,8 @@ def sharper_of(
 
 
 def joint(bank: OnlineBank, state: BankState) -> tuple[np.ndarray, np.ndarray]:
-    """Mean ``(n + 1,)`` and covariance of states, parameters and delay over all filters by their
-    likelihood: within and between them.
+    """Return the mean ``(n + 1,)`` and covariance of states, parameters and delay over all filters
+    by their likelihood: within and between them.
     """
     weights = likelihood_weights(np.where(state.sound, state.log_likelihood, -np.inf))
     use = np.flatnonzero(state.sound & (weights > 1e-12))
@@ -233,9 +237,9 @@ def joint(bank: OnlineBank, state: BankState) -> tuple[np.ndarray, np.ndarray]:
     return mean, 0.5 * (covariance + covariance.T)
 
 
-def joint_estimate(current: Relinearised, name: str = "delay", unit: str = "s") -> Estimate:
-    """The parameters with the delay as the last one; what other points of linearisation ended apart
-    by stands in the sigmas.
+def joint_estimate(current: Relinearised) -> Estimate:
+    """Return the parameters with the delay as the last one; what other points of linearisation
+    ended apart by stands in the sigmas.
     """
     bank, state = current.bank, current.state
     n_x = len(bank.system.states)
@@ -243,7 +247,7 @@ def joint_estimate(current: Relinearised, name: str = "delay", unit: str = "s") 
     covariance = covariance + np.diag(np.append(np.square(current.start_dependence), 0.0))
     outcome = Outcome.CONVERGED if state.sound.any() else Outcome.DIVERGED
     likely = float(state.log_likelihood[state.best])
-    names, units = (*bank.names[n_x:], name), (*bank.units, unit)
+    names, units = (*bank.names[n_x:], "delay"), (*bank.units, "s")
     std = np.sqrt(np.diag(bank.R))
     return Estimate(
         "online",
@@ -260,16 +264,19 @@ def joint_estimate(current: Relinearised, name: str = "delay", unit: str = "s") 
 
 
 def _fine(delay: float, std: float, least: float, most: float) -> np.ndarray:
-    """Delays one sigma apart, or less, in the middle of even cells; together these reach as far as
-    the Gaussian does between two bounds.
+    """Return the delays one sigma apart, or less, in the middle of even cells; together these reach
+    as far as the Gaussian does between two bounds.
     """
-    low, high = (min(max(delay + side * (REACH + 0.5) * std, least), most) for side in (-1.0, 1.0))
-    count = max(round((high - low) / std + 0.499), FEWEST)
+    low, high = (
+        min(max(delay + side * (FILTERS_ON_EITHER_SIDE + 0.5) * std, least), most)
+        for side in (-1.0, 1.0)
+    )
+    count = max(round((high - low) / std + 0.499), FEWEST_FILTERS)
     return low + (high - low) / count * (np.arange(count) + 0.5)
 
 
 def _laid_anew(current: Relinearised, mean: np.ndarray, covariance: np.ndarray) -> Relinearised:
-    """The same Gaussian of states, parameters and delay, cut at other delays."""
+    """Return the same Gaussian of states, parameters and delay, cut at other delays."""
     bank, state, n = current.bank, current.state, len(mean) - 1
     variance = max(float(covariance[n, n]), 1e-12)
     fine = _fine(float(mean[n]), variance**0.5, 0.0, bank.memory)
@@ -296,8 +303,8 @@ def _start_dependence(
     elsewhere: np.ndarray,
     std: np.ndarray,
 ) -> np.ndarray:
-    """How far from the rest of them iterated filters end that began about other parameters ``(n,
-    K)``; zero where all end together.
+    """Return the distance ``(n, K)`` of iterated filters with other starting parameters from the
+    rest of the filters; zero if all end together.
     """
     n_x, count = len(system.states), elsewhere.shape[1]
     points = np.repeat(about[:, :, None], 1 + count, axis=2)
@@ -307,7 +314,7 @@ def _start_dependence(
         system,
         fixed_values={name: np.full(1 + count, delay)},
         about=points,
-        tolerance=SETTLED,
+        tolerance=SETTLED_SIGMAS,
     )
     others = runs.sound.copy()
     others[0] = False
@@ -316,4 +323,4 @@ def _start_dependence(
     # One that ends with a lower likelihood has been refuted by the rows: beyond three sigmas of it.
     others &= runs.log_likelihood > runs.log_likelihood[0] - 4.5
     far = np.max(np.abs(runs.mean[:, others] - runs.mean[:, :1]), axis=1, initial=0.0)
-    return np.where(far > ELSEWHERE * std, far, 0.0)
+    return np.where(far > OTHER_OPTIMUM_SIGMAS * std, far, 0.0)

@@ -5,9 +5,9 @@ works on whole rows, element by element, so that the result of a run does not de
 runs; zero entries of the table cost nothing. The filters equal those of
 `ident.banks.equation_kernels` and are several times faster for hundreds of runs.
 
-A pass filters as many runs together as fit into a processor's cache. Every ``_STRETCH`` samples it
-checks which runs are still finite; where a run has diverged, it repeats these samples one by one
-to find the last finite one.
+A pass filters as many runs together as fit into a processor's cache. Every ``_SAMPLES_PER_CHECK``
+samples it checks which runs are still finite; where a run has diverged, it repeats these samples
+one by one to find the last finite one.
 
 Symbols: B runs, n states and parameters, n_x states, m outputs; ``w (len w, B)`` holds the entries
 (1, states, parameters, inputs), ``P (n, n, B)`` covariances, ``F`` and ``H`` Jacobians of rates and
@@ -25,7 +25,7 @@ import numpy as np
 
 from ident.banks.equation_kernels import BankHistory, BankPass, BankRuns, Tables, tables_for
 from ident.bilinear_table import Bilinear
-from ident.estimate import LARGEST
+from ident.estimate import LARGEST_NUMBER
 from ident.filters.ekf import FilterSettings
 from ident.filters.problem import FilterProblem
 
@@ -97,19 +97,26 @@ def summed(terms: Sequence[RowTerm], w: np.ndarray, out: np.ndarray) -> Callable
     other, multiply, add = np.empty_like(w[0]), np.multiply, np.add
     plan = []
     for term in terms:
-        further = term.row in begun
+        further_term = term.row in begun
         begun.add(term.row)
         second, row = w[term.second] if term.second else None, out[term.row]
         plan.append(
-            (term.coefficient, w[term.first], second, row, other if further else row, further)
+            (
+                term.coefficient,
+                w[term.first],
+                second,
+                row,
+                other if further_term else row,
+                further_term,
+            )
         )
 
     def fill(factor: float) -> None:
-        for coefficient, first, second, row, target, further in plan:
+        for coefficient, first, second, row, target, further_term in plan:
             multiply(first, coefficient * factor, target)
             if second is not None:
                 multiply(target, second, target)
-            if further:
+            if further_term:
                 add(row, target, row)
 
     return fill
@@ -121,8 +128,8 @@ def predictor(tables: Tables, w: np.ndarray, P: np.ndarray) -> Callable[[float],
     """
     n, n_x, B = tables.n, tables.n_x, w.shape[1]
     F, D, DP, moved = (np.empty((n_x, n, B)) for _ in range(4))
-    rest, f, change, t = (np.empty((n_x, B)) for _ in range(4))
-    own, pair = np.empty((n_x, n_x, B)), np.empty((n_x, n_x, B))
+    rates_at_rest, f, change, t = (np.empty((n_x, B)) for _ in range(4))
+    state_covariance, pair = np.empty((n_x, n_x, B)), np.empty((n_x, n_x, B))
     # Rates are affine in the states: A x, with A a part of the Jacobian, plus the terms without
     # states.
     at_rest = [
@@ -130,43 +137,46 @@ def predictor(tables: Tables, w: np.ndarray, P: np.ndarray) -> Callable[[float],
         for term in value_terms(tables.f)
         if not (0 < term.first <= n_x or 0 < term.second <= n_x)
     ]
-    slopes, values = summed(slope_terms(tables.f), w, F.reshape(-1, B)), summed(at_rest, w, rest)
+    slopes, values = (
+        summed(slope_terms(tables.f), w, F.reshape(-1, B)),
+        summed(at_rest, w, rates_at_rest),
+    )
     noise = _noise(tables, F, D) if tables.driven else None
     states, multiply, add = w[1 : 1 + n_x], np.multiply, np.add
-    columns = [(F[:, k], change[k]) for k in range(n_x)]
-    moving = [(F[:, k], states[k]) for k in range(n_x)]
-    halves = [(F[:, k, None], F[k]) for k in range(n_x)]
+    change_products = [(F[:, k], change[k]) for k in range(n_x)]
+    state_products = [(F[:, k], states[k]) for k in range(n_x)]
+    squared_jacobian = [(F[:, k, None], F[k]) for k in range(n_x)]
     # Columns of Phi that differ from those of the identity: entries that the rates depend on.
     acting = sorted({term.row % n for term in slope_terms(tables.f)}) or [0]
-    parts = [(D[:, k, None], P[k]) for k in acting]
-    blocks = [(moved[:, None, k], D[None, :, k]) for k in acting]
+    transition_products = [(D[:, k, None], P[k]) for k in acting]
+    covariance_products = [(moved[:, None, k], D[None, :, k]) for k in acting]
     P_states, P_mirror, mirror = P[:n_x], P[n_x:, :n_x], moved[:, n_x:].swapaxes(0, 1)
 
     def predict(dt: float) -> None:
         slopes(dt)
         values(dt)
-        _product(moving, t, D[:, 0])
-        add(rest, t, f)
+        _product(state_products, t, D[:, 0])
+        add(rates_at_rest, t, f)
         # Runge-Kutta of equations that are affine in the states: f + A/2 (f + A/3 (f + A/4 f)).
         change[:] = f
         for divisor in (4.0, 3.0, 2.0):
-            _product(columns, t, D[:, 0])
+            _product(change_products, t, D[:, 0])
             multiply(t, 1.0 / divisor, t)
             add(f, t, change)
         # Phi - I = F + A F / 2.
-        _product(halves, D, DP)
+        _product(squared_jacobian, D, DP)
         multiply(D, 0.5, D)
         Q = None if noise is None else noise(dt)
         add(D, F, D)
-        _product(parts, moved, DP)
+        _product(transition_products, moved, DP)
         add(moved, P_states, moved)
-        _product(blocks, own, pair)
-        add(own, moved[:, :n_x], own)
+        _product(covariance_products, state_covariance, pair)
+        add(state_covariance, moved[:, :n_x], state_covariance)
         if Q is not None:
-            add(own, Q, own)
+            add(state_covariance, Q, state_covariance)
         add(states, change, states)
         P_states[:] = moved
-        add(own, own.swapaxes(0, 1), pair)
+        add(state_covariance, state_covariance.swapaxes(0, 1), pair)
         multiply(pair, 0.5, P_states[:, :n_x])
         P_mirror[:] = mirror
 
@@ -275,8 +285,8 @@ def updater(
 # ---- One pass of many filters of bilinear equations
 
 LOG_TWO_PI = float(np.log(2.0 * np.pi))
-_STRETCH = 32  # samples between two checks for diverged runs
-_AT_ONCE = 64_000  # covariance entries of the runs that are filtered together
+_SAMPLES_PER_CHECK = 32  # samples between two checks for diverged runs
+_MOST_COVARIANCE_ENTRIES = 64_000  # covariance entries of the runs that are filtered together
 
 
 def pass_side_by_side(
@@ -287,7 +297,7 @@ def pass_side_by_side(
     if tables is None:
         return None
     B, size = runs.start.shape[1], len(problem.names) ** 2
-    width = max(8, -(-_AT_ONCE // size))
+    width = max(8, -(-_MOST_COVARIANCE_ENTRIES // size))
     parts = [slice(b, min(b + width, B)) for b in range(0, B, width)]
     with np.errstate(all="ignore"):
         return _joined([_filtered(problem, tables, runs, part, keep) for part in parts])
@@ -310,7 +320,7 @@ def _filtered(
     (n, B), (m, N) = x0.shape, problem.valid.shape
     w, P, filter_samples = _prepared(problem, tables, runs, part)
     point = w[1 : 1 + n]
-    last_x, last_P, sound = point.copy(), P.copy(), np.ones(B, dtype=bool)
+    last_x, last_P, finite = point.copy(), P.copy(), np.ones(B, dtype=bool)
     log_likelihood, nis = np.zeros(B), np.zeros((N, B))
     history = (
         BankHistory(
@@ -320,25 +330,25 @@ def _filtered(
         else None
     )
     workspace = _StretchBuffers(
-        np.empty((_STRETCH, n, B)),
-        np.empty((_STRETCH, n, B)),
-        UpdateBuffers(*(np.empty((_STRETCH, m, B)) for _ in UpdateBuffers._fields)),
+        np.empty((_SAMPLES_PER_CHECK, n, B)),
+        np.empty((_SAMPLES_PER_CHECK, n, B)),
+        UpdateBuffers(*(np.empty((_SAMPLES_PER_CHECK, m, B)) for _ in UpdateBuffers._fields)),
     )
     channels = np.count_nonzero(problem.valid, axis=0)
-    for first in range(0, N, _STRETCH):
-        last = min(first + _STRETCH, N)
+    for first in range(0, N, _SAMPLES_PER_CHECK):
+        last = min(first + _SAMPLES_PER_CHECK, N)
         at, before = slice(first, last), (w.copy(), P.copy())
         filter_samples(first, last, workspace)
         squared = workspace.seen.squared[: last - first].sum(axis=1)
-        gained = -0.5 * (
+        likelihood_gain = -0.5 * (
             squared
             + np.log(workspace.seen.alone[: last - first]).sum(axis=1)
             + channels[at, None] * LOG_TWO_PI
         )
-        good = _finite_so_far(workspace, squared, P, sound)
-        for row in np.where(good, gained, 0.0):  # in the same order for any number of runs
+        good = _finite_so_far(workspace, squared, P, finite)
+        for row in np.where(good, likelihood_gain, 0.0):  # in the same order for any number of runs
             log_likelihood += row
-        nis[at], sound = np.where(good, squared, 0.0), good[-1]
+        nis[at], finite = np.where(good, squared, 0.0), good[-1]
         if history is not None:
             _write_history(
                 history, at, workspace, good, (last_x, last_P.reshape(n * n, B)[:: n + 1])
@@ -347,11 +357,19 @@ def _filtered(
             last_x[:], last_P[:] = point, P
             continue
         w[:], P[:] = before
-        for k, serves in enumerate(good):
+        for k, finite_runs in enumerate(good):
             filter_samples(first + k, first + k + 1, workspace)
-            last_x[:, serves], last_P[:, :, serves] = point[:, serves], P[:, :, serves]
+            last_x[:, finite_runs], last_P[:, :, finite_runs] = (
+                point[:, finite_runs],
+                P[:, :, finite_runs],
+            )
     return BankPass(
-        last_x, np.ascontiguousarray(last_P.transpose(2, 0, 1)), log_likelihood, nis, sound, history
+        last_x,
+        np.ascontiguousarray(last_P.transpose(2, 0, 1)),
+        log_likelihood,
+        nis,
+        finite,
+        history,
     )
 
 
@@ -415,12 +433,12 @@ def _finite_so_far(
     mean, variance = workspace.mean[: len(squared)], workspace.variance[: len(squared)]
     # A NaN fails each comparison.
     good = (
-        (np.abs(mean).max(axis=1) < LARGEST)
+        (np.abs(mean).max(axis=1) < LARGEST_NUMBER)
         & (variance.min(axis=1) >= 0.0)
-        & (variance.max(axis=1) < LARGEST)
-        & (squared < LARGEST)
+        & (variance.max(axis=1) < LARGEST_NUMBER)
+        & (squared < LARGEST_NUMBER)
     )
-    good[-1] &= np.abs(P).max(axis=(0, 1)) < LARGEST
+    good[-1] &= np.abs(P).max(axis=(0, 1)) < LARGEST_NUMBER
     return np.logical_and.accumulate(good, axis=0) & before
 
 

@@ -46,7 +46,7 @@ _NEEDS = {
     "q": ("theta",),
     "ax": ("airspeed",),
 }
-SHORTEST = 20  # samples
+FEWEST_SAMPLES = 20
 LATERAL_CONTROLS = ("aileron", "rudder")
 
 
@@ -175,7 +175,7 @@ def _without_relations(
 
 
 def _nothing_observable(records: Sequence[Record], why: tuple[str, ...]) -> Compatibility:
-    """A check that closes no relation."""
+    """Return a check that closes no relation."""
     empty = CheckResult(tuple(record.name for record in records), (), (), (), {})
     single = tuple(replace(empty, records=(record.name,)) for record in records)
     return Compatibility(channels_of(records), {}, empty, single, (), why, ())
@@ -261,7 +261,7 @@ def _reconstructions(base: KinematicFit, final: KinematicFit) -> tuple[Reconstru
 
 
 def _closed_by(channels: Sequence[str], joined: dict[str, tuple[str, ...]]) -> tuple[str, ...]:
-    """Channels without a kinematic relation, and the channel that would give one."""
+    """Return the channels without a kinematic relation, and the channel that would give one."""
     reached = {name for names in joined.values() for name in names}
     out = []
     for name in channels:
@@ -282,17 +282,17 @@ def _closed_by(channels: Sequence[str], joined: dict[str, tuple[str, ...]]) -> t
 
 
 def _longitudinal(record: Record) -> Record:
-    """The record without controls that move another motion."""
+    """Return the record without controls that move another motion."""
     inputs = tuple(control for control in record.inputs if control.name not in LATERAL_CONTROLS)
     return record if len(inputs) == len(record.inputs) else replace(record, inputs=inputs)
 
 
 def _refuse(record: Record) -> None:
-    if len(record) < SHORTEST:
+    if len(record) < FEWEST_SAMPLES:
         raise RecordError(
             f"{len(record)} samples are too few to check",
             where=record.name,
-            remedy=f"give at least {SHORTEST}",
+            remedy=f"give at least {FEWEST_SAMPLES}",
         )
     refuse_beyond_measure(record, record.output_names, MOST_MEASURED)
     if "airspeed" in record.output_names:

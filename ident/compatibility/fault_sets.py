@@ -26,9 +26,9 @@ from ident.compatibility.trials import (
 
 # ---- Sets of sensor faults fitted jointly
 
-_BREADTH = 5  # sets of one size that are kept, and faults that are tried beside each of them
-TIE = 0.5  # of log likelihood: what two fits of the same thing may differ by
-_WORTH = 2.5  # first-order gain from which a fault is fitted in full
+_BEAM_WIDTH = 5  # sets of one size that are kept, and faults that are tried beside each of them
+TIE_LOG_LIKELIHOOD = 0.5  # of log likelihood: what two fits of the same thing may differ by
+_LEAST_PROJECTED_GAIN = 2.5  # first-order gain from which a fault is fitted in full
 # what the relations tie within a fraction of a second; speed changes too slowly to be a clock
 _TIMED = ("alpha", "q", "nz", "theta")
 
@@ -56,8 +56,8 @@ class FaultSet:
 
 
 def charge_of(false_alarm: float, count: int) -> float:
-    """What a fault has to gain in log likelihood: ln of how many there are to choose from, and -ln
-    of the share of false alarms.
+    """Return the log likelihood that a fault must gain: ln of the number of candidates, minus ln of
+    the share of false alarms.
 
     A gain has an exponential tail or a shorter one where the fault is absent, so that the best of
     ``count`` exceeds this in fewer than ``false_alarm`` of clean sets of records.
@@ -66,7 +66,7 @@ def charge_of(false_alarm: float, count: int) -> float:
 
 
 def fault_set(kinematic_fit: KinematicFit, given: int = 0, *, early: bool = False) -> FaultSet:
-    """A fit judged as a set of faults, of which the first few are ``given``."""
+    """Return a fit judged as a set of faults, of which the first few are ``given``."""
     k = len(kinematic_fit.faults) - given
     if not k:
         return FaultSet(kinematic_fit, 1.0, sound=True, given=given)
@@ -123,8 +123,8 @@ def grow(
     charge: float,
     most: int,
 ) -> list[FaultSet]:
-    """Sets of 0, 1, ... ``most`` faults, a few of each size, begun with the best of ``singles``:
-    forward selection that keeps several ways open.
+    """Return the sets of 0, 1, ... ``most`` faults, a few of each size, begun with the best of
+    ``singles``: forward selection that keeps several ways open.
 
     It ends where the best set of one more fault does not gain ``charge`` over the best without.
     Where no control is recorded, sets with a load ahead of its time are among them, marked.
@@ -153,21 +153,24 @@ def grow(
 
 
 def chosen(sets: Sequence[FaultSet], charge: float) -> FaultSet:
-    """The set of greatest likelihood minus ``charge`` for each fault; a negative delay of a load
-    must be better than any possible fault.
+    """Return the set of greatest likelihood minus ``charge`` for each fault; a negative delay of a
+    load must be better than any possible fault.
     """
     misfit = misfits([each.fit for each in sets])
     widening = sets[int(np.argmin(misfit))].widening
     # Alpha and q late by as much are an early load, to rounding.
     score = [
-        value / widening + charge * len(each.faults) + TIE * each.early + each.surprise
+        value / widening
+        + charge * len(each.faults)
+        + TIE_LOG_LIKELIHOOD * each.early
+        + each.surprise
         for each, value in zip(sets, misfit.tolist(), strict=True)
     ]
     return sets[int(np.argmin(score))]
 
 
 def needed(base: KinematicFit, chosen_set: FaultSet, charge: float) -> FaultSet:
-    """The set less every fault without which the others do nearly as well."""
+    """Return the set less every fault without which the others do nearly as well."""
     while len(chosen_set.faults) > 1:
         less = [
             fit(
@@ -185,7 +188,7 @@ def needed(base: KinematicFit, chosen_set: FaultSet, charge: float) -> FaultSet:
 
 
 def _best_sound(fits: Sequence[KinematicFit], given: int) -> list[FaultSet]:
-    """The best few sound ones, best first."""
+    """Return the best few sound ones, best first."""
     if not fits:
         return []
     out: list[FaultSet] = []
@@ -193,7 +196,7 @@ def _best_sound(fits: Sequence[KinematicFit], given: int) -> list[FaultSet]:
         judged = fault_set(fits[i], given)
         if judged.sound:
             out.append(judged)
-        if len(out) == _BREADTH:
+        if len(out) == _BEAM_WIDTH:
             break
     return out
 
@@ -214,7 +217,11 @@ def _extended(
     quick = sorted(
         zip(free, one_step(kinematic_fit, free), strict=True), key=lambda pair: pair[1].cost
     )
-    worth = [fault for fault, first in quick[:_BREADTH] if kinematic_fit.cost - first.cost > _WORTH]
+    worth = [
+        fault
+        for fault, first in quick[:_BEAM_WIDTH]
+        if kinematic_fit.cost - first.cost > _LEAST_PROJECTED_GAIN
+    ]
     return [
         fit(kinematic_fit.signals, (*kinematic_fit.faults, fault), kinematic_fit)
         for fault in worth
@@ -225,7 +232,7 @@ def _extended(
 def _early(
     kinematic_fit: KinematicFit, faults: Sequence[SensorFault], given: int
 ) -> list[FaultSet]:
-    """A load recorded before it happens, beside a set; which no sensor does.
+    """Return a load recorded before it happens, beside a set; which no sensor does.
 
     A gust moves the vane and the load at once, the path only later: the load then seems early, and
     alpha and q late.
@@ -249,7 +256,7 @@ def _early(
 
 
 def clocks(signals: Sequence[KinematicSignals]) -> tuple[str, ...]:
-    """Channels of which one at least has to be on time.
+    """Return the channels of which one at least has to be on time.
 
     Where no control is recorded the load is none of them: a gust moves it before the path, and
     alpha and q then seem late by as much.
@@ -262,15 +269,15 @@ def clocks(signals: Sequence[KinematicSignals]) -> tuple[str, ...]:
 
 
 def delayed_channels(faults: Iterable[SensorFault]) -> set[str]:
-    """Channels that these faults delay."""
+    """Return the channels that these faults delay."""
     return {
         fault.channel for fault in faults if fault.kind in (DELAY, LAG) and fault.channel in _TIMED
     }
 
 
 def leaves_a_reference(faults: Sequence[SensorFault], timed: Sequence[str]) -> bool:
-    """Whether one of the clocks ``timed`` is on time beside these faults: with all of them late,
-    only differences of times are there to be fitted.
+    """Return whether one of the clocks ``timed`` is on time beside these faults: with all of them
+    late, only differences of times are there to be fitted.
 
     Nothing is recorded before it happens, so that what remains is the channel that is least late.
     """
@@ -280,7 +287,9 @@ def leaves_a_reference(faults: Sequence[SensorFault], timed: Sequence[str]) -> b
 
 
 def reference_sentence(faults: Sequence[SensorFault], timed: Sequence[str]) -> str:
-    """Which of the clocks ``timed`` the times of these faults refer to; empty without a delay."""
+    """Return a sentence that names the clock in ``timed`` to which the times of these faults refer;
+    empty without a delay.
+    """
     delayed = delayed_channels(faults)
     on_time = [name for name in timed if name not in delayed]
     if not delayed or not on_time:
@@ -308,7 +317,7 @@ class Slot:
     losses: np.ndarray
 
     def within(self, chance: float) -> list[FaultTrial]:
-        """The best fault and those not distinguished from it: sound faults that lose at most
+        """Return the best fault and those not distinguished from it: sound faults that lose at most
         ``chance``.
         """
         pairs = list(zip(self.trials, self.losses.tolist(), strict=True))
@@ -337,8 +346,8 @@ def chance_of(false_alarm: float, count: int) -> float:
 
 
 def probabilities(among: Sequence[tuple[SensorFault, FaultQuantity, float]]) -> dict[str, float]:
-    """Probability of each of some faults, one of which is there, by name: from its estimate and the
-    log likelihood that is lost with it.
+    """Return the probability of each of some faults, one of which is there, by name: from its
+    estimate and the log likelihood that is lost with it.
     """
     scores = np.array(
         [
@@ -360,8 +369,8 @@ def slots_of(
     faults: Sequence[SensorFault],
     singles: Sequence[FaultTrial],
 ) -> tuple[FaultSet, list[Slot]]:
-    """Positions of a set, each with all faults tried in it; a better fault replaces the present
-    one, and the search repeats.
+    """Return the positions of a set, each with all faults tried in it; a better fault replaces the
+    present one, and the search repeats.
 
     ``singles`` : every fault tried beside ``base`` alone.
     """
@@ -388,7 +397,7 @@ def slots_of(
             before + chosen_set.widening * chosen_set.surprise,
             after + chosen_set.widening * changed.surprise,
         )
-        if not changed.sound or after > before + TIE:
+        if not changed.sound or after > before + TIE_LOG_LIKELIHOOD:
             break
         chosen_set = changed
     return chosen_set, [
@@ -397,7 +406,7 @@ def slots_of(
 
 
 def same_lateness(one: SensorFault, other: SensorFault) -> bool:
-    """Whether both delay the same channel, in different ways."""
+    """Return whether both delay the same channel, in different ways."""
     return (
         one.channel == other.channel
         and {one.kind, other.kind} <= {DELAY, LAG, ARM}
@@ -406,8 +415,8 @@ def same_lateness(one: SensorFault, other: SensorFault) -> bool:
 
 
 def same_trace(one: SensorFault, other: SensorFault) -> bool:
-    """Whether two arms ahead leave the same trace, the one where the other is behind: of a vane,
-    and of the accelerometer across its flow.
+    """Return whether two arms ahead leave the same trace, the one where the other is behind: of a
+    vane, and of the accelerometer across its flow.
     """
     channels = {one.channel, other.channel}
     return one.kind == other.kind == ARM and any(
@@ -439,7 +448,9 @@ def _slot(
         misfit[1] if t.fault is fault else value
         for t, value in zip(trials, misfit[2:].tolist(), strict=True)
     ]
-    here = [value + TIE * t.fault.rare for t, value in zip(trials, here, strict=True)]
+    here = [
+        value + TIE_LOG_LIKELIHOOD * t.fault.rare for t, value in zip(trials, here, strict=True)
+    ]
     usual = [
         value + chosen_set.widening * float(t.fault.surprise(t.size, t.variance))
         for t, value in zip(trials, here, strict=True)
@@ -452,7 +463,7 @@ def _slot(
 
 
 def _led_by(slot: Slot, fault: SensorFault) -> Slot:
-    """The slot with a fault in front."""
+    """Return the slot with a fault in front."""
     at = (
         [t.fault for t in slot.trials].index(fault)
         if fault in [t.fault for t in slot.trials]
@@ -488,7 +499,7 @@ def search(
     bases: Sequence[KinematicFit],
     settings: CompatibilitySettings,
 ) -> FaultSearch:
-    """The set of faults that the records ask for, each with its group.
+    """Return the set of faults that the records ask for, each with its group.
 
     Forward selection that keeps several sets of each size; each fault has to bring what
     ``charge_of`` says, over the colour of what is left, beside all the others, and the records by
@@ -521,8 +532,8 @@ def _selected(
     charge: float,
     most: int,
 ) -> tuple[FaultSet, float | None]:
-    """The best set, each of whose faults is needed; and by how much a load would be early where
-    that belongs to what is best.
+    """Return the best set, each of whose faults is needed; and by how much a load would be early
+    where that belongs to what is best.
     """
     best = chosen(grow(base, singles, faults, charge, most), charge)
     early = float(best.fit.sizes[-1]) if best.early else None
@@ -599,8 +610,8 @@ def _searched(
 def _in_place(
     slots: Sequence[Slot],
 ) -> tuple[dict[SensorFault, float], dict[SensorFault, FaultTrial]]:
-    """For each fault the position where it loses least in place of an accepted one: loss and
-    trial.
+    """Find the position at which each fault loses least in place of an accepted one, and return
+    loss and trial.
     """
     lost: dict[SensorFault, float] = {}
     instead: dict[SensorFault, FaultTrial] = {}

@@ -34,13 +34,17 @@ from ident.compatibility.signals import (
     weigher,
     whitener,
 )
-from ident.statistics.intervals import OPEN, bounded_inverse, inverse_information
+from ident.statistics.intervals import (
+    DIFFERENCED_UNDETERMINED,
+    bounded_inverse,
+    inverse_information,
+)
 from ident.statistics.residual_spectrum import corrected_covariance
 
 # ---- Fits of the kinematics to records
 
-_ITERATIONS = 8
-_SMALL = 2e-3  # twice the gain of a step that is not worth taking
+_MOST_ITERATIONS = 8
+_NEGLIGIBLE_GAIN = 2e-3  # twice the gain of a step that is not worth taking
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +155,7 @@ class KinematicDescent:
     evaluate: Callable[..., np.ndarray]
     linearised: Callable[..., tuple[np.ndarray, np.ndarray]]
     shares: tuple[float, ...] = (1.0, 0.5, 0.2, 0.05, 0.01)
-    steps: int = _ITERATIONS
+    steps: int = _MOST_ITERATIONS
     enough: float = 0.0
 
 
@@ -163,7 +167,7 @@ def descended(search: KinematicDescent, at: Reached, whiteners: Sequence[Weigher
     for _ in range(search.steps):
         information, gradient = normal_equations(signals, priors, own, lines, whiteners)
         step = bounded_inverse(information) @ gradient
-        if float(gradient @ step) < _SMALL:
+        if float(gradient @ step) < _NEGLIGIBLE_GAIN:
             break
         for share in search.shares:
             moved = np.split(share * step, np.cumsum([len(o) for o in own]))
@@ -195,7 +199,7 @@ def misfit(
     outputs: Sequence[np.ndarray],
     whiteners: Sequence[Weigher],
 ) -> float:
-    """Half the sum of squares under given noise, priors included."""
+    """Return half the sum of squares under given noise, priors included."""
     total = 0.0
     for s, prior, o, y, white in zip(signals, priors, own, outputs, whiteners, strict=True):
         residual = residual_of(s, y)
@@ -231,7 +235,7 @@ def least_misfit(
     whiteners: Sequence[Weigher],
     priors: Sequence[np.ndarray] | None = None,
 ) -> float:
-    """Half the sum of squares that the unknowns of a fit leave under another noise, priors
+    """Return half the sum of squares that the unknowns of a fit leave under another noise, priors
     included; to first order.
 
     ``whiteners`` of that noise, one a record (``ident.compatibility.signals.weigher``).
@@ -254,8 +258,8 @@ def least_misfit(
 
 
 def positions(kinematic_fit: KinematicFit) -> list[np.ndarray]:
-    """Positions of the columns of each record's Jacobian in the vector of all unknowns: own ones
-    first, then the faults.
+    """Return the positions of the columns of each record's Jacobian in the vector of all unknowns:
+    own ones first, then the faults.
     """
     total, out, at = sum(len(own) for own in kinematic_fit.own), [], 0
     for own in kinematic_fit.own:
@@ -281,8 +285,8 @@ def normal_equations(
     lines: Sequence[tuple[np.ndarray, np.ndarray]],
     whiteners: Sequence[Weigher],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Information ``(n, n)`` and gradient ``(n,)`` of the log likelihood, own unknowns of each
-    record first.
+    """Return the information ``(n, n)`` and gradient ``(n,)`` of the log likelihood, own unknowns
+    of each record first.
     """
     total = sum(len(o) for o in own)
     faults = lines[0][1].shape[2] - len(own[0])
@@ -311,7 +315,7 @@ def residual_of(s: KinematicSignals, y: np.ndarray) -> np.ndarray:
 
 # ---- Both methods side by side
 
-_PASSES = 4
+_MOST_PASSES = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,7 +329,7 @@ class Sigmas:
 
 
 def smoother_sigmas(kinematic_fit: KinematicFit) -> Sigmas:
-    """Covariance of a fit, corrected for innovations that are not white
+    """Return the covariance of a fit, corrected for innovations that are not white
     (``ident.statistics.residual_spectrum``).
     """
     white, at = whitened(kinematic_fit), positions(kinematic_fit)
@@ -333,7 +337,7 @@ def smoother_sigmas(kinematic_fit: KinematicFit) -> Sigmas:
     for (_, jacobian), where in zip(white, at, strict=True):
         J = jacobian.reshape(-1, jacobian.shape[2])
         information[np.ix_(where, where)] += J.T @ J
-    inverse, _ = inverse_information(information, floor=OPEN)
+    inverse, _ = inverse_information(information, floor=DIFFERENCED_UNDETERMINED)
     parts = [
         (where, jacobian, e, s.valid)
         for (e, jacobian), where, s in zip(white, at, kinematic_fit.signals, strict=True)
@@ -346,8 +350,8 @@ def smoother_sigmas(kinematic_fit: KinematicFit) -> Sigmas:
 
 
 def output_error(kinematic_fit: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
-    """Values of all unknowns by output error, begun at a smoother fit, and their covariance with
-    the inputs' noise accounted for.
+    """Return the values of all unknowns by output error, begun at a smoother fit, and their
+    covariance with the inputs' noise accounted for.
 
     Residuals are weighed by their own mean square, as if they were white; the covariance is that
     which such weights give under the noise of outputs and inputs of the smoother fit.
@@ -363,7 +367,7 @@ def output_error(kinematic_fit: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
     total = len(prior) - len(sizes)
     lines = list(zip(kinematic_fit.outputs, kinematic_fit.jacobians, strict=True))
     parts = [part_of_controls(s) for s in kinematic_fit.signals]
-    for turn in range(_PASSES):
+    for turn in range(_MOST_PASSES):
         if turn:
             lines = [
                 linearised(s, u, kinematic_fit.faults, o, sizes)
@@ -410,7 +414,7 @@ def output_error(kinematic_fit: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
         spread[np.ix_(where, where)] += np.einsum(
             "inc,i,ind->cd", walk, kinematic_fit.noise.density, walk
         )
-    inverse, _ = inverse_information(information, floor=OPEN)
+    inverse, _ = inverse_information(information, floor=DIFFERENCED_UNDETERMINED)
     return np.concatenate([*own, sizes]), _sandwich(inverse, spread)
 
 
@@ -435,17 +439,17 @@ def difference_in_sigmas(one: float, var_one: float, other: float, var_other: fl
 
 # ---- What the channels can and cannot tell
 
-_MEMBER = 0.2  # of the largest part: what takes less part in a combination is not named
-_PIVOT = 0.3
-_CLOSE = 0.95
+_LEAST_PART = 0.2  # of the largest part: what takes less part in a combination is not named
+_LEAST_PIVOT = 0.3
+_CONFUSABLE_CORRELATION = 0.95
 FAMILIES = ((DELAY,), (SCALE,), (BIAS, DRIFT))
 
 
 def unobservable_sentences(
     base: KinematicFit, noise: RelationNoise, channels: Sequence[str]
 ) -> tuple[str, ...]:
-    """Sentences for records fitted without a fault. Sizes count in units of what is common in
-    practice (``SensorFault.plausible``).
+    """Return the sentences for records fitted without a fault. Sizes count in units of what is
+    common in practice (``SensorFault.plausible``).
 
     A fault, or a combination of faults of one family (times, scales, biases and drifts), has no
     trace where its standard deviation is above one such unit; two faults look alike where what they
@@ -458,8 +462,8 @@ def unobservable_sentences(
 def unobservable_faults(
     information: np.ndarray, faults: Sequence[SensorFault], channels: Sequence[str]
 ) -> tuple[str, ...]:
-    """Sentences on combinations of ``faults`` that ``information (k, k)`` does not determine, in
-    units of plausible sizes.
+    """Return the sentences on combinations of ``faults`` that ``information (k, k)`` does not
+    determine, in units of plausible sizes.
     """
     silent = np.diag(information) < 1.0
     out = []
@@ -494,8 +498,8 @@ def unobservable_faults(
 def fault_information(
     base: KinematicFit, noise: RelationNoise, faults: Sequence[SensorFault]
 ) -> np.ndarray:
-    """Information on the faults, each in units of its plausible size, when starts, gravity's turn
-    and jumps are free: ``(k, k)``.
+    """Return the information on the faults, each in units of its plausible size, when starts,
+    gravity's turn and jumps are free: ``(k, k)``.
 
     A lag's trace is that of its plausible size: at zero it is a delay's.
     """
@@ -527,7 +531,7 @@ def fault_information(
 
 
 def _simple_rows(rows: np.ndarray, named: Sequence[SensorFault]) -> list[np.ndarray]:
-    """The same space by rows with few members: Gauss-Jordan, drifts expressed by biases."""
+    """Return the same space by rows with few members: Gauss-Jordan, drifts expressed by biases."""
     rows, out, done = rows.copy(), [], np.zeros(len(rows), dtype=bool)
     order = sorted(range(len(named)), key=lambda i: named[i].kind != DRIFT)
     for column in order:
@@ -535,7 +539,7 @@ def _simple_rows(rows: np.ndarray, named: Sequence[SensorFault]) -> list[np.ndar
         if not left.size:
             break
         best = left[np.argmax(np.abs(rows[left, column]))]
-        if abs(rows[best, column]) < _PIVOT * np.abs(rows[best]).max():
+        if abs(rows[best, column]) < _LEAST_PIVOT * np.abs(rows[best]).max():
             continue
         rows[best] /= rows[best, column]
         for other in range(len(rows)):
@@ -558,7 +562,9 @@ def _alike(
     while left:
         group = [left.pop(0)]
         for i in list(left):
-            if all(abs(information[i, j]) >= _CLOSE * size[i] * size[j] for j in group):
+            if all(
+                abs(information[i, j]) >= _CONFUSABLE_CORRELATION * size[i] * size[j] for j in group
+            ):
                 group.append(i)
                 left.remove(i)
         if len(group) > 1:
@@ -567,7 +573,7 @@ def _alike(
 
 
 def _combination_sentence(row: np.ndarray, named: Sequence[SensorFault]) -> str:
-    members = [(named[i], row[i]) for i in np.argsort(-np.abs(row)) if abs(row[i]) >= _MEMBER]
+    members = [(named[i], row[i]) for i in np.argsort(-np.abs(row)) if abs(row[i]) >= _LEAST_PART]
     kinds = {fault.kind for fault, _ in members}
     lateness = all(fault.kind in (DELAY, LAG) for fault, _ in members)
     channels = sorted(

@@ -52,8 +52,14 @@ UNITS = {
     },
     **{"height": "m", "altitude": "m", "wind": "m/s"},
 }
-# a bias that is worth a word
-_SIZES = {"alpha": 0.02, "q": 0.005, "nz": 0.05, "theta": 0.02, "airspeed": 3.0, "ax": 0.3} | {
+_NOTABLE_BIASES = {  # a bias that is worth a word
+    "alpha": 0.02,
+    "q": 0.005,
+    "nz": 0.05,
+    "theta": 0.02,
+    "airspeed": 3.0,
+    "ax": 0.3,
+} | {
     **{
         "beta": 0.02,
         "phi": 0.02,
@@ -132,7 +138,9 @@ class SensorFault:
         """A size that is common in practice: the scale of observability."""
         own = {SCALE: 0.1, DELAY: 0.05, LAG: 0.05} | dict.fromkeys(ARMS, 5.0)
         return own.get(self.kind) or (
-            0.05 * _SIZES[self.channel] if self.kind == DRIFT else _SIZES[self.channel]
+            0.05 * _NOTABLE_BIASES[self.channel]
+            if self.kind == DRIFT
+            else _NOTABLE_BIASES[self.channel]
         )
 
     @property
@@ -169,7 +177,7 @@ class SensorFault:
 def faults_of(
     channels: Sequence[str], *, drifts: bool, biases: bool = False, chord: float = 0.0
 ) -> tuple[SensorFault, ...]:
-    """All faults of these channels, in their order."""
+    """Return all faults of these channels, in their order."""
     kinds = (*([BIAS] if biases else []), SCALE, DELAY, LAG, *([DRIFT] if drifts else []))
     out = [SensorFault(channel, kind) for channel in channels for kind in kinds]
     if {"alpha", "q"} <= set(channels):
@@ -184,11 +192,11 @@ def faults_of(
 # (channel, kind) -> sizes (P, 1); zero where nothing is fitted
 Values = Callable[[str, str], np.ndarray]
 # alpha stands on the right side under small factors: each sweep gains a factor of ten and more
-_SWEEPS = 5
+_FIXED_POINT_SWEEPS = 5
 
 
 def reconstructed(s: KinematicSignals, value: Values) -> np.ndarray:
-    """What the outputs should read if the sensors have these faults: ``(m, P, N)`` for sizes ``(P,
+    """Return the outputs ``(m, P, N)`` that sensors with these faults should read, for sizes ``(P,
     1)``.
 
     Besides the faults, ``value`` gives ``("start", STATE)``, ``("turn", "1")`` = c1, ``("turn",
@@ -247,7 +255,7 @@ def _with_theta(
     h: np.ndarray,
 ) -> np.ndarray:
     alpha = s.channels["alpha"][None]
-    for _ in range(_SWEEPS):
+    for _ in range(_FIXED_POINT_SWEEPS):
         gravity = s.gravity * over_speed * h * middle(np.cos(theta - alpha))
         if "ax" in inputs:
             change = (
@@ -263,8 +271,8 @@ def _with_theta(
 
 
 def increments(s: KinematicSignals, name: str, value: Values, h: np.ndarray) -> np.ndarray:
-    """Integral of the true signal over each interval from its faulty reading, cubic between
-    samples: ``(P, N - 1)``.
+    """Return the integral of the true signal over each interval from its faulty reading, cubic
+    between samples: ``(P, N - 1)``.
     """
     x, t = s.channels[name], s.time
     delay, lag = value(name, DELAY), value(name, LAG)
@@ -283,7 +291,7 @@ def increments(s: KinematicSignals, name: str, value: Values, h: np.ndarray) -> 
 
 
 def samples(s: KinematicSignals, name: str, value: Values) -> np.ndarray:
-    """The true signal at the samples from its faulty reading: ``(P, N)``."""
+    """Return the true signal at the samples from its faulty reading: ``(P, N)``."""
     read, t = s.channels[name][None], s.time
     delay, lag = value(name, DELAY), value(name, LAG)
     if np.any(lag):
@@ -374,12 +382,12 @@ def _moved(t: np.ndarray, y: np.ndarray, dy: np.ndarray, by: float) -> np.ndarra
 
 
 def middle(x: np.ndarray) -> np.ndarray:
-    """Means of neighbouring samples along the last axis."""
+    """Return the means of neighbouring samples along the last axis."""
     return np.asarray(0.5 * (x[..., 1:] + x[..., :-1]))
 
 
 def summed(increments: np.ndarray) -> np.ndarray:
-    """Samples ``(P, N)``, the first one zero, from increments ``(P, N - 1)``."""
+    """Return the samples ``(P, N)``, the first one zero, from increments ``(P, N - 1)``."""
     increments = np.atleast_2d(increments)
     out = np.zeros((len(increments), increments.shape[1] + 1))
     np.cumsum(increments, axis=1, out=out[:, 1:])
@@ -387,7 +395,7 @@ def summed(increments: np.ndarray) -> np.ndarray:
 
 
 def _slopes(y: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Slopes by parabolas through three neighbours, at the ends by straight lines."""
+    """Return the slopes by parabolas through three neighbours, at the ends by straight lines."""
     h = np.diff(t)
     steep = np.diff(y, axis=-1) / h
     inner = (steep[..., :-1] * h[1:] + steep[..., 1:] * h[:-1]) / (h[1:] + h[:-1])
@@ -398,7 +406,7 @@ def _slopes(y: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 Key = tuple[str, str]
 # share by which an airspeed that is not recorded may be off: it divides the load as a scale does
-_SPEED = 0.015
+_AIRSPEED_UNCERTAINTY = 0.015
 
 
 @dataclass(frozen=True)
@@ -423,7 +431,7 @@ def unknowns_of(s: KinematicSignals) -> tuple[Unknown, ...]:
     if "alpha" in s.outputs:
         out.append(Unknown(("nz", BIAS), 1e-3))
         if "airspeed" not in s.channels:
-            out.append(Unknown(("nz", SCALE), 1e-3, _SPEED))
+            out.append(Unknown(("nz", SCALE), 1e-3, _AIRSPEED_UNCERTAINTY))
         if "theta" not in s.channels:
             out += [Unknown(("turn", "1"), 1e-3, 0.2), Unknown(("turn", "2"), 1e-2, 0.5)]
         if s.jumps.size:
@@ -434,8 +442,8 @@ def unknowns_of(s: KinematicSignals) -> tuple[Unknown, ...]:
 
 
 def start_of(s: KinematicSignals, unknowns: Sequence[Unknown]) -> np.ndarray:
-    """First values: states as they are first measured, nz incremental or total, whichever is
-    nearer.
+    """Return the first values: states as they are first measured, nz incremental or total,
+    whichever is nearer.
     """
     out = np.zeros(len(unknowns))
     for i, item in enumerate(unknowns):

@@ -27,9 +27,9 @@ from sim.record import Hold, Record
 # ---- A record made ready for the kinematics
 
 # s at both ends of a record that no residual counts: a late channel has nothing to show there
-EDGE = 0.1
+IGNORED_ENDS = 0.1
 CHANNELS = ("alpha", "q", "nz", "az", "theta", "airspeed", "ax")
-SPIKE = 8.0  # robust sigmas
+SPIKE_SIGMAS = 8.0  # robust sigmas
 LEAST_SPIKE = 0.03  # of a channel's range
 
 
@@ -90,9 +90,8 @@ class KinematicSignals:
         return wide
 
 
-NO_AIRSPEED = (
-    "no airspeed is recorded or given"  # begins the note that says which relations lack it
-)
+# begins the note that says which relations lack it
+NO_AIRSPEED = "no airspeed is recorded or given"
 
 
 def relations(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
@@ -129,7 +128,7 @@ def signals_of(
         raw[name], valid[name] = np.interp(record.time, record.time[there], values[there]), there
     relation_list = relations(channels)
     used = {name for joined in relation_list.values() for name in joined}
-    edge = EDGE if record.time[-1] - record.time[0] > 50.0 * EDGE else 0.0
+    edge = IGNORED_ENDS if record.time[-1] - record.time[0] > 50.0 * IGNORED_ENDS else 0.0
     inside = (record.time >= record.time[0] + edge) & (record.time <= record.time[-1] - edge)
     speed = (
         raw["airspeed"]
@@ -157,7 +156,7 @@ def signals_of(
 
 
 def measured_channels(record: Record) -> tuple[str, ...]:
-    """Channels of a record that the kinematics know, az under nz."""
+    """Return the channels of a record that the kinematics know, az under nz."""
     have = set(record.output_names)
     names = [
         name
@@ -187,7 +186,8 @@ def isolated(t: np.ndarray, x: np.ndarray) -> np.ndarray:
     away[1:-1] = x[1:-1] - 0.5 * (x[2:] + x[:-2])
     least = np.min(np.abs([left, right, away]), axis=0)
     large = least > max(
-        SPIKE * robust_sigma(np.where(np.isfinite(away), away, 0.0)), LEAST_SPIKE * float(np.ptp(x))
+        SPIKE_SIGMAS * robust_sigma(np.where(np.isfinite(away), away, 0.0)),
+        LEAST_SPIKE * float(np.ptp(x)),
     )
     large[:2] = large[-2:] = False
     # A spike spoils what its neighbours are compared with; they are smaller.
@@ -218,8 +218,8 @@ def _jumps(record: Record, raw: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def differences(columns: np.ndarray) -> np.ndarray:
-    """Differences of neighbouring samples of columns ``(m, N, c)``, the first sample itself; all
-    outputs of a sample together: ``(N m, c)``.
+    """Return the differences of neighbouring samples of columns ``(m, N, c)``, the first sample
+    itself; all outputs of a sample together: ``(N m, c)``.
     """
     m, n, c = columns.shape
     flat = np.empty((n, m, c))
@@ -230,7 +230,7 @@ def differences(columns: np.ndarray) -> np.ndarray:
 
 # ---- The residual of an integrated relation
 
-_MISSING = 1e8  # times the noise variance: such a sample says nothing
+_MISSING_VARIANCE_FACTOR = 1e8  # times the noise variance: such a sample says nothing
 _INPUTS = {"alpha": ("q", "nz", "az"), "theta": ("q",), "airspeed": ("ax", "nx")} | {
     **{
         "phi": ("p",),
@@ -276,7 +276,7 @@ def walking_inputs(outputs: Sequence[str]) -> tuple[str, ...]:
 
 
 def inputs_of(output: str) -> tuple[str, ...]:
-    """Channels whose noise walks in an output."""
+    """Return the channels whose noise walks in an output."""
     return _INPUTS[output]
 
 
@@ -299,8 +299,8 @@ def first_noise(all_signals: Sequence[KinematicSignals]) -> RelationNoise:
 
 
 def resolution(x: np.ndarray) -> float:
-    """Variance of what a column cannot show: rounding to its least step, or to single precision, in
-    which recorders store at best.
+    """Return the variance of what a column cannot show: rounding to its least step, or to single
+    precision, in which recorders store at best.
 
     A value rounded to steps of d has an error of variance d^2/12. A single-precision number of size
     x has steps of 2^-23 x. The least step of a column is its smallest third difference beyond that,
@@ -313,14 +313,14 @@ def resolution(x: np.ndarray) -> float:
 
 
 def floors(all_signals: Sequence[KinematicSignals], names: Sequence[str]) -> np.ndarray:
-    """The least variance that each of the channels can have, by the finest record."""
+    """Return the least variance that each of the channels can have, by the finest record."""
     return np.array(
         [max(min(resolution(s.channels[name]) for s in all_signals), 1e-20) for name in names]
     )
 
 
 def roughness(x: np.ndarray) -> float:
-    """Variance of a channel's noise as its third differences show it."""
+    """Return the variance of a channel's noise as its third differences show it."""
     third = np.diff(x, 3)
     # The median is not moved by the few samples at which a held input switches.
     middle = float(np.median(np.abs(third))) / 0.6745 if third.size else 0.0
@@ -358,8 +358,8 @@ class RelationWhitener:
     log_determinant: float
 
     def __call__(self, columns: np.ndarray) -> np.ndarray:
-        """Columns ``(m, N, c)``, zero where a sample is missing, as those of independent samples of
-        variance one: ``(m, N, c)``.
+        """Return the columns ``(m, N, c)``, zero where a sample is missing, as those of independent
+        samples of variance one: ``(m, N, c)``.
         """
         m, n, c = columns.shape
         return np.ascontiguousarray(
@@ -377,13 +377,13 @@ class RelationWhitener:
 
 
 def whitener(s: KinematicSignals, noise: RelationNoise) -> RelationWhitener:
-    """The whitener of one record. Raises numpy.linalg.LinAlgError for variances that are no longer
-    positive in rounding.
+    """Return the whitener of one record. Raises numpy.linalg.LinAlgError for variances that are no
+    longer positive in rounding.
     """
     from scipy.linalg.lapack import dpbtrf
 
     m, n = s.valid.shape
-    own = np.where(s.valid, noise.white[:, None], _MISSING * noise.white[:, None])
+    own = np.where(s.valid, noise.white[:, None], _MISSING_VARIANCE_FACTOR * noise.white[:, None])
     gains = walk_gains(s, noise)
     walk = (gains * noise.density) @ gains.T
     band = np.zeros((2 * m, n, m))
@@ -429,8 +429,8 @@ class NoiseEvidence:
 def settled_noise(
     evidence: NoiseEvidence, noise: RelationNoise, passes: int
 ) -> tuple[RelationNoise, float]:
-    """Variances of greatest restricted likelihood, and minus its logarithm: Newton steps on their
-    logarithms, one by one.
+    """Return the variances of greatest restricted likelihood, and minus its logarithm: Newton steps
+    on their logarithms, one by one.
 
     No variance falls below what the column resolves (``floors``).
     """
@@ -483,8 +483,8 @@ def noise_cost(evidence: NoiseEvidence, noise: RelationNoise) -> float:
 
 
 def smoothed_walk(s: KinematicSignals, noise: RelationNoise, residual: np.ndarray) -> np.ndarray:
-    """The walk ``(m, N)`` that the inputs' noise has most likely made, given residuals ``(m, N)``
-    of the whole record.
+    """Return the walk ``(m, N)`` that the inputs' noise has most likely made, given residuals ``(m,
+    N)`` of the whole record.
 
     The fixed-interval smoother in one solve: the residual less the expected noise of the
     measurement, R S^-1 r.
@@ -496,7 +496,7 @@ def smoothed_walk(s: KinematicSignals, noise: RelationNoise, residual: np.ndarra
     y = solved.reshape(n, m).T
     back = y.copy()
     back[:, :-1] -= y[:, 1:]
-    own = np.where(s.valid, noise.white[:, None], _MISSING * noise.white[:, None])
+    own = np.where(s.valid, noise.white[:, None], _MISSING_VARIANCE_FACTOR * noise.white[:, None])
     return np.asarray(residual - own * back)
 
 
@@ -504,15 +504,15 @@ def smoothed_walk(s: KinematicSignals, noise: RelationNoise, residual: np.ndarra
 
 # s back from now, in which the mean of a control is taken: an impulse response in steps.
 _BACK = (0.0, 0.08, 0.16, 0.28, 0.4, 0.55, 0.75, 1.0, 1.3, 1.7, 2.2, 2.8, 3.5, 4.5)
-_SHARE = 6  # samples for each instrument, at least
-_ALIKE = 1e-9  # of the largest eigenvalue: such a combination of instruments is rounding
+_SAMPLES_PER_INSTRUMENT = 6  # samples for each instrument, at least
+_ROUNDING_EIGENVALUE_SHARE = 1e-9  # of the largest: such a combination is rounding
 
 Weigher = Callable[[np.ndarray], np.ndarray]
 
 
 def instruments_of(record: Record, every: int = 1) -> np.ndarray:
-    """Columns ``(N, L)``: means of each control over stretches of the past, its integrals, a
-    parabola; without a control that moves none.
+    """Return the columns ``(N, L)``: means of each control over stretches of the past, its
+    integrals, a parabola; without a control that moves none.
 
     ``every``: of the times that bound the stretches, only every so many.
     """
@@ -525,7 +525,7 @@ def instruments_of(record: Record, every: int = 1) -> np.ndarray:
     if not moved:
         return np.empty((len(t), 0))
     back: tuple[float, ...] = _BACK[::every]
-    while len(moved) * len(back) * _SHARE > len(t) and len(back) > 3:
+    while len(moved) * len(back) * _SAMPLES_PER_INSTRUMENT > len(t) and len(back) > 3:
         back = back[::2]
     columns = [np.ones(len(t)), t, t**2]
     for u in moved:
@@ -537,15 +537,15 @@ def instruments_of(record: Record, every: int = 1) -> np.ndarray:
 
 
 def instrumented(signals: Sequence[KinematicSignals]) -> bool:
-    """Whether every record has controls, which distinguish a gust from a fault."""
+    """Return whether every record has controls, which distinguish a gust from a fault."""
     return all(s.instruments.shape[1] for s in signals)
 
 
 # many faults are tried under one noise; the records of a check and a few noises stay
 @lru_cache(maxsize=24)
 def weigher(s: KinematicSignals, noise: RelationNoise) -> Weigher:
-    """Columns ``(m, N, c)``, zero where a sample is missing, as those of independent samples of
-    variance one, with instruments only their part.
+    """Return the columns ``(m, N, c)``, zero where a sample is missing, as those of independent
+    samples of variance one, with instruments only their part.
     """
     white = whitener(s, noise)
     if not s.instruments.shape[1]:
@@ -567,8 +567,8 @@ def shortened(s: KinematicSignals, noise: RelationNoise) -> Callable[[np.ndarray
 
 
 def part_of_controls(s: KinematicSignals) -> Weigher:
-    """Columns ``(m, N, c)`` to the part that the instruments explain, every sample alike; without
-    instruments the columns themselves.
+    """Return the columns ``(m, N, c)`` to the part that the instruments explain, every sample
+    alike; without instruments the columns themselves.
     """
     if not s.instruments.shape[1]:
         return lambda columns: columns
@@ -590,7 +590,7 @@ def _orthonormal(flat: np.ndarray) -> np.ndarray:
     gram = flat.T @ flat
     scale = 1.0 / np.sqrt(np.where(np.diag(gram) > 0, np.diag(gram), 1.0))
     values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))
-    determined = values > _ALIKE * values[-1]
+    determined = values > _ROUNDING_EIGENVALUE_SHARE * values[-1]
     return np.asarray(
         flat @ (scale[:, None] * vectors[:, determined] / np.sqrt(values[determined]))
     )

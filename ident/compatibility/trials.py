@@ -172,9 +172,9 @@ class Compatibility:
 
 # ---- One fault tried beside others
 
-_WORTH = 2.5  # first-order gain from which a fault is fitted in full
-_REPLICATION = 1e-3  # p-value below which the records contradict each other
-_DEMANDED = 3.0  # standard deviations
+_LEAST_PROJECTED_GAIN = 2.5  # first-order gain from which a fault is fitted in full
+_CONTRADICTION_P_VALUE = 1e-3  # p-value below which the records contradict each other
+_LEAST_FAULT_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,7 +201,7 @@ def tried(base: KinematicFit, faults: Sequence[SensorFault]) -> list[FaultTrial]
     out = []
     for fault, quick in zip(faults, one_step(base, faults), strict=True):
         first = _trial(base, fault, quick)
-        worth = first.gain > _WORTH or abs(first.size) > 0.5 * fault.plausible
+        worth = first.gain > _LEAST_PROJECTED_GAIN or abs(first.size) > 0.5 * fault.plausible
         out.append(
             _trial(base, fault, fit(base.signals, (*base.faults, fault), base)) if worth else first
         )
@@ -244,7 +244,7 @@ def p_value(gain: float, size: float, fault: SensorFault) -> float:
 
 
 def estimate_of(trial: FaultTrial) -> SensorEstimate:
-    """A fault by both methods."""
+    """Return a fault by both methods."""
     values, covariance = output_error(trial.fit)
     widening = trial.variance / trial.white if trial.white > 0 else 1.0
     own = float(covariance[-1, -1]) * widening
@@ -265,7 +265,7 @@ def estimate_of(trial: FaultTrial) -> SensorEstimate:
 
 
 def bias_estimates(base: KinematicFit) -> tuple[SensorEstimate, ...]:
-    """The biases that every fit of one record leaves free."""
+    """Return the biases that every fit of one record leaves free."""
     sigmas, (values, covariance) = smoother_sigmas(base), output_error(base)
     out = []
     for i, item in enumerate(unknowns_of(base.signals[0])):
@@ -300,8 +300,8 @@ def with_more_faults(
 
 
 def replicates(bases: Sequence[KinematicFit], current: KinematicFit, trial: FaultTrial) -> bool:
-    """Whether the records agree on a fault one by one, beside the accepted ones, and together
-    require it with the common sign.
+    """Return whether the records agree on a fault one by one, beside the accepted ones, and
+    together require it with the common sign.
     """
     from scipy.special import chdtrc
 
@@ -316,12 +316,16 @@ def replicates(bases: Sequence[KinematicFit], current: KinematicFit, trial: Faul
     if len(v) < 2:
         return False
     mean = float(np.sum(w * v) / np.sum(w))
-    agree = float(chdtrc(len(v) - 1.0, float(np.sum(w * (v - mean) ** 2)))) > _REPLICATION
-    return agree and mean * math.copysign(1.0, trial.size) > _DEMANDED / math.sqrt(float(np.sum(w)))
+    agree = float(chdtrc(len(v) - 1.0, float(np.sum(w * (v - mean) ** 2)))) > _CONTRADICTION_P_VALUE
+    return agree and mean * math.copysign(1.0, trial.size) > _LEAST_FAULT_SIGMAS / math.sqrt(
+        float(np.sum(w))
+    )
 
 
 def one_step(base: KinematicFit, faults: Sequence[SensorFault]) -> list[KinematicFit]:
-    """For each fault the linearised fit with it added to ``base``, with the noise of ``base``."""
+    """Return, for each fault, the linearised fit with it added to ``base``, with the noise of
+    ``base``.
+    """
     white, at, slopes = whitened(base), positions(base), []
     information = np.diag(prior_information(base))
     gradient = np.zeros(sum(len(own) for own in base.own) + len(base.faults))

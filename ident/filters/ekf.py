@@ -48,9 +48,10 @@ from sim.record import Record
 
 # ---- Extended Kalman filter for states and parameters, on filterpy's ExtendedKalmanFilter
 
-SETTLED = 0.01  # of a standard deviation: below it a further pass changes nothing that matters
+# of a standard deviation: below it a further pass changes nothing that matters
+SETTLED_SIGMAS = 0.01
 OnePass = Callable[..., Estimate]
-_FEW = 6  # states and parameters below which column by column is the cheaper Jacobian
+_FEW_COLUMNS = 6  # states and parameters below which column by column is the cheaper Jacobian
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,7 @@ def run_ekf(
             initial=0.0,
         )
         estimate = replace(again, iterations=done + 1)
-        if moved < SETTLED:
+        if moved < SETTLED_SIGMAS:
             break
     return estimate
 
@@ -126,8 +127,8 @@ def filter_by_table(
     start: np.ndarray | None = None,
     about: np.ndarray | None = None,
 ) -> Estimate | None:
-    """One pass by the table of the equations, without filterpy; None where they have no table, or
-    the filter broke down.
+    """Return one pass by the table of the equations, without filterpy; None where they have no
+    table, or the filter broke down.
 
     Arguments as for ``filter_by_filterpy``, which it equals to rounding.
     """
@@ -148,8 +149,8 @@ def filter_by_filterpy(
     start: np.ndarray | None = None,
     about: np.ndarray | None = None,
 ) -> Estimate:
-    """One pass over a prepared problem by filterpy's ``ExtendedKalmanFilter``: every ``predict``
-    and every ``update`` is filterpy's.
+    """Return one pass over a prepared problem by filterpy's ``ExtendedKalmanFilter``: every
+    ``predict`` and every ``update`` is filterpy's.
 
     Parameters
     ----------
@@ -347,7 +348,9 @@ def _update(
 
 def _jacobian(function: Callable[[list[Any]], Sequence[Any]], x: list[float]) -> np.ndarray:
     return (
-        complex_step_jacobian(function, x) if len(x) < _FEW else jacobian_in_one_call(function, x)
+        complex_step_jacobian(function, x)
+        if len(x) < _FEW_COLUMNS
+        else jacobian_in_one_call(function, x)
     )
 
 
@@ -415,6 +418,6 @@ def settled(
             initial=0.0,
         )
         estimate = replace(again, iterations=done)
-        if moved < SETTLED:
+        if moved < SETTLED_SIGMAS:
             return estimate
     return replace(estimate, outcome=Outcome.MAX_ITERATIONS)

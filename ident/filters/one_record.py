@@ -415,8 +415,8 @@ def _motion(
 def _stages(
     A: np.ndarray, none: np.ndarray, one: np.ndarray, steps: int
 ) -> list[tuple[list[list[np.ndarray]], list[list[np.ndarray]]]]:
-    """Matrices that lead from f to (I + A/2 (I + A/3 (I + A/4))) f one after the other; none for a
-    single step.
+    """Return the matrices that lead from f to (I + A/2 (I + A/3 (I + A/4))) f one after the other;
+    none for a single step.
     """
     if steps == 1:
         return []

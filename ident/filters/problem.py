@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ident.estimate import LARGEST, Estimate, FilterHistory, Outcome
+from ident.estimate import LARGEST_NUMBER, Estimate, FilterHistory, Outcome
 from sim.declaration.effect import ParameterSet
 from sim.declaration.model import System
 from sim.errors import ModelError
@@ -18,7 +18,7 @@ from sim.record import Record
 
 # ---- What every filter needs before its first sample
 
-QUARTER = 0.25
+PRIOR_SHARE = 0.25  # prior standard deviation of a parameter over its starting value
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +112,7 @@ def filter_problem(record: Record, system: System, max_step: float) -> FilterPro
 
 
 def with_free(p: Sequence[float], free: Sequence[int], values: Sequence[object]) -> list:
-    """All parameters, the free ones replaced by ``values``, as a System takes them."""
+    """Return all parameters, the free ones replaced by ``values``, as a System takes them."""
     out: list = list(p)
     for index, value in zip(free, values, strict=True):
         out[index] = value
@@ -120,8 +120,8 @@ def with_free(p: Sequence[float], free: Sequence[int], values: Sequence[object])
 
 
 def prior_std(system: System, name: str, *, state: bool) -> float:
-    """Prior standard deviation of a state or free parameter, 0 for a fixed state; ModelError if
-    none is declared.
+    """Return the prior standard deviation of a state or free parameter, 0 for a fixed state;
+    ModelError if none is declared.
     """
     item = system.initial[name] if state else system.parameters[name]
     if state and not item.free:
@@ -136,19 +136,16 @@ def prior_std(system: System, name: str, *, state: bool) -> float:
     return item.prior_std
 
 
-def proportional_priors(
-    parameters: ParameterSet, engineering: Mapping[str, float], share: float = QUARTER
-) -> ParameterSet:
-    """Free parameters with a prior standard deviation of ``share`` times the starting value, or the
-    engineering value given.
+def proportional_priors(parameters: ParameterSet, engineering: Mapping[str, float]) -> ParameterSet:
+    """Give each free parameter a prior standard deviation: its engineering value, or else a quarter
+    of its starting value.
 
     The rule of NASA TM-101722: P0 = (x0/4)^2, and for states that start at or near zero a bound by
     engineering judgement.
 
     Parameters
     ----------
-    engineering : standard deviations by name; it overrides the share, and may name what is not
-        free.
+    engineering : standard deviations by name; entries for parameters that are not free are ignored.
 
     Raises
     ------
@@ -158,7 +155,7 @@ def proportional_priors(
     for item in parameters:
         if not item.free:
             continue
-        priors[item.name] = engineering.get(item.name, share * abs(item.value))
+        priors[item.name] = engineering.get(item.name, PRIOR_SHARE * abs(item.value))
         if not priors[item.name] > 0:
             raise ModelError(
                 "it starts at zero, and has no share",
@@ -168,7 +165,7 @@ def proportional_priors(
     return parameters.with_prior(priors)
 
 
-# ---- Keeps what a filter does, sample by sample, and turns it into an Estimate
+# ---- Histories of a filter, sample by sample, and its Estimate
 
 LOG_TWO_PI = float(np.log(2.0 * np.pi))
 
@@ -176,13 +173,13 @@ LOG_TWO_PI = float(np.log(2.0 * np.pi))
 def breakdown(
     mean: np.ndarray, covariance: np.ndarray, *further: np.ndarray | float
 ) -> Outcome | None:
-    """How a filter diverged; None if mean ``(n,)``, covariance ``(n, n)`` and further numbers are
-    finite.
+    """Return how a filter diverged; None if mean ``(n,)``, covariance ``(n, n)`` and further
+    numbers are finite.
     """
     numbers = (mean, covariance, *further)
     # Sums of squares are the cheaper bound, and a NaN fails either comparison.
-    if not sum(np.vdot(v, v) for v in numbers) < LARGEST and not all(
-        np.abs(v).max(initial=0.0) < LARGEST for v in numbers
+    if not sum(np.vdot(v, v) for v in numbers) < LARGEST_NUMBER and not all(
+        np.abs(v).max(initial=0.0) < LARGEST_NUMBER for v in numbers
     ):
         return Outcome.DIVERGED
     return Outcome.INDEFINITE if covariance.diagonal().min() < 0.0 else None
@@ -226,7 +223,7 @@ class HistoryKeeper:
         )
 
     def transition(self, k: int) -> np.ndarray:
-        """Transition stored for sample ``k``."""
+        """Return the transition stored for sample ``k``."""
         return self._transition[k]
 
     def outputs(self, k: int, y: np.ndarray) -> None:
@@ -320,18 +317,18 @@ class FilterBuffers(NamedTuple):
 def empty_history(problem: FilterProblem) -> FilterBuffers:
     """Return the arrays of a pass; transitions are the identity."""
     n, (m, N) = len(problem.names), problem.valid.shape
-    whole, mean, output = (N, n, n), (N, n), (N, m)
-    transition = np.array(np.broadcast_to(np.eye(n), whole), order="C")
+    covariance_shape, mean_shape, output_shape = (N, n, n), (N, n), (N, m)
+    transition = np.array(np.broadcast_to(np.eye(n), covariance_shape), order="C")
     arrays = (
-        np.empty(mean),
-        np.empty(whole),
-        np.empty(mean),
-        np.empty(whole),
+        np.empty(mean_shape),
+        np.empty(covariance_shape),
+        np.empty(mean_shape),
+        np.empty(covariance_shape),
         transition,
-        np.empty(output),
+        np.empty(output_shape),
         np.empty((N, m, m)),
     )
-    return FilterBuffers(*arrays, np.empty((N, m, n)), np.empty(output))
+    return FilterBuffers(*arrays, np.empty((N, m, n)), np.empty(output_shape))
 
 
 def finished(problem: FilterProblem, buffers: FilterBuffers, method: str) -> Estimate | None:
@@ -341,7 +338,8 @@ def finished(problem: FilterProblem, buffers: FilterBuffers, method: str) -> Est
     variance = np.diagonal(buffers.covariance, axis1=1, axis2=2)
     if (
         not all(
-            each.max(initial=0.0) < LARGEST and each.min(initial=0.0) > -LARGEST for each in buffers
+            each.max(initial=0.0) < LARGEST_NUMBER and each.min(initial=0.0) > -LARGEST_NUMBER
+            for each in buffers
         )
         or variance.min(initial=0.0) < 0.0
     ):
@@ -352,7 +350,7 @@ def finished(problem: FilterProblem, buffers: FilterBuffers, method: str) -> Est
         return None
     # A channel that is missing has zero in y and one in S, which adds nothing.
     nis = np.square(np.linalg.solve(root, buffers.innovation[:, :, None])[:, :, 0]).sum(axis=1)
-    if not np.all(nis < LARGEST):
+    if not np.all(nis < LARGEST_NUMBER):
         return None
     degrees = np.count_nonzero(problem.valid, axis=0)
     log_likelihood = -0.5 * (nis + degrees * LOG_TWO_PI) - np.log(

@@ -58,14 +58,14 @@ def smooth(history: FilterHistory) -> SmoothedHistory:
         r, W = _backwards(history)
         x = mean[:, :-1] + (covariance[:-1] @ r[:, :, None])[:, :, 0].T
         reduced = covariance[:-1] - covariance[:-1] @ W @ covariance[:-1]
-        lost = np.flatnonzero(
+        lost_samples = np.flatnonzero(
             ~(np.all(np.isfinite(x), axis=0) & np.all(np.isfinite(reduced), axis=(1, 2)))
         )
-    fixed_rows = slice(lost[-1] + 1 if lost.size else 0, N - 1)
-    mean[:, fixed_rows] = x[:, fixed_rows]
-    symmetric = 0.5 * (reduced[fixed_rows] + reduced[fixed_rows].transpose(0, 2, 1))
-    covariance[fixed_rows] = _at_most(
-        symmetric, np.diagonal(covariance[fixed_rows], axis1=1, axis2=2)
+    finite_samples = slice(lost_samples[-1] + 1 if lost_samples.size else 0, N - 1)
+    mean[:, finite_samples] = x[:, finite_samples]
+    symmetric = 0.5 * (reduced[finite_samples] + reduced[finite_samples].transpose(0, 2, 1))
+    covariance[finite_samples] = _at_most(
+        symmetric, np.diagonal(covariance[finite_samples], axis1=1, axis2=2)
     )
     std = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2).T, 0.0))
     return SmoothedHistory(history.time, history.names, mean, std, covariance)
@@ -80,8 +80,8 @@ def _backwards(history: FilterHistory) -> tuple[np.ndarray, np.ndarray]:
     # A channel that is missing has zeros in H and one in S: it brings nothing.
     weighted = np.linalg.solve(history.innovation_covariance[later], H).transpose(0, 2, 1)
     M = G - (history.predicted_covariance[later] @ weighted) @ (H @ G)
-    brought = G.transpose(0, 2, 1) @ weighted
-    c, D = (brought @ history.innovation.T[later, :, None])[:, :, 0], brought @ (H @ G)
+    gain_to_state = G.transpose(0, 2, 1) @ weighted
+    c, D = (gain_to_state @ history.innovation.T[later, :, None])[:, :, 0], gain_to_state @ (H @ G)
     M_turned = M.transpose(0, 2, 1)
     r, W = np.empty((N, n)), np.empty((N, n, n))
     if N:
@@ -96,13 +96,13 @@ def _backwards(history: FilterHistory) -> tuple[np.ndarray, np.ndarray]:
     return r, W
 
 
-def _at_most(P: np.ndarray, variance: np.ndarray) -> np.ndarray:
+def _at_most(P: np.ndarray, largest: np.ndarray) -> np.ndarray:
     """``P (N, n, n)`` with rows and columns scaled where a variance exceeds the limit ``(N, n)`` or
     is negative.
     """
     own = np.diagonal(P, axis1=1, axis2=2)
     factor = np.sqrt(
-        np.divide(np.minimum(own, variance), own, out=np.zeros_like(own), where=own > 0)
+        np.divide(np.minimum(own, largest), own, out=np.zeros_like(own), where=own > 0)
     )
     return np.asarray(P * (factor[:, :, None] * factor[:, None]))
 
@@ -110,8 +110,8 @@ def _at_most(P: np.ndarray, variance: np.ndarray) -> np.ndarray:
 # ---- Parameter covariance of a filter, corrected for innovations that are not white
 
 # of the standard deviations 1/sqrt(N) that an autocorrelation of white noise has
-_SIGNIFICANT = 4.0
-_ROUNDING = 1e-9  # of a covariance, below which a difference of two is no process noise
+_SIGNIFICANT_SIGMAS = 4.0
+_ROUNDING_SHARE = 1e-9  # of a covariance, below which a difference of two is no process noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,10 +169,10 @@ def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
             inverse = np.linalg.inv(information + np.eye(len(free)))
         except np.linalg.LinAlgError:
             return None
-        part = np.arange(len(free)), scaled, residual, history.valid
+        record_part = np.arange(len(free)), scaled, residual, history.valid
         try:
             result = corrected_covariance(
-                inverse, [part], np.ones(len(residual)), np.eye(len(free))
+                inverse, [record_part], np.ones(len(residual)), np.eye(len(free))
             )
         except np.linalg.LinAlgError:
             return None
@@ -188,7 +188,7 @@ def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
     ]
     lag_one = {name: _lag_one(row, known) for name, row, known in rows}
     significant = any(
-        abs(lag_one[name]) > _SIGNIFICANT / np.sqrt(np.count_nonzero(known))
+        abs(lag_one[name]) > _SIGNIFICANT_SIGMAS / np.sqrt(np.count_nonzero(known))
         for name, _, known in rows
     )
     return ColouredInnovations(
@@ -201,7 +201,7 @@ def coloured_innovations(estimate: Estimate) -> ColouredInnovations | None:
 
 
 def with_coloured_covariance(estimate: Estimate) -> Estimate:
-    """The estimate with its covariance corrected for coloured innovations, if there is a
+    """Return the estimate with its covariance corrected for coloured innovations, if there is a
     correction.
     """
     result = coloured_innovations(estimate)
@@ -213,8 +213,8 @@ def with_coloured_covariance(estimate: Estimate) -> Estimate:
 
 
 def _whitened(history: FilterHistory, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals ``(m, N)`` and slopes ``(m, N, n)`` at the smoothed initial state and parameters,
-    scaled to unit variance.
+    """Return the residuals ``(m, N)`` and slopes ``(m, N, n)`` at the smoothed initial state and
+    parameters, scaled to unit variance.
 
     The history is that of a linear filter: its predictions, matrices and innovations give the same
     filter from another start, whose covariance is that of the process noise alone.
@@ -247,7 +247,7 @@ def _process_noise(history: FilterHistory) -> np.ndarray | None:
     before = history.predicted_covariance[1:]
     added = before - Phi @ after @ Phi.transpose(0, 2, 1)
     scale = np.sqrt(np.maximum(np.diagonal(before, axis1=1, axis2=2), 0.0))
-    added[np.abs(added) <= _ROUNDING * (scale[:, :, None] * scale[:, None])] = 0.0
+    added[np.abs(added) <= _ROUNDING_SHARE * (scale[:, :, None] * scale[:, None])] = 0.0
     if not np.any(added):
         return None
     return np.concatenate(
@@ -255,6 +255,10 @@ def _process_noise(history: FilterHistory) -> np.ndarray | None:
     )
 
 
-def _lag_one(row: np.ndarray, covariance: np.ndarray) -> float:
-    both, power = covariance[1:] & covariance[:-1], float(np.sum(np.square(row[covariance])))
-    return float(np.sum(row[1:][both] * row[:-1][both]) / power) if power > 0.0 else 0.0
+def _lag_one(row: np.ndarray, known: np.ndarray) -> float:
+    neighbours_known, power = known[1:] & known[:-1], float(np.sum(np.square(row[known])))
+    return (
+        float(np.sum(row[1:][neighbours_known] * row[:-1][neighbours_known]) / power)
+        if power > 0.0
+        else 0.0
+    )

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import Estimate, Outcome, quiet_numerics
-from ident.filters.ekf import SETTLED, FilterSettings, settled
+from ident.filters.ekf import SETTLED_SIGMAS, FilterSettings, settled
 from ident.filters.one_record import log_gaussian
 from ident.filters.problem import FilterProblem, HistoryKeeper, breakdown, filter_problem, with_free
 from ident.filters.smoother import SmoothedHistory
@@ -38,7 +38,7 @@ from sim.record import Record
 ALPHA = 1.0  # spread of the sigma points (Wan and van der Merwe)
 BETA = 2.0  # prior weight of the mean's kurtosis, 2 for a Gaussian
 KAPPA = 0.0  # secondary scaling
-SMALLEST = 1e-14  # share of the largest eigenvalue that is rounding
+ROUNDING_EIGENVALUE_SHARE = 1e-14
 
 
 def run_ukf(record: Record, system: System, settings: FilterSettings | None = None) -> Estimate:
@@ -77,7 +77,7 @@ def run_ukf(record: Record, system: System, settings: FilterSettings | None = No
             initial=0.0,
         )
         estimate = replace(again, iterations=done + 1)
-        if moved < SETTLED:
+        if moved < SETTLED_SIGMAS:
             break
     return estimate
 
@@ -113,19 +113,24 @@ def roots(P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _decomposed(P: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Eigenvalues (zero for rounding) and vectors of the correlation matrix, standard deviations
-    and their inverses (zero for zero).
+    """Return the eigenvalues (zero for rounding) and vectors of the correlation matrix, standard
+    deviations and their inverses (zero for zero).
     """
     scale = np.sqrt(np.maximum(np.diag(P), 0.0))
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
     values, vectors = np.linalg.eigh(P * np.outer(inverse, inverse))
-    return np.where(values > SMALLEST * values[-1], values, 0.0), vectors, scale, inverse
+    return (
+        np.where(values > ROUNDING_EIGENVALUE_SHARE * values[-1], values, 0.0),
+        vectors,
+        scale,
+        inverse,
+    )
 
 
 def filter_by_points(
     problem: FilterProblem, settings: FilterSettings, start: np.ndarray | None = None
 ) -> Estimate:
-    """One pass of the filter over a prepared problem, from ``start (n,)`` when given."""
+    """Return one pass of the filter over a prepared problem, from ``start (n,)`` when given."""
     from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
     n, grid, drive = len(problem.names), problem.grid, problem.drive
@@ -230,8 +235,8 @@ def _update(ukf: Any, problem: FilterProblem, k: int, keeper: HistoryKeeper) -> 
 
 
 def _central_differences(rows: np.ndarray) -> np.ndarray:
-    """Half differences ``(n, ...)`` of values ``(2n + 1, ...)`` at paired sigma points, which are
-    one root of ``n P`` away from the mean.
+    """Return half differences ``(n, ...)`` of values ``(2n + 1, ...)`` at paired sigma points,
+    which are one root of ``n P`` away from the mean.
     """
     n = len(rows) // 2
     return 0.5 * (rows[1 : n + 1] - rows[n + 1 :])
@@ -241,7 +246,8 @@ def _central_differences(rows: np.ndarray) -> np.ndarray:
 
 # half the digits: of a difference of covariances the rest may be rounding
 ROUNDING = float(np.sqrt(np.finfo(float).eps))
-CENTRE = 2.0  # weight of the central point in a covariance, beta of the scaled points
+# weight of the central point in a covariance, beta of the scaled points
+CENTRAL_COVARIANCE_WEIGHT = 2.0
 
 
 def run_iterated_ukf(
@@ -295,7 +301,7 @@ class _Cloud:
 
 
 def _cloud(about: SmoothedHistory, k: int, reach: np.ndarray) -> _Cloud:
-    """Points about sample ``k`` of a smoothed result, out to its covariance.
+    """Return the points about sample ``k`` of a smoothed result, out to its covariance.
 
     Where the smoother's difference of covariances is rounding alone, ``reach (n,)`` are the
     standard deviations and directions without variance get ``ROUNDING`` of one: without points that
@@ -314,7 +320,7 @@ def _cloud(about: SmoothedHistory, k: int, reach: np.ndarray) -> _Cloud:
 def _pass_about(
     problem: FilterProblem, settings: FilterSettings, about: SmoothedHistory
 ) -> Estimate:
-    """One pass of the Kalman filter with the functions linearised over ``about``."""
+    """Return one pass of the Kalman filter with the functions linearised over ``about``."""
     keeper, grid = HistoryKeeper(problem), problem.grid
     x, P = problem.start.astype(float), problem.covariance.copy()
     reach = np.sqrt(np.maximum(np.diagonal(about.covariance[-1]), 0.0))
@@ -382,8 +388,8 @@ def _updated(
     P: np.ndarray,
     cloud: _Cloud,
 ) -> tuple[np.ndarray, np.ndarray, Outcome | None]:
-    """Mean and covariance after the update with the available channels (Joseph's form), and how it
-    diverged, if so.
+    """Return the mean and covariance after the update with the available channels (Joseph's form),
+    and how it diverged, if so.
     """
     system, n_x, at = problem.system, len(problem.system.states), problem.grid.sample[k]
     columns, u = list(cloud.points.T), [float(row[at]) for row in problem.drive.begin]
@@ -431,7 +437,7 @@ def _linearised(images: np.ndarray, cloud: _Cloud) -> tuple[np.ndarray, np.ndarr
     return (
         mean,
         (cloud.back @ (0.5 * (plus - minus))).T,
-        CENTRE * np.outer(off, off) + bent.T @ bent / n,
+        CENTRAL_COVARIANCE_WEIGHT * np.outer(off, off) + bent.T @ bent / n,
     )
 
 

@@ -20,13 +20,13 @@ from ident.frequency_response.transfer_function import (
     shared_correlation,
 )
 
-NEUTRAL = -180.0  # deg, phase of neutral stability
-MARGIN = 45.0  # deg, phase margin that defines the bandwidth
+NEUTRAL_PHASE = -180.0  # deg, phase of neutral stability
+BANDWIDTH_PHASE_MARGIN = 45.0  # deg, phase margin that defines the bandwidth
 GAIN_MARGIN = 6.0  # dB, gain margin that defines the bandwidth
-REACH = 0.2  # of ln(omega), about a crossing, over which a parabola is fitted
-_FEWEST = 5  # points of a parabola
-_EVEN = 41  # points of the straight line of the phase delay
-_NEAR = -60.0  # deg, about which the phase of an attitude begins; settles its sign
+PARABOLA_HALF_WIDTH = 0.2  # of ln(omega), about a crossing, over which a parabola is fitted
+_FEWEST_PARABOLA_POINTS = 5
+_PHASE_DELAY_POINTS = 41  # points of the straight line of the phase delay
+_STARTING_PHASE = -60.0  # deg, about which the phase of an attitude begins; settles its sign
 
 
 @dataclass(frozen=True)
@@ -98,8 +98,10 @@ def attitude_bandwidth(target: ResponseTarget, *, rate: bool) -> Bandwidth:
     curve = attitude_curve(target, rate=rate)
     notes: list[str] = []
     band = f"the usable band ends at {curve.omega[-1]:.3g} rad/s"
-    neutral = _crossing(curve, curve.phase, curve.phase_std, NEUTRAL, 0.0)
-    phase = _crossing(curve, curve.phase, curve.phase_std, NEUTRAL + MARGIN, 0.0)
+    neutral = _crossing(curve, curve.phase, curve.phase_std, NEUTRAL_PHASE, 0.0)
+    phase = _crossing(
+        curve, curve.phase, curve.phase_std, NEUTRAL_PHASE + BANDWIDTH_PHASE_MARGIN, 0.0
+    )
     if phase is None:
         notes.append(f"no phase bandwidth: the phase does not fall through -135 deg; {band}")
     gain = delay = None
@@ -151,7 +153,7 @@ PITCH_LEVELS: tuple[tuple[tuple[float, float], ...], ...] = (
 
 
 def pitch_bandwidth_level(bandwidth: float, delay: float) -> int:
-    """Level 1 to 3 of bandwidth, rad/s, and phase delay, s, of pitch in category A."""
+    """Return the level 1 to 3 of bandwidth, rad/s, and phase delay, s, of pitch in category A."""
     for level, points in enumerate(PITCH_LEVELS, start=1):
         least, delays = (np.array(each) for each in zip(*points, strict=True))
         if delay <= delays[-1] and bandwidth >= float(np.interp(delay, delays, least)):
@@ -195,7 +197,7 @@ def attitude_curve(target: ResponseTarget, *, rate: bool) -> AttitudeCurve:
     omega = target.omega
     response = target.response / (1j * omega) if rate else target.response
     phase = np.degrees(np.unwrap(np.angle(response)))
-    phase -= 180.0 * np.round((phase[0] - _NEAR) / 180.0)
+    phase -= 180.0 * np.round((phase[0] - _STARTING_PHASE) / 180.0)
     share = target.std / np.abs(target.response)
     gain = 20.0 * np.log10(np.abs(response))
     return AttitudeCurve(
@@ -211,8 +213,8 @@ def _crossing(
     extra: float,
     before: float | None = None,
 ) -> BandwidthQuantity | None:
-    """Frequency where a curve falls through a level whose own deviation is ``extra``: the first
-    one, or the last one before a frequency.
+    """Return the frequency where a curve falls through a level whose own deviation is ``extra``:
+    the first one, or the last one before a frequency.
     """
     below = np.flatnonzero((values[:-1] > level) & (values[1:] <= level))
     if before is not None:
@@ -253,7 +255,7 @@ class Parabola:
 
 
 def parabola_at(curve: FrequencyPoints, values: np.ndarray, std: np.ndarray, at: float) -> Parabola:
-    """The parabola through the points of a curve about ``at``, rad/s, in ln(omega).
+    """Return the parabola through the points of a curve about ``at``, rad/s, in ln(omega).
 
     ``values``, ``std`` : ``(F,)``, of the curve and its errors, which neighbours share as the
     windows do.
@@ -272,7 +274,9 @@ def parabola_weights(
     """Weights ``(3, N)`` of the N points about ``at``, rad/s, in the coefficients of a parabola in
     ln(omega), the covariance ``(3, 3)`` of the coefficients, and the points' places ``(N,)``."""
     x = np.log(curve.omega / at)
-    near = np.argsort(np.abs(x))[: max(_FEWEST, int(np.count_nonzero(np.abs(x) <= REACH)))]
+    near = np.argsort(np.abs(x))[
+        : max(_FEWEST_PARABOLA_POINTS, int(np.count_nonzero(np.abs(x) <= PARABOLA_HALF_WIDTH)))
+    ]
     near.sort()
     powers = np.column_stack([np.ones(near.size), x[near], x[near] ** 2])
     gain = np.asarray(np.linalg.pinv(powers / std[near, None]) / std[near])
@@ -285,7 +289,7 @@ def _phase_delay(curve: AttitudeCurve, neutral: float) -> BandwidthQuantity:
     first = max(int(np.searchsorted(curve.omega, neutral)) - 1, 0)
     last = min(int(np.searchsorted(curve.omega, 2.0 * neutral)) + 1, curve.omega.size)
     places = np.arange(first, last)
-    at = np.linspace(neutral, 2.0 * neutral, _EVEN)
+    at = np.linspace(neutral, 2.0 * neutral, _PHASE_DELAY_POINTS)
     joined = np.array([np.interp(at, curve.omega[places], row) for row in np.eye(places.size)]).T
     gain = np.linalg.pinv(np.column_stack([np.ones(at.size), at - neutral])) @ joined
     covariance = gain @ shared_covariance(curve, curve.phase_std[places], places) @ gain.T
@@ -295,7 +299,7 @@ def _phase_delay(curve: AttitudeCurve, neutral: float) -> BandwidthQuantity:
 
 
 def shared_covariance(curve: FrequencyPoints, std: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Covariance of errors that neighbours share."""
+    """Return the covariance of errors that neighbours share."""
     length = np.broadcast_to(curve.length, curve.omega.shape)
     alike = _correlation(curve.omega.tobytes(), np.asarray(length, dtype=float).tobytes())
     return alike[np.ix_(places, places)] * np.outer(std, std)
@@ -307,14 +311,14 @@ def _correlation(omega: bytes, length: bytes) -> np.ndarray:
     return shared_correlation(np.frombuffer(omega), np.frombuffer(length))
 
 
-DROOP = -3.0  # dB
+LARGEST_DROOP = -3.0  # dB
 LEVELS = (3.0, 9.0)  # dB, of the resonance: limits of levels 1 and 2
 PILOT_DELAY = 0.25  # s
-DRAWS = 100  # samples of the response for standard deviations
-POINTS = 60  # frequencies of a scan
+RESPONSE_DRAWS = 100  # samples of the response for standard deviations
+SCAN_POINTS = 60  # frequencies of a scan
 SEED = 20  # of the random numbers
-_STEEPEST = 85.0  # deg of lead or lag
-_GRID = 69  # compensations that are tried
+_LARGEST_COMPENSATION = 85.0  # deg of lead or lag
+_COMPENSATION_POINTS = 69  # compensations that are tried
 
 
 @dataclass(frozen=True)
@@ -354,13 +358,13 @@ class NealSmith:
 
 
 def resonance_level(resonance: float) -> int:
-    """Level 1 to 3 of a resonance in dB, MIL-STD-1797A."""
+    """Return the level 1 to 3 of a resonance in dB, MIL-STD-1797A."""
     return 1 + int(resonance > LEVELS[0]) + int(resonance > LEVELS[1])
 
 
 def neal_smith(curve: AttitudeCurve, demand: PilotDemand) -> NealSmith | str:
-    """The criterion for an attitude response along its usable band; a sentence where it cannot be
-    applied.
+    """Return the criterion for an attitude response along its usable band; a sentence where it
+    cannot be applied.
 
     The response is smoothed by parabolas about each frequency. Its errors, which neighbours share,
     are drawn 100 times, and the pilot is adjusted to each draw.
@@ -371,7 +375,7 @@ def neal_smith(curve: AttitudeCurve, demand: PilotDemand) -> NealSmith | str:
             f"no Neal-Smith pilot: a bandwidth of {demand.bandwidth:.3g} rad/s needs a usable band "
             f"from half of it to 1.2 times it, and it is {low:.3g} to {high:.3g} rad/s"
         )
-    omega = np.unique(np.append(np.geomspace(low, high, POINTS), demand.bandwidth))
+    omega = np.unique(np.append(np.geomspace(low, high, SCAN_POINTS), demand.bandwidth))
     centre, draws = _smoothed(curve, omega)
     result = _adjusted(omega, centre[None], demand)
     if result is None:
@@ -383,7 +387,7 @@ def neal_smith(curve: AttitudeCurve, demand: PilotDemand) -> NealSmith | str:
     alike = np.corrcoef(sampled[0], sampled[1])[0, 1] if min(stds) > 0.0 else 0.0
     levels = [resonance_level(resonance + sign * 2.0 * stds[0]) for sign in (-1.0, 1.0)]
     notes = []
-    if droop < DROOP - 0.05:
+    if droop < LARGEST_DROOP - 0.05:
         notes.append(f"the closed loop droops by {-droop:.2g} dB, more than the 3 dB allowed")
     edge = int(np.argmax(_closed(omega, centre[None], demand, np.array([compensation]))[0]))
     if edge == omega.size - 1:
@@ -402,7 +406,7 @@ def neal_smith(curve: AttitudeCurve, demand: PilotDemand) -> NealSmith | str:
 
 
 def _smoothed(curve: AttitudeCurve, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The attitude at ``omega`` ``(F,)`` by parabolas, and draws of it ``(D, F)``."""
+    """Return the attitude at ``omega`` ``(F,)`` by parabolas, and draws of it ``(D, F)``."""
     rng = np.random.default_rng(SEED)
     places = np.arange(curve.omega.size)
     rows = []
@@ -412,7 +416,7 @@ def _smoothed(curve: AttitudeCurve, omega: np.ndarray) -> tuple[np.ndarray, np.n
         # symmetric root of the nearest covariance that is.
         sizes, turned = np.linalg.eigh(covariance)
         root = (turned * np.sqrt(np.maximum(sizes, 0.0))) @ turned.T
-        noisy = values + (root @ rng.standard_normal((values.size, DRAWS))).T
+        noisy = values + (root @ rng.standard_normal((values.size, RESPONSE_DRAWS))).T
         zero = np.zeros_like(std)
         matrix = np.array([parabola_at(curve, zero, std, at).weights for at in omega])
         rows.append((matrix @ values, noisy @ matrix.T))
@@ -447,7 +451,7 @@ def _adjusted(
     """Resonance, compensation and droop ``(D,)`` of the pilots; None where no compensation gives
     the bandwidth."""
     below = omega <= demand.bandwidth * (1.0 + 1e-9)
-    tried = np.linspace(-_STEEPEST, _STEEPEST, _GRID)
+    tried = np.linspace(-_LARGEST_COMPENSATION, _LARGEST_COMPENSATION, _COMPENSATION_POINTS)
     # The droop of every compensation on a grid.
     droops = []
     for each in tried:
@@ -465,7 +469,7 @@ def _least(tried: np.ndarray, droop: np.ndarray) -> float:
     """The most lead with a droop of 3 dB at most, between the grid's points: more would droop, less
     resonates. Of none the one that droops least."""
     finite_rows = np.flatnonzero(np.isfinite(droop))
-    fit = finite_rows[droop[finite_rows] >= DROOP]
+    fit = finite_rows[droop[finite_rows] >= LARGEST_DROOP]
     if not finite_rows.size:
         return math.nan
     if not fit.size:
@@ -473,7 +477,7 @@ def _least(tried: np.ndarray, droop: np.ndarray) -> float:
     best = int(fit[-1])
     if best + 1 >= tried.size or not np.isfinite(droop[best + 1]):
         return float(tried[best])
-    share = (DROOP - droop[best]) / (droop[best + 1] - droop[best])
+    share = (LARGEST_DROOP - droop[best]) / (droop[best + 1] - droop[best])
     return float(tried[best] + share * (tried[best + 1] - tried[best]))
 
 
@@ -491,8 +495,8 @@ class StepResponse:
 
 
 def step_response(function: FittedResponse, duration: float | None = None) -> StepResponse | None:
-    """The step of a fitted response over its steady value, with deviations by linearisation; None
-    where it has no steady value.
+    """Return the step of a fitted response over its steady value, with deviations by linearisation;
+    None where it has no steady value.
 
     ``duration`` : s; None takes eight times the slowest mode's time constant, 10 s at most.
     """

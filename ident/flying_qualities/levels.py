@@ -6,12 +6,12 @@ constant speed gives n/alpha = (V/g) (-L_alpha + L_delta M_alpha/M_delta) / (L_q
 M_q/M_delta), which is -(V/g) L_alpha for L_delta = 0, L_q = 1; the control anticipation parameter
 is CAP = w^2 / (n/alpha) (Bihrle, AFFDL-TR-65-198, 1966).
 
-Draws of the modes' characteristics, Gaussian, are turned into damping, frequency and times one by
-one and held against all limits of a mode at once: what a level is worth is the share of the draws
+Each Gaussian draw of the modes' characteristics is turned into damping, frequency and times, and
+compared with all limits of a mode at once. The probability of a level is the share of the draws
 that reach it.
 
 Low-order forms that are fitted to frequency responses (short period, roll mode, Dutch roll) are
-held against the same limits. For the form ``pitch`` at constant speed n/alpha = V / (g T_theta2)
+compared with the same limits. For the form ``pitch`` at constant speed n/alpha = V / (g T_theta2)
 and CAP = omega^2 / (n/alpha) (MIL-STD-1797A, 4.2.1.2; Bihrle, AFFDL-TR-65-198, 1966).
 Limits of the levels: ``handling_qualities.toml``.
 """
@@ -49,7 +49,7 @@ UNITS = {
 CLASSES = ("I", "II-C", "II-L", "III", "IV")
 CATEGORIES = ("A", "B", "C")
 _NEEDED = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "delay")
-SIGMAS = 2.0
+INTERVAL_SIGMAS = 2.0
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,10 @@ def levels(
         if criterion.quantity not in by_name:
             continue
         quality = by_name[criterion.quantity]
-        low, high = quality.value - SIGMAS * quality.std, quality.value + SIGMAS * quality.std
+        low, high = (
+            quality.value - INTERVAL_SIGMAS * quality.std,
+            quality.value + INTERVAL_SIGMAS * quality.std,
+        )
         if quality.unit == "s":  # a delay or a time constant is not negative
             low = max(low, min(0.0, quality.value))
         edges = [edge for pair in criterion.levels for edge in pair if low < edge < high]
@@ -232,9 +235,9 @@ def _evaluate(p: Mapping[str, Any], airspeed: float, gravity: float) -> dict[str
 
 STANDARD = "MIL-F-8785C"
 # the probability from which a level is told without its neighbours: that of two sigmas
-DETERMINED = 0.95
-DRAWS = 20000  # the probability then has a standard error of 0.35 % at most
-WORST = 4  # none of the three levels is met
+DETERMINED_PROBABILITY = 0.95
+LEVEL_DRAWS = 20000  # the probability then has a standard error of 0.35 % at most
+WORST_LEVEL = 4  # none of the three levels is met
 # (rad/s)^2 of frequency^2 |phi/beta|, beyond which a Dutch roll is asked for more damping
 STEADY_COUPLING = 20.0
 MODES: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -271,7 +274,7 @@ class ModeLevel:
     Attributes
     ----------
     mode : one of ``MODES``.
-    level : the most probable, ``WORST`` below level 3.
+    level : the most probable, ``WORST_LEVEL`` below level 3.
     probabilities : of levels 1, 2, 3 and of none of them.
     decided_by : the quantity that keeps the estimate from the next better level, empty at level 1;
         ``value`` and ``limit`` are its own.
@@ -294,7 +297,7 @@ class ModeLevel:
     @property
     def determined(self) -> bool:
         """Whether one level is clearly the most probable."""
-        return self.probability >= DETERMINED
+        return self.probability >= DETERMINED_PROBABILITY
 
 
 def flight_phase_of(aircraft_class: str | None, category: str | None) -> FlightPhase:
@@ -351,7 +354,7 @@ def _level(
     sampled: Mapping[str, np.ndarray],
 ) -> ModeLevel:
     reached = np.max([_reached(rule, sampled) for rule in rules], axis=0)
-    shares = tuple(float(np.mean(reached == number)) for number in range(1, WORST + 1))
+    shares = tuple(float(np.mean(reached == number)) for number in range(1, WORST_LEVEL + 1))
     level = int(np.argmax(shares)) + 1
     worst = max(rules, key=lambda rule: int(_reached(rule, centre)[0]))
     decided, value, limit = "", 0.0, 0.0
@@ -374,7 +377,7 @@ def _level(
 def _reached(rule: LevelCriterion, quantities: Mapping[str, np.ndarray]) -> np.ndarray:
     """Best level that each random sample ``(N,)`` meets."""
     value = quantities[rule.quantity]
-    reached = np.full(value.shape, WORST)
+    reached = np.full(value.shape, WORST_LEVEL)
     for number in range(len(rule.levels), 0, -1):
         low, high = _range(rule, number, quantities)
         reached[(value >= low) & (value <= high)] = number
@@ -392,12 +395,14 @@ def _range(
 
 
 def _draws(characteristics: Characteristics) -> np.ndarray:
-    """Random samples ``(k, DRAWS)`` of a Gaussian, the same at every call, in antithetic pairs."""
+    """Random samples ``(k, LEVEL_DRAWS)`` of a Gaussian, the same at every call, in antithetic
+    pairs.
+    """
     scale = np.sqrt(np.maximum(np.diag(characteristics.covariance), 0.0))
     inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)
     values, vectors = np.linalg.eigh(characteristics.covariance * np.outer(inverse, inverse))
     root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-    half = root @ np.random.default_rng(0).standard_normal((len(scale), DRAWS // 2))
+    half = root @ np.random.default_rng(0).standard_normal((len(scale), LEVEL_DRAWS // 2))
     return characteristics.values[:, None] + np.concatenate([half, -half], axis=1)
 
 
@@ -439,8 +444,8 @@ def _quantities(names: Sequence[str], draws: np.ndarray) -> dict[str, np.ndarray
 
 
 def _of_pair(rate: np.ndarray, stiffness: np.ndarray) -> dict[str, np.ndarray]:
-    """Frequency and damping of the roots of s^2 + rate s + stiffness; a pair with real roots of
-    opposite sign has no frequency and negative damping.
+    """Return the frequency and damping of the roots of s^2 + rate s + stiffness; a pair with real
+    roots of opposite sign has no frequency and negative damping.
     """
     frequency = np.sqrt(np.maximum(stiffness, 0.0))
     damping = np.divide(
@@ -481,8 +486,8 @@ Values = Mapping[str, float]
 def form_qualities(
     function: FittedResponse, airspeed: float | None = None, *, dutch_roll: bool = True
 ) -> tuple[Quality, ...]:
-    """Parameters of a fitted low-order form with standard deviations by linearisation; none for
-    transfer functions given by their orders.
+    """Return the parameters of a fitted low-order form with standard deviations by linearisation;
+    none for transfer functions given by their orders.
 
     Parameters
     ----------
@@ -539,7 +544,7 @@ def _quantities_of_form(
 def _propagated(
     function: FittedResponse, value: Callable[[Values], float]
 ) -> tuple[float, float] | None:
-    """Value and standard deviation of a function of estimates; None if not finite."""
+    """Return the value and standard deviation of a function of estimates; None if not finite."""
     p = dict(function.values)
     slopes = []
     try:

@@ -41,7 +41,7 @@ LATERAL_STATES = ("beta", "p", "r", "phi")
 LONGITUDINAL_STATES = ("airspeed", "alpha", "theta", "q")
 TRIMMED_BY = ("elevator", "thrust")
 TRIM_STEPS = 20
-SETTLED = 1e-10
+SETTLED_SHARE = 1e-10
 START_ALPHA = 0.05  # rad, from which the trim is looked for
 
 
@@ -119,7 +119,7 @@ def level_flight(system: System, p: np.ndarray) -> tuple[list[float], list[float
                 return None
             step = np.linalg.solve(slope, np.array(rates(at.tolist()), dtype=float))
             at = at - step
-            if np.all(np.abs(step) <= SETTLED * np.maximum(1.0, np.abs(at))):
+            if np.all(np.abs(step) <= SETTLED_SHARE * np.maximum(1.0, np.abs(at))):
                 return flown(at.tolist())
     return None
 
@@ -127,14 +127,14 @@ def level_flight(system: System, p: np.ndarray) -> tuple[list[float], list[float
 def _roots(
     system: System, x: list[float], u: list[float], p: np.ndarray, names: Sequence[str]
 ) -> np.ndarray:
-    """Eigenvalues of the rates of the states ``names`` among themselves."""
+    """Return the eigenvalues of the rates of the states ``names`` among themselves."""
     values, at = p.tolist(), [system.state_names.index(name) for name in names]
     F = complex_step_jacobian(lambda state: system.f(0.0, state, u, values), x)[np.ix_(at, at)]
     return np.linalg.eigvals(F) if np.all(np.isfinite(F)) else np.zeros(0)
 
 
 def _pairs(roots: np.ndarray) -> list[complex]:
-    """One root of each oscillation, sorted by frequency."""
+    """Return one root of each oscillation, sorted by frequency."""
     return sorted((complex(root) for root in roots if root.imag > 1e-9), key=abs)
 
 
@@ -189,8 +189,8 @@ def slowest_oscillation(
 def modal_estimate(
     system: System, estimate: Estimate, fixed_states: Collection[str] = ()
 ) -> dict[str, tuple[float, float]]:
-    """Modes with standard deviations, by name (``MODAL_UNITS``); those that the model does not have
-    are left out.
+    """Return the modes with standard deviations, by name (``MODAL_UNITS``); those that the model
+    does not have are left out.
 
     ``natural_frequency`` and ``damping_ratio`` of a short period; the modes of ``whole_axes`` where
     the states are those of a lateral or a whole longitudinal motion. Standard deviations by
@@ -210,8 +210,8 @@ def modal_estimate(
 def propagated(
     numbers: Callable[[np.ndarray], Mapping[str, float]], system: System, estimate: Estimate
 ) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
-    """Names and values ``(k,)`` of what follows from all parameters at an estimate, and its
-    gradient ``(k, n)`` by the estimated ones.
+    """Return the names and values ``(k,)`` of what follows from all parameters at an estimate, and
+    its gradient ``(k, n)`` by the estimated ones.
 
     Central differences, to either side by a ten-thousandth of a sigma, or of the value where the
     sigma is larger; a number that is not there on both sides is left out.
@@ -264,7 +264,7 @@ def _moved(p: np.ndarray, i: int, by: float) -> np.ndarray:
 
 # ---- Numbers of an estimated model's modes that move smoothly with its derivatives
 
-REAL = 1e-9  # rad/s, below which an imaginary part is rounding
+LARGEST_ROUNDED_IMAGINARY = 1e-9  # rad/s, below which an imaginary part is rounding
 CONTROLS = ("elevator", "stick")
 
 
@@ -284,8 +284,8 @@ class Characteristics:
 def characteristics(
     system: System, estimate: Estimate, fixed_states: Collection[str] = ()
 ) -> Characteristics | None:
-    """Those that the model has, at an estimate of its parameters; None where it has none, or where
-    the data leave a parameter open.
+    """Return the characteristics of the model at an estimate of its parameters; None if it has
+    none, or if the data leave a parameter open.
 
     Linearised in the estimated parameters. ``fixed_states``: states that do not move, as for
     ``modal_estimate``.
@@ -304,7 +304,7 @@ def characteristics(
 def characteristics_at(
     system: System, p: np.ndarray, fixed_states: Collection[str] = ()
 ) -> dict[str, float]:
-    """The characteristics at parameters ``p`` of the System, without covariance."""
+    """Return the characteristics at parameters ``p`` of the System, without covariance."""
     states = {state.name for state in system.states}
     if states.issuperset(LATERAL_STATES):
         out = _lateral(system, p)
@@ -322,7 +322,7 @@ def characteristics_at(
 
 
 def _without(values: dict[str, float], estimate: Estimate) -> dict[str, float]:
-    """The characteristics without a delay that was not estimated."""
+    """Return the characteristics without a delay that was not estimated."""
     return {
         name: value for name, value in values.items() if name != "delay" or name in estimate.names
     }
@@ -336,7 +336,8 @@ def _lateral(system: System, p: np.ndarray) -> dict[str, float]:
         return {}
     roots, vectors = np.linalg.eig(F)
     pairs = sorted(
-        (i for i, root in enumerate(roots) if root.imag > REAL), key=lambda i: abs(roots[i])
+        (i for i, root in enumerate(roots) if root.imag > LARGEST_ROUNDED_IMAGINARY),
+        key=lambda i: abs(roots[i]),
     )
     if not pairs:
         return {}
@@ -347,7 +348,9 @@ def _lateral(system: System, p: np.ndarray) -> dict[str, float]:
     out = {**_pair("dutch_roll", roots[quick], roots[quick].conj()), "bank_ratio": float(ratio)}
     if len(pairs) == 2:
         return {**out, **_pair("roll_spiral", roots[pairs[0]], roots[pairs[0]].conj())}
-    spiral, roll = sorted((root.real for root in roots if abs(root.imag) <= REAL), key=abs)
+    spiral, roll = sorted(
+        (root.real for root in roots if abs(root.imag) <= LARGEST_ROUNDED_IMAGINARY), key=abs
+    )
     return {**out, "roll_root": float(roll), "spiral_root": float(spiral)}
 
 
@@ -361,7 +364,7 @@ def _longitudinal(system: System, p: np.ndarray) -> dict[str, float]:
     slow, quick = np.split(np.array(sorted(np.linalg.eigvals(F), key=abs)), 2)
     slope = _load_factor_slope(system, trim, p, ("alpha", "q"))
     # a pair between them belongs to neither
-    split = [abs(np.sum(two).imag) > REAL for two in (slow, quick)]
+    split = [abs(np.sum(two).imag) > LARGEST_ROUNDED_IMAGINARY for two in (slow, quick)]
     return (
         {} if any(split) else {**_pair("short_period", *quick), **slope, **_pair("phugoid", *slow)}
     )
@@ -372,7 +375,9 @@ def _short_period(system: System, p: np.ndarray, moving: list[str]) -> dict[str,
     F, _ = _slopes(system, *rest, p, moving)
     if not np.all(np.isfinite(F)):  # a model of totals may have no rest
         return {}
-    pairs = sorted((root for root in np.linalg.eigvals(F) if root.imag > REAL), key=abs)
+    pairs = sorted(
+        (root for root in np.linalg.eigvals(F) if root.imag > LARGEST_ROUNDED_IMAGINARY), key=abs
+    )
     at = [moving.index(name) for name in ("alpha", "q")]
     roots = (pairs[0], pairs[0].conj()) if pairs else np.linalg.eigvals(F[np.ix_(at, at)])
     return {**_pair("short_period", *roots), **_load_factor_slope(system, rest, p, moving)}
@@ -407,7 +412,7 @@ def _load_factor_slope(
 def _slopes(
     system: System, x: list[float], u: list[float], p: np.ndarray, names: Collection[str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes of the rates of ``names``: by these states, and by all inputs."""
+    """Return the slopes of the rates of ``names``: by these states, and by all inputs."""
     values, at = p.tolist(), [system.state_names.index(name) for name in names]
     F = complex_step_jacobian(lambda state: system.f(0.0, state, u, values), x)[np.ix_(at, at)]
     return F, complex_step_jacobian(lambda inputs: system.f(0.0, x, inputs, values), u)[at]
@@ -422,7 +427,8 @@ def _pair(name: str, one: complex, other: complex) -> dict[str, float]:
 
 # ---- A model linearised about a point
 
-PADE = 4  # order of the approximation of a delay: within two degrees of phase up to omega delay = 5
+# order of the approximation of a delay: within two degrees of phase up to omega delay = 5
+PADE_ORDER = 4
 DELAY = "delay"  # parameter of a low-order equivalent system
 DELAY_STAGE = "input-delay"  # effect that the delay belongs to
 
@@ -525,7 +531,7 @@ def state_space(
 def _linear(
     g: Callable[..., Any], x: list[float], u: list[float], p: list[float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Slopes of ``f`` or ``h`` by states and by inputs, and its value."""
+    """Return the slopes of ``f`` or ``h`` by states and by inputs, and its value."""
     value = np.array(g(0.0, x, u, p), dtype=float)
     by_inputs = (
         complex_step_jacobian(lambda a: g(0.0, x, a, p), u) if u else np.zeros((len(value), 0))
@@ -533,9 +539,9 @@ def _linear(
     return complex_step_jacobian(lambda a: g(0.0, a, u, p), x), by_inputs, value
 
 
-def to_control(space: StateSpace, pade: int = PADE) -> control.StateSpace:
-    """The model as python-control's, with its names; each delay as a Pade approximation of this
-    order, left out when it is zero.
+def to_control(space: StateSpace, pade: int = PADE_ORDER) -> control.StateSpace:
+    """Return the model as python-control's, with its names; each delay as a Pade approximation of
+    this order, left out when it is zero.
 
     The states of an approximation follow those of the model, named after the input. Raises
     ModelError of a model without inputs.

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ident.flying_qualities.attitude_criteria import (
-    REACH,
+    PARABOLA_HALF_WIDTH,
     BandwidthQuantity,
     parabola_at,
     parabola_weights,
@@ -26,12 +26,12 @@ from ident.frequency_response.transfer_function import ResponseTarget
 
 REQUIRED_GAIN = 6.0  # dB, below the first structural mode
 REQUIRED_PHASE = 45.0  # deg, below the first structural mode
-LEVEL = 0.95  # probability of an interval
-NORMAL = 1.959964  # its half width, standard deviations of a normal distribution
-_STEPS = 6  # of Newton's method towards a crossing
-_STEP = 0.02  # largest step of the scan of an interval, ln(omega)
-_SHARE = 0.2  # step as a share of the standard deviation of the crossing
-_DECIBEL = 20.0 / math.log(10.0)
+CONFIDENCE = 0.95  # probability of an interval
+NORMAL_HALF_WIDTH = 1.959964  # its half width, standard deviations of a normal distribution
+_NEWTON_STEPS = 6  # of Newton's method towards a crossing
+_LARGEST_SCAN_STEP = 0.02  # largest step of the scan of an interval, ln(omega)
+_SCAN_STEP_SHARE = 0.2  # step as a share of the standard deviation of the crossing
+_DECIBELS_PER_NEPER = 20.0 / math.log(10.0)
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ class LoopCurve:
 
 
 def loop_curve(target: ResponseTarget) -> LoopCurve:
-    """The curve of a broken-loop response L; 1 + L = 0 closes the loop."""
+    """Return the curve of a broken-loop response L; 1 + L = 0 closes the loop."""
     share = target.std / np.abs(target.response)
     away = np.abs(1.0 + target.response)
     return LoopCurve(
@@ -135,15 +135,15 @@ def loop_curve(target: ResponseTarget) -> LoopCurve:
         20.0 * np.log10(np.abs(target.response)),
         np.degrees(np.unwrap(np.angle(-target.response))),
         20.0 * np.log10(away),
-        _DECIBEL * share,
+        _DECIBELS_PER_NEPER * share,
         np.degrees(share),
-        _DECIBEL * target.std / away,
+        _DECIBELS_PER_NEPER * target.std / away,
         target.length,
     )
 
 
 def stability_margins(target: ResponseTarget) -> StabilityMargins:
-    """Margins of a broken-loop response along its usable band.
+    """Return the margins of a broken-loop response along its usable band.
 
     At a crossing gain and phase are parabolas in ln(omega) through the points about it. The errors
     of gain and phase are independent (a circle in the complex plane), those of neighbours
@@ -192,16 +192,18 @@ def _crossings(
     out: list[tuple[float, float, float]] = []
     for first in np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) <= 0.0):
         at = float(curve.omega[first])
-        for _ in range(_STEPS):
+        for _ in range(_NEWTON_STEPS):
             near = parabola_at(curve, values, std, at)
             if near.slope == 0.0:
                 break
-            step = float(np.clip(-near.value / near.slope, -REACH, REACH))
+            step = float(
+                np.clip(-near.value / near.slope, -PARABOLA_HALF_WIDTH, PARABOLA_HALF_WIDTH)
+            )
             at = float(np.clip(at * math.exp(step), low, high))
         near = parabola_at(curve, values, std, at)
         if near.slope == 0.0 or abs(near.value) > near.std:
             continue
-        if all(abs(math.log(at / other)) > 0.5 * REACH for other, _, _ in out):
+        if all(abs(math.log(at / other)) > 0.5 * PARABOLA_HALF_WIDTH for other, _, _ in out):
             out.append((at, near.slope, near.std))
     return out
 
@@ -212,12 +214,16 @@ def _determined(
     """Crossings whose frequency is known to within the reach of the parabola, and where the others
     are.
     """
-    determined = [(at, slope, std) for at, slope, std in crossings if std <= REACH * abs(slope)]
-    return determined, [at for at, slope, std in crossings if std > REACH * abs(slope)]
+    determined = [
+        (at, slope, std) for at, slope, std in crossings if std <= PARABOLA_HALF_WIDTH * abs(slope)
+    ]
+    return determined, [
+        at for at, slope, std in crossings if std > PARABOLA_HALF_WIDTH * abs(slope)
+    ]
 
 
 def _across(curve: LoopCurve, kind: str, at: float, slope: float, std: float) -> Margin:
-    """A gain margin at a phase crossing, a phase or delay margin at a gain crossing.
+    """Return a gain margin at a phase crossing, a phase or delay margin at a gain crossing.
 
     ``slope``, ``std`` : of the curve that crosses. The deviation follows by the slopes of both
     curves; the interval holds every margin whose point of the critical line, at some frequency, is
@@ -225,12 +231,12 @@ def _across(curve: LoopCurve, kind: str, at: float, slope: float, std: float) ->
     """
     from scipy.stats import chi2
 
-    limit = float(chi2.ppf(LEVEL, 1))
+    limit = float(chi2.ppf(CONFIDENCE, 1))
     middle = _at(curve, kind, at)
     # Of a delay margin the crossing moves the angle and the frequency it is divided by.
     turn = middle.own_slope / slope * std
     spread = math.hypot(middle.std, turn)
-    step = min(_STEP, _SHARE * std / abs(slope))
+    step = min(_LARGEST_SCAN_STEP, _SCAN_STEP_SHARE * std / abs(slope))
     low, high, open_ = middle.value, middle.value, False
     for direction in (-1.0, 1.0):
         there = at
@@ -274,7 +280,7 @@ def _at(curve: LoopCurve, kind: str, at: float) -> _CrossingMargin:
 
 
 def _least_distance(target: ResponseTarget) -> Margin | None:
-    """The least distance from -1, where the slope of the smoothed distance is zero.
+    """Return the least distance from -1, where the slope of the smoothed distance is zero.
 
     Its interval holds every distance d whose pair (d, slope 0) is, at some frequency, no further
     from distance and slope of the response than their errors allow: the likelihood ratio with one
@@ -290,22 +296,32 @@ def _least_distance(target: ResponseTarget) -> Margin | None:
     first, last = float(target.omega[0]), float(target.omega[-1])
     start = float(target.omega[least])
     at = start
-    for _ in range(_STEPS):
+    for _ in range(_NEWTON_STEPS):
         near = _critical_distance(target, at)
         if not near.curvature > 0.0:
             break
-        move = float(np.clip(-near.slope / near.curvature, -0.25 * REACH, 0.25 * REACH))
+        move = float(
+            np.clip(
+                -near.slope / near.curvature,
+                -0.25 * PARABOLA_HALF_WIDTH,
+                0.25 * PARABOLA_HALF_WIDTH,
+            )
+        )
         at = float(np.clip(at * math.exp(move), first, last))
     if (
-        abs(math.log(at / start)) > REACH
+        abs(math.log(at / start)) > PARABOLA_HALF_WIDTH
         or _critical_distance(target, at).value > _critical_distance(target, start).value
     ):
         at = start  # the parabola turned elsewhere
     middle = _critical_distance(target, at)
-    limit, std = float(chi2.ppf(LEVEL, 1)), math.sqrt(middle.variance)
-    low, high, open_ = middle.value - NORMAL * std, middle.value + NORMAL * std, False
+    limit, std = float(chi2.ppf(CONFIDENCE, 1)), math.sqrt(middle.variance)
+    low, high, open_ = (
+        middle.value - NORMAL_HALF_WIDTH * std,
+        middle.value + NORMAL_HALF_WIDTH * std,
+        False,
+    )
     spread = math.sqrt(middle.slope_variance) / max(middle.curvature, 1e-12)
-    step = min(_STEP, max(_SHARE * spread, 1e-4))
+    step = min(_LARGEST_SCAN_STEP, max(_SCAN_STEP_SHARE * spread, 1e-4))
     for direction in (-step, step):
         there = at
         while True:
@@ -322,7 +338,7 @@ def _least_distance(target: ResponseTarget) -> Margin | None:
             low, high = min(low, centre - half), max(high, centre + half)
             there *= math.exp(direction)
     size = BandwidthQuantity(middle.value, std)
-    where = BandwidthQuantity(at, at * min(spread, REACH))
+    where = BandwidthQuantity(at, at * min(spread, PARABOLA_HALF_WIDTH))
     return Margin("distance", size, where, max(low, 0.0), high, open_)
 
 
@@ -396,7 +412,7 @@ def worst_margins(maneuvers: Sequence[StabilityMargins]) -> tuple[WorstMargin, .
         if not known:
             continue
         number, least = min(known, key=lambda pair: _size(pair[1]))
-        wide = float(norm.ppf(1.0 - 0.5 * (1.0 - LEVEL) / len(known)))
+        wide = float(norm.ppf(1.0 - 0.5 * (1.0 - CONFIDENCE) / len(known)))
         sizes = np.array([each.size.value for _, each in known])
         weights = np.array([max(each.size.std, 1e-300) for _, each in known]) ** -2.0
         mean = float(weights @ sizes / weights.sum())
@@ -407,5 +423,5 @@ def worst_margins(maneuvers: Sequence[StabilityMargins]) -> tuple[WorstMargin, .
 
 
 def turned(target: ResponseTarget) -> ResponseTarget:
-    """The target with its sign reversed, for a loop with positive feedback."""
+    """Return the target with its sign reversed, for a loop with positive feedback."""
     return replace(target, response=-target.response)

@@ -33,20 +33,22 @@ from typing import Any
 
 import numpy as np
 
-from ident.estimate import LARGEST
+from ident.estimate import LARGEST_NUMBER
 from sim.declaration.model import System
 from sim.errors import ModelError
 from sim.maths import COMPLEX_STEP, complex_step_jacobian
 from sim.record import Hold
 
-LOW = 0.1  # Hz, as Morelli's: above slow drifts
-HIGH = 2.0  # Hz, as Morelli's: below structural modes
-SPACING = 0.04  # Hz
-LINEAR = 1e-7  # share of a rate by which an equation may bend with its parameters, rounding
-PASSES = 4  # of the regression, each with the noise spectrum that the last one left
-KEPT = 0.5  # least share of the information that must be left when the noise's is taken off
-_THIRD = 20.0  # variance of a third difference of white noise of variance one
-_NORMAL = 1.4826  # standard deviation over median absolute deviation
+LOWEST_FREQUENCY = 0.1  # Hz, as Morelli's: above slow drifts
+HIGHEST_FREQUENCY = 2.0  # Hz, as Morelli's: below structural modes
+FREQUENCY_SPACING = 0.04  # Hz
+# share of a rate by which an equation may bend with its parameters, rounding
+NONLINEARITY_TOLERANCE = 1e-7
+NOISE_SPECTRUM_PASSES = 4  # of the regression, each with the noise spectrum that the last one left
+# least share of the information that must be left when the noise's is taken off
+LEAST_INFORMATION_SHARE = 0.5
+_THIRD_DIFFERENCE_VARIANCE = 20.0  # variance of a third difference of white noise of variance one
+_SIGMA_PER_MEDIAN_DEVIATION = 1.4826  # standard deviation over median absolute deviation
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +155,11 @@ class OnlineEstimate:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
-def frequencies(low: float = LOW, high: float = HIGH, spacing: float = SPACING) -> np.ndarray:
+def frequencies(
+    low: float = LOWEST_FREQUENCY,
+    high: float = HIGHEST_FREQUENCY,
+    spacing: float = FREQUENCY_SPACING,
+) -> np.ndarray:
     """Evenly spaced frequencies, rad/s, from ``low`` to ``high``, Hz."""
     count = max(round((high - low) / spacing), 3)
     return 2.0 * math.pi * np.linspace(low, high, count + 1)
@@ -162,7 +168,7 @@ def frequencies(low: float = LOW, high: float = HIGH, spacing: float = SPACING) 
 def online_equations(
     system: System, omega: np.ndarray, measured: Sequence[str], computed: Sequence[str] = ()
 ) -> OnlineEquations:
-    """The equations of a System for a stream.
+    """Return the equations of a System for a stream.
 
     Parameters
     ----------
@@ -269,7 +275,7 @@ def advance(
     values: np.ndarray | None = None,
     computed: np.ndarray | None = None,
 ) -> Sums:
-    """The sums after further rows.
+    """Return the sums after further rows.
 
     Parameters
     ----------
@@ -404,7 +410,7 @@ def _with_steps(
         sum(w * part[k] for w, part in zip((1.0, 4.0, 1.0), parts, strict=True)) * step / 6.0
         for k in (0, 1)
     )
-    if not (np.all(np.abs(known) < LARGEST) and np.all(np.abs(slopes) < LARGEST)):
+    if not (np.all(np.abs(known) < LARGEST_NUMBER) and np.all(np.abs(slopes) < LARGEST_NUMBER)):
         what = "a rate is no finite number at the measured states"
         raise ModelError(
             what, where="equation error on line", remedy="check units and start values"
@@ -441,7 +447,7 @@ def _with_readings(
     u: np.ndarray,
     outputs: np.ndarray,
 ) -> Sums:
-    """Sums with the outputs that are no states, sample by sample."""
+    """Return the sums with the outputs that are no states, sample by sample."""
     if not equations.readings:
         return sums
     known, slopes = points.of(equations.system.h, time, x, u)
@@ -469,8 +475,8 @@ def _with_noise(
     inputs: np.ndarray,
     came: np.ndarray,
 ) -> Sums:
-    """Sums with the noise of the new samples ``came`` ``(n + m, N)``, by their third differences,
-    and the states' share of the regressors and of the known side.
+    """Return the sums with the noise of the new samples ``came`` ``(n + m, N)``, by their third
+    differences, and the states' share of the regressors and of the known side.
     """
     rows = np.concatenate([sums.recent, came], axis=1)
     third = np.diff(rows, 3, axis=1)
@@ -478,7 +484,12 @@ def _with_noise(
     for k, row in enumerate(third):
         finite = row[np.isfinite(row)]
         if finite.size and (k >= len(equations.sources) or equations.sources[k] >= 0):
-            noise[k] += finite.size * _NORMAL * float(np.median(np.abs(finite))) / math.sqrt(_THIRD)
+            noise[k] += (
+                finite.size
+                * _SIGMA_PER_MEDIAN_DEVIATION
+                * float(np.median(np.abs(finite)))
+                / math.sqrt(_THIRD_DIFFERENCE_VARIANCE)
+            )
             counted[k] += finite.size
     system, n = equations.system, len(equations.system.states)
     at, x, u = times[-1:], states[:, -1:], inputs[:, -1:]
@@ -525,7 +536,9 @@ def _refuse_bent(
             moved[position] = p[position] + sign * size
             ones.append(at(moved))
         bent = np.abs(ones[0] + ones[1] - 2.0 * base)
-        tolerance = LINEAR * np.maximum(np.abs(ones[0] - ones[1]), np.abs(base)) + 1e-300
+        tolerance = (
+            NONLINEARITY_TOLERANCE * np.maximum(np.abs(ones[0] - ones[1]), np.abs(base)) + 1e-300
+        )
         if np.any(bent > tolerance):
             what = f"the equations are not linear in {name}"
             raise ModelError(
@@ -562,7 +575,7 @@ def estimate(
     if degrees < 3.0:
         return None
     result = None
-    for _ in range(PASSES):
+    for _ in range(NOISE_SPECTRUM_PASSES):
         result = _regressed(sums, whole, levels, q - sums.regressors.shape[1])
         if result is None:
             return None
@@ -590,7 +603,7 @@ def estimate(
 def _regressed(
     sums: Sums, whole: np.ndarray, levels: np.ndarray, more: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Coefficients ``(c,)``, their gains ``(c, e, F)`` on the known sides, and which are
+    """Return the coefficients ``(c,)``, their gains ``(c, e, F)`` on the known sides, and which are
     unknown.
     """
     weights = 1.0 / levels
@@ -612,7 +625,7 @@ def _regressed(
     # The share of the information that the noise had, in the direction where it is largest.
     root = vectors[:, ~open_] / np.sqrt(values[~open_])
     kept = np.linalg.eigvalsh(root.T @ less @ root)
-    if kept.size and kept[0] >= KEPT:
+    if kept.size and kept[0] >= LEAST_INFORMATION_SHARE:
         inverse = np.linalg.pinv(less, rcond=1e-10, hermitian=True)
     elif kept.size:
         return None
@@ -647,8 +660,8 @@ class SensorLevels:
 def _sensor_levels(
     equations: OnlineEquations, sums: Sums, theta: np.ndarray, count: float
 ) -> SensorLevels:
-    """Variance of the residuals from white noise of the samples: of a state its increments and its
-    share of the rates, of an output itself.
+    """Return the variance of the residuals from white noise of the samples: of a state its
+    increments and its share of the rates, of an output itself.
     """
     noise, e, n = sums.noise_variance, len(equations.states), sums.noisy.shape[1]
     step = (sums.time - sums.first) / count
@@ -700,8 +713,8 @@ def _covariance(
     omega: np.ndarray,
     count: float,
 ) -> np.ndarray:
-    """Covariance of coefficients ``gain @ residuals`` for noise that frequencies and equations
-    share; the two ends of a sum of increments are single samples.
+    """Return the covariance of coefficients ``gain @ residuals`` for noise that frequencies and
+    equations share; the two ends of a sum of increments are single samples.
     """
     e, f = residuals.shape
     spread = np.sqrt(np.maximum(levels - sensors.ends, 0.0))

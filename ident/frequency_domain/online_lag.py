@@ -29,12 +29,13 @@ from ident.frequency_domain.online import (
 from sim.declaration.model import System
 
 LAG, DELAY, STATE = "inv_tau", "delay", "delta"
-SHORTEST = 0.005  # s, smallest time constant of the lag
-LONGEST = 2.0  # s, largest time constant of the lag
-LATEST = 0.5  # s, largest delay
+SHORTEST_LAG = 0.005  # s, smallest time constant of the lag
+LONGEST_LAG = 2.0  # s, largest time constant of the lag
+LONGEST_DELAY = 0.5  # s, largest delay
 FACTORS = (1.0, 0.4, 2.5)  # of the lag, from which a search begins
-AGAIN = 2  # times as many rows as at the last search from everywhere: the next one
-STEPS = 8  # most steps of a search
+# times as many rows as at the last search from everywhere: the next one
+GROWTH_BEFORE_FULL_SEARCH = 2
+MOST_STEPS = 8  # most steps of a search
 SHARES = (1.0, 0.3, 0.1, 0.03)  # shares of a step that are tried
 MOST_ROWS = 6000  # that the pseudo-control is filtered over anew: two and a half minutes at 40 Hz
 
@@ -70,11 +71,11 @@ class LagStream:
 
 
 def lag_stream(system: System, omega: np.ndarray, measured: Sequence[str]) -> LagStream:
-    """A stream without rows. ``system`` : the low-order equivalent, its start where it is searched
-    from.
+    """Return a stream without rows. ``system`` : the low-order equivalent, its start where it is
+    searched from.
     """
-    lag = 1.0 / max(system.parameters[LAG].value, 1.0 / LONGEST)
-    start = (max(lag, SHORTEST), system.parameters[DELAY].value)
+    lag = 1.0 / max(system.parameters[LAG].value, 1.0 / LONGEST_LAG)
+    start = (max(lag, SHORTEST_LAG), system.parameters[DELAY].value)
     held = replace(system, parameters=system.parameters.hold([LAG, DELAY]))
     equations = online_equations(held, omega, measured, (STATE,))
     empty = np.zeros(0)
@@ -109,13 +110,13 @@ def taken(
 
 
 def estimated(stream: LagStream) -> tuple[OnlineEstimate | None, LagStream]:
-    """The estimate with lag and delay behind the other parameters, and the stream with their
+    """Return the estimate with lag and delay behind the other parameters, and the stream with their
     place.
     """
     if stream.times.size < 4:
         return None, stream
     starts = [stream.place]
-    if stream.times.size >= AGAIN * stream.searched:
+    if stream.times.size >= GROWTH_BEFORE_FULL_SEARCH * stream.searched:
         step = float(np.median(np.diff(stream.times)))
         delays = np.arange(0.0, 0.3, max(0.03, step))
         starts += [
@@ -127,7 +128,7 @@ def estimated(stream: LagStream) -> tuple[OnlineEstimate | None, LagStream]:
         return None, stream
     best, place = min(outcome, key=lambda pair: pair[0].cost)
     q = len(stream.equations.names)
-    for _ in range(STEPS):
+    for _ in range(MOST_STEPS):
         both = _at(stream, *place, best.values[:q])
         if both is None:
             return None, stream
@@ -135,7 +136,10 @@ def estimated(stream: LagStream) -> tuple[OnlineEstimate | None, LagStream]:
         for share in SHARES:
             step_ = share * both.values[q:]
             lag, late = place[0] + step_[0], place[1] + step_[1]
-            there = (float(np.clip(lag, SHORTEST, LONGEST)), float(np.clip(late, 0.0, LATEST)))
+            there = (
+                float(np.clip(lag, SHORTEST_LAG, LONGEST_LAG)),
+                float(np.clip(late, 0.0, LONGEST_DELAY)),
+            )
             trial = _at(stream, *there)
             if trial is not None and trial.cost < best.cost:
                 gained, best, place, moved = best.cost - trial.cost, trial, there, True
@@ -181,7 +185,7 @@ def _at(
 
 
 def _slopes(equations: OnlineEquations) -> np.ndarray:
-    """Slopes of every equation's regressors by the pseudo-control, ``(e, q)``."""
+    """Return the slopes of every equation's regressors by the pseudo-control, ``(e, q)``."""
     system, points = equations.system, Points(equations, None)
     n, at = len(system.states), np.zeros(1)
     unit = np.zeros((n, 1))
@@ -197,8 +201,8 @@ def _slopes(equations: OnlineEquations) -> np.ndarray:
 
 
 def _transforms(stream: LagStream, time: float, delay: float) -> np.ndarray:
-    """Transforms of the pseudo-control ``(e, F)``: its integrals over the rows for rates, itself
-    for outputs.
+    """Return the transforms of the pseudo-control ``(e, F)``: its integrals over the rows for
+    rates, itself for outputs.
     """
     delta, whole = pseudo_control(stream.times, stream.stick, 1.0 / time, delay)
     recorded = np.abs(stream.turns[:, 0]) > 0.0

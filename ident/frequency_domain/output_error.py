@@ -16,7 +16,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from ident.estimate import LARGEST, Estimate, Outcome
+from ident.estimate import LARGEST_NUMBER, Estimate, Outcome
 from ident.frequency_domain.transform import (
     Delay,
     TransformedRecord,
@@ -46,9 +46,10 @@ from sim.record import Record
 
 # ---- Output error in the frequency domain
 
-_WINDOW = 8  # steps over which the progress is measured
-_NOTHING = 1e-3  # log likelihood (0.04 sigmas): a smaller gain over these steps ends the search
-_ROUNDING = 1e-24  # of an output's mean square, below which it is met exactly
+_PROGRESS_STEPS = 8  # steps over which the progress is measured
+# log likelihood (0.04 sigmas): a smaller gain over these steps ends the search
+_NEGLIGIBLE_GAIN = 1e-3
+_EXACT_FIT_SHARE = 1e-24  # of an output's mean square, below which it is met exactly
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,12 +91,12 @@ class FrequencyProblem:
             [np.sum(np.abs(record.outputs) ** 2, axis=1) for record in self.records], axis=0
         )
         return np.maximum(
-            _ROUNDING * power / sum(len(record.omega) for record in self.records), 1e-60
+            _EXACT_FIT_SHARE * power / sum(len(record.omega) for record in self.records), 1e-60
         )
 
     def columns(self, r: int) -> np.ndarray:
-        """Positions in theta of the unknowns of record ``r``: the shared parameters and its own
-        ends.
+        """Return the positions in theta of the unknowns of record ``r``: the shared parameters and
+        its own ends.
         """
         q, n = len(self.names), len(self.system.states)
         return np.concatenate([np.arange(q), q + r * n + np.arange(n)])
@@ -133,8 +134,8 @@ class FrequencyFit:
         return -self.cost - float(self.counts.sum()) * (1.0 + np.log(np.pi))
 
     def weight(self, r: int) -> np.ndarray:
-        """One over the variance of a real or imaginary part, ``(m, f)``, zero where an output was
-        not recorded.
+        """Return one over the variance of a real or imaginary part, ``(m, f)``, zero where an
+        output was not recorded.
         """
         record = self.problem.records[r]
         return np.where(record.usable[:, None], 2.0 / self.levels[:, self.problem.bands[r]], 0.0)
@@ -184,7 +185,7 @@ def at_start(problem: FrequencyProblem) -> FrequencyFit | None:
 
 
 def evaluate(problem: FrequencyProblem, theta: np.ndarray) -> FrequencyFit | None:
-    """Residuals and slopes at ``theta``; None where they are not finite."""
+    """Return the residuals and slopes at ``theta``; None where they are not finite."""
     q, p = len(problem.names), problem.system.parameters.values()
     p[list(problem.positions)] = theta[:q]
     modelled, residuals, slopes = [], [], []
@@ -198,7 +199,9 @@ def evaluate(problem: FrequencyProblem, theta: np.ndarray) -> FrequencyFit | Non
             except (np.linalg.LinAlgError, ValueError):
                 return None
             slope = np.concatenate([result.by_parameter, result.by_ends], axis=2)
-            if not (np.all(np.abs(result.y) < LARGEST) and np.all(np.abs(slope) < LARGEST)):
+            if not (
+                np.all(np.abs(result.y) < LARGEST_NUMBER) and np.all(np.abs(slope) < LARGEST_NUMBER)
+            ):
                 return None
             modelled.append(result.y)
             residuals.append(np.where(record.usable[:, None], record.outputs - result.y, 0.0))
@@ -250,11 +253,11 @@ def fit_transforms(
 
 
 def _between(costs: Sequence[float], refused: Sequence[bool]) -> bool:
-    """Whether no step to either side lowers the cost: a delay of whole samples is a kink."""
+    """Return whether no step to either side lowers the cost: a delay of whole samples is a kink."""
     return (
-        len(costs) > _WINDOW
-        and costs[-1 - _WINDOW] - costs[-1] < _NOTHING
-        and any(refused[-_WINDOW:])
+        len(costs) > _PROGRESS_STEPS
+        and costs[-1 - _PROGRESS_STEPS] - costs[-1] < _NEGLIGIBLE_GAIN
+        and any(refused[-_PROGRESS_STEPS:])
     )
 
 
@@ -264,7 +267,7 @@ def _delay(problem: FrequencyProblem, name: str, p: np.ndarray) -> Delay:
 
 
 def with_bands(problem: FrequencyProblem, bands: Sequence[np.ndarray]) -> FrequencyProblem:
-    """The problem with other noise bands."""
+    """Return the problem with other noise bands."""
     return replace(problem, bands=tuple(bands))
 
 
@@ -314,7 +317,7 @@ def _refit(
 METHOD = "frequency-domain"
 # of a residual, that a fit leaves where it follows a frequency as closely as it may
 _LEAST_LEFT = 0.2
-_SPARE = 2.0  # real numbers in the transforms for each unknown, at least
+_NUMBERS_PER_UNKNOWN = 2.0  # real numbers in the transforms for each unknown, at least
 
 
 @dataclass(frozen=True)
@@ -384,7 +387,7 @@ def frequency_fit(
 
 
 def _as_if_left_out(fit: FrequencyFit, r: int, inverse: np.ndarray) -> np.ndarray:
-    """Residuals ``(m, f)`` scaled as if their record had not been fitted.
+    """Return the residuals ``(m, f)`` scaled as if their record had not been fitted.
 
     Their squares are divided by one minus the leverage (MacKinnon and White, J. Econometrics 29,
     1985: HC2), the mean over real and imaginary parts.
@@ -408,7 +411,9 @@ def band_for(records: Sequence[Record], system: System) -> tuple[float, float]:
         sum(name in record.output_names for name in system.output_names) for record in records
     )
     return usual_band(
-        records, system.input_names, int(np.ceil(_SPARE * unknown / (2.0 * max(measured, 1))))
+        records,
+        system.input_names,
+        int(np.ceil(_NUMBERS_PER_UNKNOWN * unknown / (2.0 * max(measured, 1)))),
     )
 
 
@@ -503,8 +508,8 @@ def refuse_unfit(records: Sequence[Record], system: System, delays: Mapping[str,
 
 
 def from_best_start(problem: FrequencyProblem, records: Sequence[Record]) -> FrequencyFit | None:
-    """The fit from the declared values or, if that does not converge and the record has all states,
-    from equation error; None without a finite cost.
+    """Return the fit from the declared values or, if that does not converge and the record has all
+    states, from equation error; None without a finite cost.
     """
     first = fit_transforms(problem)
     if first is not None and first.outcome is Outcome.CONVERGED:
@@ -575,7 +580,7 @@ def _said(fit: FrequencyFit) -> str:
 
 
 def _failed(problem: FrequencyProblem) -> Estimate:
-    """The start with sigmas as large as itself, for a fit that found no finite cost."""
+    """Return the start with sigmas as large as itself, for a fit that found no finite cost."""
     blank = tuple(
         np.zeros((len(problem.system.outputs), len(record.record))) for record in problem.records
     )
@@ -588,7 +593,7 @@ def _failed(problem: FrequencyProblem) -> Estimate:
         problem.start.copy(),
         wide,
         Outcome.DIVERGED,
-        -LARGEST,
+        -LARGEST_NUMBER,
         problem.system.output_names,
         ones,
         blank,

@@ -33,9 +33,9 @@ from sim.record import Hold, Record
 
 # ---- Records as Fourier transforms at the harmonics of their own length, in a band
 
-EVEN = 0.01  # of the interval, by which a sample may be off
-FILLED = 0.05  # of a channel's samples, that may be missing and are bridged
-POWER = 0.95  # of every input's power that the usual band holds
+EVEN_SAMPLING_TOLERANCE = 0.01  # of the interval, by which a sample may be off
+MOST_BRIDGED_SHARE = 0.05  # of a channel's samples, that may be missing and are bridged
+BAND_POWER_SHARE = 0.95  # of every input's power that the usual band holds
 _REMEDY = "resample with --rate, cut with --from and --to, or use output-error"
 
 
@@ -90,7 +90,9 @@ def usual_band(
         for row in power:
             if row[1:].sum() > 0.0:
                 share = np.cumsum(row[1:]) / row[1:].sum()
-                high = max(high, (1 + int(np.searchsorted(share, POWER))) / (len(record) * step))
+                high = max(
+                    high, (1 + int(np.searchsorted(share, BAND_POWER_SHARE))) / (len(record) * step)
+                )
         steps.append(step)
         spans.append(len(record) * step)
     low = 1.0 / max(spans)
@@ -98,7 +100,7 @@ def usual_band(
 
 
 def transformed(record: Record, system: System, band: tuple[float, float]) -> TransformedRecord:
-    """The record's harmonics within a band, Hz.
+    """Return the record's harmonics within a band, Hz.
 
     Raises
     ------
@@ -110,7 +112,7 @@ def transformed(record: Record, system: System, band: tuple[float, float]) -> Tr
     filled = 0
     for i in np.flatnonzero(usable & ~valid.all(axis=1)):
         lost = int(np.count_nonzero(~valid[i]))
-        if lost > FILLED * count:
+        if lost > MOST_BRIDGED_SHARE * count:
             what = (
                 f"{lost} of {count} samples of {system.output_names[i]} are missing: a Fourier "
                 "transform needs them"
@@ -148,10 +150,10 @@ def transformed(record: Record, system: System, band: tuple[float, float]) -> Tr
 
 
 def step_of(record: Record) -> float:
-    """The sampling interval, s. Raises RecordError where samples are uneven."""
+    """Return the sampling interval, s. Raises RecordError where samples are uneven."""
     steps = np.diff(record.time)
     step = float(np.median(steps))
-    if not np.all(np.abs(steps - step) <= EVEN * step):
+    if not np.all(np.abs(steps - step) <= EVEN_SAMPLING_TOLERANCE * step):
         raise RecordError(
             "its samples are uneven: a Fourier transform needs even ones",
             where=record.name,
@@ -162,8 +164,8 @@ def step_of(record: Record) -> float:
 
 # ---- The matrices of a linear System and their slopes by its parameters
 
-STRAIGHT = 1e-7  # of a rate's or reading's own change, by which rounding may bend it
-_POINTS = 6  # points at which a System is compared with its matrices
+NONLINEARITY_TOLERANCE = 1e-7  # of a rate's or reading's own change, by which rounding may bend it
+_TRIAL_POINTS = 6  # points at which a System is compared with its matrices
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,8 +187,8 @@ class LinearModel:
 
 
 def linear_model(system: System, p: np.ndarray, free: Sequence[int]) -> LinearModel:
-    """The matrices of a System that is linear in states and inputs, at parameters ``p``, with
-    slopes by those at the positions ``free``.
+    """Return the matrices of a System that is linear in states and inputs, at parameters ``p``,
+    with slopes by those at the positions ``free``.
 
     One call each of ``f`` and ``h``: a row a unit step of a state or input, a column a complex step
     of a parameter. Effects on the input and sensor paths are left out.
@@ -219,8 +221,8 @@ def linear_model(system: System, p: np.ndarray, free: Sequence[int]) -> LinearMo
 
 
 def bent(system: System, records: Sequence[Record]) -> str:
-    """The first rate or output that is no linear function of states and inputs, the same at all
-    times, over the records' extent; else empty.
+    """Return the first rate or output that is no linear function of states and inputs, the same at
+    all times, over the records' extent; else empty.
     """
     p = system.parameters.values()
     with np.errstate(all="ignore"):  # what is not finite at rest is not linear
@@ -233,13 +235,13 @@ def bent(system: System, records: Sequence[Record]) -> str:
     points = [
         *(
             sizes * np.sin(1.0 + np.arange(len(sizes)) * (k + 1.0) + 0.7 * k)
-            for k in range(_POINTS)
+            for k in range(_TRIAL_POINTS)
         ),
         0.0 * sizes,
     ]
     with np.errstate(all="ignore"):
         start = _values(system, points[-1], p, np.zeros(1))
-        tolerance = STRAIGHT * np.maximum(
+        tolerance = NONLINEARITY_TOLERANCE * np.maximum(
             np.max(np.abs(matrix * sizes), axis=1), 1e-300
         ) + 1e-12 * np.abs(start[:, 0])
         for point in points:
@@ -260,7 +262,7 @@ def _values(system: System, point: np.ndarray, p: np.ndarray, times: np.ndarray)
 
 
 def _size(name: str, records: Sequence[Record]) -> float:
-    """Largest recorded value of a signal, one where it is not recorded."""
+    """Return the largest recorded value of a signal, one where it is not recorded."""
     result = [
         np.max(np.abs(channel.values[channel.valid]), initial=0.0)
         for record in records
@@ -300,8 +302,8 @@ class TransformedResponse:
 def response(
     model: LinearModel, record: TransformedRecord, delays: Mapping[int, Delay], ends: np.ndarray
 ) -> TransformedResponse:
-    """Response to a record's inputs, with ``delays`` by position of the input; ``ends (n,)`` is
-    x[0] - x[N].
+    """Return the response to a record's inputs, with ``delays`` by position of the input; ``ends
+    (n,)`` is x[0] - x[N].
     """
     n, q = len(model.A), len(model.dA)
     Phi, dPhi, forced, d_forced = _stepped(model, record, delays)
@@ -361,8 +363,8 @@ def _parted(delay: Delay, step: float, width: int) -> tuple[int, np.ndarray]:
 def _gains(
     A: np.ndarray, b: np.ndarray, part: np.ndarray, record: TransformedRecord
 ) -> Sequence[np.ndarray]:
-    """What the samples u[k-1], u[k], u[k+1] of an input add to x[k+1], ``(q, n)`` each, where it is
-    late by ``part`` of a sample.
+    """Return the contributions ``(q, n)`` of the samples u[k-1], u[k], u[k+1] of an input to
+    x[k+1], if the input is late by ``part`` of a sample.
 
     Over the first ``part`` of the interval the input still is what it was between the two samples
     before.
@@ -388,8 +390,8 @@ def _times(Phi: np.ndarray, rows: np.ndarray) -> np.ndarray:
 def _transition(
     A: np.ndarray, b: np.ndarray, time: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Over ``time (q,)``: the transition ``(q, n, n)``, and the effects of a constant input and of
-    a ramp, ``(q, n)``.
+    """Return the transition ``(q, n, n)`` over ``time (q,)``, and the effects of a constant input
+    and of a ramp, ``(q, n)``.
     """
     from scipy.linalg import expm
 
@@ -425,13 +427,14 @@ def _read(
 
 # ---- The noise of each output along the frequency
 
-SURE = 1e-3  # probability, over all outputs, below which one level is not believed
-FEWEST = 12  # harmonics of a band: its level is then known to 20 %
+# probability, over all outputs, below which one level is not believed
+LEAST_UNIFORM_NOISE_PROBABILITY = 1e-3
+FEWEST_HARMONICS = 12  # harmonics of a band: its level is then known to 20 %
 # bands: the noise of a sensor or of slow turbulence changes by decades, not from line to line
-MOST = 6
+MOST_NOISE_BANDS = 6
 # harmonics on either side that tell the level about one: seven give it to 40 %, which a sum over
 # all averages out
-REACH = 3
+NEIGHBOURING_HARMONICS = 3
 
 
 def one_band(count: int) -> np.ndarray:
@@ -441,10 +444,10 @@ def one_band(count: int) -> np.ndarray:
 
 def equal_bands(omegas: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Band of each frequency of each record, so that each holds as many of all of them; as many
-    bands as ``FEWEST`` and ``MOST`` allow.
+    bands as ``FEWEST_HARMONICS`` and ``MOST_NOISE_BANDS`` allow.
     """
     every = np.sort(np.concatenate(omegas))
-    count = int(np.clip(len(every) // FEWEST, 1, MOST))
+    count = int(np.clip(len(every) // FEWEST_HARMONICS, 1, MOST_NOISE_BANDS))
     edges = every[[round(k * len(every) / count) for k in range(1, count)]]
     return [np.searchsorted(edges, omega, side="right") for omega in omegas]
 
@@ -455,8 +458,8 @@ def levels(
     bands: Sequence[np.ndarray],
     floor: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean square of the residuals ``(m, f)`` by output and band, ``(m, b)``, not below ``floor
-    (m,)``, and how many there are.
+    """Return the mean square of the residuals ``(m, f)`` by output and band, ``(m, b)``, not below
+    ``floor (m,)``, and how many there are.
     """
     width = 1 + max(int(np.max(band)) for band in bands)
     total, count = np.zeros((len(floor), width)), np.zeros((len(floor), width))
@@ -477,7 +480,7 @@ def coloured(
     bands: Sequence[np.ndarray],
     floor: np.ndarray,
 ) -> bool:
-    """Whether the bands' levels differ by more than chance, in any output.
+    """Return whether the bands' levels differ by more than chance, in any output.
 
     Squares of transforms of noise are exponential, so twice the log likelihood ratio of one level
     to several is chi-squared with as many degrees as there are further levels.
@@ -496,13 +499,13 @@ def coloured(
     return bool(
         np.min(gammaincc(0.5 * degrees, 0.5 * np.maximum(ratio, 0.0)), initial=1.0)
         * max(len(determined), 1)
-        < SURE
+        < LEAST_UNIFORM_NOISE_PROBABILITY
     )
 
 
 def about_each(power: np.ndarray) -> np.ndarray:
     """Means of the powers, or cross powers, ``(k, f)`` over the neighbours of each frequency."""
-    width = min(2 * REACH + 1, power.shape[1])
+    width = min(2 * NEIGHBOURING_HARMONICS + 1, power.shape[1])
     kernel = np.ones(width)
     count = np.convolve(np.ones(power.shape[1]), kernel, mode="same")
     return np.array([np.convolve(row, kernel, mode="same") for row in power]) / count

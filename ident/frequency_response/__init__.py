@@ -1,7 +1,7 @@
 """Frequency responses of records, with coherence and random errors.
 
-`estimate.py` is where to begin. May import the abstract part of `sim`. Oracles:
-`tests/unit/ident/frequency_response`.
+Start with `estimate.py`. May import `sim.declaration`, `sim.errors`, `sim.maths`, `sim.record`.
+Oracles: `tests/unit/ident/frequency_response`.
 """
 
 from ident.frequency_response.estimate import (

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ident.frequency_response.segments import (
-    LOWEST,
+    LEAST_PERIODS_IN_LONGEST_WINDOW,
     Segments,
     coherences,
     effective_averages,
@@ -28,16 +28,20 @@ from sim.errors import RecordError
 
 # ---- Frequency responses of records: composite over window lengths, several inputs, feedback
 
+_CONFIDENCE = 0.95  # probability that a band or circle holds the response
 LEAST_COHERENCE = 0.6  # Tischler and Remple's limits of a usable response: coherence,
 RANDOM_ERROR = 0.2  # and random error of the magnitude
-ASIDE = 0.6  # over the window's length: mean distance of an input's power from a usable frequency
-DERIVATIVES = 2  # of the window, that the regression takes along
-LOBE = 2.0  # over its length: half width of the main lobe of a Hann window
-ALONE = 3.0  # periods in a window that alone has enough averages for its derivatives
-_SPARE = 4.0  # real degrees of freedom that must be left for the noise
-_DOWN = 4.0  # power of the random error by which a window counts, Tischler and Remple's
-_NUMBERS = 400_000  # regressors that are worked on at a time
-_SIMILAR = 5  # neighbours over which weights and coherence are smoothed
+# over the window's length: mean distance of an input's power from a usable frequency
+LARGEST_POWER_OFFSET = 0.6
+WINDOW_DERIVATIVES = 2  # of the window, that the regression takes along
+MAIN_LOBE_HALF_WIDTH = 2.0  # over its length: half width of the main lobe of a Hann window
+# periods in a window that alone has enough averages for its derivatives
+FEWEST_PERIODS_OF_SINGLE_WINDOW = 3.0
+_LEAST_NOISE_DEGREES = 4.0  # real degrees of freedom that must be left for the noise
+# power of the random error by which a window counts, Tischler and Remple's
+_RANDOM_ERROR_POWER = 4.0
+_MOST_REGRESSORS_AT_ONCE = 400_000  # regressors that are worked on at a time
+_SMOOTHED_NEIGHBOURS = 5  # neighbours over which weights and coherence are smoothed
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +81,7 @@ class Spectra:
 
     windows: tuple[float, ...] = ()
     tapers: int = 0
-    derivatives: int = DERIVATIVES
+    derivatives: int = WINDOW_DERIVATIVES
     least_coherence: float = LEAST_COHERENCE
 
 
@@ -132,17 +136,19 @@ class FrequencyResponses:
 
         return np.asarray(t.ppf(0.5 * (1.0 + level), self.degrees)[:, None, :] * self.std)
 
-    def radius(self, level: float = 0.95) -> np.ndarray:
-        """Radius ``(m, q, F)`` of the circle in the complex plane that holds the response with this
-        probability, by Fisher's distribution (Bendat and Piersol, section 6.2.4)."""
+    def radius(self) -> np.ndarray:
+        """Radius ``(m, q, F)`` of the circle in the complex plane that holds the response with
+        probability 0.95, by Fisher's distribution (Bendat and Piersol, section 6.2.4)."""
         from scipy.stats import f
 
-        return np.asarray(np.sqrt(2.0 * f.ppf(level, 2.0, self.degrees))[:, None, :] * self.std)
+        return np.asarray(
+            np.sqrt(2.0 * f.ppf(_CONFIDENCE, 2.0, self.degrees))[:, None, :] * self.std
+        )
 
-    def phase_half_width(self, level: float = 0.95) -> np.ndarray:
-        """Half width ``(m, q, F)`` of the band of the phase, rad; pi where it is not determined."""
+    def phase_half_width(self) -> np.ndarray:
+        """Half width ``(m, q, F)`` of the 95 % band of the phase, rad; pi if it is undetermined."""
         size = np.maximum(np.abs(self.response), np.finfo(float).tiny)
-        share = self.half_width(level) / size
+        share = self.half_width(_CONFIDENCE) / size
         return np.where(share < 1.0, np.arcsin(np.minimum(share, 1.0)), math.pi)
 
     def phase(self) -> np.ndarray:
@@ -198,13 +204,15 @@ def responses_of_segments(
     z, left = slice(m, m + q), slice(m + q, m + 2 * q) if joint else slice(m, m + q)
     usable_rows = segments.usable(frequency) | (spectra.tapers > 0)
     if not usable_rows.any(axis=0).all():
-        lowest = LOWEST / max(segments.lengths[n] for n in segments.windows)
+        lowest = LEAST_PERIODS_IN_LONGEST_WINDOW / max(
+            segments.lengths[n] for n in segments.windows
+        )
         what = f"no window is long enough for {frequency[~usable_rows.any(axis=0)][0]:.4g} Hz"
         remedy = f"begin the band at {lowest:.4g} Hz or higher"
         raise RecordError(what, where="frequency response", remedy=remedy)
     relaxed = None
-    if spectra.derivatives == DERIVATIVES and not spectra.tapers:
-        relaxed = segments.usable(frequency, ALONE)
+    if spectra.derivatives == WINDOW_DERIVATIVES and not spectra.tapers:
+        relaxed = segments.usable(frequency, FEWEST_PERIODS_OF_SINGLE_WINDOW)
     parts = []
     for output in range(m):
         weights, averages = _weights(segments, output, left, usable_rows, relaxed)
@@ -324,16 +332,16 @@ def _window_errors(
     return _smoothed(errors), enough
 
 
-def _carried(averages: np.ndarray, q: int, derivatives: int = DERIVATIVES) -> np.ndarray:
-    """Whether so many averages leave degrees of freedom beside the derivatives, bool."""
-    return np.asarray(2.0 * (averages - (derivatives + 1) * q) >= _SPARE)
+def _carried(averages: np.ndarray, q: int, derivatives: int = WINDOW_DERIVATIVES) -> np.ndarray:
+    """Return whether so many averages leave degrees of freedom beside the derivatives, bool."""
+    return np.asarray(2.0 * (averages - (derivatives + 1) * q) >= _LEAST_NOISE_DEGREES)
 
 
 def _by_error(segments: Segments, errors: np.ndarray, usable: np.ndarray) -> np.ndarray:
     """Weights ``(R, F)`` of the segments by the squared errors ``(W, F)`` of their windows."""
     least = np.min(errors, axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = np.where(np.isfinite(errors), (least / errors) ** (0.5 * _DOWN), 0.0)
+        ratio = np.where(np.isfinite(errors), (least / errors) ** (0.5 * _RANDOM_ERROR_POWER), 0.0)
     ratio = np.where(np.isfinite(ratio), ratio, 0.0)
     counts = np.bincount(segments.windows, minlength=len(segments.lengths))
     share = ratio / np.maximum(counts, 1)[:, None]
@@ -349,7 +357,7 @@ def _smoothed(errors: np.ndarray) -> np.ndarray:
         if not finite.any():
             continue
         logs = np.where(finite, np.log(np.maximum(np.where(finite, each, 1.0), 1e-300)), 0.0)
-        kernel = np.ones(min(_SIMILAR, each.size))
+        kernel = np.ones(min(_SMOOTHED_NEIGHBOURS, each.size))
         sums, count = np.convolve(logs, kernel, "same"), np.convolve(finite, kernel, "same")
         out[row] = np.where(finite, np.exp(sums / np.maximum(count, 1.0)), np.inf)
     return out
@@ -376,7 +384,7 @@ def _pooled(
         if not here.any():
             continue
         rows = np.arange(q) * terms
-        together = max(1, _NUMBERS // (len(y) * q * terms))
+        together = max(1, _MOST_REGRESSORS_AT_ONCE // (len(y) * q * terms))
         places = np.flatnonzero(here)
         for at in (places[n : n + together] for n in range(0, places.size, together)):
             z, instruments = (
@@ -392,9 +400,9 @@ def _pooled(
 
 
 def _leaked(segments: Segments, inputs: slice, usable: np.ndarray) -> np.ndarray:
-    """Where the root mean square distance of an input's power from a frequency is more than the
-    half width of the main lobe, bool ``(q, F)``: by the transforms under the window's derivative,
-    2 pi distance times as large.
+    """Return bool ``(q, F)``: whether the root mean square distance of an input's power from a
+    frequency exceeds the half width of the main lobe. The transforms under the window's derivative
+    are 2 pi distance times as large.
     """
     rows = segments.transforms[inputs]
     if rows.shape[1] < 2:
@@ -404,7 +412,7 @@ def _leaked(segments: Segments, inputs: slice, usable: np.ndarray) -> np.ndarray
         np.sum(usable * np.abs(factor * rows[:, order]) ** 2, axis=1)
         for order, factor in enumerate((np.ones_like(length), length))
     )
-    return np.asarray(away > LOBE**2 * power)
+    return np.asarray(away > MAIN_LOBE_HALF_WIDTH**2 * power)
 
 
 def _aside(segments: Segments, inputs: slice, weights: np.ndarray) -> np.ndarray:
@@ -435,8 +443,8 @@ def _input_coherence(
 
 
 def _instrument_tells(coherence: np.ndarray, averages: np.ndarray) -> np.ndarray:
-    """Whether each input's coherence ``(q, F)`` with the q references is significant with 95 %,
-    bool ``(m, q, F)``.
+    """Return whether each input's coherence ``(q, F)`` with the q references is significant with 95
+    %, bool ``(m, q, F)``.
 
     Elsewhere the joint estimate tends to the negative inverse of the feedback with little scatter,
     and its confidence region is unbounded (Anderson and Rubin, 1949).
@@ -449,8 +457,8 @@ def _instrument_tells(coherence: np.ndarray, averages: np.ndarray) -> np.ndarray
 
 
 def _usable(responses: FrequencyResponses, aside: np.ndarray) -> np.ndarray:
-    """The longest run of frequencies, in octaves, whose coherence and random error reach their
-    limits and whose input has power on both sides.
+    """Return the longest run of frequencies, in octaves, whose coherence and random error reach
+    their limits and whose input has power on both sides.
 
     All are medians over neighbours. A joint estimate wants the coherence of output and of input
     with the references. ``aside`` : mean distance ``(m, q, F)`` of the input's power; where a sweep
@@ -464,18 +472,18 @@ def _usable(responses: FrequencyResponses, aside: np.ndarray) -> np.ndarray:
         for one, partial in enumerate(row):
             if responses.joint:
                 partial = np.minimum(responses.coherence[output], responses.input_coherence[one])
-            size = min(_SIMILAR, partial.size)
+            size = min(_SMOOTHED_NEIGHBOURS, partial.size)
             coherent, error, away = (
                 median_filter(each, size=size, mode="nearest")
                 for each in (partial, responses.random_error[output, one], aside[output, one])
             )
             good = (coherent >= responses.spectra.least_coherence) & (error <= RANDOM_ERROR)
-            out[output, one] = longest_run(good & (np.abs(away) <= ASIDE), log)
+            out[output, one] = longest_run(good & (np.abs(away) <= LARGEST_POWER_OFFSET), log)
     return out
 
 
 def longest_run(good: np.ndarray, log: np.ndarray) -> np.ndarray:
-    """The longest stretch of ``good`` ``(F,)``, bool, by the logarithm of the frequency."""
+    """Return the longest stretch of ``good`` ``(F,)``, bool, by the logarithm of the frequency."""
     out = np.zeros(good.size, dtype=bool)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
     runs = list(zip(edges[::2], edges[1::2] - 1, strict=True))
@@ -499,34 +507,34 @@ def _ends(frequency: np.ndarray, usable: np.ndarray) -> tuple[float, float] | No
 
 # ---- What an estimate needs and a record suggests: band, frequencies, rate, window lengths
 
-SAMPLES = 5.0  # a period, that are left at the highest frequency
-POWER = 0.99  # of the inputs, that lies within a band that is not given
+FEWEST_SAMPLES_PER_PERIOD = 5.0  # a period, that are left at the highest frequency
+BAND_POWER_SHARE = 0.99  # of the inputs, that lies within a band that is not given
 PER_DECADE = 40  # frequencies
-_FEWEST = 12  # frequencies of a narrow band
-WINDOWS = 4  # lengths, each half of the one before
-_SHARE = 0.25  # usual longest window, as a share of the longest record
-_MOST = 0.5  # largest longest window, as a share of the longest record
-_CYCLES = 2.5  # periods of the lowest frequency, that the longest window holds where it can
+_FEWEST_FREQUENCIES = 12  # frequencies of a narrow band
+WINDOW_COUNT = 4  # lengths, each half of the one before
+_USUAL_WINDOW_SHARE = 0.25  # usual longest window, as a share of the longest record
+_LARGEST_WINDOW_SHARE = 0.5  # largest longest window, as a share of the longest record
+# periods of the lowest frequency, that the longest window holds where it can
+_PERIODS_IN_LONGEST_WINDOW = 2.5
 
 
-def window_lengths(
-    durations: Sequence[float], low: float | None = None, count: int = WINDOWS
-) -> tuple[float, ...]:
-    """Lengths of windows, s, each half of the one before.
+def window_lengths(durations: Sequence[float], low: float | None = None) -> tuple[float, ...]:
+    """Return the lengths of windows, s, each half of the one before.
 
     The longest is a quarter of the longest record. Where that does not hold 2.5 periods of the
     lowest frequency ``low``, Hz, it is longer, at most half of the record.
     """
     whole = max(durations)
-    longest = _SHARE * whole
+    longest = _USUAL_WINDOW_SHARE * whole
     if low is not None:
-        longest = min(max(longest, _CYCLES / low), _MOST * whole)
-    return tuple(longest / 2**n for n in range(count))
+        longest = min(max(longest, _PERIODS_IN_LONGEST_WINDOW / low), _LARGEST_WINDOW_SHARE * whole)
+    return tuple(longest / 2**n for n in range(WINDOW_COUNT))
 
 
 def input_band(records: Sequence[EvenSignals], low: float) -> tuple[float, float]:
-    """From ``low`` to the frequency, Hz, below which the inputs have 99 % of their power, at most a
-    fifth of the rate; of several inputs the one that reaches highest counts."""
+    """Return the band, Hz, from ``low`` to the frequency below which the inputs have 99 % of their
+    power, at most a fifth of the rate; of several inputs the one that reaches highest counts.
+    """
     step = records[0].step
     size = max(each.inputs.shape[1] for each in records)
     frequency = np.fft.rfftfreq(size, step)
@@ -534,19 +542,21 @@ def input_band(records: Sequence[EvenSignals], low: float) -> tuple[float, float
     total = np.cumsum(power, axis=1)
     if not np.all(total[:, -1] > 0.0):
         raise RecordError("an input does not move", where="input", remedy="choose another part")
-    first = np.argmax(total >= POWER * total[:, -1:], axis=1)
-    return low, float(min(max(frequency[first].max(), 4.0 * low), 1.0 / (SAMPLES * step)))
+    first = np.argmax(total >= BAND_POWER_SHARE * total[:, -1:], axis=1)
+    return low, float(
+        min(max(frequency[first].max(), 4.0 * low), 1.0 / (FEWEST_SAMPLES_PER_PERIOD * step))
+    )
 
 
 def frequencies(low: float, high: float) -> np.ndarray:
-    """Frequencies in Hz from ``low`` to ``high``, evenly spaced in their logarithm."""
-    count = max(_FEWEST, round(PER_DECADE * math.log10(high / low)) + 1)
+    """Return the frequencies in Hz from ``low`` to ``high``, evenly spaced in their logarithm."""
+    count = max(_FEWEST_FREQUENCIES, round(PER_DECADE * math.log10(high / low)) + 1)
     return np.geomspace(low, high, count)
 
 
 def lowest_frequency(windows: Sequence[float]) -> float:
-    """The lowest frequency, Hz, that the longest window resolves."""
-    return LOWEST / max(windows)
+    """Return the lowest frequency, Hz, that the longest window resolves."""
+    return LEAST_PERIODS_IN_LONGEST_WINDOW / max(windows)
 
 
 def decimated(records: Sequence[EvenSignals], high: float) -> tuple[list[EvenSignals], int]:
@@ -554,7 +564,7 @@ def decimated(records: Sequence[EvenSignals], high: float) -> tuple[list[EvenSig
     that five samples a period are left at ``high``, Hz; and n, 1 where nothing is to be left
     out."""
     step = records[0].step
-    factor = math.floor(1.0 / (SAMPLES * high * step) * (1.0 + 1e-9))
+    factor = math.floor(1.0 / (FEWEST_SAMPLES_PER_PERIOD * high * step) * (1.0 + 1e-9))
     if factor < 2:
         return list(records), 1
     from scipy.signal import resample_poly

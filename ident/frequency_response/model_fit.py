@@ -147,7 +147,7 @@ def fit_model(
 
 
 def _slopes(residuals: Callable[[np.ndarray], np.ndarray], p: np.ndarray) -> np.ndarray:
-    """Derivatives ``(R, q)`` of the residuals by central differences."""
+    """Return the derivatives ``(R, q)`` of the residuals by central differences."""
     columns = []
     for k, value in enumerate(p):
         step = 1e-5 * max(abs(value), 1e-2)

@@ -24,7 +24,7 @@ from ident.frequency_response.estimate import (
     responses_of_segments,
 )
 from ident.frequency_response.segments import (
-    OVERLAP,
+    STEPS_PER_WINDOW,
     Segments,
     hann_of_blocks,
     overlap_of,
@@ -34,8 +34,8 @@ from sim.errors import DeclarationError
 
 HALF_LOBE = 1.0  # over the window's length: half of the half width of a Hann window's main lobe
 ONE_SIDED = 0.3  # over the window's length: mean distance of power that has come from one side only
-MEMORY = 600.0  # s, after which a window is forgotten
-_LINE = 2  # rows behind the signals: their sums, plain and times the time in the block
+WINDOW_MEMORY = 600.0  # s, after which a window is forgotten
+_LINE_ROWS = 2  # rows behind the signals: their sums, plain and times the time in the block
 
 
 @dataclass
@@ -80,7 +80,7 @@ class OnlineResponses:
     outputs: int
     inputs: int
     joint: bool
-    memory: float = MEMORY
+    memory: float = WINDOW_MEMORY
     samples: int = 0
     windows: list[_Window] = field(default_factory=list)
 
@@ -99,7 +99,7 @@ def online_responses(
     inputs: int = 1,
     joint: bool = False,
     least_coherence: float = 0.6,
-    memory: float = MEMORY,
+    memory: float = WINDOW_MEMORY,
 ) -> OnlineResponses:
     """Responses of nothing yet.
 
@@ -129,10 +129,10 @@ def online_responses(
         memory,
     )
     for length in lengths:
-        hop = max(2, round(length / (OVERLAP * step)))
+        hop = max(2, round(length / (STEPS_PER_WINDOW * step)))
         zero = np.zeros((3, out.signals, out.frequency.size), dtype=complex)
         lines = unit_rows(step, hop, out.frequency, out.spectra.derivatives)
-        out.windows.append(_Window(hop, lines, zero, np.zeros((out.signals, _LINE))))
+        out.windows.append(_Window(hop, lines, zero, np.zeros((out.signals, _LINE_ROWS))))
     return out
 
 
@@ -160,7 +160,7 @@ def interrupt(stream: OnlineResponses, lost: int) -> None:
 
 
 def estimated(stream: OnlineResponses) -> FrequencyResponses | None:
-    """The responses by the windows that are complete; None while a frequency has none."""
+    """Return the responses by the windows that are complete; None while a frequency has none."""
     oldest = stream.samples - round(stream.memory / stream.step)
     rows, numbers, spans = [], [], []
     for number, window in enumerate(stream.windows):
@@ -168,7 +168,7 @@ def estimated(stream: OnlineResponses) -> FrequencyResponses | None:
         window.rows, window.starts = window.rows[gone:], window.starts[gone:]
         rows += window.rows
         numbers += [number] * len(window.rows)
-        spans += [(start, OVERLAP * window.hop) for start in window.starts]
+        spans += [(start, STEPS_PER_WINDOW * window.hop) for start in window.starts]
     if len(rows) < 2:
         return None
     overlap = overlap_of(np.array(spans) * stream.step, np.zeros(len(rows), dtype=int))
@@ -188,7 +188,7 @@ def estimated(stream: OnlineResponses) -> FrequencyResponses | None:
 def _excited_runs(
     stream: OnlineResponses, segments: Segments, responses: FrequencyResponses
 ) -> np.ndarray:
-    """The usable bands ``(m, q, F)`` without frequencies that no excitation has reached yet.
+    """Return the usable bands ``(m, q, F)`` without frequencies that no excitation has reached yet.
 
     Before a sweep reaches a frequency, what its transform holds has leaked from where the sweep
     is: coherent, and the response of there. A component that is d/length off the frequency has
@@ -218,7 +218,7 @@ def _add(stream: OnlineResponses, window: _Window, samples: np.ndarray) -> None:
     """Add samples that lie in one block."""
     count = samples.shape[1]
     index = window.taken + np.arange(count)
-    shift = 1.0 / (OVERLAP * window.hop * stream.step)
+    shift = 1.0 / (STEPS_PER_WINDOW * window.hop * stream.step)
     for row, each in enumerate((0.0, -shift, shift)):
         turns = np.exp(-2j * math.pi * stream.step * np.outer(index, stream.frequency + each))
         window.running[row] += samples @ turns.real + 1j * (samples @ turns.imag)
@@ -232,7 +232,7 @@ def _complete(stream: OnlineResponses, window: _Window) -> None:
     window.sums.append(window.part)
     window.running, window.part = np.zeros_like(window.running), np.zeros_like(window.part)
     window.taken = 0
-    if len(window.blocks) < OVERLAP:
+    if len(window.blocks) < STEPS_PER_WINDOW:
         return
     rows = hann_of_blocks(
         np.stack(window.blocks, axis=2),
@@ -252,7 +252,7 @@ def _complete(stream: OnlineResponses, window: _Window) -> None:
 def _straight(window: _Window) -> np.ndarray:
     """Level and slope ``(S, 2)`` of the straight line that fits each signal of a window best, by
     the centred sample numbers that ``lines`` has."""
-    hop, size = window.hop, OVERLAP * window.hop
+    hop, size = window.hop, STEPS_PER_WINDOW * window.hop
     plain = sum(part[:, 0] for part in window.sums)
     by_time = sum(part[:, 1] + m * hop * part[:, 0] for m, part in enumerate(window.sums))
     centre = 0.5 * (size - 1)

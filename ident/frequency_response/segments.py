@@ -149,10 +149,11 @@ def coherences(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 # ---- Windowed Fourier transforms of records at any frequencies, one row a segment
 
-OVERLAP = 4  # a window is four steps long: successive windows share three quarters
-LOWEST = 2.0  # periods that a window must hold: its main lobe then stays clear of zero frequency
-SHORTER = 6.0  # periods, where a longer window is there
-_POINTS = 8  # samples of a window in a step, for inner products of windows
+STEPS_PER_WINDOW = 4  # a window is four steps long: successive windows share three quarters
+# periods that a window must hold: its main lobe then stays clear of zero frequency
+LEAST_PERIODS_IN_LONGEST_WINDOW = 2.0
+LEAST_PERIODS_IN_SHORTER_WINDOW = 6.0  # periods, where a longer window is there
+_SAMPLES_PER_WINDOW_STEP = 8  # samples of a window in a step, for inner products of windows
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,14 +175,18 @@ class Segments:
     lengths: tuple[float, ...]
     overlap: csr_array
 
-    def usable(self, frequency: np.ndarray, shorter: float = SHORTER) -> np.ndarray:
-        """Whether the window of a row is long enough for a frequency in Hz, bool ``(R, F)``.
+    def usable(
+        self, frequency: np.ndarray, shorter: float = LEAST_PERIODS_IN_SHORTER_WINDOW
+    ) -> np.ndarray:
+        """Return whether the window of a row is long enough for a frequency in Hz, bool ``(R, F)``.
 
-        The longest window is used down to ``LOWEST`` periods, shorter ones down to ``shorter``
-        periods, where the bias left by the derivatives is small.
+        The longest window is used down to ``LEAST_PERIODS_IN_LONGEST_WINDOW`` periods, shorter ones
+        down to ``shorter`` periods, where the bias left by the derivatives is small.
         """
         lengths = np.array(self.lengths)[self.windows]
-        least = np.where(lengths < lengths.max() * (1.0 - 1e-9), shorter, LOWEST)
+        least = np.where(
+            lengths < lengths.max() * (1.0 - 1e-9), shorter, LEAST_PERIODS_IN_LONGEST_WINDOW
+        )
         return np.asarray(frequency * lengths[:, None] >= least[:, None] * (1.0 - 1e-9))
 
 
@@ -192,7 +197,7 @@ def hann_segments(
     frequency: np.ndarray,
     derivatives: int = 2,
 ) -> Segments:
-    """Transforms of overlapping segments under Hann windows of several lengths.
+    """Return the transforms of overlapping segments under Hann windows of several lengths.
 
     Parameters
     ----------
@@ -204,14 +209,16 @@ def hann_segments(
     """
     blocks, windows, starts, owners = [], [], [], []
     for number, length in enumerate(lengths):
-        hop = max(2, round(length / (OVERLAP * step)))
+        hop = max(2, round(length / (STEPS_PER_WINDOW * step)))
         for owner, signals in enumerate(records):
-            count = signals.shape[1] // hop - OVERLAP + 1
+            count = signals.shape[1] // hop - STEPS_PER_WINDOW + 1
             if count < 1:
                 continue
             blocks.append(_hann_rows(signals, step, hop, count, frequency, derivatives))
             windows.append(np.full(count, number))
-            starts.append(np.column_stack([hop * np.arange(count), np.full(count, OVERLAP * hop)]))
+            starts.append(
+                np.column_stack([hop * np.arange(count), np.full(count, STEPS_PER_WINDOW * hop)])
+            )
             owners.append(np.full(count, owner))
     overlap = overlap_of(np.concatenate(starts) * step, np.concatenate(owners))
     transforms = np.concatenate(blocks, axis=2)
@@ -225,7 +232,7 @@ def sine_segments(
     frequency: np.ndarray,
     derivatives: int = 2,
 ) -> Segments:
-    """Transforms of whole records under orthogonal sine tapers, arguments as in
+    """Return the transforms of whole records under orthogonal sine tapers, arguments as in
     ``hann_segments``.
     """
     blocks = []
@@ -265,20 +272,20 @@ def _transformed(rows: np.ndarray, turns: np.ndarray) -> np.ndarray:
 
 
 def _product(real: np.ndarray, factors: np.ndarray) -> np.ndarray:
-    """A real array times a complex matrix, as two real products."""
+    """Return a real array times a complex matrix, as two real products."""
     return real @ factors.real + 1j * (real @ factors.imag)
 
 
 def _hann_rows(
     signals: np.ndarray, step: float, hop: int, count: int, frequency: np.ndarray, derivatives: int
 ) -> np.ndarray:
-    """Transforms ``(S, D, count, F)`` under Hann windows of ``OVERLAP * hop`` samples.
+    """Transforms ``(S, D, count, F)`` under Hann windows of ``STEPS_PER_WINDOW * hop`` samples.
 
     A Hann window is a constant and one cosine, so each transform is a sum of three transforms
     without a window, each the sum of those of four blocks that do not overlap.
     """
-    shift = 1.0 / (OVERLAP * hop * step)
-    blocks = signals[:, : hop * (count + OVERLAP - 1)].reshape(len(signals), -1, hop)
+    shift = 1.0 / (STEPS_PER_WINDOW * hop * step)
+    blocks = signals[:, : hop * (count + STEPS_PER_WINDOW - 1)].reshape(len(signals), -1, hop)
     parts = [
         _product(blocks, np.exp(-2j * math.pi * step * np.outer(np.arange(hop), each)))
         for each in (frequency, frequency - shift, frequency + shift)
@@ -291,8 +298,8 @@ def _hann_rows(
 def hann_of_blocks(
     parts: np.ndarray, step: float, hop: int, frequency: np.ndarray, derivatives: int
 ) -> np.ndarray:
-    """Transforms ``(S, D, B - 3, F)`` under Hann windows of four successive blocks; times count
-    from the first sample of each window.
+    """Return the transforms ``(S, D, B - 3, F)`` under Hann windows of four successive blocks;
+    times count from the first sample of each window.
 
     Parameters
     ----------
@@ -302,14 +309,18 @@ def hann_of_blocks(
     hop : samples of a block.
     derivatives : of the window, up to 2.
     """
-    size = OVERLAP * hop
-    length, count = size * step, parts.shape[2] - OVERLAP + 1
+    size = STEPS_PER_WINDOW * hop
+    length, count = size * step, parts.shape[2] - STEPS_PER_WINDOW + 1
     shift = 1.0 / length
-    plain = []
+    unwindowed = []
     for block, each in zip(parts, (frequency, frequency - shift, frequency + shift), strict=True):
-        late = np.exp(-2j * math.pi * step * hop * np.outer(np.arange(OVERLAP), each))
-        plain.append(sum(block[:, m : m + count] * late[m] for m in range(OVERLAP)))
-    middle, below, above = plain
+        block_delays = np.exp(
+            -2j * math.pi * step * hop * np.outer(np.arange(STEPS_PER_WINDOW), each)
+        )
+        unwindowed.append(
+            sum(block[:, m : m + count] * block_delays[m] for m in range(STEPS_PER_WINDOW))
+        )
+    middle, below, above = unwindowed
     energy = 1.0 / math.sqrt(0.375 * size)
     rows = [energy * (0.5 * middle - 0.25 * (below + above))]
     if derivatives > 0:
@@ -320,10 +331,10 @@ def hann_of_blocks(
 
 
 def unit_rows(step: float, hop: int, frequency: np.ndarray, derivatives: int) -> np.ndarray:
-    """Transforms ``(2, D, F)`` of a constant one and of the centred sample numbers under a Hann
-    window of four blocks.
+    """Return the transforms ``(2, D, F)`` of a constant one and of the centred sample numbers under
+    a Hann window of four blocks.
     """
-    size = OVERLAP * hop
+    size = STEPS_PER_WINDOW * hop
     line = np.stack([np.ones(size), np.arange(size) - 0.5 * (size - 1)])
     return _hann_rows(line, step, hop, 1, frequency, derivatives)[:, :, 0]
 
@@ -338,11 +349,13 @@ def overlap_of(spans: np.ndarray, owner: np.ndarray) -> csr_array:
 
 
 @lru_cache(4)
-def _overlap(places_in_time: bytes, owners: bytes) -> csr_array:
-    spans = np.frombuffer(places_in_time).reshape(-1, 2)
-    owner = np.frombuffer(owners, np.int64)
+def _overlap(span_bytes: bytes, owner_bytes: bytes) -> csr_array:
+    spans = np.frombuffer(span_bytes).reshape(-1, 2)
+    owner = np.frombuffer(owner_bytes, np.int64)
     start, length = spans[:, 0], spans[:, 1]
-    grid = np.arange(OVERLAP * _POINTS) / (OVERLAP * _POINTS)
+    grid = np.arange(STEPS_PER_WINDOW * _SAMPLES_PER_WINDOW_STEP) / (
+        STEPS_PER_WINDOW * _SAMPLES_PER_WINDOW_STEP
+    )
     shape = 0.5 - 0.5 * np.cos(2.0 * math.pi * grid)
     places, partners, products = [], [], []
     # Rows of one record and one length follow each other by their starts.
@@ -372,13 +385,13 @@ def _overlap(places_in_time: bytes, owners: bytes) -> csr_array:
     return csr_array((np.concatenate(products), where), shape=(len(spans), len(spans)))
 
 
-LOW = 0.35  # rad/s, lowest frequency at which short period, lag and delay show
-HIGH = 14.0  # rad/s, highest such frequency
-_DECIBEL = 20.0 / math.log(10.0)  # dB per unit of the natural logarithm of a gain
+LOWEST_OMEGA = 0.35  # rad/s, lowest frequency at which short period, lag and delay show
+HIGHEST_OMEGA = 14.0  # rad/s, highest such frequency
+_DECIBELS_PER_NEPER = 20.0 / math.log(10.0)  # dB per unit of the natural logarithm of a gain
 # square root of the weight 0.01745 of an error of 1 deg, per rad
-_PHASE = math.sqrt(0.01745) * 180.0 / math.pi
-_PADDING = 4
-_LATEST = 1.0  # s, the longest lag by which an output is aligned with the input
+_PHASE_WEIGHT_ROOT = math.sqrt(0.01745) * 180.0 / math.pi
+_PADDING_FACTOR = 4
+_LONGEST_ALIGNED_LAG = 1.0  # s, the longest lag by which an output is aligned with the input
 
 
 @dataclass(frozen=True, eq=False)
@@ -404,14 +417,9 @@ class SingleInputResponse:
 
 
 def estimate_response(
-    record: Record,
-    input_name: str = "stick",
-    outputs: Sequence[str] | None = None,
-    low: float = LOW,
-    high: float = HIGH,
-    tapers: int = 5,
+    record: Record, low: float = LOWEST_OMEGA, high: float = HIGHEST_OMEGA, tapers: int = 5
 ) -> SingleInputResponse:
-    """Estimate the response by averaging cross spectra over sine tapers.
+    """Estimate the response of all outputs to ``stick`` from cross spectra, averaged over tapers.
 
     Averaging over the bandwidth of the tapers flattens a response whose phase changes quickly with
     frequency; a low-order fit reads that as damping. So each output is first aligned with the input
@@ -421,7 +429,6 @@ def estimate_response(
     Parameters
     ----------
     record : evenly sampled, without missing samples; means are removed.
-    outputs : all of the record's when None.
     low, high : range of frequencies kept, rad/s.
     tapers : more give less scatter and a coherence that means more, and smear over (tapers + 1) pi
         / duration.
@@ -434,7 +441,7 @@ def estimate_response(
     """
     if tapers < 2:
         raise ModelError(f"{tapers} tapers", where="estimate_response", remedy="use two or more")
-    names = record.output_names if outputs is None else tuple(outputs)
+    names = record.output_names
     steps, count = np.diff(record.time), len(record)
     step = float(steps.mean())
     if np.max(np.abs(steps - step)) > 1e-3 * step:
@@ -446,20 +453,20 @@ def estimate_response(
         raise RecordError(
             "a sample is missing", where=record.name, remedy="choose a window without gaps"
         )
-    u = record[input_name].values
+    u = record["stick"].values
     if not np.ptp(u) > 0:
         raise RecordError(
             "it does not move",
-            where=f"{record.name}, channel {input_name}",
+            where=f"{record.name}, channel stick",
             remedy="choose a window with a maneuver",
         )
-    omega = 2.0 * math.pi * np.fft.rfftfreq(_PADDING * count, step)
+    omega = 2.0 * math.pi * np.fft.rfftfreq(_PADDING_FACTOR * count, step)
     omega = omega[(omega >= low) & (omega <= high)]
     if not omega.size:
         what = f"no frequency between {low:g} and {high:g} rad/s"
         raise RecordError(what, where=record.name, remedy="give a longer record")
     u, y = u - u.mean(), y - y.mean(axis=1, keepdims=True)
-    lags = [_lag(u, row, round(_LATEST / step)) for row in y]
+    lags = [_lag(u, row, round(_LONGEST_ALIGNED_LAG / step)) for row in y]
     aligned = [
         np.concatenate([row[lag:], np.full(lag, row[-1])]) for row, lag in zip(y, lags, strict=True)
     ]
@@ -472,10 +479,12 @@ def estimate_response(
     Suu, Syy = (np.abs(U) ** 2).mean(axis=0), (np.abs(Y) ** 2).mean(axis=1)
     Syu = (Y * np.conj(U)).mean(axis=1)
     coherence = np.abs(Syu) ** 2 / np.maximum(Suu * Syy, np.finfo(float).tiny)
-    between = (1.0 - np.exp(-1j * omega * step)) / (1j * omega * step)
-    is_held = between if record.hold is Hold.PREVIOUS else np.abs(between) ** 2
+    zero_order_hold = (1.0 - np.exp(-1j * omega * step)) / (1j * omega * step)
+    hold_response = (
+        zero_order_hold if record.hold is Hold.PREVIOUS else np.abs(zero_order_hold) ** 2
+    )
     return SingleInputResponse(
-        omega, names, Syu / Suu / is_held, coherence, (tapers + 1) * math.pi / (count * step)
+        omega, names, Syu / Suu / hold_response, coherence, (tapers + 1) * math.pi / (count * step)
     )
 
 
@@ -505,10 +514,10 @@ def model_response(
     values: Mapping[str, float],
     omega: np.ndarray,
     outputs: Sequence[str],
-    delay: str = "delay",
 ) -> np.ndarray:
-    """Response ``(m, n)`` of a System linearised at rest to its first input, a pure delay of that
-    input included.
+    """Return the response ``(m, n)`` of a System, linearised at rest, to its first input.
+
+    The parameter ``delay`` (s), if the System has one, delays this input.
     """
     p = system.parameters.with_values(values).values().tolist()
     x0, u0 = [0.0] * len(system.states), [0.0] * len(system.inputs)
@@ -519,42 +528,22 @@ def model_response(
     rows = [system.output_names.index(name) for name in outputs]
     s = 1j * np.asarray(omega)
     inside = np.linalg.solve(s[:, None, None] * np.eye(len(A)) - A, B.astype(complex)[None])
-    delay_factor = (
-        np.exp(-s * values.get(delay, 0.0))
-        if delay in values
-        else np.exp(-s * _held_delay(system, delay))
-    )
+    held_delay = system.parameters["delay"].value if "delay" in system.parameters else 0.0
+    delay_factor = np.exp(-s * values.get("delay", held_delay))
     return ((C[rows] @ inside + D[rows])[:, :, 0] * delay_factor[:, None]).T
 
 
-def fit_response(
-    response: SingleInputResponse,
-    system: System,
-    free: Sequence[str],
-    outputs: Sequence[str] | None = None,
-    delay: str = "delay",
-) -> ResponseFit:
+def fit_response(response: SingleInputResponse, system: System, free: Sequence[str]) -> ResponseFit:
     """Fit a model's named parameters to an estimated response, starting from the System's values.
 
     Each frequency w counts by its coherence c as c / (1 - c), limited at c = 0.99, the inverse
-    variance of gain and phase, and as 1/w, which gives each octave the same say, as the usual
-    matching at logarithmically spaced frequencies does. Raises ModelError for an output that the
-    response lacks.
+    variance of gain and phase, and as 1/w, which gives each octave the same weight, as the usual
+    matching at logarithmically spaced frequencies does. The fit uses all outputs that the response
+    and the System have in common.
     """
     from scipy.optimize import least_squares
 
-    names = (
-        tuple(outputs)
-        if outputs is not None
-        else tuple(name for name in response.outputs if name in system.output_names)
-    )
-    for name in names:
-        if name not in response.outputs:
-            raise ModelError(
-                "it is not among the estimated responses",
-                where=f"fit_response, {name}",
-                remedy=f"use {', '.join(response.outputs)}",
-            )
+    names = tuple(name for name in response.outputs if name in system.output_names)
     rows = [response.outputs.index(name) for name in names]
     c = np.minimum(response.coherence[rows], 0.99)
     power = c / (1.0 - c) / response.omega
@@ -564,11 +553,14 @@ def fit_response(
 
     def errors(p: np.ndarray) -> np.ndarray:
         result = model_response(
-            system, dict(zip(free, p.tolist(), strict=True)), response.omega, names, delay
+            system, dict(zip(free, p.tolist(), strict=True)), response.omega, names
         )
         ratio = np.log(result / response.response[rows])
         return np.concatenate(
-            [(_DECIBEL * weight * ratio.real).ravel(), (_PHASE * weight * ratio.imag).ravel()]
+            [
+                (_DECIBELS_PER_NEPER * weight * ratio.real).ravel(),
+                (_PHASE_WEIGHT_ROOT * weight * ratio.imag).ravel(),
+            ]
         )
 
     solution = least_squares(
@@ -583,7 +575,3 @@ def fit_response(
         float(2.0 * solution.cost / weight.size),
         solution.status > 0,
     )
-
-
-def _held_delay(system: System, delay: str) -> float:
-    return system.parameters[delay].value if delay in system.parameters else 0.0

@@ -16,15 +16,15 @@ import numpy as np
 from sim.errors import ModelError
 
 DELAY = "delay"
-GOOD = 100.0  # cost below which a fit is acceptable (Tischler and Remple)
-BEST = 50.0  # cost below which a fit is nearly indistinguishable from the data
+ACCEPTABLE_COST = 100.0  # cost below which a fit is acceptable (Tischler and Remple)
+NEARLY_PERFECT_COST = 50.0  # cost below which a fit is nearly indistinguishable from the data
 PHASE_WEIGHT = 0.01745  # one degree counts as 0.13 dB
-_POINTS = 20.0  # frequencies to which the cost is normalised
-_DECIBEL = 20.0 / math.log(10.0)  # dB per unit of the natural logarithm of a gain
-_DEGREE = 180.0 / math.pi  # deg in a rad
+_COST_FREQUENCIES = 20.0  # frequencies to which the cost is normalised
+_DECIBELS_PER_NEPER = 20.0 / math.log(10.0)  # dB per unit of the natural logarithm of a gain
+_DEGREES_PER_RADIAN = 180.0 / math.pi  # deg in a rad
 _DELAYS = (0.0, 0.03, 0.1, 0.25)  # s, from which the search starts
 _SHARES = (0.5, 0.75, 1.0)  # of the group delay: the rest of it is that of the poles
-_STEPS = 12  # of the linear iterations that find a start
+_START_ITERATIONS = 12  # of the linear iterations that find a start
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Form:
     units: Mapping[str, str]
 
     def polynomials(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
-        """Coefficients of numerator and denominator, highest power first."""
+        """Return the coefficients of numerator and denominator, highest power first."""
         p = values
         if self.name == "roll":
             return np.array([p["gain"]]), np.array([1.0, p["inv_T_roll"]])
@@ -70,7 +70,7 @@ class Form:
         return np.asarray(np.polyval(top, s) / np.polyval(bottom, s) * np.exp(-s * values[DELAY]))
 
     def values_of(self, top: np.ndarray, bottom: np.ndarray, delay: float) -> dict[str, float]:
-        """Parameters of polynomials of these orders, as far as they have the form."""
+        """Return the parameters of polynomials of these orders, as far as they have the form."""
         bottom, top = np.asarray(bottom) / bottom[0], np.asarray(top) / bottom[0]
         out = {DELAY: delay}
         if self.name not in FORMS:
@@ -139,7 +139,7 @@ FORMS: Mapping[str, Form] = {
 
 
 def form_of(text: str) -> Form:
-    """A named form, or the orders ``"1/2"`` of numerator and denominator.
+    """Return a named form, or the orders ``"1/2"`` of numerator and denominator.
 
     Raises ModelError for anything else.
     """
@@ -240,8 +240,10 @@ def coherence_weight(coherence: np.ndarray) -> np.ndarray:
 def mismatch_cost(response: np.ndarray, model: np.ndarray, coherence: np.ndarray) -> float:
     """Tischler's cost: 20/n of the sum of the weighted squares of errors in dB and degrees."""
     ratio = np.log(model / response)
-    squares = (_DECIBEL * ratio.real) ** 2 + PHASE_WEIGHT * (_DEGREE * ratio.imag) ** 2
-    return float(_POINTS * np.mean(coherence_weight(coherence) * squares))
+    squares = (_DECIBELS_PER_NEPER * ratio.real) ** 2 + PHASE_WEIGHT * (
+        _DEGREES_PER_RADIAN * ratio.imag
+    ) ** 2
+    return float(_COST_FREQUENCIES * np.mean(coherence_weight(coherence) * squares))
 
 
 def fit_transfer_functions(
@@ -310,7 +312,7 @@ class _Problem:
     keys: tuple[tuple[int, str], ...]
 
     def values(self, p: np.ndarray) -> list[dict[str, float]]:
-        """Parameters of each function."""
+        """Return the parameters of each function."""
         free = dict(zip(self.keys, p.tolist(), strict=True))
         return [
             {
@@ -335,7 +337,7 @@ class _Problem:
             return weighted_errors(self.targets, self.ratios(p))
 
     def searched(self, starts: Sequence[Sequence[Mapping[str, float]]]) -> tuple[np.ndarray, bool]:
-        """The best end of a search from each start."""
+        """Return the best end of a search from each start."""
         from scipy.optimize import least_squares
 
         best, least, ended = np.zeros(len(self.keys)), math.inf, False
@@ -396,7 +398,7 @@ class _Problem:
         return TransferFit(tuple(functions), cost, self.shared, converged)
 
     def slopes(self, p: np.ndarray) -> np.ndarray:
-        """Derivatives of the residuals by central differences."""
+        """Return the derivatives of the residuals by central differences."""
         columns = []
         for k, value in enumerate(p):
             step = 1e-5 * max(abs(value), 1e-2)
@@ -412,7 +414,7 @@ class _Problem:
 
 
 def conditional_std(covariance: np.ndarray) -> np.ndarray:
-    """Standard deviations ``(q,)`` of parameters, each with all others known.
+    """Return the standard deviations ``(q,)`` of parameters, each with all others known.
 
     1/sqrt((C^-1)_ii) of the covariance C ``(q, q)``: Tischler's insensitivity 1/sqrt(H_ii), with
     the inverse covariance in the place of the Hessian. It is at most sqrt(C_ii).
@@ -437,9 +439,9 @@ def weighted_errors(targets: Sequence[ResponseTarget], ratios: Sequence[np.ndarr
     of model over response; of each target the gains first."""
     out = []
     for target, ratio in zip(targets, ratios, strict=True):
-        root = np.sqrt(coherence_weight(target.coherence) * _POINTS / target.omega.size)
-        out += [_DECIBEL * root * ratio.real]
-        out += [math.sqrt(PHASE_WEIGHT) * _DEGREE * root * ratio.imag]
+        root = np.sqrt(coherence_weight(target.coherence) * _COST_FREQUENCIES / target.omega.size)
+        out += [_DECIBELS_PER_NEPER * root * ratio.real]
+        out += [math.sqrt(PHASE_WEIGHT) * _DEGREES_PER_RADIAN * root * ratio.imag]
     result = np.concatenate(out)
     return np.where(np.isfinite(result), np.clip(result, -1e6, 1e6), 1e6)
 
@@ -450,10 +452,10 @@ def weighted_noise(targets: Sequence[ResponseTarget]) -> np.ndarray:
     out = np.zeros((2 * sum(sizes), 2 * sum(sizes)))
     at = 0
     for target, size in zip(targets, sizes, strict=True):
-        weight = np.sqrt(coherence_weight(target.coherence) * _POINTS / size)
+        weight = np.sqrt(coherence_weight(target.coherence) * _COST_FREQUENCIES / size)
         relative = target.std / np.abs(target.response)
         alike = shared_correlation(target.omega, target.length)
-        for factor in (_DECIBEL, math.sqrt(PHASE_WEIGHT) * _DEGREE):
+        for factor in (_DECIBELS_PER_NEPER, math.sqrt(PHASE_WEIGHT) * _DEGREES_PER_RADIAN):
             rows = slice(at, at + size)
             out[rows, rows] = alike * np.outer(*(2 * [factor * weight * relative]))
             at += size
@@ -495,7 +497,7 @@ def _start(
         bottom = np.ones(s.size, dtype=complex)
         weight = np.sqrt(coherence_weight(target.coherence)) / np.abs(data)
         solution = np.zeros(n + m + 1)
-        for _ in range(_STEPS):
+        for _ in range(_START_ITERATIONS):
             rows = [z**k for k in range(n + 1)] + [-data * z**k for k in range(m)]
             matrix = (np.array(rows) * weight / np.abs(bottom)).T
             goal = data * z**m * weight / np.abs(bottom)
@@ -509,7 +511,7 @@ def _start(
 
 
 def _group_delay(target: ResponseTarget) -> float:
-    """Mean slope of the phase over the upper half of the band, s, not negative."""
+    """Return the mean slope of the phase over the upper half of the band, s, not negative."""
     upper = target.omega >= 0.5 * target.omega[-1]
     if np.count_nonzero(upper) < 2:
         return 0.0

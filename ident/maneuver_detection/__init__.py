@@ -7,12 +7,18 @@ on the flights 100 to 119.
 """
 
 from ident.maneuver_detection.search import active_share, find_maneuvers
-from ident.maneuver_detection.signals import AXES, KINDS, PAUSE, DetectedManeuver, FlightSignals
+from ident.maneuver_detection.signals import (
+    AXES,
+    KINDS,
+    LONGEST_GAP,
+    DetectedManeuver,
+    FlightSignals,
+)
 
 __all__ = [
     "AXES",
     "KINDS",
-    "PAUSE",
+    "LONGEST_GAP",
     "DetectedManeuver",
     "FlightSignals",
     "active_share",

@@ -22,7 +22,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from ident.maneuver_detection.signals import (
     AXES,
-    SWITCH,
+    HALF_WAVE_EDGE_SHARE,
     Activity,
     DetectedManeuver,
     EvenSegment,
@@ -77,12 +77,12 @@ EQUATIONS: Mapping[str, tuple[str, Mapping[str, str]]] = {
     ),
     "throttle": ("airspeed", {"X_V": "airspeed", "X_thrust": "thrust"}),
 }
-BEFORE = 1.0  # s before the input that belong to a maneuver
-AFTER = 4.0  # s after the input, in which the response goes on
-AVERAGED = 0.1  # s, over which samples are averaged; a twentieth of a shorter maneuver
-FEWEST = 3.0  # averages a parameter
-CORRELATED = 0.95  # largest correlation of neighbours that is corrected for
-LARGEST = 1000.0  # of a t value: noise-free records have no other limit
+TIME_BEFORE_INPUT = 1.0  # s before the input that belong to a maneuver
+TIME_AFTER_INPUT = 4.0  # s after the input, in which the response goes on
+AVERAGING_TIME = 0.1  # s, over which samples are averaged; a twentieth of a shorter maneuver
+FEWEST_AVERAGES_PER_PARAMETER = 3.0
+LARGEST_CORRECTED_CORRELATION = 0.95  # largest correlation of neighbours that is corrected for
+LARGEST_T_VALUE = 1000.0  # records without noise have no other limit
 
 
 def excitation_of(stretch: EvenSegment, start: float, end: float, axis: str) -> dict[str, float]:
@@ -95,11 +95,17 @@ def excitation_of(stretch: EvenSegment, start: float, end: float, axis: str) -> 
     axis : one of the keys of ``EQUATIONS``.
     """
     output, regressors = EQUATIONS[axis]
-    rows = stretch.rows(start - BEFORE, end + AFTER)
+    rows = stretch.rows(start - TIME_BEFORE_INPUT, end + TIME_AFTER_INPUT)
     signals = {**stretch.inputs, **stretch.outputs}
     if output not in signals:
         return {}
-    block = max(1, round(min(AVERAGED, (end - start + BEFORE + AFTER) / 60.0) / stretch.step))
+    block = max(
+        1,
+        round(
+            min(AVERAGING_TIME, (end - start + TIME_BEFORE_INPUT + TIME_AFTER_INPUT) / 60.0)
+            / stretch.step
+        ),
+    )
     averaged = {
         name: _averaged(signals[channel][rows], block)
         for name, channel in regressors.items()
@@ -109,7 +115,7 @@ def excitation_of(stretch: EvenSegment, start: float, end: float, axis: str) -> 
         name: values for name, values in averaged.items() if values.size and np.ptp(values) > 0.0
     }
     measured = _averaged(signals[output][rows], block)
-    if measured.size < FEWEST * (len(averaged) + 1) or not averaged:
+    if measured.size < FEWEST_AVERAGES_PER_PARAMETER * (len(averaged) + 1) or not averaged:
         return {}
     acceleration = np.gradient(measured, block * stretch.step)
     centred = np.column_stack([values - values.mean() for values in averaged.values()])
@@ -121,36 +127,37 @@ def excitation_of(stretch: EvenSegment, start: float, end: float, axis: str) -> 
     residual = wanted - scaled @ estimate
     power = float(residual @ residual)
     rho = (
-        float(np.clip(residual[1:] @ residual[:-1] / power, 0.0, CORRELATED))
+        float(np.clip(residual[1:] @ residual[:-1] / power, 0.0, LARGEST_CORRECTED_CORRELATION))
         if power > 0.0
         else 0.0
     )
     variance = power / (measured.size - len(averaged) - 1) * (1.0 + rho) / (1.0 - rho)
     sigma = np.sqrt(np.maximum(variance * np.diag(np.linalg.inv(scaled.T @ scaled)), 0.0))
-    t = np.minimum(np.abs(estimate), LARGEST * sigma) / np.where(sigma > 0.0, sigma, 1.0)
+    t = np.minimum(np.abs(estimate), LARGEST_T_VALUE * sigma) / np.where(sigma > 0.0, sigma, 1.0)
     return {
-        name: float(value) if s > 0.0 else LARGEST
+        name: float(value) if s > 0.0 else LARGEST_T_VALUE
         for name, value, s in zip(averaged, t, sigma, strict=True)
     }
 
 
 def _averaged(values: np.ndarray, block: int) -> np.ndarray:
-    """Means of successive blocks of samples."""
+    """Return the means of successive blocks of samples."""
     count = values.size // block
     return values[: count * block].reshape(count, block).mean(axis=1)
 
 
 # ---- Turns, pull-ups and trim points, from the motion of the aircraft
 
-BANK = math.radians(12.0)  # a smaller one is no turn
-LEVEL = 0.25  # of the bank, at which a turn begins and ends
-HELD = 8.0  # s, for which the bank is held to a fifth of itself
-HELD_SHARE = 0.5  # of a turn, for which at least the bank is held
-PULL = 0.25  # g about that of the bank, which a pull-up exceeds
-PULL_TIME = 1.2  # s, for which half of it lasts
-SMOOTH = 0.5  # s, over which motion is averaged
-TRIM_TIME = 10.0  # s, of the shortest trim point
-# Spread of 1 s averages within TRIM_TIME that a trim point may have; of the airspeed as a share.
+LEAST_TURN_BANK = math.radians(12.0)  # a smaller one is no turn
+TURN_EDGE_SHARE = 0.25  # of the bank, at which a turn begins and ends
+HELD_BANK_TIME = 8.0  # s, for which the bank is held to a fifth of itself
+LEAST_HELD_SHARE = 0.5  # of a turn, for which at least the bank is held
+PULL_UP_LOAD = 0.25  # g about that of the bank, which a pull-up exceeds
+PULL_UP_TIME = 1.2  # s, for which half of it lasts
+MOTION_AVERAGING_TIME = 0.5  # s, over which motion is averaged
+SHORTEST_TRIM = 10.0  # s, of the shortest trim point
+# Spread of 1 s averages within SHORTEST_TRIM that a trim point may have; of the airspeed as a
+# share.
 TRIM_SPREAD = {
     "airspeed": 0.025,
     "height": 8.0,
@@ -164,17 +171,24 @@ def turns(stretch: EvenSegment) -> list[DetectedManeuver]:
     """Parts in which the bank is held."""
     if "phi" not in stretch.outputs:
         return []
-    bank = uniform_filter1d(stretch.outputs["phi"], stretch.samples(SMOOTH), mode="nearest")
+    bank = uniform_filter1d(
+        stretch.outputs["phi"], stretch.samples(MOTION_AVERAGING_TIME), mode="nearest"
+    )
     out = []
-    for lobe in lobes_of(bank, BANK, join=False):
+    for lobe in lobes_of(bank, LEAST_TURN_BANK, join=False):
         inside = bank[lobe.first : lobe.last]
         middle = float(np.median(inside))
-        if np.count_nonzero(np.abs(inside - middle) < 0.2 * abs(middle)) * stretch.step < HELD:
+        if (
+            np.count_nonzero(np.abs(inside - middle) < 0.2 * abs(middle)) * stretch.step
+            < HELD_BANK_TIME
+        ):
             continue
-        first, last = _to_level(bank * math.copysign(1.0, middle), lobe, LEVEL * abs(middle))
+        first, last = _to_level(
+            bank * math.copysign(1.0, middle), lobe, TURN_EDGE_SHARE * abs(middle)
+        )
         if (
             np.count_nonzero(np.abs(bank[first:last] - middle) < 0.2 * abs(middle)) * stretch.step
-            > HELD_SHARE * (last - first) * stretch.step
+            > LEAST_HELD_SHARE * (last - first) * stretch.step
         ):
             out.append(
                 DetectedManeuver(
@@ -190,8 +204,8 @@ def turns(stretch: EvenSegment) -> list[DetectedManeuver]:
 
 
 def _to_level(signal: np.ndarray, lobe: Lobe, level: float) -> tuple[int, int]:
-    """The samples before and after a positive lobe at which the signal is below ``level``; the ends
-    of the signal where it never is.
+    """Return the samples before and after a positive lobe at which the signal is below ``level``;
+    the ends of the signal where it never is.
     """
     before = np.flatnonzero(signal[: lobe.first] < level)
     after = np.flatnonzero(signal[lobe.last :] < level)
@@ -210,13 +224,13 @@ def pulls(stretch: EvenSegment) -> list[tuple[int, int]]:
     if "phi" in stretch.outputs:
         steady = 1.0 / np.maximum(np.cos(stretch.outputs["phi"]), 0.2)
     excess = uniform_filter1d(
-        stretch.outputs["nz"] - steady, stretch.samples(SMOOTH), mode="nearest"
+        stretch.outputs["nz"] - steady, stretch.samples(MOTION_AVERAGING_TIME), mode="nearest"
     )
     excess = excess - trim_of(stretch, excess)
     out = []
-    for lobe in lobes_of(excess, PULL, join=False):
+    for lobe in lobes_of(excess, PULL_UP_LOAD, join=False):
         inside = np.abs(excess[lobe.first : lobe.last])
-        if np.count_nonzero(inside > 0.5 * inside.max()) * stretch.step >= PULL_TIME:
+        if np.count_nonzero(inside > 0.5 * inside.max()) * stretch.step >= PULL_UP_TIME:
             out.append((lobe.first, lobe.last))
     return out
 
@@ -224,21 +238,21 @@ def pulls(stretch: EvenSegment) -> list[tuple[int, int]]:
 def trim_points(
     stretch: EvenSegment, quiet: np.ndarray, controls: Mapping[str, np.ndarray]
 ) -> list[DetectedManeuver]:
-    """Parts of at least ``TRIM_TIME`` in which the inputs are quiet (``(N,)``) and speed, height,
-    attitude and controls are constant.
+    """Parts of at least ``SHORTEST_TRIM`` in which the inputs are quiet (``(N,)``) and speed,
+    height, attitude and controls are constant.
 
     ``controls`` : by how much the averages over 1 s of each may change meanwhile, ``(N,)``, in its
     unit.
     """
-    size = stretch.samples(TRIM_TIME)
+    size = stretch.samples(SHORTEST_TRIM)
     steady = quiet.copy()
-    looked = [
+    recorded = [
         (name, stretch.outputs[name], spread)
         for name, spread in TRIM_SPREAD.items()
         if name in stretch.outputs
     ]
     for name, values, spread in [
-        *looked,
+        *recorded,
         *((name, stretch.inputs[name], spread) for name, spread in controls.items()),
     ]:
         smooth = uniform_filter1d(values, stretch.samples(1.0), mode="nearest")
@@ -254,9 +268,9 @@ def trim_points(
         low, high = max(0, first - size // 2), min(quiet.size, last + size // 2)
         while low < first and not quiet[low:first].all():
             low += 1 + int(np.flatnonzero(~quiet[low:first])[-1])
-        loud = np.flatnonzero(~quiet[last:high])
-        high = last + int(loud[0]) if loud.size else high
-        if (high - low) * stretch.step >= TRIM_TIME:
+        not_quiet = np.flatnonzero(~quiet[last:high])
+        high = last + int(not_quiet[0]) if not_quiet.size else high
+        if (high - low) * stretch.step >= SHORTEST_TRIM:
             if out and stretch.time[low] <= out[-1].end:
                 low = int(np.searchsorted(stretch.time, out.pop().start))
             out.append(
@@ -268,7 +282,7 @@ def trim_points(
 
 
 def mean_conditions(stretch: EvenSegment, start: float, end: float) -> dict[str, float]:
-    """Mean airspeed and height between two times, of what is recorded."""
+    """Return the mean airspeed and height between two times, of what is recorded."""
     rows = stretch.rows(start, end)
     names: Sequence[tuple[str, str]] = (
         ("airspeed", "airspeed"),
@@ -276,39 +290,44 @@ def mean_conditions(stretch: EvenSegment, start: float, end: float) -> dict[str,
         ("height", "height"),
     )
     return {
-        shown: float(np.mean(stretch.outputs[name][rows]))
-        for name, shown in names
+        condition: float(np.mean(stretch.outputs[name][rows]))
+        for name, condition in names
         if name in stretch.outputs
     }
 
 
 # ---- The search
 
-SEED = 4.0  # multiple of the rest level at which an active part begins
-EDGE = 2.0  # multiple of the rest level down to which it extends
-QUIET = 1.5  # s below EDGE that part two active parts
-MARGIN = 2.0  # s of rest with which an active part is looked at
-SEVERAL = 2  # pulses within a weak oscillation from which it is accepted
-WEAK = 3.0  # smallest strength of such an oscillation
-DOMINANT = 0.5  # of an oscillation's energy, from which on one pattern of levels explains it
-AT_REST = 1.5  # s about a pattern of levels in which there is no smaller one: neither began at rest
-RECOVERY = 8.0  # s after another maneuver in which the pilot recovers and pulls up nothing
-SHARP = 0.45  # sharpness, from which on an input that changes the load factor is no pull-up
+ACTIVE_RATIO = 4.0  # multiple of the rest level at which an active part begins
+ACTIVE_EDGE_RATIO = 2.0  # multiple of the rest level down to which it extends
+QUIET_TIME = 1.5  # s below ACTIVE_EDGE_RATIO that part two active parts
+REST_MARGIN = 2.0  # s of rest with which an active part is looked at
+FEWEST_PULSES_IN_WEAK_OSCILLATION = 2  # pulses within a weak oscillation from which it is accepted
+LEAST_WEAK_STRENGTH = 3.0  # smallest strength of such an oscillation
+# of an oscillation's energy, from which on one pattern of levels explains it
+EXPLAINED_ENERGY_SHARE = 0.5
+# s about a pattern of levels in which there is no smaller one: neither began at rest
+REST_AROUND_PATTERN = 1.5
+RECOVERY_TIME = 8.0  # s after another maneuver in which the pilot recovers and pulls up nothing
+# sharpness, from which on an input that changes the load factor is no pull-up
+LARGEST_PULL_UP_SHARPNESS = 0.45
 # s about the beginning and the end of a turn in which roll and yaw inputs belong to it
-ROLLING = 8.0
-DAMPED = {"yaw": "r"}  # rate that a damper feeds back, where taking it off was measured to help
-COHERENT = 0.3  # share of a control's motion at rest that its damper must explain
+TURN_EDGE_TIME = 8.0
+DAMPED_RATES = {
+    "yaw": "r"
+}  # rate that a damper feeds back, where taking it off was measured to help
+LEAST_DAMPER_SHARE = 0.3  # share of a control's motion at rest that its damper must explain
 # Ratio of the rises of two controls above their rest levels, from which on the smaller follows the
 # larger. Of 40 simulated flights it changes nothing; without it three reactions of ATTAS and of a
 # quadrotor are called doublets and pulses.
-LEADS = 2.0
+LEADING_RISE_RATIO = 2.0
 # of a control's range, that its averages over 1 s may change in the time of a trim point; or twice
-# SEED
-STEADY = 0.1
-ALL = "all"  # axis of a trim point
+# ACTIVE_RATIO
+TRIM_CONTROL_SHARE = 0.1
+ALL_AXES = "all"  # axis of a trim point
 # Least strength, flatness, edge and sharpness of each kind, chosen on the flights 0 to 19 of
 # tests/long_flights.
-ACCEPT: Mapping[str, tuple[float, float, float, float]] = {
+ACCEPTANCE_LIMITS: Mapping[str, tuple[float, float, float, float]] = {
     "step": (3.5, 0.6, 5.5, 0.6),
     "pulse": (8.0, 0.75, 7.0, 0.5),
     "doublet": (6.0, 0.7, 5.5, 0.2),
@@ -336,7 +355,7 @@ class ManeuverCandidate:
 
 
 def find_maneuvers(signals: FlightSignals) -> tuple[DetectedManeuver, ...]:
-    """All maneuvers and trim points of a record, in the order of their times.
+    """Return all maneuvers and trim points of a record, in the order of their times.
 
     Each control is searched for level changes that make a pattern and for oscillations that rise
     above its local rest level; the motion for bank angles and load factors that are held. Of
@@ -347,36 +366,36 @@ def find_maneuvers(signals: FlightSignals) -> tuple[DetectedManeuver, ...]:
 
 
 def active_share(signals: FlightSignals) -> float:
-    """Share of a record's time in which some control moves beyond its rest level; zero where it has
-    none.
+    """Return the share of a record's time in which some control moves beyond its rest level; zero
+    where it has none.
     """
     moving, total = 0, 0
     for stretch in stretches(signals):
         active = np.zeros(stretch.time.size, dtype=bool)
         for values in stretch.inputs.values():
             activity = activity_of(stretch, values)
-            for first, last in active_parts(_ratio(activity), stretch.samples(QUIET)):
+            for first, last in active_parts(_ratio(activity), stretch.samples(QUIET_TIME)):
                 active[first:last] = True
         moving, total = moving + int(np.count_nonzero(active)), total + active.size
     return moving / total if total else 0.0
 
 
 def without_feedback(stretch: EvenSegment, name: str) -> np.ndarray:
-    """A control without what a damper adds to it: its share of the angular rate, as the samples at
-    rest show it.
+    """Return a control without what a damper adds to it: its share of the angular rate, as the
+    samples at rest show it.
 
-    The control comes back as it is where the rate explains less than ``COHERENT`` of its motion at
-    rest.
+    The control comes back as it is where the rate explains less than ``LEAST_DAMPER_SHARE`` of its
+    motion at rest.
     """
-    values, rate = stretch.inputs[name], DAMPED.get(AXES[name], "")
+    values, rate = stretch.inputs[name], DAMPED_RATES.get(AXES[name], "")
     if rate not in stretch.outputs:
         return values
     activity = activity_of(stretch, values)
     turning = stretch.outputs[rate] - trim_of(stretch, stretch.outputs[rate])
-    rest = _ratio(activity) <= EDGE
+    rest = _ratio(activity) <= ACTIVE_EDGE_RATIO
     moved, turned = activity.deviation[rest], turning[rest]
     own, power, common = float(moved @ moved), float(turned @ turned), float(moved @ turned)
-    if power <= 0.0 or common**2 < COHERENT * power * own:
+    if power <= 0.0 or common**2 < LEAST_DAMPER_SHARE * power * own:
         return values
     return values - common / power * turning
 
@@ -395,22 +414,24 @@ def _maneuvers_of(stretch: EvenSegment) -> list[DetectedManeuver]:
     candidates = with_pulls(stretch, activities, candidates)
     candidates = [each for each in candidates if not _rolls_into(stretch, each, turning)]
     candidates = without_reactions(activities, candidates)
-    moves = [*(_maneuver(stretch, each) for each in candidates), *turning]
+    maneuvers = [*(_maneuver(stretch, each) for each in candidates), *turning]
     # A slow ramp of a control is no deviation from the running trim, and no trim point either.
     steady = {
-        name: np.maximum(STEADY * float(np.ptp(stretch.inputs[name])), 2.0 * SEED * each.rest)
+        name: np.maximum(
+            TRIM_CONTROL_SHARE * float(np.ptp(stretch.inputs[name])), 2.0 * ACTIVE_RATIO * each.rest
+        )
         for name, each in activities.items()
     }
-    calm = trim_points(stretch, _quiet(stretch, activities, moves), steady)
+    trims = trim_points(stretch, _quiet(stretch, activities, maneuvers), steady)
     return [
         replace(
             each,
             conditions=mean_conditions(stretch, each.start, each.end),
             excitation={}
-            if each.axis == ALL
+            if each.axis == ALL_AXES
             else excitation_of(stretch, each.start, each.end, each.axis),
         )
-        for each in (*moves, *calm)
+        for each in (*maneuvers, *trims)
     ]
 
 
@@ -432,22 +453,22 @@ def _ratio(activity: Activity, rows: slice | None = None) -> np.ndarray:
 
 
 def _quiet(
-    stretch: EvenSegment, activities: Mapping[str, Activity], moves: Sequence[DetectedManeuver]
+    stretch: EvenSegment, activities: Mapping[str, Activity], maneuvers: Sequence[DetectedManeuver]
 ) -> np.ndarray:
     """Samples at which no control moves beyond its rest level and no maneuver is flown."""
     quiet = np.ones(stretch.time.size, dtype=bool)
     for activity in activities.values():
-        quiet &= _ratio(activity) <= SEED
-    for each in moves:
+        quiet &= _ratio(activity) <= ACTIVE_RATIO
+    for each in maneuvers:
         quiet[stretch.rows(each.start, each.end)] = False
     return quiet
 
 
 def accepted(each: ManeuverCandidate) -> bool:
-    """Whether a candidate is stronger, flatter and sharper than what a pilot does between
+    """Return whether a candidate is stronger, flatter and sharper than what a pilot does between
     maneuvers.
     """
-    strength, flatness, edge, sharpness = ACCEPT[each.shape.kind]
+    strength, flatness, edge, sharpness = ACCEPTANCE_LIMITS[each.shape.kind]
     shape = each.shape
     return (
         each.strength >= strength
@@ -468,9 +489,11 @@ def candidates_of(stretch: EvenSegment, name: str, activity: Activity) -> list[M
         _candidate(name, shape, activity)
         for shape in step_shapes(stretch, values, values - activity.deviation)
     ]
-    result = _from_rest([each for each in result if accepted(each)], stretch.samples(AT_REST))
-    ratio, margin = _ratio(activity), stretch.samples(MARGIN)
-    for first, last in active_parts(ratio, stretch.samples(QUIET)):
+    result = _from_rest(
+        [each for each in result if accepted(each)], stretch.samples(REST_AROUND_PATTERN)
+    )
+    ratio, margin = _ratio(activity), stretch.samples(REST_MARGIN)
+    for first, last in active_parts(ratio, stretch.samples(QUIET_TIME)):
         low, high = max(0, first - margin), min(ratio.size, last + margin)
         wave = oscillation_of(activity.deviation[low:high])
         if wave is None:
@@ -479,8 +502,13 @@ def candidates_of(stretch: EvenSegment, name: str, activity: Activity) -> list[M
         inside = [each for each in result if each.shape.first < last and first < each.shape.last]
         explained = max((_energy(activity, each.shape) for each in inside), default=0.0)
         whole = ManeuverCandidate(name, wave, float(np.median(ratio[wave.first : wave.last])))
-        many = len(inside) >= SEVERAL and whole.strength >= WEAK
-        if explained < DOMINANT * _energy(activity, wave) and (accepted(whole) or many):
+        many = (
+            len(inside) >= FEWEST_PULSES_IN_WEAK_OSCILLATION
+            and whole.strength >= LEAST_WEAK_STRENGTH
+        )
+        if explained < EXPLAINED_ENERGY_SHARE * _energy(activity, wave) and (
+            accepted(whole) or many
+        ):
             result = [*(each for each in result if each not in inside), whole]
     return result
 
@@ -496,8 +524,8 @@ def _energy(activity: Activity, shape: Shape) -> float:
 
 
 def _from_rest(candidates: Sequence[ManeuverCandidate], rest: int) -> list[ManeuverCandidate]:
-    """The candidates, largest first, without those within ``rest`` samples of a larger one of their
-    control.
+    """Return the candidates, largest first, without those within ``rest`` samples of a larger one
+    of their control.
     """
     chosen: list[ManeuverCandidate] = []
     for each in sorted(
@@ -514,29 +542,31 @@ def _from_rest(candidates: Sequence[ManeuverCandidate], rest: int) -> list[Maneu
 
 
 def active_parts(ratio: np.ndarray, quiet: int) -> list[tuple[int, int]]:
-    """Runs above ``EDGE`` that reach ``SEED``; those with fewer than ``quiet`` samples between them
-    are one.
+    """Runs above ``ACTIVE_EDGE_RATIO`` that reach ``ACTIVE_RATIO``; those with fewer than ``quiet``
+    samples between them are one.
     """
-    edges = np.flatnonzero(np.diff((ratio > EDGE).astype(np.int8), prepend=0, append=0))
+    edges = np.flatnonzero(
+        np.diff((ratio > ACTIVE_EDGE_RATIO).astype(np.int8), prepend=0, append=0)
+    )
     out: list[tuple[int, int]] = []
     for first, last in edges.reshape(-1, 2):
         if out and first - out[-1][1] < quiet:
             out[-1] = (out[-1][0], int(last))
         else:
             out.append((int(first), int(last)))
-    return [(first, last) for first, last in out if ratio[first:last].max() >= SEED]
+    return [(first, last) for first, last in out if ratio[first:last].max() >= ACTIVE_RATIO]
 
 
 def _rolls_into(
     stretch: EvenSegment, each: ManeuverCandidate, turning: Sequence[DetectedManeuver]
 ) -> bool:
-    """Whether an input of roll or yaw belongs to the beginning or the end of a turn."""
+    """Return whether an input of roll or yaw belongs to the beginning or the end of a turn."""
     if each.axis not in ("roll", "yaw") or each.shape.kind in (*OSCILLATIONS, "3-2-1-1"):
         return False
     start = stretch.time[each.shape.first]
     end = stretch.time[min(each.shape.last, stretch.time.size - 1)]
     return any(
-        abs(edge - 0.5 * (start + end)) < ROLLING or start < edge < end
+        abs(edge - 0.5 * (start + end)) < TURN_EDGE_TIME or start < edge < end
         for turn in turning
         for edge in (turn.start, turn.end)
     )
@@ -545,13 +575,13 @@ def _rolls_into(
 def with_pulls(
     stretch: EvenSegment, activities: Mapping[str, Activity], candidates: list[ManeuverCandidate]
 ) -> list[ManeuverCandidate]:
-    """The candidates with pull-ups in the place of smooth inputs of the pitch control that change
-    the load factor and hold it.
+    """Return the candidates with pull-ups in the place of smooth inputs of the pitch control that
+    change the load factor and hold it.
     """
     control = next((name for name in activities if AXES[name] == "pitch"), None)
     if control is None or not np.any(activities[control].rest > 0.0):
         return candidates
-    activity, recovery = activities[control], stretch.samples(RECOVERY)
+    activity, recovery = activities[control], stretch.samples(RECOVERY_TIME)
     for first, last in pulls(stretch):
         lobe = _pulling(stretch, activity, first, last)
         near = [
@@ -563,7 +593,8 @@ def with_pulls(
             and c.shape.last > first - recovery
         ]
         if lobe is None or any(
-            c.shape.sharpness > SHARP or c.shape.kind in ALTERNATING for c in near
+            c.shape.sharpness > LARGEST_PULL_UP_SHARPNESS or c.shape.kind in ALTERNATING
+            for c in near
         ):
             continue
         amplitude = float(np.max(np.abs(activity.deviation[slice(*lobe)])))
@@ -581,8 +612,8 @@ def with_pulls(
 def _pulling(
     stretch: EvenSegment, activity: Activity, first: int, last: int
 ) -> tuple[int, int] | None:
-    """The lobe of a control that leads to an excursion of the load factor: the first strong one
-    that begins at most 2 s before it.
+    """Return the lobe of a control that leads to an excursion of the load factor: the first strong
+    one that begins at most 2 s before it.
     """
     before = max(0, first - stretch.samples(2.0))
     after = min(activity.deviation.size, last + stretch.samples(10.0))
@@ -590,7 +621,7 @@ def _pulling(
     amplitude = float(np.max(np.abs(part[: last - before])))
     lobes = [
         each
-        for each in lobes_of(part, SWITCH * amplitude)
+        for each in lobes_of(part, HALF_WAVE_EDGE_SHARE * amplitude)
         if each.size * stretch.step > 0.8 and before + each.first < last
     ]
     return (before + lobes[0].first, before + lobes[0].last) if lobes else None
@@ -599,8 +630,8 @@ def _pulling(
 def without_reactions(
     activities: Mapping[str, Activity], candidates: Sequence[ManeuverCandidate]
 ) -> list[ManeuverCandidate]:
-    """The candidates without those that overlap a stronger one of another control; multisines of
-    lines of their own stay.
+    """Return the candidates without those that overlap a stronger one of another control;
+    multisines of lines of their own stay.
     """
     chosen: list[ManeuverCandidate] = []
     for each in sorted(candidates, key=lambda each: -each.strength * each.shape.flatness):
@@ -619,8 +650,8 @@ def without_reactions(
 
 
 def _follows(activities: Mapping[str, Activity], each: ManeuverCandidate) -> bool:
-    """Whether another control moves more than ``LEADS`` times as far above its rest level
-    meanwhile, be it without a form.
+    """Return whether another control moves more than ``LEADING_RISE_RATIO`` times as far above its
+    rest level meanwhile, be it without a form.
     """
     rows = slice(each.shape.first, each.shape.last)
     peaks = {
@@ -628,7 +659,7 @@ def _follows(activities: Mapping[str, Activity], each: ManeuverCandidate) -> boo
         for name, activity in activities.items()
         if AXES[name] != "throttle"
     }
-    return each.channel in peaks and max(peaks.values()) > LEADS * peaks[each.channel]
+    return each.channel in peaks and max(peaks.values()) > LEADING_RISE_RATIO * peaks[each.channel]
 
 
 def _independent(

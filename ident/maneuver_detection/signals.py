@@ -23,8 +23,8 @@ AXES: Mapping[str, str] = {
     "yaw_command": "yaw",
     "thrust_command": "throttle",
 }
-FASTEST = 50.0  # Hz; a faster record is averaged down to at most this rate
-PAUSE = 1.0  # s without a row, behind which another stretch begins
+HIGHEST_RATE = 50.0  # Hz; a faster record is averaged down to at most this rate
+LONGEST_GAP = 1.0  # s without a row, behind which another stretch begins
 TRIM_WINDOW = 60.0  # s; an input held shorter than half of it is no trim
 TRIM_RATE = 2.0  # Hz, of the running median
 REST_WINDOW = 300.0  # s, in which the rest level is a low quantile
@@ -104,11 +104,11 @@ class EvenSegment:
     outputs: Mapping[str, np.ndarray]
 
     def samples(self, seconds: float) -> int:
-        """How many samples a time takes, at least one."""
+        """Return the number of samples in a time, at least one."""
         return max(1, round(seconds / self.step))
 
     def rows(self, start: float, stop: float) -> slice:
-        """The rows from ``start`` to ``stop``, s."""
+        """Return the rows from ``start`` to ``stop``, s."""
         return slice(
             int(np.searchsorted(self.time, start)),
             int(np.searchsorted(self.time, stop, side="right")),
@@ -132,13 +132,13 @@ class Activity:
 
 
 def stretches(signals: FlightSignals) -> Iterator[EvenSegment]:
-    """Return the parts of a record between pauses, each on an even grid of at most ``FASTEST``;
-    parts of fewer than eight rows are left out.
+    """Return the parts of a record between pauses, each on an even grid of at most
+    ``HIGHEST_RATE``; parts of fewer than eight rows are left out.
     """
     time = np.asarray(signals.time, dtype=float)
     intervals = np.diff(time)
     usual = float(np.median(intervals)) if intervals.size else 1.0
-    breaks = np.flatnonzero(intervals > max(PAUSE, 5.0 * usual)) + 1
+    breaks = np.flatnonzero(intervals > max(LONGEST_GAP, 5.0 * usual)) + 1
     edges = [0, *breaks.tolist(), time.size]
     for first, last in itertools.pairwise(edges):
         if last - first >= 8:
@@ -147,7 +147,7 @@ def stretches(signals: FlightSignals) -> Iterator[EvenSegment]:
 
 def _even(signals: FlightSignals, rows: slice, usual: float) -> EvenSegment:
     time = np.asarray(signals.time[rows], dtype=float)
-    block = max(1, round(1.0 / (FASTEST * usual)))
+    block = max(1, round(1.0 / (HIGHEST_RATE * usual)))
     count = max(2, round((time[-1] - time[0]) / usual) + 1)
     grid = time[0] + usual * np.arange(count)
     even = count == time.size and bool(np.all(np.abs(time - grid) < 0.1 * usual))
@@ -187,7 +187,7 @@ def activity_of(stretch: EvenSegment, values: np.ndarray) -> Activity:
 
 
 def short_time_energy(stretch: EvenSegment, deviation: np.ndarray) -> np.ndarray:
-    """Root mean square over ``ENERGY_WINDOW`` about each sample."""
+    """Return the root mean square over ``ENERGY_WINDOW`` about each sample."""
     # The running sum leaves rounding errors of either sign where a clean input rests.
     power = uniform_filter1d(deviation**2, stretch.samples(ENERGY_WINDOW), mode="nearest")
     return np.sqrt(np.maximum(power, 0.0))
@@ -231,35 +231,35 @@ EDGE_STRENGTH = 5.5  # of the rest level of such changes, from which on one is a
 MINOR = (0.25, 0.4)  # of the largest level change within 5 s, below which one may be the pilot's
 NEAR = 5.0  # s
 LONG_PULSE = 4.0  # s, from which on a level that returns is a step
-LONGEST = 16.0  # s, of one level
-LEVELS = 0.3  # of the largest level, which each must reach
-RETURN = 0.6  # of the largest level, to which the input must return
+LONGEST_LEVEL = 16.0  # s, of one level
+LEAST_LEVEL_SHARE = 0.3  # of the largest level, which each must reach
+RETURN_SHARE = 0.6  # of the largest level, to which the input must return
 # of the larger, by which the two level changes of a pulse or a step may differ where the pilot
 # moves the trim meanwhile
-CANCEL = 0.35
+CHANGE_DIFFERENCE_SHARE = 0.35
 # of the largest level, by which the sum of a pattern's level changes may differ from zero
-OPEN = 0.8
+LARGEST_NET_CHANGE_SHARE = 0.8
 # power of the number of levels in the merit of a pattern: of two that are alike the fuller one
 # counts
-COMPLETE = 0.15
+LEVEL_COUNT_EXPONENT = 0.15
 STEADY_BEFORE = 2.0  # s of constant level before a lasting step
 STEADY_AFTER = LONG_PULSE  # s of constant level after it
-STEADY = 0.15  # of a lasting step, by which these levels may scatter
-LASTING = 10.0  # s of a lasting step that are its maneuver
-SETTLE = 0.6  # s before and after a pattern, over which the levels outside are averaged
+STEP_SCATTER_SHARE = 0.15  # of a lasting step, by which these levels may scatter
+LASTING_STEP_TIME = 10.0  # s of a lasting step that are its maneuver
+OUTSIDE_TIME = 0.6  # s before and after a pattern, over which the levels outside are averaged
 SHARES = {"3-2-1-1": np.array([3.0, 2.0, 1.0, 1.0]) / 7.0}
 SHARE_ERROR = 0.1  # of the whole duration, by which a level of a 3-2-1-1 may be off
 # flatness and edge of each half of a doublet with a pause, as of a pulse that counts by itself
 PAUSED = (0.75, 7.0)
-UNLIKE = 2.2  # ratio of durations of the two levels of a doublet
-SWITCH = 0.35  # of the amplitude, at which a half wave begins and ends
-AMPLITUDE = 95.0  # per cent of the larger samples that do not exceed the amplitude
-OSCILLATION = 7  # half waves, from which on an input is an oscillation
+LARGEST_DOUBLET_RATIO = 2.2  # ratio of durations of the two levels of a doublet
+HALF_WAVE_EDGE_SHARE = 0.35  # of the amplitude, at which a half wave begins and ends
+AMPLITUDE_PERCENTILE = 95.0  # per cent of the larger samples that do not exceed the amplitude
+FEWEST_HALF_WAVES = 7  # half waves, from which on an input is an oscillation
 # rank correlation of the half waves' lengths with their order, from which on an oscillation is a
 # sweep
-TREND = 0.65
-LINES = 0.7  # likeness of two spectra, from which on one follows the other
-SPREAD = 1.6  # ratio of the first third's to the last third's mean length in a sweep
+SWEEP_RANK_CORRELATION = 0.65
+SAME_SPECTRUM_LIKENESS = 0.7  # likeness of two spectra, from which on one follows the other
+SWEEP_LENGTH_RATIO = 1.6  # ratio of the first third's to the last third's mean length in a sweep
 
 
 @dataclass(frozen=True)
@@ -367,8 +367,8 @@ def _paused(
             if (
                 other.first <= one.last
                 or signs >= 0.0
-                or max(sizes) > UNLIKE * min(sizes)
-                or min(amplitudes) < LEVELS * max(amplitudes)
+                or max(sizes) > LARGEST_DOUBLET_RATIO * min(sizes)
+                or min(amplitudes) < LEAST_LEVEL_SHARE * max(amplitudes)
             ):
                 continue
             worst = [
@@ -377,15 +377,16 @@ def _paused(
             ]
             if worst[0] >= PAUSED[0] and worst[1] >= PAUSED[1]:
                 yield (
-                    (merit + other_merit) * 2.0**COMPLETE,
+                    (merit + other_merit) * 2.0**LEVEL_COUNT_EXPONENT,
                     Shape("doublet", one.first, other.last, max(amplitudes), *worst),
                 )
 
 
 def _lasting(control: _Control, at: np.ndarray, others: Sequence[Shape]) -> Iterator[Shape]:
-    """Single level changes that are not taken back within ``LONGEST``, away from other shapes.
+    """Single level changes that are not taken back within ``LONGEST_LEVEL``, away from other
+    shapes.
 
-    Such a step ends ``LASTING`` after it began, or at the next level change.
+    Such a step ends ``LASTING_STEP_TIME`` after it began, or at the next level change.
     """
     values, half = control.values, control.half
     before, after, away = (control.stretch.samples(s) for s in (STEADY_BEFORE, STEADY_AFTER, NEAR))
@@ -402,14 +403,14 @@ def _lasting(control: _Control, at: np.ndarray, others: Sequence[Shape]) -> Iter
             continue
         jump = float(parts[1].mean() - parts[0].mean())
         scatter = max(float(part.std()) for part in parts)
-        if scatter > STEADY * abs(jump):
+        if scatter > STEP_SCATTER_SHARE * abs(jump):
             continue
         sharpness = float(np.max(np.abs(control.fast[max(0, k - half) : k + half + 1]))) / abs(jump)
         edge = float(abs(control.moved[k]) / control.rest[k])
         yield Shape(
             "step",
             k,
-            min(following, k + control.stretch.samples(LASTING)),
+            min(following, k + control.stretch.samples(LASTING_STEP_TIME)),
             abs(jump),
             1.0 - scatter / abs(jump),
             edge,
@@ -436,7 +437,7 @@ def _sequences(
     stretch: EvenSegment, at: np.ndarray, moved: np.ndarray
 ) -> Iterator[tuple[int, ...]]:
     """Two to five level changes of alternate sign that return to about the initial level."""
-    times, jumps, longest = at.tolist(), moved[at].tolist(), stretch.samples(LONGEST)
+    times, jumps, longest = at.tolist(), moved[at].tolist(), stretch.samples(LONGEST_LEVEL)
     for i in range(len(times) - 1):
         level = jumps[i]
         sign = 1.0 if level > 0.0 else -1.0
@@ -446,10 +447,12 @@ def _sequences(
                 break
             level += jumps[k]
             largest = max(levels)
-            if abs(level) <= OPEN * largest or (k == i + 1 and abs(level) <= OPEN * abs(jumps[k])):
+            if abs(level) <= LARGEST_NET_CHANGE_SHARE * largest or (
+                k == i + 1 and abs(level) <= LARGEST_NET_CHANGE_SHARE * abs(jumps[k])
+            ):
                 yield tuple(times[i : k + 1])
             sign = -sign
-            if level * sign < 0.5 * LEVELS * largest:
+            if level * sign < 0.5 * LEAST_LEVEL_SHARE * largest:
                 break
             levels.append(level * sign)
 
@@ -468,7 +471,7 @@ def _pattern(control: _Control, at: np.ndarray) -> tuple[float, Shape] | None:
         for k in at
     ]
     sharpness = float(np.min(np.array(fast) / jumps))
-    return flatness * energy * levels.size**COMPLETE, Shape(
+    return flatness * energy * levels.size**LEVEL_COUNT_EXPONENT, Shape(
         kind, int(at[0]), int(at[-1]), float(np.max(np.abs(levels))), flatness, edge, sharpness
     )
 
@@ -482,7 +485,7 @@ def _changes(stretch: EvenSegment, values: np.ndarray, rise: float) -> np.ndarra
 
 
 def _major(at: np.ndarray, moved: np.ndarray, near: int, share: float) -> np.ndarray:
-    """The level changes that are no minor ones beside another."""
+    """Return the level changes that are no minor ones beside another."""
     sizes = np.abs(moved[at])
     first, last = np.searchsorted(at, at - near), np.searchsorted(at, at + near, side="right")
     largest = np.array([sizes[a:b].max() for a, b in zip(first, last, strict=True)])
@@ -491,7 +494,7 @@ def _major(at: np.ndarray, moved: np.ndarray, near: int, share: float) -> np.nda
 
 def _levels(control: _Control, at: np.ndarray) -> tuple[float, np.ndarray, float] | None:
     """Flatness, levels and energy between level changes; None if they form no pattern."""
-    values, half, settle = control.values, control.half, control.stretch.samples(SETTLE)
+    values, half, settle = control.values, control.half, control.stretch.samples(OUTSIDE_TIME)
     before = float(values[max(0, at[0] - half - settle) : max(1, at[0] - half + 1)].mean())
     later = values[at[-1] + half : at[-1] + half + settle]
     after = float(later.mean()) if later.size else before
@@ -508,21 +511,24 @@ def _levels(control: _Control, at: np.ndarray) -> tuple[float, np.ndarray, float
         weight += part.size
     result = np.array(levels)
     largest = float(np.max(np.abs(result)))
-    if np.any(result[1:] * result[:-1] >= 0.0) or np.min(np.abs(result)) < LEVELS * largest:
+    if (
+        np.any(result[1:] * result[:-1] >= 0.0)
+        or np.min(np.abs(result)) < LEAST_LEVEL_SHARE * largest
+    ):
         return None
     jumps = control.moved[at]
-    cancel = abs(float(jumps.sum())) <= CANCEL * float(np.max(np.abs(jumps)))
-    if abs(after - before) > RETURN * largest and not cancel:
+    cancel = abs(float(jumps.sum())) <= CHANGE_DIFFERENCE_SHARE * float(np.max(np.abs(jumps)))
+    if abs(after - before) > RETURN_SHARE * largest and not cancel:
         return None
     offset = base - float(np.median(control.trim[at[0] : at[-1]]))
-    if abs(offset) > (RETURN if at.size == 2 else 1.0) * largest:
+    if abs(offset) > (RETURN_SHARE if at.size == 2 else 1.0) * largest:
         return None
     flatness = 1.0 - float(np.sqrt(scatter / weight)) / largest
     return flatness, result, float(np.sum((result + offset) ** 2 * np.diff(at)))
 
 
 def _slope(values: np.ndarray) -> float:
-    """Slope of the straight line through values at unit distance."""
+    """Return the slope of the straight line through values at unit distance."""
     at = np.arange(values.size) - 0.5 * (values.size - 1)
     return float(at @ values / max(float(at @ at), 1.0))
 
@@ -531,7 +537,7 @@ def _kind(durations: np.ndarray) -> str | None:
     if durations.size == 1:
         return "step" if durations[0] >= LONG_PULSE else "pulse"
     if durations.size == 2:
-        return "doublet" if durations.max() <= UNLIKE * durations.min() else None
+        return "doublet" if durations.max() <= LARGEST_DOUBLET_RATIO * durations.min() else None
     if durations.size == 3:
         return "multistep"
     shares = durations / durations.sum()
@@ -549,19 +555,21 @@ def oscillation_of(deviation: np.ndarray) -> Shape | None:
     peak = float(size.max())
     if peak <= 0.0:
         return None
-    amplitude = float(np.percentile(size[size > 0.5 * peak], AMPLITUDE))
-    lobes = [lobe for lobe in lobes_of(deviation, SWITCH * amplitude) if lobe.size > 1]
-    if len(lobes) < OSCILLATION:
+    amplitude = float(np.percentile(size[size > 0.5 * peak], AMPLITUDE_PERCENTILE))
+    lobes = [
+        lobe for lobe in lobes_of(deviation, HALF_WAVE_EDGE_SHARE * amplitude) if lobe.size > 1
+    ]
+    if len(lobes) < FEWEST_HALF_WAVES:
         return None
     levels = np.abs([lobe.level for lobe in lobes])
     strong = np.flatnonzero(levels >= 0.5 * np.median(levels))
     some = lobes[strong[0] : strong[-1] + 1]
     trend, ratio = _trend(some)
-    if trend >= TREND and max(ratio, 1.0 / ratio) >= SPREAD:
+    if trend >= SWEEP_RANK_CORRELATION and max(ratio, 1.0 / ratio) >= SWEEP_LENGTH_RATIO:
         return Shape("sweep", some[0].first, some[-1].last, amplitude, trend)
     return (
         Shape("multisine", some[0].first, some[-1].last, amplitude, trend)
-        if len(some) >= OSCILLATION - 1
+        if len(some) >= FEWEST_HALF_WAVES - 1
         else None
     )
 
@@ -569,7 +577,7 @@ def oscillation_of(deviation: np.ndarray) -> Shape | None:
 def _trend(lobes: Sequence[Lobe]) -> tuple[float, float]:
     """Rank correlation of the duration of half waves with time, and ratio of first to last ones."""
     periods = np.diff([0.5 * (lobe.first + lobe.last) for lobe in lobes])
-    if periods.size < OSCILLATION - 2:
+    if periods.size < FEWEST_HALF_WAVES - 2:
         return 0.0, 1.0
     ranks = np.argsort(np.argsort(periods, kind="stable"), kind="stable")
     third = max(1, periods.size // 3)
@@ -578,11 +586,11 @@ def _trend(lobes: Sequence[Lobe]) -> tuple[float, float]:
 
 
 def same_lines(first: np.ndarray, second: np.ndarray) -> bool:
-    """Whether two oscillations have their energy at the same frequencies.
+    """Return whether two oscillations have their energy at the same frequencies.
 
     A control that follows another has the same lines; multisines that are flown together do not.
     The measure is Bhattacharyya's coefficient of the two spectra.
     """
     powers = [np.abs(np.fft.rfft(each - each.mean())) ** 2 for each in (first, second)]
     shares = [power / max(float(power.sum()), 1e-300) for power in powers]
-    return float(np.sum(np.sqrt(shares[0] * shares[1]))) > LINES
+    return float(np.sum(np.sqrt(shares[0] * shares[1]))) > SAME_SPECTRUM_LIKENESS

@@ -20,16 +20,16 @@ from ident.regression.equation_error import run_equation_error
 from ident.whole_record import output_error as without_process_noise
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitLayout, FitProblem, lay_out
-from ident.whole_record.numerical_errors import QUIET
+from ident.whole_record.numerical_errors import QUIET_NOISE_SHARE
 from sim.declaration.model import System
 from sim.errors import FlightidError
 
 # ---- One fit with process noise from a given start
 
 _STENCIL = np.array([-1.0, 3.0, -3.0, 1.0])
-_FEWEST = 20  # third differences that tell a scatter
-_LEAST = 1e-3  # smallest intensity, relative to its start
-COARSE = 0.1  # tolerance, in sigmas, of the output-error fit that only gives a start
+_FEWEST_DIFFERENCES = 20  # third differences that tell a scatter
+_LEAST_INTENSITY_SHARE = 1e-3  # smallest intensity, relative to its start
+COARSE_TOLERANCE = 0.1  # tolerance, in sigmas, of the output-error fit that only gives a start
 
 
 def fit_with_process_noise(
@@ -52,7 +52,9 @@ def fit_with_process_noise(
     """
     layout = _never_still(layout)
     if levels is None:
-        coarse = replace(layout.settings, tolerance=max(COARSE, layout.settings.tolerance))
+        coarse = replace(
+            layout.settings, tolerance=max(COARSE_TOLERANCE, layout.settings.tolerance)
+        )
         first = fit_whole_records(FitProblem(replace(layout, settings=coarse)), guesses)
         if first is None:
             return None
@@ -106,12 +108,12 @@ def _amplitudes(layout: FitLayout) -> dict[int, float]:
 
 
 def _never_still(layout: FitLayout) -> FitLayout:
-    """The same layout with intensities kept off zero, where the likelihood is flat and a fit would
-    stay for ever.
+    """Return the same layout with intensities kept off zero, where the likelihood is flat and a fit
+    would stay for ever.
     """
     low = layout.low.copy()
     for position, value in _amplitudes(layout).items():
-        low[position] = _LEAST * value
+        low[position] = _LEAST_INTENSITY_SHARE * value
     return replace(layout, low=low)
 
 
@@ -150,8 +152,8 @@ def noise_start(fit: Fit) -> np.ndarray:
 
 
 def third_differences(rows: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -> np.ndarray:
-    """Level ``(m,)`` of white noise that third differences of ``rows (m, N)`` a record show;
-    infinite with too few ``valid`` samples in a row.
+    """Return the level ``(m,)`` of white noise that third differences of ``rows (m, N)`` a record
+    show; infinite with too few ``valid`` samples in a row.
     """
     out = np.full(len(rows[0]), np.inf)
     for i in range(len(out)):
@@ -160,7 +162,7 @@ def third_differences(rows: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -
             whole = np.convolve(~known[i], np.ones(len(_STENCIL)), mode="valid") < 0.5
             found.append(np.convolve(row[i], _STENCIL[::-1], mode="valid")[whole])
         scatter = np.concatenate(found)
-        if scatter.size >= _FEWEST:
+        if scatter.size >= _FEWEST_DIFFERENCES:
             out[i] = np.sqrt(np.mean(scatter**2) / np.sum(_STENCIL**2))
     return out
 
@@ -172,13 +174,13 @@ def third_differences(rows: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -
 AT_ITS_LIMIT = 2.0
 # of the sigma that all samples together could give a parameter each of them shows fully: no record
 # knows it better
-ABSURD = 1e-3
+IMPLAUSIBLE_SIGMA_SHARE = 1e-3
 # draws about the fit, and the change of each parameter relative to its value
 _CHANGES, _CHANGED = 100, 0.3
 # of an output's change, below which it follows from the others: far above rounding, far below any
 # parameter's part
-_REPEATED = 1e-6
-_STILL = 1e-4  # of log likelihood: a step that gains less is none
+_DEPENDENT_OUTPUT_SHARE = 1e-6
+_NEGLIGIBLE_GAIN = 1e-4  # of log likelihood: a step that gains less is none
 # Of a motion that grows: in gusts fits settle in ten to thirty steps with it, and creep with 1e-7;
 # in still air the usual one does better.
 _LEAST_DAMPING = 1e-10
@@ -186,7 +188,7 @@ Begun = tuple[FitLayout, Mapping[str, float] | None]
 
 
 def fit_from_best_start(layout: FitLayout, calm: System | None = None) -> Fit | None:
-    """The filter-error fit of a layout; None where no start has a finite cost.
+    """Return the filter-error fit of a layout; None where no start has a finite cost.
 
     ``calm`` is the same model without the effect that forces its states (None: the layout's own),
     of which equation error and output error give further starts: where the motion grows at the
@@ -211,15 +213,15 @@ def fit_from_best_start(layout: FitLayout, calm: System | None = None) -> Fit | 
 
 
 def degenerate(fit: Fit) -> bool:
-    """Whether the noise level of a measured output has run to its limit, or to the rounding of its
-    samples, and the record does not explain that.
+    """Return whether the noise level of a measured output has run to its limit, or to the rounding
+    of its samples, and the record does not explain that.
     """
     return bool(levels_at_limit(fit)) and not without_measurement_noise(fit)
 
 
 def without_measurement_noise(fit: Fit) -> bool:
-    """Whether the record itself has hardly any measurement noise: all outputs are met so, and more
-    of them than process noise has sources.
+    """Return whether the record itself has hardly any measurement noise: all outputs are met so,
+    and more of them than process noise has sources.
 
     A filter may follow as many outputs exactly as process noise has sources, whatever the
     derivatives are; each further output is met exactly by the right ones only, unless it repeats
@@ -228,7 +230,7 @@ def without_measurement_noise(fit: Fit) -> bool:
     noise_model = fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
     own, low, _ = _levels_and_limits(fit)
-    quiet = QUIET * np.array([_motion(fit.layout, i) for i in noise_model.estimated])
+    quiet = QUIET_NOISE_SHARE * np.array([_motion(fit.layout, i) for i in noise_model.estimated])
     sources = max(
         int(
             np.count_nonzero(
@@ -244,8 +246,8 @@ def without_measurement_noise(fit: Fit) -> bool:
 
 
 def _distinct_outputs(fit: Fit) -> int:
-    """Number of estimated outputs of which none is the same function of others at every value of
-    the parameters, a constant apart.
+    """Return the number of estimated outputs of which none is the same function of others at every
+    value of the parameters, a constant apart.
 
     A channel recorded twice, or an angle computed from a measured velocity, repeats another one: a
     filter that follows the one meets both, at any derivatives. The number is the rank of the
@@ -275,19 +277,21 @@ def _distinct_outputs(fit: Fit) -> int:
         return 0
     away = values - np.mean(values, axis=0)
     size = np.linalg.norm(away, axis=0)
-    return int(np.linalg.matrix_rank(away / np.where(size > 0.0, size, 1.0), tol=_REPEATED))
+    return int(
+        np.linalg.matrix_rank(away / np.where(size > 0.0, size, 1.0), tol=_DEPENDENT_OUTPUT_SHARE)
+    )
 
 
 def _motion(layout: FitLayout, output: int) -> float:
-    """Root mean square of an output's samples about the mean of each record."""
+    """Return the root mean square of an output's samples about the mean of each record."""
     rows = [problem.z[output, problem.valid[output]] for problem in layout.problems]
     away = np.concatenate([row - np.mean(row) for row in rows if row.size])
     return float(np.sqrt(np.mean(away**2))) if away.size else 0.0
 
 
 def levels_at_limit(fit: Fit) -> tuple[str, ...]:
-    """The outputs of which a fit knows no noise level: it has run to its limit, or to the rounding
-    of their samples.
+    """Return the outputs of which a fit knows no noise level: it has run to its limit, or to the
+    rounding of their samples.
     """
     noise_model = fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
@@ -326,7 +330,7 @@ def absurd_sigmas(fit: Fit, std: np.ndarray) -> list[str]:
     for i in np.flatnonzero(layout.used):
         rows = np.concatenate([problem.z[i, problem.valid[i]] for problem in layout.problems])
         told += float(np.sum((rows - np.mean(rows)) ** 2)) / max(float(shown[i]) ** 2, 1e-300)
-    least = ABSURD / np.sqrt(max(told, 1.0))
+    least = IMPLAUSIBLE_SIGMA_SHARE / np.sqrt(max(told, 1.0))
     return [
         name
         for name, value, sigma in zip(
@@ -359,8 +363,8 @@ def _starts(layout: FitLayout, calm: System, *, plain: bool) -> Iterator[Begun]:
 
 
 def _exactly(layout: FitLayout, least_damping: float) -> FitLayout:
-    """The layout with exact derivatives, settled where its cost is: an initial state that grows by
-    e^15 never stands still in its own sigmas.
+    """Return the layout with exact derivatives, settled where its cost is: an initial state that
+    grows by e^15 never stands still in its own sigmas.
     """
     problems = tuple(replace(problem, exact=True) for problem in layout.problems)
     settings = layout.settings
@@ -368,7 +372,7 @@ def _exactly(layout: FitLayout, least_damping: float) -> FitLayout:
         layout,
         problems=problems,
         settings=replace(
-            settings, enough=max(settings.enough, _STILL), least_damping=least_damping
+            settings, enough=max(settings.enough, _NEGLIGIBLE_GAIN), least_damping=least_damping
         ),
     )
 

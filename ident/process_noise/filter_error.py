@@ -14,7 +14,7 @@ import numpy as np
 
 from ident.estimate import Estimate, Outcome
 from ident.process_noise.best_start import (
-    COARSE,
+    COARSE_TOLERANCE,
     absurd_sigmas,
     degenerate,
     fit_from_best_start,
@@ -49,6 +49,7 @@ from sim.errors import ModelError
 from sim.record import Record
 
 METHOD = "filter-error"
+_LJUNG_BOX_LAGS = 25  # lags of the autocorrelation that the whiteness test sums
 __all__ = [
     "filter_error_estimate",
     "fit_filter_error",
@@ -128,8 +129,8 @@ def fit_filter_error(
 
 
 def _no_worse(again: Estimate, found: Estimate) -> bool:
-    """Whether a second estimate of the same records may stand for the first: not where it is less
-    sound, or as sound and less likely.
+    """Return whether a second estimate of the same records may stand for the first: not where it is
+    less sound, or as sound and less likely.
     """
     if found.outcome is not Outcome.CONVERGED:
         return True
@@ -174,8 +175,8 @@ def noise_levels(fit: Fit) -> dict[str, float]:
 
 
 def filter_error_estimate(fit: Fit) -> Estimate:
-    """The shared parameters of a fit with process noise, and the scale of declared process noise,
-    as an Estimate.
+    """Return the shared parameters of a fit with process noise, and the scale of declared process
+    noise, as an Estimate.
 
     Noise levels, turbulence's parameters among them, are those of the adjusted likelihood, and
     sigmas count that these are estimates (Student's quantile): see
@@ -224,12 +225,12 @@ def one_step_prediction(fit: Fit, r: int) -> np.ndarray:
     return np.asarray(fit.lines[r].y + added.T)
 
 
-def turbulence_worth_trying(fit: Fit, lags: int = 25) -> float:
+def turbulence_worth_trying(fit: Fit) -> float:
     """p-value of the residuals of a fit being white: the smallest of Ljung and Box's over channels
     and records, times their number.
     """
     p_values = [
-        ljung_box(residual[i], problem.valid[i], name, lags).p_value
+        ljung_box(residual[i], problem.valid[i], name, _LJUNG_BOX_LAGS).p_value
         for problem, residual in zip(fit.layout.problems, fit.residuals, strict=True)
         for i, name in enumerate(fit.layout.system.output_names)
         if np.any(problem.valid[i])
@@ -308,7 +309,7 @@ def fit_under_held_noise(
             layout.start[position] = known.get(name, layout.start[position])
     # A first fit without process noise brings the trajectory near the record.
     plain = fit_whole_records(
-        FitProblem(replace(layout, settings=replace(settings, tolerance=COARSE)))
+        FitProblem(replace(layout, settings=replace(settings, tolerance=COARSE_TOLERANCE)))
     )
     if plain is None:
         return None

@@ -53,17 +53,17 @@ from ident.statistics.intervals import inverse_information
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import LaidOut, WeightedResiduals
 from ident.whole_record.linearise import Linearisation
-from ident.whole_record.record_problem import INCREMENT, RecordProblem
+from ident.whole_record.record_problem import DIFFERENCE_STEP_SHARE, RecordProblem
 from sim.declaration.model import System
 
 # ---- How process noise along a trajectory changes with the parameters
 
-_SLOPE = 1e-5  # of a parameter's size, for central differences
+_DIFFERENCE_STEP_SHARE = 1e-5  # of a parameter's size, for central differences
 # steps from one place to the next where slopes are worked out, if straight lines between them are
 # good enough
-_APART = 8
+_STEPS_BETWEEN_SLOPES = 8
 # of the largest entry: over a step an error of F is a hundredth or tenth of that of Phi
-_STRAIGHT = 0.005
+_LARGEST_INTERPOLATION_ERROR = 0.005
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +82,8 @@ def noise_slopes(
     at: Variation,
     moved: Sequence[tuple[Variation, Variation, float]],
 ) -> NoiseSlopes:
-    """Derivatives of the process noise at the given trajectory; that the trajectory moves too is
-    left out.
+    """Return the derivatives of the process noise at the given trajectory; that the trajectory
+    moves too is left out.
 
     ``moved`` holds for each quantity two variations and the distance between them: see
     ``slope_pairs``.
@@ -118,19 +118,19 @@ def noise_slopes(
 def slope_pairs(
     at: Variation, positions: Sequence[int], sizes: Sequence[float], scale: bool
 ) -> list[tuple[Variation, Variation, float]]:
-    """Pairs for central differences by the parameters at ``positions``, whose sizes are given, then
-    by the scale if wanted.
+    """Return the pairs for central differences by the parameters at ``positions``, whose sizes are
+    given, then by the scale if wanted.
     """
     pairs = []
     for position, size in zip(positions, sizes, strict=True):
-        step, ends = _SLOPE * size, []
+        step, ends = _DIFFERENCE_STEP_SHARE * size, []
         for sign in (-1.0, 1.0):
             p = at.p.copy()
             p[position] += sign * step
             ends.append(Variation(p, at.scale))
         pairs.append((ends[0], ends[1], ends[1].p[position] - ends[0].p[position]))
     if scale:
-        step = _SLOPE * max(at.scale, 1.0)
+        step = _DIFFERENCE_STEP_SHARE * max(at.scale, 1.0)
         pairs.append(
             (Variation(at.p, at.scale - step), Variation(at.p, at.scale + step), 2.0 * step)
         )
@@ -138,16 +138,16 @@ def slope_pairs(
 
 
 def _where_it_bends(shape: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Steps at which slopes are worked out, straight lines being good enough between them: all,
-    unless every ``shape (K, D, n, n)`` is smooth.
+    """Return the steps at which slopes are worked out, straight lines being good enough between
+    them: all, unless every ``shape (K, D, n, n)`` is smooth.
     """
     every = np.arange(len(shape))
-    if len(shape) < 2 * _APART or np.ptp(steps) > 1e-9 * steps.max():
+    if len(shape) < 2 * _STEPS_BETWEEN_SLOPES or np.ptp(steps) > 1e-9 * steps.max():
         return every
-    some = np.append(every[:-1:_APART], every[-1])
+    some = np.append(every[:-1:_STEPS_BETWEEN_SLOPES], every[-1])
     away = np.abs(_between(shape[some], some, len(shape)) - shape).max(axis=0)
     largest = np.abs(shape).max(axis=0).max(axis=(-2, -1), keepdims=True)
-    return some if np.all(away <= _STRAIGHT * largest) else every
+    return some if np.all(away <= _LARGEST_INTERPOLATION_ERROR * largest) else every
 
 
 def _between(values: np.ndarray, at: np.ndarray, count: int) -> np.ndarray:
@@ -186,8 +186,8 @@ class LikelihoodSlopes:
 def likelihood_slopes(
     filter: Whitener, residual: Filtered, slopes: NoiseSlopes, by_variance: np.ndarray
 ) -> LikelihoodSlopes:
-    """Slopes by the quantities that move the process noise, then by those that move the measurement
-    variances.
+    """Return the slopes by the quantities that move the process noise, then by those that move the
+    measurement variances.
 
     ``residual`` is one column; ``by_variance (d, m)`` are derivatives of the measurement variances.
     """
@@ -221,8 +221,8 @@ def likelihood_slopes(
 def _slopes_of_some(
     filter: Whitener, residual: Filtered, slopes: NoiseSlopes, by_variance: np.ndarray, some: slice
 ) -> tuple[np.ndarray, np.ndarray]:
-    """By ``some`` of the D quantities: of innovation covariances, normalised ``(d, T m m)``, and of
-    normalised innovations ``((K + 1) m, d)``.
+    """Return the slopes by ``some`` of the D quantities: of normalised innovation covariances ``(d,
+    T m m)``, and of normalised innovations ``((K + 1) m, d)``.
     """
     T, m, n = len(filter.covariance), filter.valid.shape[1], filter.covariance.shape[-1]
     of_variance = by_variance[some]
@@ -284,8 +284,8 @@ def _slopes_of_some(
 
 
 def _beside(stack: np.ndarray, some: slice, d: int) -> np.ndarray:
-    """Derivatives ``(B, D, a, b)`` by ``some``, those beyond zero, as ``(B, a, d, b)``: see
-    `ident.process_noise.whitener`.
+    """Return the derivatives ``(B, D, a, b)`` by ``some``, those beyond zero, as ``(B, a, d, b)``:
+    see `ident.process_noise.whitener`.
     """
     found = stack[:, some].swapaxes(1, 2)
     out = np.zeros((*found.shape[:2], d, found.shape[3]))
@@ -301,7 +301,7 @@ def _right_turned(left: np.ndarray, stack: np.ndarray) -> np.ndarray:
 # ---- Noise model of a fit with process noise
 
 SCALE = "process_noise_scale"
-_FACTOR = 4.0  # by which one step changes a noise level at most
+_LARGEST_NOISE_STEP_FACTOR = 4.0  # by which one step changes a noise level at most
 _LEAST, _MOST = 1e-3, 1e3  # range of a noise level, relative to its start
 
 
@@ -314,8 +314,8 @@ class Filter:
     residual: Filtered
 
     def whiten(self, columns: np.ndarray) -> np.ndarray:
-        """Innovations of the columns over their standard deviation, zero where a sample is
-        missing.
+        """Return the innovations of the columns over their standard deviation, zero where a sample
+        is missing.
         """
         return _at_samples(
             self.problem, filtered(self.whitener, _at_nodes(self.problem, columns)).standard
@@ -376,8 +376,8 @@ class ProcessNoise:
         residuals: Sequence[np.ndarray],
         counts: np.ndarray,
     ) -> WeightedResiduals | None:
-        """Innovations of residuals and sensitivities; None where an innovation covariance is not
-        positive definite.
+        """Return the innovations of residuals and sensitivities; None where an innovation
+        covariance is not positive definite.
         """
         try:
             return self._innovations(layout, theta, lines, residuals, counts)
@@ -391,7 +391,7 @@ class ProcessNoise:
         lines: Sequence[Linearisation],
         weighted: WeightedResiduals,
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Terms through the filter's dependence on parameters and noise levels."""
+        """Return the terms through the filter's dependence on parameters and noise levels."""
         n = len(theta)
         gradient, information = np.zeros(n), np.zeros((n, n))
         for moving, part in self._slopes(layout, theta, lines, weighted):
@@ -406,8 +406,8 @@ class ProcessNoise:
         lines: Sequence[Linearisation],
         weighted: WeightedResiduals,
     ) -> Iterator[tuple[np.ndarray, LikelihoodSlopes]]:
-        """Of each record the positions of what moves its filter, and how the likelihood moves with
-        it.
+        """Yield, for each record, the positions of the unknowns that move its filter, and the
+        slopes of the likelihood by them.
         """
         std, scale = self.levels(theta)
         n, estimated = len(theta), list(self.estimated)
@@ -429,7 +429,7 @@ class ProcessNoise:
             pairs = slope_pairs(
                 at,
                 [layout.order[q] for q in acting],
-                (problem.increment[acting] / INCREMENT).tolist(),
+                (problem.increment[acting] / DIFFERENCE_STEP_SHARE).tolist(),
                 self.scaled,
             )
             slopes = noise_slopes(problem, line.states, at, pairs)
@@ -451,18 +451,21 @@ class ProcessNoise:
                 yield moving, LikelihoodSlopes(np.zeros(0), np.zeros((0, 0)), np.zeros((nodes, 0)))
 
     def step_bounds(self, layout: LaidOut, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """At most a factor on what sets the noise: far from the optimum the likelihood is anything
-        but quadratic in it.
+        """Return bounds of a step, which changes a noise level by at most a factor: far from the
+        optimum the likelihood is not quadratic in it.
         """
         low, high = np.concatenate([layout.low, self.low]), np.concatenate([layout.high, self.high])
         for i in self.setting_noise(layout, theta):
             if theta[i] > 0:
-                low[i], high[i] = max(low[i], theta[i] / _FACTOR), min(high[i], theta[i] * _FACTOR)
+                low[i], high[i] = (
+                    max(low[i], theta[i] / _LARGEST_NOISE_STEP_FACTOR),
+                    min(high[i], theta[i] * _LARGEST_NOISE_STEP_FACTOR),
+                )
         return low, high
 
     def setting_noise(self, layout: LaidOut, theta: np.ndarray) -> np.ndarray:
-        """Positions of the unknowns that set the noise: its own, and parameters of the System that
-        move the forcing's density.
+        """Return the positions of the unknowns that set the noise: its own, and parameters of the
+        System that move the forcing's density.
         """
         n = len(theta)
         positions = set(range(n - len(self.names), n))
@@ -514,7 +517,7 @@ class ProcessNoise:
 
 
 def filters_of(weighted: WeightedResiduals) -> tuple[Filter, ...]:
-    """The Kalman filters, one a record, of residuals that a ProcessNoise weighted."""
+    """Return the Kalman filters, one a record, of residuals that a ProcessNoise weighted."""
     filters = tuple(item for item in weighted.filters if isinstance(item, Filter))
     assert len(filters) == len(weighted.filters)
     return filters
@@ -531,7 +534,7 @@ def _stretched(p: np.ndarray, index: int) -> np.ndarray:
 
 
 def has_process_noise(system: System) -> bool:
-    """Whether white noise acts on a state."""
+    """Return whether white noise acts on a state."""
     return bool(np.any(_density(system, system.parameters.values()) > 0))
 
 
@@ -559,7 +562,7 @@ def process_noise(
 
 
 def noise_started_at(fit: Fit, theta: np.ndarray) -> ProcessNoise:
-    """The noise model of a fit with its unknowns started where ``theta (n,)`` has them."""
+    """Return the noise model of a fit with its unknowns started where ``theta (n,)`` has them."""
     noise_model = fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
     std, scale = noise_model.levels(theta)
@@ -585,7 +588,7 @@ def _at_samples(problem: RecordProblem, values: np.ndarray) -> np.ndarray:
 
 # ---- Restricted likelihood (REML)
 
-_STEP = 0.02  # of a level, for differences
+_NOISE_DIFFERENCE_SHARE = 0.02  # of a level, for differences
 _restricted_likelihood_MOST = 0.7  # change of a level's logarithm
 
 
@@ -616,10 +619,10 @@ def restricted_levels(fit: Fit, covariance: np.ndarray) -> Levels:
     slope, moves = np.zeros(len(moved)), np.zeros((len(moved), len(others)))
     for i, position in enumerate(moved):
         stretched = theta.copy()
-        stretched[position] *= 1.0 + _STEP
+        stretched[position] *= 1.0 + _NOISE_DIFFERENCE_SHARE
         determinant, other = _determined(fit, stretched, others)
-        slope[i] = 0.5 * (determinant - base) / (_STEP * theta[position])
-        moves[i] = np.log(other / variance) / (_STEP * theta[position])
+        slope[i] = 0.5 * (determinant - base) / (_NOISE_DIFFERENCE_SHARE * theta[position])
+        moves[i] = np.log(other / variance) / (_NOISE_DIFFERENCE_SHARE * theta[position])
     among = covariance[np.ix_(moved, moved)]
     change = np.clip(
         -among @ slope / theta[moved], -_restricted_likelihood_MOST, _restricted_likelihood_MOST

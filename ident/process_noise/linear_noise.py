@@ -21,13 +21,13 @@ from ident.whole_record.record_problem import RecordProblem
 from sim.declaration.model import System
 from sim.maths import COMPLEX_STEP
 
-_TERMS = 14  # of a Taylor series, to rounding
+_TAYLOR_TERMS = 14  # of a Taylor series, to rounding
 _FEW_TERMS = 4  # for slopes that differ from step to step: good to a ten-thousandth or better
 _AT_ONCE = 16_000  # numbers that are worked on together: more do not stay in a processor's cache
 # Chebyshev points over the step sizes: a smooth function of a step within a factor of three, to
 # rounding
-_KNOTS = 14
-_SHORTEST = 0.2  # of a sub-step: the memory of a sensor lasts that long at least
+_CHEBYSHEV_POINTS = 14
+_SHORTEST_MEMORY_SHARE = 0.2  # of a sub-step: the memory of a sensor lasts that long at least
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ def linear_motion(
 def _through_sensors(
     problem: RecordProblem, variations: Sequence[Variation], motion: LinearMotion
 ) -> LinearMotion:
-    """The motion with a state for each sensor with memory: what it shows is late.
+    """Return the motion with a state for each sensor with memory: what it shows is late.
 
     A lag is exact; a delay, and a hold in the mean, is Pade's approximation of first order. The
     deviation of a sensor starts at zero. Times much shorter than a sub-step are lengthened to a
@@ -111,7 +111,7 @@ def _through_sensors(
     """
     memories = [problem.system.sensor_memory(variation.p.tolist()) for variation in variations]
     F, H, density, stationary = motion
-    shortest = _SHORTEST * float(np.mean(np.diff(problem.grid.nodes)))
+    shortest = _SHORTEST_MEMORY_SHARE * float(np.mean(np.diff(problem.grid.nodes)))
     for k, memory in enumerate(memories[0]):
         row, n = memory.row, F.shape[-1]
         time = np.array([float(each[k].time_constant) for each in memories])
@@ -242,23 +242,28 @@ def _over_steps(
             at, back = _distinct(np.concatenate([F.reshape(len(F), -1), steps[:, None]], axis=1))
         some = slice(None) if len(at) == len(F) else at
         Phi, Q = discretised(
-            F[some], density, steps[some, None], _TERMS if F.shape[1] == 1 else _FEW_TERMS, told
+            F[some],
+            density,
+            steps[some, None],
+            _TAYLOR_TERMS if F.shape[1] == 1 else _FEW_TERMS,
+            told,
         )
         return (Phi, Q) if len(at) == len(F) else (Phi[back], Q[back])
     if even:
         return discretised(F, density, np.full((1, 1), steps.mean()), told=told)
     # One F and many steps: the result is a smooth function of the step.
-    angle = np.pi * (np.arange(_KNOTS) + 0.5) / _KNOTS
+    angle = np.pi * (np.arange(_CHEBYSHEV_POINTS) + 0.5) / _CHEBYSHEV_POINTS
     knots = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(angle)
-    share = _barycentric(knots, (-1.0) ** np.arange(_KNOTS) * np.sin(angle), steps)
+    share = _barycentric(knots, (-1.0) ** np.arange(_CHEBYSHEV_POINTS) * np.sin(angle), steps)
     Phi, Q = discretised(
-        np.broadcast_to(F, (_KNOTS, *F.shape[1:])), density, knots[:, None], told=told
+        np.broadcast_to(F, (_CHEBYSHEV_POINTS, *F.shape[1:])), density, knots[:, None], told=told
     )
     return np.tensordot(share, Phi, 1), np.tensordot(share, Q, 1)
 
 
 def _distinct(rows: np.ndarray) -> tuple[list[int], list[int]]:
-    """Where each different row of ``rows (K, c)`` comes first, and which of these each row is.
+    """Return the first position of each distinct row of ``rows (K, c)``, and the index of the
+    distinct row that each row equals.
 
     A dead band or a limit changes F at a few inputs only: most of a record's steps are one of few.
     """
@@ -285,7 +290,7 @@ def discretised(
     F: np.ndarray,
     density: np.ndarray,
     dt: np.ndarray,
-    terms: int = _TERMS,
+    terms: int = _TAYLOR_TERMS,
     told: NoiseReport = np.asarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """exp(F dt) and the integral of exp(F s) diag(density) exp(F s)^T over the step, both to
@@ -312,7 +317,9 @@ def discretised(
 def _doubled(
     F: np.ndarray, density: np.ndarray, dt: np.ndarray, halvings: int, terms: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """As ``discretised``, on a step so many times halved and then doubled again."""
+    """Return the same as ``discretised``, for a step that is halved and doubled again ``halvings``
+    times.
+    """
     n = F.shape[-1]
     h = (dt / 2**halvings)[..., None, None]
     step = F * h
@@ -333,7 +340,7 @@ def _doubled(
 
 
 def _stationary_spread(F: np.ndarray, density: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Covariances at the start ``(V, n, n)``: of the states ``at`` that of F P + P F^T +
+    """Return the covariances at the start ``(V, n, n)``: of the states ``at`` that of F P + P F^T +
     diag(density) = 0, zero where they are not stable.
     """
     start = np.zeros_like(F)

@@ -5,10 +5,10 @@ Control 66(1), 2021: the step from one filtered covariance to the next is an ele
 A (I + P J)^-1 P A^T + C, and elements combine associatively.
 
 The residual of a deterministic fit is e = H x + v with x the process noise, see
-`ident.process_noise.linear_noise`. Its innovations, nu[k]
-= e[k] minus its prediction from e[0 .. k - 1], are white; the columns of the Jacobian pass through
-the same linear filter (Jategaonkar, Flight Vehicle System Identification, ch. 5). Covariances come
-from an associative scan, the states from one banded triangular solve.
+`ident.process_noise.linear_noise`. Its innovations, nu[k] = e[k] minus the prediction of e[k] from
+e[0 .. k - 1], are white. The columns of the Jacobian pass through the same linear filter
+(Jategaonkar, Flight Vehicle System Identification, ch. 5). Covariances come from an associative
+scan, the states from one banded triangular solve.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ Combine = Callable[[Elements, Elements], Elements]
 
 
 def scan(combine: Combine, elements: Elements) -> Elements:
-    """All prefixes of ``elements`` along the first axis; ``combine(first, second)`` takes
-    stacks.
+    """Return the combinations of the first 1, 2, ... ``elements`` along the first axis (an
+    associative scan); ``combine(first, second)`` takes stacks.
     """
     count = len(elements[0])
     if count < 2:
@@ -69,7 +69,7 @@ def covariance_steps(Phi: np.ndarray, Q: np.ndarray, H: np.ndarray, R: np.ndarra
 
 
 def combine_covariances(first: Elements, second: Elements) -> Elements:
-    """The element of two steps in a row."""
+    """Return the element of two steps in a row."""
     A, C, J = first
     B, D, L = second
     inverse = _inverse(np.eye(A.shape[-1]) + C @ L)
@@ -89,7 +89,9 @@ def advanced(steps: Elements, P: np.ndarray) -> np.ndarray:
 
 
 def combine_affine(first: Elements, second: Elements) -> Elements:
-    """Of X -> T X T^T + D for D quantities at once: ``T (K, n, n)``, ``D (K, n, D, n)``."""
+    """Combine the maps X -> T X T^T + D of D quantities at once: ``T (K, n, n)``, ``D (K, n, D,
+    n)``.
+    """
     T, D = first
     U, E = second
     return U @ T, from_right(from_left(U, D), _t(U)) + E
@@ -114,7 +116,7 @@ def from_right(stack: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 
 
 def transposed(stack: np.ndarray) -> np.ndarray:
-    """The transpose of each of D matrices: ``(T, a, D, b)`` to ``(T, b, D, a)``."""
+    """Return the transpose of each of D matrices: ``(T, a, D, b)`` to ``(T, b, D, a)``."""
     return stack.transpose(0, 3, 2, 1)
 
 
@@ -133,8 +135,8 @@ def _symmetric(M: np.ndarray) -> np.ndarray:
 # ---- A Kalman filter used as a linear pre-whitener of residuals and of every sensitivity
 # column
 
-_CHUNK = 64
-_SETTLED = 1e-12  # relative change of the covariance over a chunk
+_SAMPLES_PER_CHUNK = 64
+_SETTLED_COVARIANCE_CHANGE = 1e-12  # relative change of the covariance over a chunk
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,8 +176,8 @@ class Filtered:
 
 
 def whitener(motion: DiscretisedNoise, variance: np.ndarray, valid: np.ndarray) -> Whitener:
-    """Gains for a process noise, measurement variances ``(m,)`` and validity ``(K + 1, m)`` of the
-    samples at the nodes.
+    """Return the gains for a process noise, measurement variances ``(m,)`` and validity ``(K + 1,
+    m)`` of the samples at the nodes.
 
     Raises
     ------
@@ -189,7 +191,9 @@ def whitener(motion: DiscretisedNoise, variance: np.ndarray, valid: np.ndarray) 
         after = np.zeros((1 if steady else nodes, 0, 0))
     elif steady:
         steps = powers(
-            combine_covariances, covariance_steps(motion.Phi, motion.Q, seen, variance), _CHUNK
+            combine_covariances,
+            covariance_steps(motion.Phi, motion.Q, seen, variance),
+            _SAMPLES_PER_CHUNK,
         )
         after = _until_settled(steps, first, nodes)
     else:
@@ -247,7 +251,7 @@ def _until_settled(steps: tuple[np.ndarray, ...], first: np.ndarray, nodes: int)
         done += len(chunk)
         # rounding may leave it below zero where nothing is noisy
         size = np.sqrt(np.maximum(np.diag(chunk[-1]), 0.0))
-        if np.all(np.abs(chunk[-1] - P) <= _SETTLED * np.outer(size, size)):
+        if np.all(np.abs(chunk[-1] - P) <= _SETTLED_COVARIANCE_CHANGE * np.outer(size, size)):
             break
         P = chunk[-1]
     return np.concatenate(parts)[:nodes]
@@ -277,15 +281,15 @@ def joined(T: np.ndarray, source: np.ndarray) -> np.ndarray:
 
 
 def every_node(stack: np.ndarray, filter: Whitener) -> np.ndarray:
-    """What is kept until the filter has settled, at every node."""
+    """Return the values at every node from those kept until the filter has settled."""
     return stack if len(stack) == len(filter.at) else stack[filter.at]
 
 
 def rows(stack: np.ndarray, part: slice) -> np.ndarray:
-    """The matrices of some nodes; a single one stands for all."""
+    """Return the matrices of some nodes; a single one stands for all."""
     return stack if len(stack) == 1 else stack[part]
 
 
 def turned(M: np.ndarray) -> np.ndarray:
-    """The transpose of each matrix."""
+    """Return the transpose of each matrix."""
     return np.swapaxes(M, -1, -2)

@@ -1,8 +1,8 @@
 """Distorted channels: flat extremes, steps of the zero, hum, filtered channels.
 
-At each row a straight line through the samples before and one through those after are extrapolated
-to the middle between them; their difference forgets a level, a slope and a curvature. What inputs
-and other channels explain of it, by least squares, is taken off.
+Steps: two straight lines, through the samples before and after each row, are extrapolated to the
+row. A level, a slope and a curvature cancel in their difference. The part of the difference that
+inputs and other channels explain, by least squares, is subtracted.
 
 White noise of a sensor fills the spectrum up to half the sample rate, and a converter's rounding
 does so behind any filter. Where the spectrum is flat up to a cutoff and empty above it, what was
@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import fdtri
+from scipy.special import fdtri, gammainc
 
 from ident.recording.series import (
     Certainty,
@@ -32,42 +32,46 @@ from sim.record import instant
 
 # ---- Flat extremes
 
-FEWEST = 4  # samples at the level
-IN_A_ROW = 3
-CHANCE = 1e-6
-KINK = 6.0  # times the usual bend: the corner where a moving signal meets a level
-SEVERAL_BITS = 3.0
+FEWEST_AT_LEVEL = 4  # samples at the level
+FEWEST_IN_A_ROW = 3
+CHANCE_OF_PILE = 1e-6
+CORNER_BENDS = 6.0  # times the usual bend: the corner where a moving signal meets a level
+CORNER_BITS = 3.0
 # standard deviations of the noise, from the channel's middle, so that it is a motion that is cut
 # and not the noise
-BEYOND = 6.0
+CUT_MOTION_SIGMAS = 6.0
 # share of samples of an input that differ from the one before: a commanded square is flat and no
 # fault
-CONTINUOUS = 0.3
+CONTINUOUS_INPUT_SHARE = 0.3
 
 
 def clipped(series: Series, count: int, *, is_input: bool = False) -> list[RecordFinding]:
-    """Find levels at which a channel is flat, and mask these samples; of an input they are only
-    noted, since it may be at its stop.
+    """Find levels at which a channel is flat, and mask these samples. An input may be at its stop:
+    its flat levels are noted and not masked.
     """
-    if is_input and np.mean(np.diff(series.values) != 0.0) < CONTINUOUS:
+    if is_input and np.mean(np.diff(series.values) != 0.0) < CONTINUOUS_INPUT_SHARE:
         return []
     out = []
     for sign in (1.0, -1.0):
         values = sign * series.values
         level = float(np.max(values))
-        at = values == level
-        runs = runs_of(at)
+        at_level = values == level
+        runs = runs_of(at_level)
         # A run at either end of the record may be a rest.
         inside = [(b, e) for b, e in runs if b > 0 and e < len(values)]
-        if np.count_nonzero(at) < FEWEST or not inside or max(e - b for b, e in inside) < IN_A_ROW:
+        if (
+            np.count_nonzero(at_level) < FEWEST_AT_LEVEL
+            or not inside
+            or max(e - b for b, e in inside) < FEWEST_IN_A_ROW
+        ):
             continue
-        if _piles_up(series, values, level, at) or any(
+        if _piles_up(series, values, level, at_level) or any(
             _cornered(series, values, b, e) for b, e in inside
         ):
             out.append(
                 _finding(
                     series,
-                    at,
+                    at_level,
                     sign * level,
                     "highest" if sign > 0 else "lowest",
                     count,
@@ -77,19 +81,22 @@ def clipped(series: Series, count: int, *, is_input: bool = False) -> list[Recor
     return out
 
 
-def _piles_up(series: Series, values: np.ndarray, level: float, at: np.ndarray) -> bool:
-    """More samples at the level than noise leaves there, whose density falls towards an extreme."""
-    if not series.resolved or level - float(np.median(values)) < BEYOND * series.noise:
+def _piles_up(series: Series, values: np.ndarray, level: float, at_level: np.ndarray) -> bool:
+    """Return whether more samples are at the level than noise leaves there; the density of noise
+    falls towards an extreme.
+    """
+    if not series.resolved or level - float(np.median(values)) < CUT_MOTION_SIGMAS * series.noise:
         return False
     width = max(series.least_bit, 0.25 * series.noise)
     below = np.count_nonzero((values < level) & (values >= level - 3.5 * width))
     per_level = below / 3.0 * (min(1.0, series.least_bit / width) if series.least_bit else 1e-6)
-    return _poisson_tail(int(np.count_nonzero(at)), 2.0 * per_level + 0.5) < CHANCE
+    # Poisson's probability of as many samples at the level or more.
+    return bool(gammainc(np.count_nonzero(at_level), 2.0 * per_level + 0.5) < CHANCE_OF_PILE)
 
 
 def _cornered(series: Series, values: np.ndarray, begin: int, end: int) -> bool:
-    """Whether a moving signal meets the level at a corner on both sides."""
-    if end - begin < IN_A_ROW or begin < 3 or end + 3 > len(values):
+    """Return whether a moving signal meets the level at a corner on both sides."""
+    if end - begin < FEWEST_IN_A_ROW or begin < 3 or end + 3 > len(values):
         return False
     around = np.concatenate([values[max(0, begin - 8) : begin], values[end : end + 8]])
     before, behind = values[max(0, begin - 8) : begin], values[end : end + 8]
@@ -102,19 +109,19 @@ def _cornered(series: Series, values: np.ndarray, begin: int, end: int) -> bool:
         abs(float(values[end + 1] - values[end])),
     )
     return len(around) > 8 and min(slopes) > max(
-        KINK * usual, SEVERAL_BITS * series.least_bit, KINK * series.noise
+        CORNER_BENDS * usual, CORNER_BITS * series.least_bit, CORNER_BENDS * series.noise
     )
 
 
 def _finding(
-    series: Series, at: np.ndarray, level: float, word: str, count: int, *, is_input: bool
+    series: Series, at_level: np.ndarray, level: float, word: str, count: int, *, is_input: bool
 ) -> RecordFinding:
-    runs = runs_of(at)
+    runs = runs_of(at_level)
     times = tuple((float(series.time[b]), float(series.time[e - 1])) for b, e in runs if e - b > 1)
     numbers = {"level": FindingQuantity(level, series.unit)}
     text = (
-        f"flat at its {word} value, {shown(level, series.unit)}, for {int(np.count_nonzero(at))} "
-        "samples"
+        f"flat at its {word} value, {shown(level, series.unit)}, for "
+        f"{int(np.count_nonzero(at_level))} samples"
     )
     if is_input:
         said = f"is {text}: at its stop, or clipped by the recorder"
@@ -128,7 +135,7 @@ def _finding(
             numbers,
         )
     mask = np.zeros(count, dtype=bool)
-    mask[series.rows[at]] = True
+    mask[series.rows[at_level]] = True
     remedy = "widen the channel's range, or fly a smaller maneuver"
     return RecordFinding(
         series.name,
@@ -142,35 +149,27 @@ def _finding(
     )
 
 
-def _poisson_tail(count: int, mean: float) -> float:
-    """Probability of ``count`` or more."""
-    if count > 50.0 + 10.0 * mean:
-        return 0.0
-    below = sum(math.exp(k * math.log(mean) - mean - math.lgamma(k + 1)) for k in range(count))
-    return max(0.0, 1.0 - below)
-
-
 # ---- A channel that jumps within one sample and stays
 
-REACH = 0.25  # s, of either line: a quarter of a quick short period
-ZERO_STEPS_FEWEST = 5  # fewest samples of a straight line
-MOST = 25  # most samples of a straight line
+LINE_TIME = 0.25  # s, of either line: a quarter of a quick short period
+FEWEST_LINE_SAMPLES = 5  # fewest samples of a straight line
+MOST_LINE_SAMPLES = 25  # most samples of a straight line
 # Standard deviations: the extreme of 3000 correlated Gaussian rows is 4.5; motion that lines do not
 # follow makes the tails of a clean record longer.
-SURE = 8.0
-# times the largest elsewhere within SURROUNDINGS, where the motion is as lively
-ABOVE_ITS_SURROUNDINGS = 3.0
-SURROUNDINGS = 1.0  # s
-OTHERS_QUIET = 4.0  # standard deviations that no other channel's jump exceeds at that row
-INPUT_QUIET = 0.05  # of an input's span
+STEP_SIGMAS = 8.0
+# times the largest elsewhere within SURROUNDINGS_TIME, where the motion is as lively
+STEP_TO_SURROUNDINGS_RATIO = 3.0
+SURROUNDINGS_TIME = 1.0  # s
+OTHER_JUMP_SIGMAS = 4.0  # standard deviations that no other channel's jump exceeds at that row
+INPUT_STEP_SHARE = 0.05  # of an input's span
 # of a line's length, to which a step of an input must keep: kinks are followed to first order only
-INPUT_APART = 0.6
+INPUT_DISTANCE = 0.6
 # of a jump: one of the other sign within two windows makes it a bump; a step by itself has side
 # lobes of 0.35
-PARTNER = 0.7
-CORNER = 4.0  # standard deviations
-CORNER_REACH = 0.8  # s, on either side of a jump of nz
-MANY = 3  # jumps told of one channel
+OPPOSITE_JUMP_RATIO = 0.7
+CORNER_SIGMAS = 4.0
+CORNER_TIME = 0.8  # s, on either side of a jump of nz
+MOST_JUMPS = 3  # jumps told of one channel
 
 
 def zero_steps(
@@ -184,10 +183,10 @@ def zero_steps(
     ``masked``: rows by channel that are masked already. ``gravity_over_speed`` in 1/s: a step of nz
     counts as a load if the path of alpha bends as a load bends it.
     """
-    if not series or len(series[0].values) < 4 * ZERO_STEPS_FEWEST:
+    if not series or len(series[0].values) < 4 * FEWEST_LINE_SAMPLES:
         return []
     step = float(np.median(np.diff(series[0].time)))
-    length = int(np.clip(round(REACH / step), ZERO_STEPS_FEWEST, MOST))
+    length = int(np.clip(round(LINE_TIME / step), FEWEST_LINE_SAMPLES, MOST_LINE_SAMPLES))
     rows = np.unique(np.concatenate([each.rows for each in series]))
     if len(rows) < 6 * length:
         return []
@@ -196,42 +195,44 @@ def zero_steps(
     }
     jumps = {name: _jumps(column, length) for name, column in values.items()}
     # A step of the control is a kink of the pitch rate: the input's sum goes beside it.
-    driven = [
+    input_sums = [
         _jumps(np.cumsum(values[each.name] - np.mean(values[each.name])), length) for each in inputs
     ]
-    weight = float(np.sqrt(2.0 * np.sum(_weights(length) ** 2)))
+    noise_gain = float(np.sqrt(2.0 * np.sum(_weights(length) ** 2)))
     quiet = {
-        each.name: max(weight * each.noise + each.least_bit, _usual(jumps[each.name]))
+        each.name: max(noise_gain * each.noise + each.least_bit, _usual(jumps[each.name]))
         for each in series
     }
-    still = _still([values[each.name] for each in inputs], len(rows), round(INPUT_APART * length))
+    still = _still(
+        [values[each.name] for each in inputs], len(rows), round(INPUT_DISTANCE * length)
+    )
     out = []
     for each in series:
-        left = _unexplained(
-            jumps[each.name], [*(jumps[name] for name in jumps if name != each.name), *driven]
+        residual = _unexplained(
+            jumps[each.name], [*(jumps[name] for name in jumps if name != each.name), *input_sums]
         )
-        for at in _peaks(
-            left,
-            weight * each.noise + each.least_bit,
+        for peak in _peaks(
+            residual,
+            noise_gain * each.noise + each.least_bit,
             length,
-            round(min(SURROUNDINGS / step, len(left))),
+            round(min(SURROUNDINGS_TIME / step, len(residual))),
         ):
-            near = slice(max(0, at - 2), at + 3)
+            near = slice(max(0, peak - 2), peak + 3)
             calm = all(
-                np.max(np.abs(jumps[other.name][near])) < OTHERS_QUIET * quiet[other.name]
+                np.max(np.abs(jumps[other.name][near])) < OTHER_JUMP_SIGMAS * quiet[other.name]
                 for other in series
                 if other is not each
             )
             if each.name == "nz" and _is_load(
-                series, values, rows[at + length], float(left[at]), gravity_over_speed
+                series, values, rows[peak + length], float(residual[peak]), gravity_over_speed
             ):
                 continue
             if (
                 calm
-                and still[at + length]
-                and not _touches(masked.get(each.name), rows[at : at + 2 * length])
+                and still[peak + length]
+                and not _touches(masked.get(each.name), rows[peak : peak + 2 * length])
             ):
-                out.append(_zero_steps_finding(each, rows[at + length], float(left[at])))
+                out.append(_zero_steps_finding(each, rows[peak + length], float(residual[peak])))
     return out
 
 
@@ -242,9 +243,9 @@ def _is_load(
     size: float,
     gravity_over_speed: float | None,
 ) -> bool:
-    """Whether a step of nz is a load: alpha - int (q - (g/V) nz) dt is then straight there.
+    """Return whether a step of nz is a load: alpha - int (q - (g/V) nz) dt is then straight there.
 
-    A sensor fault would show a corner. It must be ``CORNER`` standard deviations of alpha's noise.
+    A sensor fault would show a corner of ``CORNER_SIGMAS`` standard deviations of alpha's noise.
     """
     known = {each.name: each for each in series}
     time = known["nz"].time
@@ -254,9 +255,9 @@ def _is_load(
         or len(time) != len(values["nz"])
     ):
         return False
-    at = time[np.searchsorted(known["nz"].rows, row)]
-    near = np.abs(time - at) < CORNER_REACH
-    t = time[near] - at
+    step_time = time[np.searchsorted(known["nz"].rows, row)]
+    near = np.abs(time - step_time) < CORNER_TIME
+    t = time[near] - step_time
     rate = (values["q"] - gravity_over_speed * (values["nz"] - np.mean(values["nz"])))[near]
     path = values["alpha"][near] - np.concatenate(
         [[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))]
@@ -266,14 +267,14 @@ def _is_load(
     corner = float((inverse @ (matrix @ path))[2])
     std = known["alpha"].noise * float(np.sqrt(inverse[2, 2]))
     expected = abs(gravity_over_speed * size)
-    return expected > CORNER * std and abs(corner) < 0.5 * expected
+    return expected > CORNER_SIGMAS * std and abs(corner) < 0.5 * expected
 
 
 def _still(inputs: Sequence[np.ndarray], count: int, spacing: int) -> np.ndarray:
-    """Rows at which no input steps within ``spacing`` rows."""
+    """Return the rows at which no input steps within ``spacing`` rows."""
     steps = np.zeros(count)
     for values in inputs:
-        steps[1:-1] += np.abs(np.diff(values, 2)) > INPUT_QUIET * float(np.ptp(values))
+        steps[1:-1] += np.abs(np.diff(values, 2)) > INPUT_STEP_SHARE * float(np.ptp(values))
     return np.asarray(np.convolve(steps, np.ones(2 * spacing + 3), mode="same") < 0.5)
 
 
@@ -321,53 +322,54 @@ def _jumps(values: np.ndarray, length: int) -> np.ndarray:
 
 
 def _unexplained(jump: np.ndarray, others: Sequence[np.ndarray]) -> np.ndarray:
-    """Step minus the part that steps of other channels explain by least squares, without the
-    largest.
+    """Return the steps minus the part that steps of other channels explain by least squares; the
+    largest steps take no part in this fit.
     """
     moving = [other for other in others if np.any(other)]
     if not moving:
         return jump
     rows = np.stack(moving).T
     keep = np.ones(len(jump), dtype=bool)
-    left = jump
+    residual = jump
     for _ in range(2):
         coefficients = np.linalg.lstsq(rows[keep], jump[keep], rcond=None)[0]
-        left = jump - rows @ coefficients
-        keep = np.abs(left) < 4.0 * _usual(left)
+        residual = jump - rows @ coefficients
+        keep = np.abs(residual) < 4.0 * _usual(residual)
         if np.count_nonzero(keep) < 4 * rows.shape[1]:
             break
-    return np.asarray(left)
+    return np.asarray(residual)
 
 
 def _usual(jump: np.ndarray) -> float:
+    """Return the robust standard deviation of the jumps, above zero."""
     return max(robust_sigma_about_zero(jump), 1e-300)
 
 
-def _peaks(left: np.ndarray, noise: float, length: int, around: int) -> list[int]:
+def _peaks(residual: np.ndarray, noise: float, length: int, around: int) -> list[int]:
     """Rows of steps above the noise and their surroundings, without a partner of opposite sign."""
-    size = np.abs(left)
+    size = np.abs(residual)
     out: list[int] = []
-    least = SURE * max(_usual(left), noise)
-    taken = np.zeros(len(left), dtype=bool)
-    for at in np.argsort(size)[::-1][: 20 * MANY]:
-        if size[at] < least or len(out) > MANY:
+    least = STEP_SIGMAS * max(_usual(residual), noise)
+    taken = np.zeros(len(residual), dtype=bool)
+    for at in np.argsort(size)[::-1][: 20 * MOST_JUMPS]:
+        if size[at] < least or len(out) > MOST_JUMPS:
             break
         if taken[at]:
             continue
         taken[max(0, at - 2 * length) : at + 2 * length + 1] = True
         near = slice(max(0, at - 2 * length), at + 2 * length + 1)
-        opposite = float(np.max(-np.sign(left[at]) * left[near]))
+        opposite = float(np.max(-np.sign(residual[at]) * residual[near]))
         away = np.concatenate(
             [
                 size[max(0, at - around - length) : max(0, at - length)],
                 size[at + length + 1 : at + length + around + 1],
             ]
         )
-        if opposite < PARTNER * size[at] and (
-            not away.size or size[at] > ABOVE_ITS_SURROUNDINGS * float(np.max(away))
+        if opposite < OPPOSITE_JUMP_RATIO * size[at] and (
+            not away.size or size[at] > STEP_TO_SURROUNDINGS_RATIO * float(np.max(away))
         ):
             out.append(int(at))
-    return out if len(out) <= MANY else []
+    return out if len(out) <= MOST_JUMPS else []
 
 
 def _touches(masked: np.ndarray | None, rows: np.ndarray) -> bool:
@@ -376,28 +378,28 @@ def _touches(masked: np.ndarray | None, rows: np.ndarray) -> bool:
 
 # ---- Hum
 
-LOWEST = 4.0  # Hz: short periods and first elastic modes of piloted aircraft lie below
-EVEN = 0.02  # of the usual step, within which steps are even
-HUM_FEWEST = 128  # fewest samples
-LONGEST = 20_000  # most samples that are used
-AROUND = 24  # frequencies on either side of a line whose median is the noise floor
-BESIDE = 3  # frequencies on either side that belong to a line
+LOWEST_HUM = 4.0  # Hz: short periods and first elastic modes of piloted aircraft lie below
+EVEN_TOLERANCE = 0.02  # of the usual step, within which steps are even
+FEWEST_HUM_SAMPLES = 128
+MOST_SAMPLES = 20_000  # most samples that are used
+FLOOR_BINS = 24  # frequencies on either side of a line whose median is the noise floor
+LINE_BINS = 3  # frequencies on either side that belong to a line
 # Power over the floor's mean is exponentially distributed under noise: ln(number of
 # frequencies/chance), a third more for the floor's own scatter.
 HUM_CHANCE = 1e-5  # probability of a false line
-MARGIN = 1.35  # factor for the scatter of the floor
-PARTS = 6  # parts of a record in which the amplitude of a line is compared
+FLOOR_SCATTER_FACTOR = 1.35
+FEWEST_PARTS = 6  # parts of a record in which the amplitude of a line is compared
 MOST_PARTS = 16  # parts for a strong line, so that ringing after steps is recognised
-FINER = 80.0  # of N (amplitude/noise)^2 for a part: its amplitude is then known to a seventh
+INFORMATION_PER_PART = 80.0  # N (amplitude/noise)^2: the amplitude is known to a seventh
 # share of the parts' power that their sum keeps: 1 for one phase and amplitude, 1/6 for noise
-COHERENT = 0.85
+LEAST_COHERENT_SHARE = 0.85
 # ratio of the largest to the smallest amplitude of 16 parts: 1.8 by noise at most once in a hundred
 # hums
-STEADY = 2.5
-MATTERS = 0.3  # of the channel's noise, below which a line changes no estimate
-OF_BIT = 0.5  # of the least bit: rounding of a periodic motion makes lines below that
+LARGEST_AMPLITUDE_RATIO = 2.5
+HUM_TO_NOISE = 0.3  # of the channel's noise, below which a line changes no estimate
+HUM_TO_BIT = 0.5  # of the least bit: rounding of a periodic motion makes lines below that
 # of an input's span, from which a line of one phase in it may be what the output answers to
-IN_INPUT = 1e-4
+INPUT_LINE_SHARE = 1e-4
 
 
 def hum(series: Series, inputs: Sequence[Series]) -> RecordFinding | None:
@@ -405,11 +407,15 @@ def hum(series: Series, inputs: Sequence[Series]) -> RecordFinding | None:
 
     A structural mode decays and follows its excitation; a hum does neither.
     """
-    series = replace(series, time=series.time[:LONGEST], values=series.values[:LONGEST])
+    series = replace(series, time=series.time[:MOST_SAMPLES], values=series.values[:MOST_SAMPLES])
     step = np.diff(series.time)
     usual = float(np.median(step)) if step.size else 0.0
     n = len(series.values)
-    if n < HUM_FEWEST or np.max(np.abs(step - usual)) > EVEN * usual or 0.5 / usual <= LOWEST:
+    if (
+        n < FEWEST_HUM_SAMPLES
+        or np.max(np.abs(step - usual)) > EVEN_TOLERANCE * usual
+        or 0.5 / usual <= LOWEST_HUM
+    ):
         return None
     # Differences take the motion down, which falls with frequency; what they do to a line is undone
     # below.
@@ -417,26 +423,26 @@ def hum(series: Series, inputs: Sequence[Series]) -> RecordFinding | None:
     window = np.hanning(len(bent) + 2)[1:-1]
     power = np.abs(np.fft.rfft(window * (bent - np.mean(bent)))) ** 2
     frequency = np.fft.rfftfreq(len(bent), usual)
-    first = int(np.searchsorted(frequency, LOWEST))
+    first = int(np.searchsorted(frequency, LOWEST_HUM))
     ratio = _over_floor(
         power / np.maximum(2.0 * np.sin(math.pi * frequency * usual), 1e-3) ** 4, first
     )
     if not ratio.size:
         return None
     peak = first + int(np.argmax(ratio))
-    if ratio[peak - first] < MARGIN * math.log(len(ratio) / HUM_CHANCE):
+    if ratio[peak - first] < FLOOR_SCATTER_FACTOR * math.log(len(ratio) / HUM_CHANCE):
         return None
     at = _refined(bent, usual, float(frequency[peak]), float(frequency[1]))
-    amplitude = float(abs(np.mean(_parts(bent, usual, at, PARTS))))
-    finer = n * (amplitude / max(series.noise, 1e-6 * amplitude)) ** 2 / FINER
+    amplitude = float(abs(np.mean(_parts(bent, usual, at, FEWEST_PARTS))))
+    finer = n * (amplitude / max(series.noise, 1e-6 * amplitude)) ** 2 / INFORMATION_PER_PART
     parts = _parts(
-        bent, usual, at, int(np.clip(min(finer, at * n * usual / 4.0), PARTS, MOST_PARTS))
+        bent, usual, at, int(np.clip(min(finer, at * n * usual / 4.0), FEWEST_PARTS, MOST_PARTS))
     )
     sizes = np.abs(parts)
     if (
-        _coherence(parts) < COHERENT
-        or np.max(sizes) > STEADY * np.min(sizes)
-        or amplitude < max(MATTERS * series.noise, OF_BIT * series.least_bit)
+        _coherence(parts) < LEAST_COHERENT_SHARE
+        or np.max(sizes) > LARGEST_AMPLITUDE_RATIO * np.min(sizes)
+        or amplitude < max(HUM_TO_NOISE * series.noise, HUM_TO_BIT * series.least_bit)
     ):
         return None
     if any(_in_input(other, at) for other in inputs):
@@ -458,21 +464,23 @@ def hum(series: Series, inputs: Sequence[Series]) -> RecordFinding | None:
 
 
 def _over_floor(power: np.ndarray, first: int) -> np.ndarray:
-    """Power of each frequency over the noise floor, from the median of its neighbours; from
-    ``first`` on, without the last.
+    """Return the power of each frequency over the noise floor, from the median of its neighbours;
+    from ``first`` on, without the last.
     """
-    some = power[first:-1]
-    if len(some) < AROUND:
+    above_lowest = power[first:-1]
+    if len(above_lowest) < FLOOR_BINS:
         return np.zeros(0)
-    padded = np.pad(some, AROUND, mode="reflect" if len(some) > AROUND else "edge")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * AROUND + 1)
-    beside = np.delete(windows, np.s_[AROUND - BESIDE : AROUND + BESIDE + 1], axis=1)
+    padded = np.pad(
+        above_lowest, FLOOR_BINS, mode="reflect" if len(above_lowest) > FLOOR_BINS else "edge"
+    )
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * FLOOR_BINS + 1)
+    beside = np.delete(windows, np.s_[FLOOR_BINS - LINE_BINS : FLOOR_BINS + LINE_BINS + 1], axis=1)
     floor = np.median(beside, axis=1) / math.log(2.0)
-    return np.asarray(some / np.maximum(floor, 1e-300))
+    return np.asarray(above_lowest / np.maximum(floor, 1e-300))
 
 
 def _refined(bent: np.ndarray, step: float, near: float, spacing: float) -> float:
-    """The line's frequency between two bins, Hz."""
+    """Return the line's frequency between two bins, Hz."""
     number = np.arange(len(bent))
     window = np.hanning(len(bent) + 2)[1:-1]
     grid = near + spacing * np.linspace(-1.0, 1.0, 41)
@@ -480,11 +488,11 @@ def _refined(bent: np.ndarray, step: float, near: float, spacing: float) -> floa
     return float(grid[int(np.argmax(np.abs(turn @ (window * bent))))])
 
 
-def _parts(bent: np.ndarray, step: float, at: float, count: int) -> np.ndarray:
+def _parts(bent: np.ndarray, step: float, line_frequency: float, count: int) -> np.ndarray:
     """Complex amplitude of the line in each part of a record; ``bent``: second differences."""
     number = np.arange(len(bent))
-    turned = bent * np.exp(-2j * math.pi * at * step * number)
-    gain = (2.0 * math.sin(math.pi * at * step)) ** 2
+    turned = bent * np.exp(-2j * math.pi * line_frequency * step * number)
+    gain = (2.0 * math.sin(math.pi * line_frequency * step)) ** 2
     parts = []
     for rows in np.array_split(number, count):
         weights = np.hanning(len(rows) + 2)[1:-1]
@@ -497,29 +505,27 @@ def _coherence(parts: np.ndarray) -> float:
     return float(abs(np.mean(parts)) ** 2) / power if power > 0.0 else 0.0
 
 
-def _in_input(other: Series, at: float) -> bool:
+def _in_input(other: Series, line_frequency: float) -> bool:
     """Whether an input has the line itself with one phase throughout, at its own sample rate."""
     step = float(np.median(np.diff(other.time)))
-    parts = _parts(np.diff(other.values[:LONGEST], 2), step, at, PARTS)
-    return abs(np.mean(parts)) > IN_INPUT * other.span and _coherence(parts) > 0.5
+    parts = _parts(np.diff(other.values[:MOST_SAMPLES], 2), step, line_frequency, FEWEST_PARTS)
+    return abs(np.mean(parts)) > INPUT_LINE_SHARE * other.span and _coherence(parts) > 0.5
 
 
 # ---- Channels whose noise ends at a frequency
 
-BAND_LIMITED_FEWEST = 256  # fewest samples
-BAND_LIMITED_LONGEST = 20_000  # most samples that are used
-BAND_LIMITED_EVEN = 0.02  # of the usual step, within which steps are even
-BANDS = 40  # of equal width, up to half the sample rate
+FEWEST_SPECTRUM_SAMPLES = 256
+BAND_COUNT = 40  # of equal width, up to half the sample rate
 # of the level below the cutoff, that no band above it exceeds: noise of a hundredth of the size
-EMPTY = 1e-4
+EMPTY_SHARE = 1e-4
 # Ratio of the first empty frequency to the last flat one. Power falls by 1e-4 within 1.8 behind
 # Butterworth filters of order 4 that run both ways; behind an analog filter of order 4, as
 # recorders have against aliasing, within 3.2.
-STEEP = 1.8
-LEAST_FLAT = 4  # fewest bands of noise of one level
-LEAST_EMPTY = 4  # fewest bands without noise
+CUTOFF_WIDTH_RATIO = 1.8
+FEWEST_FLAT_BANDS = 4  # fewest bands of noise of one level
+FEWEST_EMPTY_BANDS = 4  # fewest bands without noise
 BAND_LIMITED_CHANCE = 1e-3  # that a part of a flat spectrum is called uneven
-WIDENED = 2.0  # frequencies of a windowed spectrum for an independent one
+WINDOW_WIDENING = 2.0  # frequencies of a windowed spectrum for an independent one
 
 
 def band_limited(series: Series) -> RecordFinding | None:
@@ -528,23 +534,25 @@ def band_limited(series: Series) -> RecordFinding | None:
     None also for uneven or few samples. Filters that fall less steeply are not recognised, nor
     channels whose motion hides the noise.
     """
-    time, values = series.time[:BAND_LIMITED_LONGEST], series.values[:BAND_LIMITED_LONGEST]
+    time, values = series.time[:MOST_SAMPLES], series.values[:MOST_SAMPLES]
     step = np.diff(time)
     usual = float(np.median(step)) if step.size else 0.0
     if (
-        len(values) < BAND_LIMITED_FEWEST
-        or np.max(np.abs(step - usual)) > BAND_LIMITED_EVEN * usual
+        len(values) < FEWEST_SPECTRUM_SAMPLES
+        or np.max(np.abs(step - usual)) > EVEN_TOLERANCE * usual
     ):
         return None
-    levels, bins = _levels(values), len(values) / 2.0 / BANDS
-    for flat in range(BANDS - LEAST_EMPTY - 1, 2 * LEAST_FLAT - 1, -1):
+    levels, bins = _levels(values), len(values) / 2.0 / BAND_COUNT
+    for flat in range(BAND_COUNT - FEWEST_EMPTY_BANDS - 1, 2 * FEWEST_FLAT_BANDS - 1, -1):
         below = levels[flat // 2 : flat]
-        first = int(np.ceil(STEEP * flat))
-        above = levels[min(first, BANDS - LEAST_EMPTY) :]
-        if np.max(above) >= EMPTY * np.median(below) or not _flat(below, 2.0 * bins / WIDENED):
+        first = int(np.ceil(CUTOFF_WIDTH_RATIO * flat))
+        above = levels[min(first, BAND_COUNT - FEWEST_EMPTY_BANDS) :]
+        if np.max(above) >= EMPTY_SHARE * np.median(below) or not _flat(
+            below, 2.0 * bins / WINDOW_WIDENING
+        ):
             continue
-        cutoff = 0.5 * flat / BANDS / usual
-        share = flat / BANDS
+        cutoff = 0.5 * flat / BAND_COUNT / usual
+        share = flat / BAND_COUNT
         text = (
             f"has noise up to about {cutoff:.3g} Hz and none above, of {0.5 / usual:.3g} Hz that "
             "its samples could hold"
@@ -563,7 +571,7 @@ def band_limited(series: Series) -> RecordFinding | None:
 
 
 def _levels(values: np.ndarray) -> np.ndarray:
-    """Mean power in each band ``(BANDS,)``, from second differences and a low-leakage window."""
+    """Return the mean power in each of the bands, ``(BAND_COUNT,)``, of second differences."""
     bent = np.diff(values, 2)
     phase = 2.0 * np.pi * (np.arange(len(bent)) + 0.5) / len(bent)
     window = (
@@ -575,9 +583,10 @@ def _levels(values: np.ndarray) -> np.ndarray:
     power = np.abs(np.fft.rfft(window * (bent - np.mean(bent))))[1:] ** 2
     share = np.arange(1, len(power) + 1) / len(power)
     power = power / (2.0 * np.sin(0.5 * np.pi * share)) ** 4
-    band = np.minimum((BANDS * share).astype(int), BANDS - 1)
+    band = np.minimum((BAND_COUNT * share).astype(int), BAND_COUNT - 1)
     return np.asarray(
-        np.bincount(band, weights=power, minlength=BANDS) / np.bincount(band, minlength=BANDS)
+        np.bincount(band, weights=power, minlength=BAND_COUNT)
+        / np.bincount(band, minlength=BAND_COUNT)
     )
 
 

@@ -20,8 +20,8 @@ import numpy as np
 from ident.recording.distorted_channels import band_limited, clipped, hum, zero_steps
 from ident.recording.kinematic_relations import (
     DEGREES,
-    FLOOR,
     NZ_REMEDY,
+    POWER_FLOOR,
     RENAME,
     SHIFTS,
     UNITS,
@@ -46,7 +46,7 @@ from ident.recording.missing_samples import (
     stuck,
 )
 from ident.recording.series import (
-    FEWEST,
+    FEWEST_SAMPLES,
     Certainty,
     Expectations,
     FindingQuantity,
@@ -62,16 +62,16 @@ from sim.record import Channel, Record
 # ---- A time base that runs grossly fast or slow
 
 # unexplained share of the motion from which a clock is suspected (0.2 at twice the rate)
-SUSPECT = 0.12
-SUITS = 0.06  # share that a correct clock leaves at most
-CLEARLY = 4.0  # times less than as read
+SUSPECT_CLOCK_SHARE = 0.12
+CORRECT_CLOCK_SHARE = 0.06  # share that a correct clock leaves at most
+CLOCK_IMPROVEMENT_RATIO = 4.0  # times less than as read
 # of ln 2: scales of a sensor are nearer to one, and a clock that is less wrong is an effect for the
 # fit
-GROSS = 0.7
+GROSS_CLOCK_ERROR = 0.7
 PER_OCTAVE = 4  # clock rates tried in an octave
-OCTAVES = 4  # octaves that are searched
+SEARCHED_OCTAVES = 4
 # of a logarithm: starting values of a vehicle file and effects make up to a factor of two
-CLOSE = 0.7
+PLAUSIBLE_LOG_RATIO = 0.7
 
 
 def wrong_clock(
@@ -82,14 +82,18 @@ def wrong_clock(
     """
     factors = [
         2.0 ** (step / PER_OCTAVE)
-        for step in range(-PER_OCTAVE * OCTAVES, PER_OCTAVE * OCTAVES + 1)
+        for step in range(-PER_OCTAVE * SEARCHED_OCTAVES, PER_OCTAVE * SEARCHED_OCTAVES + 1)
         if step
     ]
     left = {
         factor: max(disagreement(columns.times({"time": factor})).values()) for factor in factors
     }
     best = min(left, key=lambda factor: left[factor])
-    if left[best] > SUITS or left[best] * CLEARLY > as_read or abs(math.log2(best)) < GROSS:
+    if (
+        left[best] > CORRECT_CLOCK_SHARE
+        or left[best] * CLOCK_IMPROVEMENT_RATIO > as_read
+        or abs(math.log2(best)) < GROSS_CLOCK_ERROR
+    ):
         return None
     numbers = {
         "factor": FindingQuantity(best, "1"),
@@ -104,7 +108,9 @@ def wrong_clock(
     # and is told by nz alone.
     attitude = {"theta", "alpha"} <= set(columns.outputs)
     by_rate = min(max(disagreement(columns.times({"q": factor})).values()) for factor in factors)
-    if (attitude and CLEARLY * left[best] < by_rate) or _control_agrees(columns, best, expected):
+    if (attitude and CLOCK_IMPROVEMENT_RATIO * left[best] < by_rate) or _control_agrees(
+        columns, best, expected
+    ):
         return RecordFinding(
             "time",
             Kind.TIME_BASE,
@@ -125,7 +131,7 @@ def wrong_clock(
 
 
 def _control_agrees(columns: KinematicColumns, factor: float, expected: Expectations) -> bool:
-    """Whether the control's power is that of the vehicle's data only with the other clock:
+    """Return whether the control's power is that of the vehicle's data only with the other clock:
     accelerations go with its square.
     """
     if expected.control_power is None or not expected.control_power or not expected.angular_control:
@@ -136,40 +142,40 @@ def _control_agrees(columns: KinematicColumns, factor: float, expected: Expectat
         if power is None or not sure(power) or power.value * expected.control_power <= 0.0:
             return False
         estimates.append(abs(math.log(power.value / expected.control_power)))
-    return estimates[1] < min(CLOSE, 0.5 * estimates[0])
+    return estimates[1] < min(PLAUSIBLE_LOG_RATIO, 0.5 * estimates[0])
 
 
 # ---- Columns that are not what their header says
 
 # Chosen between the two: records with any effect of the library leave 0.12 at most, a wrong column
 # 0.28 at least; the noise of a small motion leaves 0.1 of the right reading, too.
-WRONG = 0.2  # unexplained share from which a column is wrong
-RIGHT = 0.15  # largest unexplained share of a correct column
+WRONG_COLUMN_SHARE = 0.2  # unexplained share from which a column is wrong
+CORRECT_COLUMN_SHARE = 0.15  # largest unexplained share of a correct column
 RIGHT_WITH_CONTROL = 0.1  # the same where a control confirms it
 READINGS_CLEARLY = 4.0  # times less than as read, and than any reading of another kind
 # factor within which a control power is that of the vehicle's data; effects and starting values
 # differ by 2, degrees by 57
-NEAR = 3.0
+CONTROL_POWER_FACTOR = 3.0
 # Correlation of changes of nz and alpha: 0.88 at least with any effect of the library; a control
 # moves otherwise.
-TOGETHER = 0.85  # correlation from which two channels agree
-APART = 0.7  # correlation below which they do not
+AGREEING_CORRELATION = 0.85  # correlation from which two channels agree
+DISAGREEING_CORRELATION = 0.7  # correlation below which they do not
 # Rows of a lag: with two, a motion has four samples a period, and of 600 sound light aircraft one
 # was read as in ms.
-RESOLVED = 3
+FEWEST_ROWS_PER_LAG = 3
 # of twice the log likelihood: the level of significance is one in a thousand
 CHANCE = -2.0 * math.log(1e-3)
 # in rad, of a motion that linear equations describe
 SMALL_ANGLES = ("alpha", "elevator", "beta", "aileron", "rudder")
-LARGEST = 1.5  # rad, largest distance of an angle from its middle
-REACHED = 99.0  # percentile of the samples that must be within
+LARGEST_ANGLE = 1.5  # rad, largest distance of an angle from its middle
+ANGLE_PERCENTILE = 99.0  # percentile of the samples that must be within
 LEVEL = (9.0, 10.7)  # g, of a middle: level flight in m/s2, a little climbing, diving or turning
-LARGE = 0.6  # rad, of an angle of attack from end to end
+LARGEST_ALPHA_RANGE = 0.6  # rad, of an angle of attack from end to end
 
 
 def misread(record: Record, expected: Expectations) -> list[RecordFinding]:
-    """Columns that are certainly or probably mislabelled; empty if all are consistent or no
-    relation exists.
+    """Return the columns that are certainly or probably mislabelled; empty if all are consistent or
+    no relation exists.
     """
     far = [
         one
@@ -199,16 +205,16 @@ def _of_columns(columns: KinematicColumns, expected: Expectations) -> list[Recor
     shares = disagreement(columns)
     as_read = max(shares.values(), default=0.0)
     result = _of_lift(columns, as_read) or _of_angles(columns, as_read)
-    if result is None and as_read > SUSPECT:
+    if result is None and as_read > SUSPECT_CLOCK_SHARE:
         result = _best(columns, as_read, expected)
     if result is not None:
         return [result]
-    return _of_control(columns, expected) if shares and as_read <= WRONG else []
+    return _of_control(columns, expected) if shares and as_read <= WRONG_COLUMN_SHARE else []
 
 
 def _of_az(finding: RecordFinding) -> RecordFinding:
-    """The finding on nz in terms of its source column: in m/s2 for nz is a factor of g0, that of g
-    for az.
+    """Return the finding on nz in terms of its source column: in m/s2 for nz is a factor of g0,
+    that of g for az.
     """
     if finding.kind is Kind.UNIT and finding.channel == "nz":
         return replace(finding, channel="az", remedy="check the unit of az: m/s2 is meant")
@@ -220,12 +226,14 @@ def _of_az(finding: RecordFinding) -> RecordFinding:
 
 
 def _far(channel: Channel) -> RecordFinding | None:
-    """A flow angle or a control that moves too far for radians."""
+    """Return a flow angle or a control that moves too far for radians."""
     values = channel.values[channel.valid]
     reach = (
-        float(np.percentile(np.abs(values - np.median(values)), REACHED)) if len(values) else 0.0
+        float(np.percentile(np.abs(values - np.median(values)), ANGLE_PERCENTILE))
+        if len(values)
+        else 0.0
     )
-    if reach <= LARGEST:
+    if reach <= LARGEST_ANGLE:
         return None
     text = f"moves by {reach:.3g} rad ({math.degrees(reach):.3g} deg)"
     remedy = (
@@ -243,7 +251,7 @@ def _far(channel: Channel) -> RecordFinding | None:
 
 
 def _gravity(channel: Channel) -> RecordFinding | None:
-    """A load factor with a median of 9.8: level flight in m/s2."""
+    """Return a load factor with a median of 9.8: level flight in m/s2."""
     middle = float(np.median(channel.values[channel.valid]))
     if not LEVEL[0] < abs(middle) < LEVEL[1]:
         return None
@@ -285,7 +293,7 @@ def _of_lift(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
 
     together = goes_with_alpha(y["nz"])
     turned = max(disagreement(columns.times({"nz": -1.0})).values())
-    if together < -TOGETHER and turned < RIGHT and turned < as_read:
+    if together < -AGREEING_CORRELATION and turned < CORRECT_COLUMN_SHARE and turned < as_read:
         text = (
             f"has the sign turned: it falls when alpha rises (correlation {together:.2f}), and the "
             "kinematics hold better with the other sign"
@@ -298,12 +306,16 @@ def _of_lift(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
             "turn the sign of the column of nz",
             numbers={"correlation": FindingQuantity(together, "1")},
         )
-    if columns.control is None or together > APART or goes_with_alpha(columns.control) < TOGETHER:
+    if (
+        columns.control is None
+        or together > DISAGREEING_CORRELATION
+        or goes_with_alpha(columns.control) < AGREEING_CORRELATION
+    ):
         return None
     exchanged = columns.exchanged("nz", columns.control_name)
     other = max(disagreement(exchanged).values())
     if (
-        other > RIGHT
+        other > CORRECT_COLUMN_SHARE
         or READINGS_CLEARLY * other > as_read
         or not _likelier(unexplained_lift(columns), unexplained_lift(exchanged))
     ):
@@ -330,14 +342,14 @@ def _of_angles(columns: KinematicColumns, as_read: float) -> RecordFinding | Non
         "alpha" not in names
         or len(names) < 2
         or "nz" not in columns.outputs
-        or float(np.ptp(columns.outputs["alpha"])) < LARGE
+        or float(np.ptp(columns.outputs["alpha"])) < LARGEST_ALPHA_RANGE
     ):
         return None
     other = max(
         disagreement(columns.times({name: 1.0 / DEGREES for name in names})).values(),
         default=math.inf,
     )
-    if other > SUITS or READINGS_CLEARLY * other > as_read:
+    if other > CORRECT_CLOCK_SHARE or READINGS_CLEARLY * other > as_read:
         return None
     text = "are in degrees, not in radians: with nz the kinematics hold only so"
     return RecordFinding(
@@ -358,7 +370,7 @@ def _best(
         key=lambda one: one.left,
     )
     best = readings[0] if readings else None
-    if best is not None and as_read > WRONG and best.left * READINGS_CLEARLY < as_read:
+    if best is not None and as_read > WRONG_COLUMN_SHARE and best.left * READINGS_CLEARLY < as_read:
         near = [best, *(one for one in readings[1:] if one.left < READINGS_CLEARLY * best.left)]
         possible = [
             one for one in near if _implausible_as_read(one, columns, expected) is not False
@@ -378,7 +390,7 @@ def _best(
         # badly: only a sign is beyond that.
         plain = ("alpha" in columns.outputs or best.kind is Kind.SIGN) and lag_of(
             columns
-        ) >= RESOLVED
+        ) >= FEWEST_ROWS_PER_LAG
         shown = _implausible_as_read(best, columns, expected) is not None
         certainty = Certainty.CERTAIN if plain and shown else Certainty.LIKELY
         if rivals:
@@ -390,8 +402,8 @@ def _best(
 def _implausible_as_read(
     reading: ColumnReading, columns: KinematicColumns, expected: Expectations
 ) -> bool | None:
-    """Whether columns that a reading exchanges or turns are also implausible by what kinematics do
-    not use; None where nothing else is known.
+    """Return whether columns that a reading exchanges or turns are also implausible by what
+    kinematics do not use; None where nothing else is known.
 
     A sensor that is wrong, or a gust, spoils the kinematics too, and a controller makes an elevator
     in the shape of what it feeds back: that the kinematics hold for another column is not enough.
@@ -424,7 +436,7 @@ def _implausible_as_read(
 def _pitching(
     columns: KinematicColumns, expected: Expectations
 ) -> tuple[bool | None, ControlPower | None]:
-    """Whether the control power agrees with the vehicle file, None if unreliable; and that
+    """Return whether the control power agrees with the vehicle file, None if unreliable; and that
     power.
     """
     power = control_power(columns)
@@ -434,40 +446,44 @@ def _pitching(
 
 
 def _fits(power: float, expected: Expectations) -> bool:
-    """Whether a control power is that of the vehicle's data, or at least of its sign where only
-    that is known.
+    """Return whether a control power is that of the vehicle's data, or at least of its sign where
+    only that is known.
     """
     ratio = power / expected.control_power if expected.control_power else 0.0
-    return 1.0 / NEAR < ratio < NEAR or (ratio > 0.0 and not expected.angular_control)
+    return 1.0 / CONTROL_POWER_FACTOR < ratio < CONTROL_POWER_FACTOR or (
+        ratio > 0.0 and not expected.angular_control
+    )
 
 
 def _likelier(before: tuple[float, float] | None, after: tuple[float, float] | None) -> bool:
-    """Whether the second unexplained share is significantly smaller; each with its number of
+    """Return whether the second unexplained share is significantly smaller; each with its number of
     independent parts.
     """
     if before is None or after is None:
         return False
     return (
-        min(before[1], after[1]) * math.log(max(before[0], FLOOR) / max(after[0], FLOOR)) > CHANCE
+        min(before[1], after[1])
+        * math.log(max(before[0], POWER_FLOOR) / max(after[0], POWER_FLOOR))
+        > CHANCE
     )
 
 
 def _right(reading: ColumnReading, columns: KinematicColumns) -> float:
-    """Largest unexplained share of a correct reading; smaller where a control takes part, since
-    feedback makes it resemble the output.
+    """Return the largest unexplained share of a correct reading; smaller where a control takes
+    part, since feedback makes it resemble the output.
     """
     return (
         RIGHT_WITH_CONTROL
         if reading.kind is Kind.EXCHANGED and columns.control_name in reading.channel.split(" and ")
-        else RIGHT
+        else CORRECT_COLUMN_SHARE
     )
 
 
 def _by_control(
     rivals: Sequence[ColumnReading], expected: Expectations
 ) -> tuple[ColumnReading, list[ColumnReading]]:
-    """Of readings that the kinematics do not distinguish, those whose control power agrees with the
-    vehicle file.
+    """Return, of the readings that the kinematics do not distinguish, those whose control power
+    agrees with the vehicle file.
     """
     if expected.control_power is None:
         return rivals[0], list(rivals[1:])
@@ -480,7 +496,7 @@ def _by_control(
 
 
 def _of_control(columns: KinematicColumns, expected: Expectations) -> list[RecordFinding]:
-    """A control whose sign, or unit, is not that of the vehicle's data."""
+    """Return a control whose sign, or unit, is not that of the vehicle's data."""
     if expected.control_power is None or not expected.control_power:
         return []
     power = control_power(columns)
@@ -509,7 +525,10 @@ def _of_control(columns: KinematicColumns, expected: Expectations) -> list[Recor
                 numbers=numbers,
             )
         ]
-    if expected.angular_control and 1.0 / NEAR < ratio * DEGREES < NEAR:
+    if (
+        expected.angular_control
+        and 1.0 / CONTROL_POWER_FACTOR < ratio * DEGREES < CONTROL_POWER_FACTOR
+    ):
         remedy = f"name the column {name}_deg, or say its unit in a channel map"
         return [
             RecordFinding(
@@ -525,7 +544,7 @@ def _of_control(columns: KinematicColumns, expected: Expectations) -> list[Recor
 
 
 def _contradicted(columns: KinematicColumns, power: float) -> bool:
-    """Whether the control power has the other sign with nz in place of alpha."""
+    """Return whether the control power has the other sign with nz in place of alpha."""
     without = replace(
         columns,
         outputs={name: values for name, values in columns.outputs.items() if name != "alpha"},
@@ -559,11 +578,11 @@ def inspect(record: Record, expected: Expectations | None = None) -> tuple[Recor
     outputs = [
         series_of(record, channel)
         for channel in record.outputs
-        if np.count_nonzero(channel.valid) >= FEWEST
+        if np.count_nonzero(channel.valid) >= FEWEST_SAMPLES
     ]
     inputs = [series_of(record, channel) for channel in record.inputs]
     masked: dict[str, np.ndarray] = {}
-    result = missing_rows(record) if len(record) >= FEWEST else []
+    result = missing_rows(record) if len(record) >= FEWEST_SAMPLES else []
     for series in outputs:
         others = [other for other in outputs if other is not series]
         result += _samples(series, others, inputs, len(record), masked)
@@ -610,7 +629,7 @@ def _samples(
     count: int,
     masked: dict[str, np.ndarray],
 ) -> list[RecordFinding]:
-    """Findings that mask samples of one channel; a sample is masked once."""
+    """Return the findings that mask samples of one channel; a sample is masked once."""
     taken = np.zeros(count, dtype=bool)
     out = dropouts(series, count)
     for one in out:
@@ -634,8 +653,8 @@ def _samples(
 
 
 def _band_limited(series: Series, inputs: Sequence[RecordFinding]) -> RecordFinding | None:
-    """An output's end of the spectrum, unless that of an input explains it: a motion without noise
-    ends where what excites it does.
+    """Return an output's end of the spectrum, unless that of an input explains it: a motion without
+    noise ends where what excites it does.
     """
     result = band_limited(series)
     return (
@@ -655,7 +674,7 @@ def _mostly(mask: np.ndarray | None) -> bool:
 
 
 def _without(record: Record, masked: dict[str, np.ndarray]) -> Record:
-    """The record less its masked samples."""
+    """Return the record less its masked samples."""
     if not any(np.any(mask) for mask in masked.values()):
         return record
     outputs = tuple(

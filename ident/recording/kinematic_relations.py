@@ -18,26 +18,32 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ident.recording.series import FEWEST as FEWEST_SAMPLES
-from ident.recording.series import Certainty, Expectations, FindingQuantity, Kind, RecordFinding
+from ident.recording.series import (
+    FEWEST_SAMPLES,
+    Certainty,
+    Expectations,
+    FindingQuantity,
+    Kind,
+    RecordFinding,
+)
 from sim.maths import G0
 from sim.record import Channel, Record
 
 # ---- What the channels of one motion have to do with each other
 
 JOINED = ("alpha", "q", "nz", "theta")
-SLOWEST = 20.0  # m/s, lowest airspeed where it is unknown
-FASTEST = 400.0  # m/s, highest airspeed where it is unknown
-STIFFEST = 10.0  # 1/s: no aircraft's lift damps its angle of attack faster
-FEWEST = 40  # rows
-LONGEST = 3000  # rows that a comparison looks at
-HALF = 0.5  # autocorrelation at which a lag is half a rhythm
-FLOOR = 1e-30
+LOWEST_AIRSPEED = 20.0  # m/s, lowest airspeed where it is unknown
+HIGHEST_AIRSPEED = 400.0  # m/s, highest airspeed where it is unknown
+LARGEST_LIFT_DAMPING = 10.0  # 1/s: no aircraft's lift damps its angle of attack faster
+FEWEST_ROWS = 40
+MOST_ROWS = 3000  # rows that a comparison looks at
+HALF_PERIOD_CORRELATION = 0.5  # autocorrelation at which a lag is half a rhythm
+POWER_FLOOR = 1e-30
 # rows of a lag for a row between two samples of a channel: with fewer, straight lines between them
 # are not the motion
-SPARSE = 2
+FEWEST_ROWS_PER_LAG = 2
 SHIFTS = (0.0, 0.05, 0.1, 0.2)  # s: delays and lags of sensors
-LATE = 0.3  # s: delays, lags, and arms over the airspeed, which are effects of their own
+LONGEST_DELAY = 0.3  # s: delays, lags, and arms over the airspeed, which are effects of their own
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +69,7 @@ class KinematicColumns:
         )
 
     def exchanged(self, first: str, second: str) -> KinematicColumns:
-        """The columns with two channels exchanged."""
+        """Return the columns with two channels exchanged."""
         held = dict(self.outputs)
         if self.control is not None and self.control_name in (first, second):
             other = second if first == self.control_name else first
@@ -74,12 +80,12 @@ class KinematicColumns:
 
 
 def columns_of(record: Record, expected: Expectations) -> KinematicColumns | None:
-    """The channels that one motion joins; None where they are fewer than two or too short. ``az``
-    stands for nz as -az/g0.
+    """Return the channels that one motion joins; None where they are fewer than two or too short.
+    ``az`` stands for nz as -az/g0.
     """
-    if len(record) < FEWEST:
+    if len(record) < FEWEST_ROWS:
         return None
-    rows = slice(0, LONGEST)
+    rows = slice(0, MOST_ROWS)
     outputs = {name: _bridged(record, name)[rows] for name in JOINED if name in record.output_names}
     if "nz" not in outputs and "az" in record.output_names:
         outputs["nz"] = -_bridged(record, "az")[rows] / G0
@@ -103,11 +109,11 @@ def columns_of(record: Record, expected: Expectations) -> KinematicColumns | Non
     columns = KinematicColumns(
         record.time[rows], outputs, values, control.name if control is not None else "", over
     )
-    return columns if sparse * SPARSE <= lag_of(columns) else None
+    return columns if sparse * FEWEST_ROWS_PER_LAG <= lag_of(columns) else None
 
 
 def disagreement(columns: KinematicColumns) -> dict[str, float]:
-    """For each relation the unexplained share of its power: 0 if it holds, 1 if its sides are
+    """Return the unexplained share of the power of each relation: 0 if it holds, 1 if its sides are
     unrelated, up to 2.
     """
     lag = lag_of(columns)
@@ -119,7 +125,7 @@ def disagreement(columns: KinematicColumns) -> dict[str, float]:
 
 
 def relations(columns: KinematicColumns, lag: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Both sides of every relation that the columns allow, about their means, shape ``(N -
+    """Return both sides of every relation that the columns allow, about their means, shape ``(N -
     lag,)``.
     """
     y = columns.outputs
@@ -137,13 +143,19 @@ def relations(columns: KinematicColumns, lag: int) -> dict[str, tuple[np.ndarray
                 if over is not None
                 else float(
                     np.clip(
-                        _slope(sums["nz"], sums["q"] - moved["alpha"]), 9.8 / FASTEST, 9.8 / SLOWEST
+                        _slope(sums["nz"], sums["q"] - moved["alpha"]),
+                        9.8 / HIGHEST_AIRSPEED,
+                        9.8 / LOWEST_AIRSPEED,
                     )
                 )
             )
             out["alpha"] = (moved["alpha"], sums["q"] - factor * sums["nz"])
         else:
-            steep = float(np.clip(_slope(sums["alpha"], sums["q"] - moved["alpha"]), 0.0, STIFFEST))
+            steep = float(
+                np.clip(
+                    _slope(sums["alpha"], sums["q"] - moved["alpha"]), 0.0, LARGEST_LIFT_DAMPING
+                )
+            )
             out["alpha"] = (moved["alpha"], sums["q"] - steep * sums["alpha"])
     elif "q" in y and "nz" in y and columns.gravity_over_speed is not None:
         rate = sums["q"] - columns.gravity_over_speed * sums["nz"]
@@ -156,8 +168,8 @@ def relations(columns: KinematicColumns, lag: int) -> dict[str, tuple[np.ndarray
 
 
 def unexplained_lift(columns: KinematicColumns) -> tuple[float, float] | None:
-    """Share of the load's change that lift leaves, and the number of independent stretches it is
-    seen in; None without alpha or nz.
+    """Return the share of the load's change that lift leaves, and the number of independent
+    stretches it is seen in; None without alpha or nz.
 
     nz - nz_0 = a alpha + b delta with a >= |b|: lift rises with the angle of attack, and a surface,
     which is a part of the wing's or the tail's area, makes less of it per radian than the whole
@@ -185,23 +197,23 @@ def _share_of_lift(load: np.ndarray, flow: np.ndarray, surface: np.ndarray) -> f
     """
     load, flow, surface = (values - np.mean(values) for values in (load, flow, surface))
     power = float(load @ load)
-    if power <= FLOOR:
+    if power <= POWER_FLOOR:
         return 0.0
     both = np.stack([flow + surface, flow - surface])
     gram, right = both @ both.T, both @ load
     single = [
-        right[i] ** 2 / gram[i, i] if right[i] > 0.0 and gram[i, i] > FLOOR else 0.0
+        right[i] ** 2 / gram[i, i] if right[i] > 0.0 and gram[i, i] > POWER_FLOOR else 0.0
         for i in range(2)
     ]
     explained = max(single)
-    if np.linalg.det(gram) > FLOOR * max(gram[0, 0] * gram[1, 1], FLOOR):
+    if np.linalg.det(gram) > POWER_FLOOR * max(gram[0, 0] * gram[1, 1], POWER_FLOOR):
         factors = np.linalg.solve(gram, right)
         explained = float(factors @ right) if np.all(factors > 0.0) else explained
-    return max(1.0 - explained / power, FLOOR)
+    return max(1.0 - explained / power, POWER_FLOOR)
 
 
 def lag_of(columns: KinematicColumns) -> int:
-    """Rows over which the motion changes most: where its autocorrelation has halved."""
+    """Return the rows over which the motion changes most: where its autocorrelation has halved."""
     name = next((name for name in ("q", "alpha", "nz", "theta") if name in columns.outputs), None)
     if name is None:
         return 1
@@ -212,7 +224,8 @@ def lag_of(columns: KinematicColumns) -> int:
         (
             lag
             for lag in range(2, most)
-            if float(values[:-lag] @ values[lag:]) / (len(values) - lag) < HALF * first
+            if float(values[:-lag] @ values[lag:]) / (len(values) - lag)
+            < HALF_PERIOD_CORRELATION * first
         ),
         most - 1,
     )
@@ -223,17 +236,17 @@ def _share(left: np.ndarray, right: np.ndarray, along: np.ndarray) -> float:
     the change of ``along``) is fitted.
     """
     power = float(left @ left + right @ right)
-    if power <= FLOOR:
+    if power <= POWER_FLOOR:
         return 0.0
     off = left - right
-    off = off - float(np.clip(_slope(along, off), -LATE, LATE)) * along
+    off = off - float(np.clip(_slope(along, off), -LONGEST_DELAY, LONGEST_DELAY)) * along
     return float(off @ off) / power
 
 
 def _slope(x: np.ndarray, y: np.ndarray) -> float:
     x, y = x - np.mean(x), y - np.mean(y)
     power = float(x @ x)
-    return float(x @ y) / power if power > FLOOR else 0.0
+    return float(x @ y) / power if power > POWER_FLOOR else 0.0
 
 
 def change(values: np.ndarray, lag: int) -> np.ndarray:
@@ -256,14 +269,14 @@ def _from_record(record: Record, gravity: float) -> float | None:
     if "airspeed" not in record.output_names:
         return None
     speed = float(np.median(record["airspeed"].values[record["airspeed"].valid]))
-    return gravity / speed if speed > SLOWEST else None
+    return gravity / speed if speed > LOWEST_AIRSPEED else None
 
 
 # ---- Every simple way in which columns may be misread
 
 DEGREES = math.degrees(1.0)
 PACES = {1e-3: "ms", 1e-6: "us"}
-QUICKEST = 5e-4  # s: no recorder of an aircraft's motion takes more than 2000 samples a second
+SHORTEST_STEP = 5e-4  # s: no recorder of an aircraft's motion takes more than 2000 samples a second
 UNITS = {"alpha": "deg", "q": "deg/s", "theta": "deg"}
 RENAME = "give each column its own name, or a channel map"
 NZ_REMEDY = "name the column nz [m/s2], or say its unit in a channel map"
@@ -284,7 +297,7 @@ class ColumnReading:
 
 
 def all_readings(columns: KinematicColumns) -> list[ColumnReading]:
-    """Every simple fault that the columns could have."""
+    """Return every simple fault that the columns could have."""
     names, out = list(columns.outputs), []
     for name in names:
         out.append(
@@ -327,7 +340,7 @@ def all_readings(columns: KinematicColumns) -> list[ColumnReading]:
         )
     step = float(np.median(np.diff(columns.time)))
     for factor, unit in PACES.items():
-        if factor * step < QUICKEST:
+        if factor * step < SHORTEST_STEP:
             continue
         remedy = f"name the column time [{unit}], or say its unit in a channel map"
         out.append(
@@ -353,15 +366,16 @@ def _reading(
 # ---- The pitch acceleration that a recorded control makes
 
 CONTROL_LATE = (0.0, 0.04, 0.08, 0.12, 0.16, 0.2, 0.25, 0.3)  # s, delays and lags of controls
-SURE = 8.0  # standard deviations; one lag for one sample is a rough count of what is independent
+# standard deviations; one lag for one sample is a rough count of what is independent
+SIGNIFICANT_SIGMAS = 8.0
 # share of q's change: 0.79 at least in a hundred records with any effect of the library
-EXPLAINED = 0.8
+LEAST_EXPLAINED_SHARE = 0.8
 # of what the other sign leaves: at 10 samples a second 0.37 of a light aircraft with the wrong
 # sign, at 50 0.1 with the right one
-RIVALLED = 0.25
+LARGEST_OTHER_SIGN_SHARE = 0.25
 # rows of one lag: with fewer, a pulse that begins between two of them is worth as much as what the
 # control does
-RESOLVED = 4
+FEWEST_ROWS_PER_PULSE = 4
 CONTROL_FEWEST = 12  # independent stretches of one lag
 
 
@@ -391,7 +405,7 @@ def control_power(columns: KinematicColumns) -> ControlPower | None:
         return None
     lag = lag_of(columns)
     left = change(y["q"], lag)
-    if lag < RESOLVED or len(left) // lag < CONTROL_FEWEST:
+    if lag < FEWEST_ROWS_PER_PULSE or len(left) // lag < CONTROL_FEWEST:
         return None
     sums = [
         change(integral(columns.time, y[name] - np.mean(y[name])), lag) for name in (partner, "q")
@@ -418,17 +432,17 @@ def control_power(columns: KinematicColumns) -> ControlPower | None:
 
 
 def sure(power: ControlPower) -> bool:
-    """Whether sign and size of a control power can be relied on.
+    """Return whether sign and size of a control power can be relied on.
 
     A few samples of a fast motion are explained as well by a control that is late by half its
     period and works the other way, or by a motion that pitching feeds: of 1200 sound light aircraft
     at 8 to 50 samples a second one was told a turned sign so.
     """
-    unrivalled = 1.0 - power.explained < RIVALLED * (1.0 - power.opposed)
+    unrivalled = 1.0 - power.explained < LARGEST_OTHER_SIGN_SHARE * (1.0 - power.opposed)
     return (
         power.damped
-        and abs(power.value) > SURE * power.std
-        and power.explained > EXPLAINED
+        and abs(power.value) > SIGNIFICANT_SIGMAS * power.std
+        and power.explained > LEAST_EXPLAINED_SHARE
         and unrivalled
     )
 
@@ -468,16 +482,16 @@ def _delayed(time: np.ndarray, moved: np.ndarray, delay: float) -> np.ndarray:
 HEIGHT = "altitude"
 LENGTHS = {"ft": 0.3048, "km": 1000.0, "cm": 0.01, "mm": 0.001}
 # times less power than in metres, and than in any other unit: four times the amplitude
-CLEARLY = 16.0
+UNIT_POWER_RATIO = 16.0
 # share of the power about a straight line that the right unit leaves; noise and drag that varies
 # leave less
-RIGHT = 0.01
-SMOOTH = 40  # a velocity is the slope over two fortieths of the record
+CORRECT_UNIT_SHARE = 0.01
+VELOCITY_PARTS = 40  # a velocity is the slope over two fortieths of the record
 
 
 def height_unit(record: Record, expected: Expectations) -> list[RecordFinding]:
-    """A finding where a height that falls under ``expected.gravity`` obeys it in another unit than
-    metres, and not in metres.
+    """Return a finding where a height that falls under ``expected.gravity`` obeys it in another
+    unit than metres, and not in metres.
 
     Of h(t) in a unit of f metres, f h = c0 + c1 t - g t^2/2 + k D(t), where D is the double
     integral of -v |v| exp(-f h/H), v = f dh/dt, and the drag k is not negative. Near the terminal
@@ -494,7 +508,7 @@ def height_unit(record: Record, expected: Expectations) -> list[RecordFinding]:
         for unit, factor in LENGTHS.items()
     )
     (best, unit), (second, _) = result[:2]
-    if best > RIGHT or CLEARLY * best > min(as_read, second):
+    if best > CORRECT_UNIT_SHARE or UNIT_POWER_RATIO * best > min(as_read, second):
         return []
     text = (
         f"is in {unit}, not in m: it falls under gravity as heights in {unit} do (unexplained "
@@ -512,8 +526,8 @@ def height_unit(record: Record, expected: Expectations) -> list[RecordFinding]:
 def _unexplained(
     time: np.ndarray, channel: Channel, factor: float, expected: Expectations
 ) -> float:
-    """Share of a height's power about a straight line that gravity and drag leave, were its unit
-    ``factor`` metres.
+    """Return the share of a height's power about a straight line that gravity and drag leave, were
+    its unit ``factor`` metres.
     """
     t, y = time[channel.valid] - time[channel.valid][0], factor * channel.values[channel.valid]
     velocity = _height_unit_slope(t, y)
@@ -536,10 +550,10 @@ def _off(line: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def _height_unit_slope(t: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Slope of a line through the samples within a fortieth of the record on either side, by
-    running sums.
+    """Return the slope of a line through the samples within a fortieth of the record on either
+    side, by running sums.
     """
-    reach = max(2, len(t) // SMOOTH)
+    reach = max(2, len(t) // VELOCITY_PARTS)
     low = np.maximum(np.arange(len(t)) - reach, 0)
     high = np.minimum(np.arange(len(t)) + reach + 1, len(t))
     y = y - y[0]

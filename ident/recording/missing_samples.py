@@ -29,12 +29,12 @@ from sim.record import Record, instant, time_span
 
 # ---- Values that stand for no measurement: runs of exact zeros, and a fill value such as -999
 
-FAR = 8.0  # standard deviations of the noise between a zero and its neighbours on both sides
-BITS = 4.0
+ZERO_SIGMAS = 8.0  # of the noise, between a zero and its neighbours on both sides
+ZERO_BITS = 4.0
 OF_SPAN = 0.1  # of the channel's span without the zeros
-OUTSIDE = 5.0  # spans of all other samples, beyond which a value that comes twice is a fill value
-BRIEF = 0.1  # s: no commanded step to zero and back is as short
-FEW = 5  # samples
+FILL_VALUE_SPANS = 5.0  # spans of the other samples, beyond which a repeated value is a fill
+SHORTEST_PULSE = 0.1  # s: no commanded step to zero and back is as short
+MOST_ZEROS = 5  # samples in a row
 
 
 def dropouts(series: Series, count: int, *, is_input: bool = False) -> list[RecordFinding]:
@@ -51,7 +51,11 @@ def dropouts(series: Series, count: int, *, is_input: bool = False) -> list[Reco
         runs = runs_of(where)
         if is_input:
             runs = np.array(
-                [(b, e) for b, e in runs if e - b <= FEW and _lasts(series, b, e) <= BRIEF]
+                [
+                    (b, e)
+                    for b, e in runs
+                    if e - b <= MOST_ZEROS and _lasts(series, b, e) <= SHORTEST_PULSE
+                ]
             ).reshape(-1, 2)
             if not len(runs):
                 continue
@@ -100,7 +104,8 @@ def _zeros(series: Series) -> np.ndarray:
     if not np.any(zero) or np.all(zero):
         return where
     rest = values[~zero]
-    least = max(FAR * series.noise, BITS * series.least_bit, OF_SPAN * float(np.ptp(rest)), 1e-300)
+    noise = max(ZERO_SIGMAS * series.noise, ZERO_BITS * series.least_bit)
+    least = max(noise, OF_SPAN * float(np.ptp(rest)), 1e-300)
     for begin, end in runs_of(zero):
         if begin == 0 or end == len(values):
             continue
@@ -115,7 +120,7 @@ def _zeros(series: Series) -> np.ndarray:
 
 
 def _sudden(values: np.ndarray, begin: int, end: int, least: float) -> bool:
-    """Whether the step to zero is several times the steps before and after it."""
+    """Return whether the step to zero is several times the steps before and after it."""
     before = np.abs(np.diff(values[max(0, begin - 4) : begin]))
     after = np.abs(np.diff(values[end : end + 4]))
     usual = float(np.max(np.concatenate([before, after]))) if before.size + after.size else 0.0
@@ -140,7 +145,7 @@ def fill_value(values: np.ndarray, noise: float = 0.0) -> float | None:
             continue
         if (
             float(np.min(np.abs(rest - value)))
-            > OUTSIDE * max(float(np.ptp(rest)), 10.0 * noise)
+            > FILL_VALUE_SPANS * max(float(np.ptp(rest)), 10.0 * noise)
             > 0.0
         ):
             return value
@@ -153,11 +158,11 @@ def _lasts(series: Series, begin: int, end: int) -> float:
 
 # ---- Rows that are missing: gaps in time, told where an input moves across them
 
-EVEN = 0.05  # of the usual step, within which nine tenths of an even record's steps lie
-MISSING = 1.6  # usual steps: a longer step of an even record means missing rows
-UNEVEN = 4.0  # the same for an uneven record
-MOVES = 0.05  # of an input's span
-MOST = 1e15  # rows that are counted: a time that is wrong by more has no number of them
+EVEN_SAMPLING_TOLERANCE = 0.05  # of the usual step, for nine tenths of an even record's steps
+EVEN_GAP = 1.6  # usual steps: a longer step of an even record means missing rows
+UNEVEN_GAP = 4.0  # the same for an uneven record
+MOVING_INPUT_SHARE = 0.05  # of an input's span
+MOST_COUNTED_ROWS = 1e15  # a time that is wrong by more has no number of rows
 
 
 def missing_rows(record: Record) -> list[RecordFinding]:
@@ -166,10 +171,9 @@ def missing_rows(record: Record) -> list[RecordFinding]:
     """
     steps = np.diff(record.time)
     usual = float(np.median(steps))
-    even = float(np.mean(np.abs(steps - usual) < EVEN * usual)) > 0.9
-    least = (
-        MISSING * usual if even else max(UNEVEN * usual, 2.0 * float(np.percentile(steps, 98.0)))
-    )
+    even = float(np.mean(np.abs(steps - usual) < EVEN_SAMPLING_TOLERANCE * usual)) > 0.9
+    uneven = max(UNEVEN_GAP * usual, 2.0 * float(np.percentile(steps, 98.0)))
+    least = EVEN_GAP * usual if even else uneven
     gaps = np.flatnonzero(steps > least)
     if not gaps.size:
         return []
@@ -178,7 +182,7 @@ def missing_rows(record: Record) -> list[RecordFinding]:
         span = float(np.ptp(channel.values))
         if span > 0.0:
             lowest, highest = _range_about(channel.values, gaps)
-            moving |= highest - lowest > MOVES * span
+            moving |= highest - lowest > MOVING_INPUT_SHARE * span
     out = []
     for some, certainty, word in (
         (gaps[moving], Certainty.LIKELY, "while an input moves"),
@@ -194,7 +198,7 @@ def _rows_finding(
 ) -> RecordFinding:
     steps = np.diff(record.time)
     times = tuple((float(record.time[gap]), float(record.time[gap + 1])) for gap in gaps)
-    rows = int(np.sum(np.round(np.minimum(steps[gaps], MOST * usual) / usual) - 1))
+    rows = int(np.sum(np.round(np.minimum(steps[gaps], MOST_COUNTED_ROWS * usual) / usual) - 1))
     places = ", ".join(f"{time_span(begin, end, 4)}" for begin, end in times[:3])
     text = (
         f"misses about {rows} row(s) "
@@ -215,29 +219,29 @@ def _rows_finding(
 
 
 def _range_about(values: np.ndarray, gaps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest of the two samples on either side of each gap."""
+    """Return the least and greatest of the two samples on either side of each gap."""
     at = np.clip(gaps[:, None] + np.arange(-1, 3)[None, :], 0, len(values) - 1)
     return np.min(values[at], axis=1), np.max(values[at], axis=1)
 
 
 # ---- Runs of one value
 
-SHORTEST = 3  # repeats in a row: fewer cost nothing worth a word
-CHANCE = 1e-6  # of one such run in a record by chance
+FEWEST_REPEATS = 3  # repeats in a row: fewer cost nothing worth a word
+CHANCE_OF_RUN = 1e-6  # of one such run in a record by chance
 # updates without which no period is known; k^-14 is the chance that all of them fall on one phase
 # of k
-UPDATES = 15
-SLOWEST = 60  # samples of the longest period looked for
+FEWEST_UPDATES = 15
+LONGEST_PERIOD = 60  # samples of the longest period looked for
 ON_PHASE = 0.97  # share of changes on one phase; the rest are lost rows
 SEVERAL_BITS = 3.0  # least bits, beyond which a step is no flicker of the last digit
-JITTER = 0.4  # samples of scatter about an even clock of any period: rounding alone gives 0.3
+LARGEST_JITTER = 0.4  # samples about an even clock: rounding alone gives 0.3
 # Differences of Gaussian noise, half of which exceed b bits, repeat with probability 0.27/b; three
 # to four times as much is no chance.
-OFTEN = 1.0
+REPEAT_FACTOR = 1.0
 # share of the repeats that end with a step of several bits: those of a rest end with one
-ABRUPT = 0.7
-IRREGULAR = 0.05  # share of samples that repeat, from which updates that come anyhow are told
-LEAD = 0.5  # s, by which one output may move before another: delays and lags of sensors
+ABRUPT_END_SHARE = 0.7
+IRREGULAR_SHARE = 0.05  # share of repeated samples from which uneven updates are found
+LONGEST_OUTPUT_LEAD = 0.5  # s, by which one output may move before another: sensor lags
 REPEATS_MOVES = 6.0  # standard deviations of the noise and least bits that a motion exceeds
 INPUT_STEPS = 0.05  # of an input's span, from which its step may be what the channel answers
 CATCHES_UP = 3.0  # times the usual step
@@ -250,7 +254,7 @@ def held_samples(series: Series, count: int) -> RecordFinding | None:
     """
     same = np.diff(series.values) == 0.0
     changes = np.flatnonzero(~same) + 1
-    if len(changes) < UPDATES or np.count_nonzero(same) < UPDATES // 2:
+    if len(changes) < FEWEST_UPDATES or np.count_nonzero(same) < FEWEST_UPDATES // 2:
         return None
     steps = np.diff(series.values)[changes - 1]
     bits = float(np.median(np.abs(steps))) / series.least_bit if series.least_bit else math.inf
@@ -272,8 +276,8 @@ def held_samples(series: Series, count: int) -> RecordFinding | None:
     abrupt = [int(end - begin) for begin, end in runs_of(same) if leaves[end] > grid]
     if (
         not dense
-        or np.mean(same) < max(IRREGULAR, OFTEN / bits)
-        or sum(abrupt) < ABRUPT * np.count_nonzero(same)
+        or np.mean(same) < max(IRREGULAR_SHARE, REPEAT_FACTOR / bits)
+        or sum(abrupt) < ABRUPT_END_SHARE * np.count_nonzero(same)
     ):
         return None
     repeats = np.concatenate([[False], same])
@@ -283,7 +287,8 @@ def held_samples(series: Series, count: int) -> RecordFinding | None:
     if mean > 1.15 and len(usual) > 0.9 * len(lengths) and _even(changes, mean):
         return _held_finding(series, repeats, mean, count)
     short = [length for length in abrupt if length <= 2 * max(1.0, mean)]
-    if len(short) >= UPDATES and sum(short) > max(IRREGULAR, OFTEN / bits) * len(same):
+    repeated = max(IRREGULAR_SHARE, REPEAT_FACTOR / bits) * len(same)
+    if len(short) >= FEWEST_UPDATES and sum(short) > repeated:
         return _held_finding(series, repeats, mean, count, regular=False)
     return None
 
@@ -305,7 +310,7 @@ def stuck(
     runs = [
         (int(b), int(e))
         for b, e in runs_of(same)
-        if e - b >= SHORTEST and not np.any(taken[series.rows[b + 1 : e + 1]])
+        if e - b >= FEWEST_REPEATS and not np.any(taken[series.rows[b + 1 : e + 1]])
     ]
     chosen = [
         run
@@ -363,22 +368,22 @@ def _held_finding(
 def phase_period(changes: np.ndarray, count: int) -> int:
     """The longest period on one phase of which nearly all changes fall; 1 where there is none."""
     best = 1
-    for period in range(2, min(SLOWEST, count // UPDATES) + 1):
+    for period in range(2, min(LONGEST_PERIOD, count // FEWEST_UPDATES) + 1):
         if np.bincount(changes % period).max() >= ON_PHASE * len(changes):
             best = period
     return best
 
 
 def _even(changes: np.ndarray, mean: float) -> bool:
-    """Whether the changes fit an even clock of another rate, in blocks of a hundred."""
+    """Return whether the changes fit an even clock of another rate, in blocks of a hundred."""
     scatter = []
-    for begin in range(0, len(changes) - UPDATES + 1, 100):
+    for begin in range(0, len(changes) - FEWEST_UPDATES + 1, 100):
         some = changes[begin : begin + 100]
         number = np.round((some - some[0]) / mean)
-        if len(some) >= UPDATES:
+        if len(some) >= FEWEST_UPDATES:
             slope, level = np.polyfit(number, some, 1)
             scatter.append(float(np.std(some - slope * number - level)))
-    return bool(scatter) and max(scatter) < JITTER * max(1.0, 0.3 * mean)
+    return bool(scatter) and max(scatter) < LARGEST_JITTER * max(1.0, 0.3 * mean)
 
 
 def _impossible(series: Series, others: Sequence[Series], begin: int, end: int) -> bool:
@@ -392,21 +397,21 @@ def _impossible(series: Series, others: Sequence[Series], begin: int, end: int) 
             if series.least_bit
             else 0.0
         )
-        if len(values) * alike ** (end - begin) < CHANCE:
+        if len(values) * alike ** (end - begin) < CHANCE_OF_RUN:
             return True
     leaves = abs(float(values[end + 1] - values[end])) if end + 1 < len(values) else math.inf
     elsewhere = np.concatenate([np.diff(values[: begin + 1]), np.diff(values[end:])])
-    lively = len(elsewhere) >= UPDATES and float(np.mean(elsewhere == 0.0)) < 0.5
+    lively = len(elsewhere) >= FEWEST_UPDATES and float(np.mean(elsewhere == 0.0)) < 0.5
     return (
         lively
         and leaves > SEVERAL_BITS * series.least_bit
-        and time[end] - time[begin] > LEAD
-        and _moving(others, time[begin], time[end] - LEAD)
+        and time[end] - time[begin] > LONGEST_OUTPUT_LEAD
+        and _moving(others, time[begin], time[end] - LONGEST_OUTPUT_LEAD)
     )
 
 
 def _catches_up(series: Series, inputs: Sequence[Series], begin: int, end: int) -> bool:
-    """Whether a moving channel leaves its run with a step several times the usual one."""
+    """Return whether a moving channel leaves its run with a step several times the usual one."""
     values = series.values
     if series.white or begin == 0 or end + 2 >= len(values):
         return False
@@ -428,7 +433,7 @@ def _catches_up(series: Series, inputs: Sequence[Series], begin: int, end: int) 
 
 
 def _alive(others: Sequence[Series], begin: float, end: float) -> bool:
-    """Whether some other channel changes meanwhile, or there is none."""
+    """Return whether some other channel changes meanwhile, or there is none."""
     for other in others:
         inside = other.values[(other.time >= begin) & (other.time <= end)]
         if len(inside) > 1 and float(np.ptp(inside)) == 0.0:
@@ -457,16 +462,16 @@ def _between(times: Sequence[tuple[float, float]]) -> str:
 
 # ---- Channels that a recorder or an exporter has interpolated
 
-SINGLE = 2e-7  # of the largest value: files of single precision round to that
+SINGLE_SHARE = 2e-7  # of the largest value: files of single precision round to that
 # times the rounding that the bends at updates reach in the middle: white noise then looks straight
 # at one sample in ten
-BENT = 8.0
-BETWEEN = 4.0  # roundings: a sample bent by less than this is nearly straight
+BEND_TO_ROUNDING_RATIO = 8.0
+STRAIGHT_ROUNDINGS = 4.0  # roundings: a sample bent by less than this is nearly straight
 INTERPOLATED_FEW = 0.05  # largest share of nearly straight samples: noise leaves more of them
-STRAIGHT = 0.3  # share of straight samples where updates have no even clock
+STRAIGHT_SAMPLE_SHARE = 0.3  # share of straight samples where updates have no even clock
 INTERPOLATED_ON_PHASE = 0.97  # share of bends on their phases; lost rows shift the rest
 INTERPOLATED_EVEN = 0.02  # of the usual step, within which steps are even
-ANSWERED = 0.9  # share of the bends at changes of an input: the vehicle answers these
+ANSWERED_BEND_SHARE = 0.9  # share of the bends at changes of an input: the vehicle answers these
 
 
 @dataclass(frozen=True, eq=False)
@@ -487,7 +492,7 @@ def interpolated(
     Straight lines are found from an update every two samples on, at uneven updates every three;
     cubics from every four on, on an even clock.
     """
-    if len(series.values) < 2 * UPDATES:
+    if len(series.values) < 2 * FEWEST_UPDATES:
         return None
     result = _straight(series, inputs) or _cubic(series, inputs)
     if result is None:
@@ -514,8 +519,9 @@ def interpolated(
 
 
 def _rounding(series: Series) -> float:
-    """Largest rounding error of a sample from its printed digits."""
-    return max(0.51 * exact_step(series.values), SINGLE * float(np.max(np.abs(series.values))))
+    """Return the largest rounding error of a sample from its printed digits."""
+    largest = float(np.max(np.abs(series.values)))
+    return max(0.51 * exact_step(series.values), SINGLE_SHARE * largest)
 
 
 def _straight(series: Series, inputs: Sequence[Series]) -> _Pattern | None:
@@ -538,7 +544,7 @@ def _straight(series: Series, inputs: Sequence[Series]) -> _Pattern | None:
         fresh[int(np.bincount(at % period, minlength=period).argmax()) :: period] = True
         return _Pattern(fresh, float(period), "straight lines")
     pieces = runs_of(~bent)
-    if np.mean(~bent) < STRAIGHT or len(pieces) < UPDATES:
+    if np.mean(~bent) < STRAIGHT_SAMPLE_SHARE or len(pieces) < FEWEST_UPDATES:
         return None
     # Updates lie between two rows: of each line its first sample serves for the measurement beside
     # it.
@@ -557,7 +563,7 @@ def _cubic(series: Series, inputs: Sequence[Series]) -> _Pattern | None:
     at = np.flatnonzero(bent) + 2
     # Five samples cross an update at three places, next to each other; they are inside one piece at
     # the others.
-    for period in range(min(SLOWEST, len(off) // UPDATES), 3, -1):
+    for period in range(min(LONGEST_PERIOD, len(off) // FEWEST_UPDATES), 3, -1):
         phases = np.bincount(at % period, minlength=period)
         around = phases + np.roll(phases, 1) + np.roll(phases, -1)
         phase = int(np.argmax(around))
@@ -569,24 +575,24 @@ def _cubic(series: Series, inputs: Sequence[Series]) -> _Pattern | None:
 
 
 def _parted(off: np.ndarray, least: float, bent: np.ndarray) -> bool:
-    """Whether samples are either straight or bent by far more than their digits round."""
+    """Return whether samples are either straight or bent by far more than their digits round."""
     if (
-        np.count_nonzero(bent) < UPDATES
-        or np.count_nonzero(~bent) < UPDATES
-        or np.median(off[bent]) < BENT * least
+        np.count_nonzero(bent) < FEWEST_UPDATES
+        or np.count_nonzero(~bent) < FEWEST_UPDATES
+        or np.median(off[bent]) < BEND_TO_ROUNDING_RATIO * least
     ):
         return False
-    return bool(np.mean(bent & (off < BETWEEN * least)) < INTERPOLATED_FEW)
+    return bool(np.mean(bent & (off < STRAIGHT_ROUNDINGS * least)) < INTERPOLATED_FEW)
 
 
 def _answers(times: np.ndarray, inputs: Sequence[Series]) -> bool:
-    """Whether the bends coincide with changes of an input that is constant in between."""
+    """Return whether the bends coincide with changes of an input that is constant in between."""
     for other in inputs:
         changes = other.time[np.flatnonzero(np.diff(other.values))]
         if not changes.size or len(changes) > 0.7 * len(other.time):
             continue
         step = float(np.median(np.diff(other.time)))
         nearest = np.min(np.abs(times[:, None] - changes[None, :]), axis=1)
-        if np.mean(nearest < 2.6 * step) > ANSWERED and len(changes) < 2 * len(times):
+        if np.mean(nearest < 2.6 * step) > ANSWERED_BEND_SHARE and len(changes) < 2 * len(times):
             return True
     return False

@@ -9,7 +9,7 @@ from enum import Enum
 
 import numpy as np
 
-from ident.statistics.noise_levels import ROBUST, robust_sigma_about_zero
+from ident.statistics.noise_levels import SIGMA_PER_MEDIAN_DEVIATION, robust_sigma_about_zero
 from sim.record import Channel, Record, time_span
 
 # ---- What the raw columns of a record show: one finding, and how certain it is
@@ -113,7 +113,7 @@ class Expectations:
 
 
 def shown(value: float, unit: str) -> str:
-    """A value in the unit in which people read it: angles in degrees."""
+    """Return a value in the unit in which people read it: angles in degrees."""
     factor, label = (
         (180.0 / math.pi, unit.replace("rad", "deg", 1)) if unit.startswith("rad") else (1.0, unit)
     )
@@ -122,38 +122,38 @@ def shown(value: float, unit: str) -> str:
 
 # ---- One channel as it was sampled
 
-FEWEST = 20  # samples that a word on a channel needs
+FEWEST_SAMPLES = 20  # samples that a word on a channel needs
 # of the least bit, within which a value lies on its grid: what rounding of a conversion leaves is
 # far less
 ON_THE_GRID = 0.02
 # ratio of the noise by second and by fourth differences: 1 for white noise, 10 and more for motion
 # alone
-WHITE = 1.5
-RESOLVED = 0.7
+LARGEST_WHITE_RATIO = 1.5
+RESOLVED_BITS = 0.7
 # of a converter's step, within which nine tenths of the differences lie on its multiples; a fifth
 # of them by chance
-STEPPED = 0.1
+MULTIPLE_TOLERANCE = 0.1
 # share of the differences that rise or rest, and that fall or rest, in a signal that shows its
 # converter
 BOTH_WAYS = 0.05
 # steps of a converter up to which differences are compared: a calibration that drifts shifts larger
 # ones
-LATTICE = 3.5
+MOST_LATTICE_STEPS = 3.5
 # A converter behind a correction that moves on (an angle of attack brought to the c.g., an airspeed
 # worked out from two pressures): within a fifth of its step lie two fifths of any other
 # differences, .7 to .97 of the ATTAS records'.
-SPREAD = 0.2  # share of the quantisation step
-SHARE = 0.65  # share of differences within SPREAD that shows a step
+STEP_SCATTER_SHARE = 0.2  # share of the quantisation step
+STEP_DIFFERENCE_SHARE = 0.65  # share of differences within STEP_SCATTER_SHARE that shows a step
 MOST_OTHERS = 0.9  # largest share of other differences
-ENOUGH = 100  # fewest differences
+FEWEST_DIFFERENCES = 100
 # share of the differences of other sign than the one before: of a motion without noise hardly any
 # are
-TURNS = 0.2
+LEAST_TURN_SHARE = 0.2
 # of the usual difference: digits that are printed so coarsely have steps of their own
 FINE_DIGITS = 0.05
 # of a channel's span: the step of a converter of twenty bits, finer than any sensor's noise
-FINEST = 1e-6
-SMALLEST = 1e-9  # of a channel's span, below which a scatter is rounding
+FINEST_STEP_SHARE = 1e-6
+ROUNDING_SHARE = 1e-9  # of a channel's span, below which a scatter is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +186,7 @@ class Series:
         """Whether the noise is seen above the least bit. Rounding makes noise of a third of a bit
         look like 0.6.
         """
-        return self.white and self.noise > RESOLVED * self.least_bit
+        return self.white and self.noise > RESOLVED_BITS * self.least_bit
 
     @property
     def span(self) -> float:
@@ -202,7 +202,7 @@ def series_of(record: Record, channel: Channel) -> Series:
 
 
 def least_bit(values: np.ndarray) -> float:
-    """The step of the converter; 0 where the values show none.
+    """Return the step of the converter; 0 where the values show none.
 
     It is the largest step of which all differences between values are multiples (Euclid's algorithm
     on floats), or the coarser one of which neighbouring samples differ by multiples: a calibration
@@ -213,8 +213,8 @@ def least_bit(values: np.ndarray) -> float:
 
 
 def measurable_noise(level: float | None, values: Sequence[np.ndarray]) -> float | None:
-    """An estimate of a channel's noise that its samples can bear: at least the rounding of its
-    converter, step/sqrt(12); None where they show none.
+    """Return an estimate of a channel's noise that its samples can bear: at least the rounding of
+    its converter, step/sqrt(12); None where they show none.
 
     ``level``: the estimate, None where there is none. ``values``: the channel's valid samples in
     each record. An estimate below a millionth of the channel's span without a converter's step is
@@ -224,19 +224,19 @@ def measurable_noise(level: float | None, values: Sequence[np.ndarray]) -> float
         return None
     rounding = max((least_bit(each) for each in values if each.size), default=0.0) / math.sqrt(12.0)
     span = max((float(np.ptp(each)) for each in values if each.size), default=0.0)
-    return None if max(level, rounding) <= FINEST * span else max(level, rounding)
+    return None if max(level, rounding) <= FINEST_STEP_SHARE * span else max(level, rounding)
 
 
 def exact_step(values: np.ndarray) -> float:
-    """The largest step of which all differences between values are multiples: of a converter, or of
-    the digits that were printed.
+    """Return the largest step of which all differences between values are multiples: of a
+    converter, or of the digits that were printed.
     """
     levels = np.unique(values)
     if levels.size < 2:
         return 0.0
     steps = np.diff(levels)
     rounding = 64.0 * float(np.spacing(np.max(np.abs(levels))))
-    finest = max(SMALLEST * float(np.ptp(levels)), rounding / ON_THE_GRID)
+    finest = max(ROUNDING_SHARE * float(np.ptp(levels)), rounding / ON_THE_GRID)
     steps = steps[steps > rounding]
     bit = float(np.min(steps)) if steps.size else 0.0
     while bit > finest:
@@ -249,61 +249,62 @@ def exact_step(values: np.ndarray) -> float:
 
 
 def _converter_step(values: np.ndarray, exact: float) -> float:
-    """The step of which small differences of neighbouring samples are multiples within a tenth of
-    it; 0 where there is none.
+    """Return the step of which small differences of neighbouring samples are multiples within a
+    tenth of it; 0 where there is none.
     """
     differences = np.diff(values)
     sizes = np.abs(differences)
     if (
-        sizes.size < FEWEST
+        sizes.size < FEWEST_SAMPLES
         or min(np.mean(differences >= 0.0), np.mean(differences <= 0.0)) < BOTH_WAYS
     ):
         # a signal that only rises or falls has steps of its rate, which say nothing of a converter
         return 0.0
-    least = max(3.0 * exact, SMALLEST * float(np.ptp(values)))
+    least = max(3.0 * exact, ROUNDING_SHARE * float(np.ptp(values)))
     moving = np.sort(sizes[sizes > least])
-    if moving.size < FEWEST:
+    if moving.size < FEWEST_SAMPLES:
         return 0.0
     starts = np.quantile(moving, (0.02, 0.1, 0.2, 0.3, 0.4, 0.5))
     result = max(_lattice_step(sizes, start) for start in starts.tolist())
     turning = float(np.mean(differences[1:] * differences[:-1] < 0.0))
     return result or (
         _blurred_step(moving)
-        if exact < FINE_DIGITS * float(np.median(moving)) and turning > TURNS
+        if exact < FINE_DIGITS * float(np.median(moving)) and turning > LEAST_TURN_SHARE
         else 0.0
     )
 
 
 def _lattice_step(sizes: np.ndarray, step: float) -> float:
-    """The step near a first guess on whose multiples nine tenths of the smaller sizes lie; 0 where
-    they do not.
+    """Return the step near a first guess on whose multiples nine tenths of the smaller sizes lie; 0
+    where they do not.
     """
     near, count = sizes, sizes
     for _ in range(3):
-        near = sizes[sizes < LATTICE * step]
+        near = sizes[sizes < MOST_LATTICE_STEPS * step]
         count = np.round(near / step)
-        if np.count_nonzero(count) < FEWEST:
+        if np.count_nonzero(count) < FEWEST_SAMPLES:
             return 0.0
         step = float(count @ near / (count @ count))
     several = len(np.unique(count[count > 0.0])) > 1
-    return step if several and np.mean(np.abs(near / step - count) < STEPPED) > 0.9 else 0.0
+    whole = np.abs(near / step - count) < MULTIPLE_TOLERANCE
+    return step if several and np.mean(whole) > 0.9 else 0.0
 
 
 def _blurred_step(moving: np.ndarray) -> float:
-    """The step on whose multiples, blurred by a correction behind the converter, most sizes lie; 0
-    where there is none.
+    """Return the step on whose multiples, blurred by a correction behind the converter, most sizes
+    lie; 0 where there is none.
 
     ``moving``: sizes of differences, zeros left out. The step is at most three times smaller than
     they usually are, and two multiples of it or more occur: a triangle has one.
     """
     usual = float(np.median(moving))
-    best, result = SHARE, 0.0
-    for step in np.geomspace(usual / LATTICE, 2.0 * usual, 100).tolist():
-        ratio = moving[moving < LATTICE * step] / step
-        if ratio.size < ENOUGH:
+    best, result = STEP_DIFFERENCE_SHARE, 0.0
+    for step in np.geomspace(usual / MOST_LATTICE_STEPS, 2.0 * usual, 100).tolist():
+        ratio = moving[moving < MOST_LATTICE_STEPS * step] / step
+        if ratio.size < FEWEST_DIFFERENCES:
             continue
         count = np.round(ratio)
-        inside = np.abs(ratio - count) < SPREAD
+        inside = np.abs(ratio - count) < STEP_SCATTER_SHARE
         share, occurring = float(np.mean(inside)), np.bincount(count[inside].astype(int))
         if share > best and np.max(occurring) < MOST_OTHERS * np.sum(occurring):
             best, result = share, step
@@ -323,23 +324,23 @@ def scaled_differences(time: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def fourth_differences(time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Differences of the second differences, scaled to the noise of one sample where sampling is
-    even; ``(n - 4,)``.
+    """Return the differences of the second differences, scaled to the noise of one sample where
+    sampling is even; ``(n - 4,)``.
     """
     second = scaled_differences(time, values) * np.sqrt(1.5)
     return (second[1:-1] - 0.5 * (second[:-2] + second[2:])) * np.sqrt(16.0 / 70.0)
 
 
 def _noise(time: np.ndarray, values: np.ndarray) -> tuple[float, bool]:
-    if values.size < FEWEST:
+    if values.size < FEWEST_SAMPLES:
         return 0.0, False
     second, fourth = scaled_differences(time, values), fourth_differences(time, values)
     second, fourth = second[np.isfinite(second)], fourth[np.isfinite(fourth)]
-    if fourth.size < FEWEST // 2:
+    if fourth.size < FEWEST_SAMPLES // 2:
         return 0.0, False
     by_second, by_fourth = robust_sigma_about_zero(second), robust_sigma_about_zero(fourth)
-    real = by_fourth > SMALLEST * float(np.ptp(values))
-    return (by_fourth if real else 0.0), bool(real and by_second < WHITE * by_fourth)
+    real = by_fourth > ROUNDING_SHARE * float(np.ptp(values))
+    return (by_fourth if real else 0.0), bool(real and by_second < LARGEST_WHITE_RATIO * by_fourth)
 
 
 def runs_of(same: np.ndarray) -> np.ndarray:
@@ -351,33 +352,33 @@ def runs_of(same: np.ndarray) -> np.ndarray:
 # ---- The least bit against the noise
 
 # least bits over noise: below it rounding adds a twelfth of the noise's variance at most
-COARSE = 1.0
-DISTINCT = 4  # levels, fewer of which make no measurement
+COARSE_STEP_BITS = 1.0
+FEWEST_LEVELS = 4  # levels, fewer of which make no measurement
 PARTS = (8, 4)
-BITS = 2.0  # least bits of noise, below which a median of its size is one of few levels
+COARSE_NOISE_BITS = 2.0  # least bits of noise, below which its median takes few levels
 NOISE_LEVEL_FEWEST = 30  # samples of a part
-FACTOR = 2.0  # chosen: weights that are wrong by four in the variance are worth a word
+NOTABLE_NOISE_RATIO = 2.0  # chosen: weights that are wrong by four in the variance are worth a word
 # Scatter of the logarithm of a robust sigma of n fourth differences, times sqrt(n): 1.17 for
 # independent ones, 1.58 by simulation for these.
-SCATTER = 1.6
+LOG_SCATTER = 1.6
 # of its standard deviations, between the quietest and the loudest of eight parts: by chance once in
 # 5000 channels
-SURE = 4.5
+UNEVEN_SIGMAS = 4.5
 # chosen: a sample four times as uncertain as others carries a sixteenth of their information and
 # weighs as much in a fit
-LOUD = 4.0
-WINDOW = 25  # samples to both sides, over which a local level is taken
-MOST = 0.5  # of a channel may be set aside: beyond it the loud part is the record
+LOUD_SAMPLE_RATIO = 4.0
+LOCAL_LEVEL_SAMPLES = 25  # samples to both sides, over which a local level is taken
+MOST_SET_ASIDE = 0.5  # of a channel may be set aside: beyond it the loud part is the record
 # ratio of the noise by second and fourth differences, beyond which a part shows motion
-MOTION = 1.4
+MOTION_NOISE_RATIO = 1.4
 
 
 def coarse(series: Series) -> RecordFinding | None:
-    """A note where the least bit is coarse against the noise, so that residuals are rounding and
-    not Gaussian.
+    """Return a note where the least bit is coarse against the noise, so that residuals are rounding
+    and not Gaussian.
     """
     bit = series.least_bit
-    if not bit or series.span < DISTINCT * bit or bit < COARSE * series.noise:
+    if not bit or series.span < FEWEST_LEVELS * bit or bit < COARSE_STEP_BITS * series.noise:
         return None
     text = (
         f"has a least bit of {shown(bit, series.unit)}, coarse against its noise: smaller things "
@@ -419,14 +420,14 @@ def changing_noise(
     series: Series, count: int, inputs: Sequence[Series] = (), others: Sequence[Series] = ()
 ) -> RecordFinding | None:
     """Noise of one part of a record ``count`` rows long that is several times that of another: from
-    ``LOUD`` times on its samples are named.
+    ``LOUD_SAMPLE_RATIO`` times on its samples are named.
 
     Roughness that the motion or an input can have made is no noise of the sensor: a loud part
     counts where the motion is slow against the sampling, or against a quiet part that moved as
     much; and only by as much as no ``inputs`` were rougher there. Where ``others``, the remaining
     outputs, became rougher in the same part, it is the air or the structure.
     """
-    if not series.white or series.noise < BITS * series.least_bit:
+    if not series.white or series.noise < COARSE_NOISE_BITS * series.least_bit:
         return None
     for parts in PARTS:
         result = _between_parts(
@@ -438,7 +439,7 @@ def changing_noise(
 
 
 def _parts(series: Series, parts: int, inputs: Sequence[Series]) -> list[_NoisePart]:
-    """The parts of a channel that have enough samples."""
+    """Return the parts of a channel that have enough samples."""
     second = scaled_differences(series.time, series.values)[1:-1]
     fourth = fourth_differences(series.time, series.values)
     out = []
@@ -449,10 +450,10 @@ def _parts(series: Series, parts: int, inputs: Sequence[Series]) -> list[_NoiseP
         level = max(
             robust_sigma_about_zero(fourth[rows][finite]),
             0.5 * series.least_bit,
-            SMALLEST * series.span,
+            ROUNDING_SHARE * series.span,
         )
         if level > 0.0:
-            white = robust_sigma_about_zero(second[rows][finite]) < MOTION * level
+            white = robust_sigma_about_zero(second[rows][finite]) < MOTION_NOISE_RATIO * level
             begin, end = float(series.time[rows[0]]), float(series.time[rows[-1] + 4])
             steps, rough4 = np.diff(series.values[rows[0] : rows[-1] + 5]), fourth[rows][finite]
             power = float(np.mean(steps**2) - 2.0 * np.mean(rough4**2))
@@ -476,8 +477,8 @@ def _parts(series: Series, parts: int, inputs: Sequence[Series]) -> list[_NoiseP
 
 
 def _roughness(other: Series, begin: float, end: float) -> float:
-    """Size of the fourth differences of a channel between two times, half a step of its converter
-    at least.
+    """Return the size of the fourth differences of a channel between two times, half a step of its
+    converter at least.
     """
     inside = (other.time >= begin) & (other.time <= end)
     if np.count_nonzero(inside) < NOISE_LEVEL_FEWEST // 2:
@@ -499,9 +500,12 @@ def _beyond_inputs(quiet: _NoisePart, loud: _NoisePart) -> float:
 
 
 def _shared(quiet: _NoisePart, loud: _NoisePart, others: Sequence[Series]) -> bool:
-    """Whether another output is rougher as well, by more than its roughness scatters."""
+    """Return whether another output is rougher as well, by more than its roughness scatters."""
     least = max(
-        FACTOR, float(np.exp(SURE * SCATTER * np.sqrt(1.0 / quiet.samples + 1.0 / loud.samples)))
+        NOTABLE_NOISE_RATIO,
+        float(
+            np.exp(UNEVEN_SIGMAS * LOG_SCATTER * np.sqrt(1.0 / quiet.samples + 1.0 / loud.samples))
+        ),
     )
     return any(
         _roughness(other, *loud.times) > least * _roughness(other, *quiet.times) > 0.0
@@ -510,12 +514,12 @@ def _shared(quiet: _NoisePart, loud: _NoisePart, others: Sequence[Series]) -> bo
 
 
 def _sure(quiet: _NoisePart, loud: _NoisePart) -> bool:
-    """Whether the noise of a part is larger than that of another by more than its estimates
+    """Return whether the noise of a part is larger than that of another by more than its estimates
     scatter.
     """
     ratio = _beyond_inputs(quiet, loud)
-    scatter = SCATTER * np.sqrt(1.0 / quiet.samples + 1.0 / loud.samples)
-    return bool(ratio >= FACTOR and np.log(ratio) >= SURE * scatter)
+    scatter = LOG_SCATTER * np.sqrt(1.0 / quiet.samples + 1.0 / loud.samples)
+    return bool(ratio >= NOTABLE_NOISE_RATIO and np.log(ratio) >= UNEVEN_SIGMAS * scatter)
 
 
 def _between_parts(
@@ -548,7 +552,7 @@ def _between_parts(
     between = float(np.sqrt(low.level * high.level))
     above = [loud.level for _, loud in pairs if loud.level > between]
     below = [one.level for one in result if one.level <= between]
-    if np.median(above) > LOUD * np.median(below):
+    if np.median(above) > LOUD_SAMPLE_RATIO * np.median(below):
         loud = _loud(fourth_differences(series.time, series.values), between, len(series.values))
         moved = [
             one
@@ -556,7 +560,7 @@ def _between_parts(
             if one.level > between and not any(one is other for _, other in pairs)
         ]
         mask[series.rows[loud & ~_inside(series.time, moved)]] = True
-    if 0.0 < np.count_nonzero(mask) < MOST * len(series.values):
+    if 0.0 < np.count_nonzero(mask) < MOST_SET_ASIDE * len(series.values):
         return RecordFinding(
             series.name,
             Kind.NOISE_LEVEL,
@@ -577,7 +581,7 @@ def _between_parts(
 
 
 def _inside(time: np.ndarray, parts: Sequence[_NoisePart]) -> np.ndarray:
-    """Whether times lie in one of the parts."""
+    """Return whether times lie in one of the parts."""
     inside = np.zeros(len(time), dtype=bool)
     for one in parts:
         inside |= (time >= one.times[0]) & (time <= one.times[1])
@@ -585,11 +589,11 @@ def _inside(time: np.ndarray, parts: Sequence[_NoisePart]) -> np.ndarray:
 
 
 def _loud(fourth: np.ndarray, above: float, count: int) -> np.ndarray:
-    """Samples, of ``count``, at which the noise over a short window is above a level."""
+    """Return the samples, of ``count``, at which the noise over a short window is above a level."""
     finite = np.isfinite(fourth)
-    padded = np.pad(np.where(finite, np.abs(fourth), np.nan), WINDOW, mode="reflect")
-    local = ROBUST * np.nanmedian(
-        np.lib.stride_tricks.sliding_window_view(padded, 2 * WINDOW + 1), axis=1
+    padded = np.pad(np.where(finite, np.abs(fourth), np.nan), LOCAL_LEVEL_SAMPLES, mode="reflect")
+    local = SIGMA_PER_MEDIAN_DEVIATION * np.nanmedian(
+        np.lib.stride_tricks.sliding_window_view(padded, 2 * LOCAL_LEVEL_SAMPLES + 1), axis=1
     )
     loud = np.zeros(count, dtype=bool)
     loud[2 : len(local) + 2] = local > above

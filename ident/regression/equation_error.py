@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from ident.estimate import LARGEST, Estimate, Outcome
+from ident.estimate import LARGEST_NUMBER, Estimate, Outcome
 from ident.regression.state_histories import StateData, state_data, windows
 from ident.statistics.intervals import (
     UNDETERMINED,
@@ -41,12 +41,13 @@ from sim.propagation import drive_from_record, make_grid, propagate
 from sim.record import Channel, Record
 
 SIMULATED_STEP = 0.02  # s, of the simulation that gives instruments
-RUNAWAY = 3.0  # scatters of a state by which its simulation may leave the record and still serve
+# scatters of a state by which its simulation may leave the record and still serve
+RUNAWAY_SCATTERS = 3.0
 # at least squares and at the first estimate without its bias: a better instrument is no better
 # estimate
-SIMULATIONS = 2
+BIAS_SIMULATIONS = 2
 NARROWER = (1.0, 0.5, 0.25, 0.125)  # shares of a slope's window that are tried with instruments
-PAIRS = 6  # of added noise and its negative, from which the bias of least squares is found
+NOISE_PAIRS = 6  # of added noise and its negative, from which the bias of least squares is found
 
 
 @dataclass(frozen=True)
@@ -216,8 +217,8 @@ def _evaluate(
     *,
     slopes: bool = True,
 ) -> list[_Equations] | None:
-    """Residuals of all records; ``histories`` in place of the smoothed states, the biases of their
-    sensors taken off already. Without ``slopes`` the jacobians are zero.
+    """Return the residuals of all records; ``histories`` in place of the smoothed states, the
+    biases of their sensors taken off already. Without ``slopes`` the jacobians are zero.
     """
     with np.errstate(all="ignore"):
         parts = [
@@ -231,7 +232,8 @@ def _evaluate(
             for r in range(len(layout.records))
         ]
     sound = all(
-        np.all(np.abs(part.residual) < LARGEST) and np.all(np.abs(part.jacobian) < LARGEST)
+        np.all(np.abs(part.residual) < LARGEST_NUMBER)
+        and np.all(np.abs(part.jacobian) < LARGEST_NUMBER)
         for part in parts
     )
     return parts if sound else None
@@ -312,8 +314,8 @@ def _inputs(record: Record, system: System, p: Sequence[Any]) -> tuple[list[Any]
 
 
 def _averaged(slope: np.ndarray, first: np.ndarray, increments: np.ndarray) -> np.ndarray:
-    """What the slope weights ``(N, W)`` make of a signal with the given increments between rows,
-    ``(N, c)``.
+    """Apply the slope weights ``(N, W)`` to a signal with the given increments between rows, ``(N,
+    c)``.
     """
     from scipy.sparse import csr_array
 
@@ -358,8 +360,8 @@ def _descend(
     high: np.ndarray,
     parts: list[_Equations],
 ) -> tuple[np.ndarray, list[_Equations], float]:
-    """The step, halved until the cost does not rise; the point, its residuals, and the share of the
-    step that was taken.
+    """Return the step, halved until the cost does not rise; the point, its residuals, and the share
+    of the step that was taken.
     """
     cost, share, resolved = _cost(parts), 1.0, unresolved(float(_variances(parts)[1].sum()))
     for _ in range(12):
@@ -421,8 +423,8 @@ def _with_instruments(
     done: int,
     settings: RegressionSettings,
 ) -> Estimate:
-    """The estimate with instrumental variables, or the corrected one of least squares where a
-    simulation does not stay with the records.
+    """Return the estimate with instrumental variables, or the corrected one of least squares where
+    a simulation does not stay with the records.
     """
     squares = _finished(layout, theta, parts, outcome, done, replace(settings, coloured=False))
     settled = squares.outcome is Outcome.CONVERGED
@@ -460,7 +462,7 @@ def _instrumental(
     outcome, done = Outcome.MAX_ITERATIONS, 0
     while True:
         done += 1
-        again = _simulated(layout, theta) if 1 < done <= SIMULATIONS else simulated
+        again = _simulated(layout, theta) if 1 < done <= BIAS_SIMULATIONS else simulated
         posed = None if again is None else _normal_problem(layout, theta, again)
         if again is None or posed is None:
             return None
@@ -493,8 +495,8 @@ class _NormalProblem:
 def _normal_problem(
     layout: _Layout, theta: np.ndarray, simulated: list[list[np.ndarray]]
 ) -> _NormalProblem | None:
-    """The equations of instrumental variables at ``theta``; None where they are not finite or not
-    regular.
+    """Return the equations of instrumental variables at ``theta``; None where they are not finite
+    or not regular.
     """
     measured = _evaluate(
         layout, theta, [_measured(layout, r, theta) for r in range(len(layout.records))]
@@ -523,8 +525,8 @@ def _sharpest(
     simulated: list[list[np.ndarray]],
     settings: RegressionSettings,
 ) -> _Layout:
-    """The layout with slopes over those windows, of several widths, with which the covariance of
-    the shared parameters is least.
+    """Return the layout with slopes over those windows, of several widths, with which the
+    covariance of the shared parameters is least.
 
     Wide windows leave little noise in a slope, but noise that is much alike from sample to sample;
     other equations then count too little.
@@ -549,8 +551,8 @@ def _sharpest(
 
 
 def _narrower(record: Record, state: StateData, share: float) -> StateData:
-    """The state with its slopes over windows of a ``share`` of the half width, of two samples at
-    least.
+    """Return the state with its slopes over windows of a ``share`` of the half width, of two
+    samples at least.
     """
     half = (state.slopes.value.shape[1] - 1) // 2
     width = max(2, round(share * half))
@@ -581,7 +583,7 @@ def _parameters(layout: _Layout, r: int, theta: np.ndarray) -> np.ndarray:
 
 def _simulated(layout: _Layout, theta: np.ndarray) -> list[list[np.ndarray]] | None:
     """States of all records simulated from their first smoothed ones; None where one leaves its
-    record by ``RUNAWAY`` of its scatter.
+    record by ``RUNAWAY_SCATTERS`` of its scatter.
     """
     out = []
     for r, (record, data) in enumerate(zip(layout.records, layout.data, strict=True)):
@@ -603,7 +605,9 @@ def _simulated(layout: _Layout, theta: np.ndarray) -> list[list[np.ndarray]] | N
             )
         ]
         for here, there in zip(states, measured, strict=True):
-            if not np.all(np.isfinite(here)) or np.std(here - there) > RUNAWAY * np.std(there):
+            if not np.all(np.isfinite(here)) or np.std(here - there) > RUNAWAY_SCATTERS * np.std(
+                there
+            ):
                 return None
         out.append(states)
     return out
@@ -620,7 +624,7 @@ def _less_bias(
     """
     rng, n = np.random.default_rng(0), len(layout.shared)
     moves = []
-    for _ in range(PAIRS):
+    for _ in range(NOISE_PAIRS):
         noise = [
             squares.noise_std[:, None] * rng.standard_normal((len(squares.noise_std), len(record)))
             for record in layout.records
@@ -642,7 +646,7 @@ def _less_bias(
             both.append(found[:n])
         moves.append(0.5 * (both[0] + both[1]) - theta[:n])
     bias = np.mean(moves, axis=0)
-    uncertain = np.cov(np.array(moves).T).reshape(n, n) / PAIRS
+    uncertain = np.cov(np.array(moves).T).reshape(n, n) / NOISE_PAIRS
     return replace(
         squares,
         values=squares.values - bias,
@@ -651,7 +655,7 @@ def _less_bias(
 
 
 def _noisier(record: Record, names: Sequence[str], noise: np.ndarray) -> Record:
-    """The record with ``noise`` added to the outputs of these names."""
+    """Return the record with ``noise`` added to the outputs of these names."""
     channels = []
     for channel in record.outputs:
         more = noise[names.index(channel.name)] if channel.name in names else 0.0
@@ -676,7 +680,7 @@ def _noise_std(layout: _Layout, parts: list[_Equations]) -> np.ndarray:
 
 
 def _unfinished(layout: _Layout, theta: np.ndarray) -> Estimate:
-    """At the start, when the equations give no finite number there."""
+    """Return the estimate at the start, if the equations give no finite number there."""
     n, system = len(layout.shared), layout.system
     units = tuple(system.parameters[name].unit for name in layout.shared)
     blank = tuple(np.zeros((len(system.outputs), len(record))) for record in layout.records)
@@ -689,7 +693,7 @@ def _unfinished(layout: _Layout, theta: np.ndarray) -> Estimate:
         theta[:n],
         wide,
         Outcome.DIVERGED,
-        -LARGEST,
+        -LARGEST_NUMBER,
         system.output_names,
         ones,
         blank,

@@ -23,7 +23,8 @@ from sim.record import Record
 
 # ---- Smoothing and slopes by polynomials fitted to a moving window of samples
 
-_EVEN = 1e-9  # of an interval, by which intervals of even sampling may differ
+_EVEN_SAMPLING_TOLERANCE = 1e-9  # of an interval, by which intervals of even sampling may differ
+_SMOOTHING_DEGREE = 2  # of the local polynomials that smooth a channel
 HALF_WIDTHS = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64)
 
 
@@ -46,7 +47,7 @@ class Windows:
     usable: np.ndarray
 
     def gather(self, rows: np.ndarray) -> np.ndarray:
-        """The entries of ``rows (N, ...)`` in each window, ``(N, W, ...)``."""
+        """Return the entries of ``rows (N, ...)`` in each window, ``(N, W, ...)``."""
         return rows[self.first[:, None] + np.arange(self.value.shape[1])]
 
 
@@ -58,7 +59,7 @@ def windows(time: np.ndarray, valid: np.ndarray, half_width: int, degree: int) -
     width = min(2 * half_width + 1, n)
     first = np.clip(np.arange(n) - half_width, 0, n - width)
     gaps = np.diff(time)
-    if n > 2 * width and np.all(valid) and np.ptp(gaps) < _EVEN * gaps[0]:
+    if n > 2 * width and np.all(valid) and np.ptp(gaps) < _EVEN_SAMPLING_TOLERANCE * gaps[0]:
         # All windows are alike but for the row that they are read at.
         few = windows(time[: 2 * width], valid[: 2 * width], half_width, degree)
         place = np.arange(n) - first
@@ -81,10 +82,10 @@ def windows(time: np.ndarray, valid: np.ndarray, half_width: int, degree: int) -
 
 
 def smoothed(
-    time: np.ndarray, values: np.ndarray, valid: np.ndarray, half_width: int, degree: int = 2
+    time: np.ndarray, values: np.ndarray, valid: np.ndarray, half_width: int
 ) -> np.ndarray:
     """Fit at every row, ``(N,)``; where no window is usable, linear between the samples."""
-    fit = windows(time, valid, half_width, degree)
+    fit = windows(time, valid, half_width, _SMOOTHING_DEGREE)
     return np.where(
         fit.usable,
         np.sum(fit.value * fit.gather(values), axis=1),
@@ -92,11 +93,9 @@ def smoothed(
     )
 
 
-def half_width_by_cross_validation(
-    time: np.ndarray, values: np.ndarray, valid: np.ndarray, degree: int = 2
-) -> int:
-    """The half width of ``HALF_WIDTHS``, of at most a sixth of the record, that best predicts each
-    sample from the others.
+def half_width_by_cross_validation(time: np.ndarray, values: np.ndarray, valid: np.ndarray) -> int:
+    """Return the half width of ``HALF_WIDTHS``, of at most a sixth of the record, that best
+    predicts each sample from the others.
 
     Least mean square of (z - fit) / (1 - own weight), the residual with the sample left out (Allen
     1974, Stone 1974).
@@ -105,7 +104,7 @@ def half_width_by_cross_validation(
     for half_width in HALF_WIDTHS:
         if half_width > max(len(time) // 6, HALF_WIDTHS[0]):
             break
-        fit = windows(time, valid, half_width, degree)
+        fit = windows(time, valid, half_width, _SMOOTHING_DEGREE)
         at = np.flatnonzero(fit.usable & valid)
         if at.size == 0:
             continue
@@ -239,7 +238,7 @@ def rate_relations(system: System, times: np.ndarray) -> dict[str, str]:
 def _from_slope(
     time: np.ndarray, source: StateData, half: int, name: str
 ) -> tuple[StateData, StateData]:
-    """The state that is the rate of ``source``, and ``source`` marked as used up."""
+    """Return the state that is the rate of ``source``, and ``source`` marked as used up."""
     fit = windows(time, source.valid, half, 3)
     if not np.any(fit.usable):
         raise ModelError(
@@ -259,8 +258,8 @@ def _from_slope(
 def _at_all_times(
     function: Function, point: np.ndarray, n_x: int, n_u: int, times: np.ndarray
 ) -> list[np.ndarray]:
-    """Values of ``f`` or ``h`` at one point of states, inputs and parameters, an array over the
-    times (or a number) for each.
+    """Return the values of ``f`` or ``h`` at one point of states, inputs and parameters, an array
+    over the times (or a number) for each.
     """
     a = point.tolist()
     return [np.asarray(row) for row in function(times, a[:n_x], a[n_x : n_x + n_u], a[n_x + n_u :])]
@@ -292,5 +291,5 @@ def _require_plain_reading(system: System, name: str, times: np.ndarray) -> None
 
 
 def _away(start: np.ndarray, shift: float) -> np.ndarray:
-    """A point off every special value: zero, one, and equal states."""
+    """Return a point off every special value: zero, one, and equal states."""
     return start * (1.0 + 0.1 * shift) + 0.01 * (shift + np.arange(1, len(start) + 1))

@@ -32,8 +32,8 @@ import numpy as np
 UNDETERMINED = 1e-14
 # the same where the sensitivities themselves are good to some digits only: differences of simulated
 # kinematics
-OPEN = 1e-9
-FOLLOWED = 1e-12  # share below which a step does not follow a direction at all
+DIFFERENCED_UNDETERMINED = 1e-9
+LEAST_STEP_EIGENVALUE_SHARE = 1e-12  # share below which a step does not follow a direction at all
 
 
 def conditional_scale(information: np.ndarray, size: np.ndarray) -> np.ndarray:
@@ -51,7 +51,7 @@ def conditional_scale(information: np.ndarray, size: np.ndarray) -> np.ndarray:
 def inverse_information(
     information: np.ndarray, size: np.ndarray | float = 0.0, floor: float = UNDETERMINED
 ) -> tuple[np.ndarray, bool]:
-    """Covariance ``(n, n)`` and whether every direction is determined.
+    """Return the covariance ``(n, n)`` and whether every direction is determined.
 
     A direction that holds less than ``floor`` of the scaled information keeps a finite, very large
     sigma: ``1 / sqrt(floor)`` in units of ``conditional_scale``. ``size`` of the unknowns: see
@@ -67,8 +67,8 @@ def inverse_information(
 def determined_and_open(
     information: np.ndarray, size: np.ndarray | float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The covariance of ``inverse_information`` as a sum, ``(n, n)`` each: of the directions that
-    are determined, and of the others.
+    """Return the covariance of ``inverse_information`` as a sum, ``(n, n)`` each: of the directions
+    that are determined, and of the others.
 
     A product with the sum would lose the first part to rounding: the second is larger by up to ``1
     / UNDETERMINED``.
@@ -85,8 +85,8 @@ def determined_and_open(
 
 
 def variance_along(covariance: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Variances ``(k,)`` of the linear combinations ``rows (k, n)`` of unknowns, each with what
-    rounding may have taken from it.
+    """Return the variances ``(k,)`` of the linear combinations ``rows (k, n)`` of unknowns, each
+    with what rounding may have taken from it.
 
     Where directions are open, huge covariances cancel in a combination that does not contain them.
     The sum then holds no more than its rounding error, which is the variance reported: it is never
@@ -99,11 +99,11 @@ def variance_along(covariance: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 def bounded_inverse(information: np.ndarray) -> np.ndarray:
-    """Inverse ``(n, n)`` for a step, without the directions that hold less than FOLLOWED of the
-    scaled information.
+    """Return the inverse ``(n, n)`` for a step, without the directions that hold less than
+    LEAST_STEP_EIGENVALUE_SHARE of the scaled information.
     """
     square, values, vectors = _spectrum(information, 0.0)
-    determined = values > FOLLOWED * max(float(values[-1]), 1e-300)
+    determined = values > LEAST_STEP_EIGENVALUE_SHARE * max(float(values[-1]), 1e-300)
     return square * (
         (vectors * np.where(determined, 1.0 / np.where(determined, values, 1.0), 0.0)) @ vectors.T
     )
@@ -112,8 +112,8 @@ def bounded_inverse(information: np.ndarray) -> np.ndarray:
 def _spectrum(
     information: np.ndarray, size: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Products of the conditional sigmas ``(n, n)``, and eigenvalues and eigenvectors of the
-    information in their units.
+    """Return the products of the conditional sigmas ``(n, n)``, and eigenvalues and eigenvectors of
+    the information in their units.
     """
     scale = conditional_scale(
         information, np.broadcast_to(np.asarray(size, dtype=float), len(information))
@@ -175,7 +175,7 @@ class Determination:
 
     @property
     def effective(self) -> float:
-        """How many numbers the record settles."""
+        """Number of parameters that the record determines."""
         return float(np.sum(self.strengths**2 / (1.0 + self.strengths**2)))
 
     @property
@@ -195,8 +195,8 @@ class Determination:
         )
 
     def composition(self, direction: int, most: int = 4) -> tuple[tuple[str, float], ...]:
-        """The parameters that make most of a direction with their parts, the largest first and
-        positive.
+        """Return the parameters that make most of a direction with their parts, the largest first
+        and positive.
         """
         vector = self.directions[:, direction]
         order = np.argsort(-np.abs(vector))[:most]
@@ -207,8 +207,8 @@ class Determination:
 def determination(
     names: tuple[str, ...], sensitivities: np.ndarray, prior_std: np.ndarray
 ) -> Determination:
-    """What sensitivities ``(M, n)`` in units of the noise and independent priors ``(n,)``
-    determine; ``M >= n`` is not needed.
+    """Return the directions that sensitivities ``(M, n)`` in units of the noise and independent
+    priors ``(n,)`` determine; ``M >= n`` is not needed.
     """
     prior = np.asarray(prior_std, dtype=float)
     _, result, rows = np.linalg.svd(
@@ -230,16 +230,17 @@ def determination(
 
 # ---- Profile-likelihood intervals
 
-DROP = 4.0  # of twice the log likelihood: what two sigmas are where it is a parabola; 95.4 %
-LEVEL = math.erf(math.sqrt(DROP / 2.0))
-CLOSE = 0.02  # of the root, to which an end is found: a hundredth of the interval
+# of twice the log likelihood: what two sigmas are where it is a parabola; 95.4 %
+TWICE_LOG_LIKELIHOOD_DROP = 4.0
+LEVEL = math.erf(math.sqrt(TWICE_LOG_LIKELIHOOD_DROP / 2.0))
+ENDPOINT_TOLERANCE = 0.02  # of the root, to which an end is found: a hundredth of the interval
 # times two sigmas (or the value itself, where that is less), beyond which a side is open: farther
 # out simulations fail first
-REACH = 16.0
-GROWTH = 4.0  # of a step outwards at most
-TRIES = 14  # refits of a side
-SKEWED = 1.25  # ratio of the two sides from which an interval counts as skewed
-OTHER = 0.25  # share by which sides may differ from two sigmas
+LARGEST_REACH = 16.0
+LARGEST_STEP_GROWTH = 4.0  # of a step outwards at most
+MOST_REFITS = 14  # refits of a side
+SKEWED_RATIO = 1.25  # ratio of the two sides from which an interval counts as skewed
+SIDE_DIFFERENCE_SHARE = 0.25  # share by which sides may differ from two sigmas
 
 State = TypeVar("State")
 # Minus the log likelihood with the parameter held at a value, all others at their best, and where
@@ -270,8 +271,10 @@ class ProfileInterval:
         if self.low is None or self.high is None or self.low_bound or self.high_bound:
             return False
         below, above = self.value - self.low, self.high - self.value
-        symmetric = all(abs(side / (2.0 * self.sigma) - 1.0) <= OTHER for side in (below, above))
-        return symmetric and 1.0 / SKEWED <= above / max(below, 1e-300) <= SKEWED
+        symmetric = all(
+            abs(side / (2.0 * self.sigma) - 1.0) <= SIDE_DIFFERENCE_SHARE for side in (below, above)
+        )
+        return symmetric and 1.0 / SKEWED_RATIO <= above / max(below, 1e-300) <= SKEWED_RATIO
 
 
 @dataclass
@@ -306,8 +309,8 @@ def profile_intervals(
     bounds: tuple[np.ndarray, np.ndarray],
     refit_along: Callable[[int, np.ndarray], Refit[State]],
 ) -> tuple[ProfileInterval, ...]:
-    """Intervals of several parameters of a fit at ``theta (n,)`` with minus the log likelihood
-    ``cost``.
+    """Return the intervals of several parameters of a fit at ``theta (n,)`` with minus the log
+    likelihood ``cost``.
 
     Parameters
     ----------
@@ -341,7 +344,7 @@ def profile_interval(
     bounds: tuple[float, float],
     inflation: float = 1.0,
 ) -> ProfileInterval:
-    """Both ends of a parameter's interval.
+    """Return both ends of a parameter's interval.
 
     Parameters
     ----------
@@ -349,12 +352,18 @@ def profile_interval(
     cost : minus the log likelihood there.
     refit : see ``Refit``; handed the state of the refit before it on the same side, None first.
     inflation : variance of the estimate over that which the likelihood's curvature gives: the drop
-        is as many times ``DROP``, since a likelihood that takes coloured residuals for white is too
-        sharp by that.
+        is as many times ``TWICE_LOG_LIKELIHOOD_DROP``, since a likelihood that takes coloured
+        residuals for white is too sharp by that.
     """
     sigma = sigma if math.isfinite(sigma) and sigma > 0.0 else abs(value) or 1.0
     ends = [
-        _end(_Side(refit, value, cost), sigma, sign, bounds[sign > 0], math.sqrt(DROP * inflation))
+        _end(
+            _Side(refit, value, cost),
+            sigma,
+            sign,
+            bounds[sign > 0],
+            math.sqrt(TWICE_LOG_LIKELIHOOD_DROP * inflation),
+        )
         for sign in (-1.0, 1.0)
     ]
     (low, low_bound, down), (high, high_bound, up) = ends
@@ -364,16 +373,16 @@ def profile_interval(
 def _end(
     side: _Side[State], sigma: float, sign: float, bound: float, goal: float
 ) -> tuple[float | None, bool, float]:
-    """The end of one side (None: open), whether it is the bound, and by how much a refit was
+    """Return the end of one side (None: open), whether it is the bound, and by how much a refit was
     likelier.
     """
     size = min(sigma, abs(side.value)) or sigma
     inside, r_inside, outside, r_outside = 0.0, 0.0, math.inf, math.inf
     farthest = abs(bound - side.value)
     step = min(goal * size, farthest)
-    for _ in range(TRIES):
+    for _ in range(MOST_REFITS):
         r = side.root(side.value + sign * step)
-        if abs(r - goal) <= CLOSE * goal:
+        if abs(r - goal) <= ENDPOINT_TOLERANCE * goal:
             return side.value + sign * min(step * goal / r, farthest), False, side.better
         if r > goal:
             outside, r_outside = step, r
@@ -381,7 +390,9 @@ def _end(
             inside, r_inside = step, r
             if step >= farthest:
                 return bound, True, side.better
-            if step >= REACH * goal * max(size, sigma if sigma < REACH * size else size):
+            if step >= LARGEST_REACH * goal * max(
+                size, sigma if sigma < LARGEST_REACH * size else size
+            ):
                 return None, False, side.better
         step = _next(inside, r_inside, outside, r_outside, goal, farthest)
     # Where the only way out leads to values that cannot be computed, the likelihood has not said
@@ -392,12 +403,16 @@ def _end(
 def _next(
     inside: float, r_inside: float, outside: float, r_outside: float, goal: float, farthest: float
 ) -> float:
-    """Where the straight line through what is known reaches the goal; half way where one end has no
-    number.
+    """Return the point at which the straight line through the known points reaches the goal; the
+    midpoint if one end has no number.
     """
     if math.isinf(outside):
-        reached = inside * goal / r_inside if r_inside > goal / GROWTH else GROWTH * inside
-        return min(1.02 * reached, GROWTH * inside, farthest)
+        reached = (
+            inside * goal / r_inside
+            if r_inside > goal / LARGEST_STEP_GROWTH
+            else LARGEST_STEP_GROWTH * inside
+        )
+        return min(1.02 * reached, LARGEST_STEP_GROWTH * inside, farthest)
     if math.isinf(r_outside):
         return 0.5 * (inside + outside)
     share = (goal - r_inside) / (r_outside - r_inside)
@@ -407,7 +422,7 @@ def _next(
 # ---- Confidence intervals of a share
 
 SHARES_LEVEL = 0.95
-DRAWS = 2000  # of a bootstrap: the ends of a 95 % interval rest on its 50 outermost
+BOOTSTRAP_DRAWS = 2000  # of a bootstrap: the ends of a 95 % interval rest on its 50 outermost
 
 
 def clopper_pearson(count: float, of: float, level: float = SHARES_LEVEL) -> tuple[float, float]:
@@ -444,7 +459,7 @@ def clustered_share(
     runs, shares = len(of), counts / of
     if np.all(of == 1.0) or np.ptp(shares) == 0.0:
         return clopper_pearson(float(shares.sum()), runs, level)
-    samples = (rng.integers(runs, size=runs) for _ in range(DRAWS))
+    samples = (rng.integers(runs, size=runs) for _ in range(BOOTSTRAP_DRAWS))
     resampled = [counts[rows].sum() / of[rows].sum() for rows in samples]
     low, high = np.quantile(resampled, [0.5 * (1.0 - level), 0.5 * (1.0 + level)])
     return float(low), float(high)
@@ -454,7 +469,7 @@ def clustered_share(
 
 
 def quantile(share: float, degrees: float) -> float:
-    """The value below which chi-square with ``degrees`` of freedom lies with the probability
+    """Return the value below which chi-square with ``degrees`` of freedom lies with the probability
     ``share``; without the second of scipy.stats.
     """
     from scipy.special import gammaincinv
@@ -462,31 +477,31 @@ def quantile(share: float, degrees: float) -> float:
     return 2.0 * float(gammaincinv(0.5 * degrees, share))
 
 
-def deviation_factors(count: int, level: float = SHARES_LEVEL) -> tuple[float, float]:
-    """By what a standard deviation of ``count`` independent normal numbers is multiplied to give
-    the ends of its interval; infinite of one number.
+def deviation_factors(count: int) -> tuple[float, float]:
+    """Return the factors that turn a standard deviation of ``count`` independent normal numbers
+    into the ends of its interval; infinite for one number.
     """
     if count < 2:
         return 0.0, float("inf")
-    degrees, tail = count - 1, 0.5 * (1.0 - level)
+    degrees, tail = count - 1, 0.5 * (1.0 - SHARES_LEVEL)
     return (degrees / quantile(1.0 - tail, degrees)) ** 0.5, (
         degrees / quantile(tail, degrees)
     ) ** 0.5
 
 
 def mean_square_interval(degrees: float, level: float = SHARES_LEVEL) -> tuple[float, float]:
-    """Where a sum of squares of chi-square with ``degrees`` of freedom lies, over ``degrees``:
-    about one.
+    """Return the interval of a chi-square sum of squares with ``degrees`` of freedom, divided by
+    ``degrees``: about one.
     """
     tail = 0.5 * (1.0 - level)
     return quantile(tail, degrees) / degrees, quantile(1.0 - tail, degrees) / degrees
 
 
-def inside(squares: np.ndarray, degrees: np.ndarray, level: float = SHARES_LEVEL) -> np.ndarray:
-    """Which of ``squares (N,)`` lie within the interval of chi-square with their ``degrees (N,)``,
-    half of the rest to either side.
+def inside(squares: np.ndarray, degrees: np.ndarray) -> np.ndarray:
+    """Return which of ``squares (N,)`` lie within the central chi-square interval with their
+    ``degrees (N,)``.
     """
     from scipy.special import gammainc
 
-    share, tail = gammainc(0.5 * degrees, 0.5 * squares), 0.5 * (1.0 - level)
+    share, tail = gammainc(0.5 * degrees, 0.5 * squares), 0.5 * (1.0 - SHARES_LEVEL)
     return np.asarray((share >= tail) & (share <= 1.0 - tail))

@@ -23,9 +23,10 @@ from ident.statistics.intervals import conditional_scale
 P = TypeVar("P")
 
 LEAST_DAMPING = 1e-12  # of a step where a quadratic holds
-STEEPEST = 1e8  # damping from which no descent is left
+LARGEST_DAMPING = 1e8  # damping from which no descent is left
 _FIRST_DAMPING = 1e-4
-_UNDAMPED = 1e-10  # keeps a direction without information from moving: it would follow rounding
+# keeps a direction without information from moving: it would follow rounding
+_LEAST_DAMPING = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +62,7 @@ class LocalModel:
         No unknown moves by more than ``sqrt(2 promised)`` of its sigma, whatever the units of data
         and unknowns.
         """
-        return 0.5 * float(self.gradient @ self.step(_UNDAMPED))
+        return 0.5 * float(self.gradient @ self.step(_LEAST_DAMPING))
 
 
 def local_model(
@@ -71,8 +72,8 @@ def local_model(
     low: np.ndarray,
     high: np.ndarray,
 ) -> LocalModel:
-    """The quadratic at ``theta (n,)`` within bounds, from ``information (n, n)`` and ``gradient
-    (n,)`` of the log likelihood.
+    """Return the quadratic at ``theta (n,)`` within bounds, from ``information (n, n)`` and
+    ``gradient (n,)`` of the log likelihood.
     """
     scale = conditional_scale(information, theta)
     pressed = ((theta <= low) & (gradient < 0)) | ((theta >= high) & (gradient > 0))
@@ -154,7 +155,7 @@ def minimise(descent: Descent[P], start: P, steps: int) -> Minimum[P]:
         if better is None:
             better = descent.trial(point, model, damping)
             if better is None:
-                stuck, damping = 10.0 * damping > STEEPEST, 10.0 * damping
+                stuck, damping = 10.0 * damping > LARGEST_DAMPING, 10.0 * damping
                 continue
             damping = max(damping / 10.0, descent.least())
         point, model = better, descent.model(better)

@@ -44,42 +44,47 @@ from sim.record import Record
 
 # ---- A standard deviation that outliers do not move
 
-ROBUST = 1.4826  # median absolute deviation to sigma
+SIGMA_PER_MEDIAN_DEVIATION = 1.4826  # median absolute deviation to sigma
 
 
 def robust_sigma(values: np.ndarray) -> float:
-    """Standard deviation from the median absolute deviation, insensitive to outliers."""
-    return float(ROBUST * np.median(np.abs(values - np.median(values)))) if values.size else 0.0
+    """Return the standard deviation from the median absolute deviation, insensitive to outliers."""
+    return (
+        float(SIGMA_PER_MEDIAN_DEVIATION * np.median(np.abs(values - np.median(values))))
+        if values.size
+        else 0.0
+    )
 
 
 def robust_sigma_about_zero(values: np.ndarray) -> float:
-    """The same of values whose middle is known to be zero, such as differences of a signal that
-    moves both ways.
+    """Return the same of values whose middle is known to be zero, such as differences of a signal
+    that moves both ways.
     """
-    return float(ROBUST * np.median(np.abs(values)))
+    return float(SIGMA_PER_MEDIAN_DEVIATION * np.median(np.abs(values)))
 
 
 # ---- The white noise of a sensor
 
-SHORTEST = 16  # samples of a run that is looked at
+SHORTEST_RUN = 16  # samples of a run that is looked at
 # coefficients in the band; a standard deviation of fewer is known to worse than an eighth
-FEWEST = 32
-BEGIN = 0.5  # of the Nyquist frequency, above which no residual of a rigid body's motion has power
-BLOCKS = 12  # in which the band grows to the whole spectrum
-CHANCE = 0.01  # that a block of what belongs to the band is left out
+FEWEST_COEFFICIENTS = 32
+# of the Nyquist frequency, above which no residual of a rigid body's motion has power
+BAND_START_SHARE = 0.5
+BAND_BLOCKS = 12  # in which the band grows to the whole spectrum
+FALSE_REJECTION_PROBABILITY = 0.01  # that a block of what belongs to the band is left out
 LARGEST_GAP = 10.0  # sample intervals: a longer pause in the samples begins another run
-ITERATIONS = 12
-NOTHING = 1e-9  # of the power, below which none of it is white
+MOST_ITERATIONS = 12
+NEGLIGIBLE_POWER_SHARE = 1e-9  # of the power, below which none of it is white
 
 
 def sensor_noise(series: Sequence[np.ndarray]) -> float | None:
-    """Standard deviation of the white part of residuals; None where they are too short to tell, or
-    have no white part.
+    """Return the standard deviation of the white part of residuals; None where they are too short
+    to tell, or have no white part.
 
     ``series``: runs of residuals at even intervals, each ``(N,)`` and finite; of several, as of
     several records, one noise is estimated.
     """
-    runs = [np.asarray(each, dtype=float) for each in series if len(each) >= SHORTEST]
+    runs = [np.asarray(each, dtype=float) for each in series if len(each) >= SHORTEST_RUN]
     if not runs:
         return None
     # of the Nyquist frequency
@@ -87,23 +92,23 @@ def sensor_noise(series: Sequence[np.ndarray]) -> float | None:
     power = np.concatenate([_cosine_transform(run)[1:] ** 2 for run in runs])
     order = np.argsort(-share, kind="stable")
     share, power = share[order], power[order]
-    count = int(np.count_nonzero(share >= BEGIN))
-    if count < FEWEST or not power[:count].any():
+    count = int(np.count_nonzero(share >= BAND_START_SHARE))
+    if count < FEWEST_COEFFICIENTS or not power[:count].any():
         return None
     walk = 0.25 / np.sin(0.5 * np.pi * share) ** 2
-    ends = np.unique(np.linspace(count, len(share), BLOCKS).astype(int)).tolist()
+    ends = np.unique(np.linspace(count, len(share), BAND_BLOCKS).astype(int)).tolist()
     white, random = _fitted(power[:count], walk[:count])
     for end, further in pairwise(ends):
         block = power[end:further] / (white + random * walk[end:further])
-        if np.mean(block) > fdtri(further - end, end, 1.0 - CHANCE):
+        if np.mean(block) > fdtri(further - end, end, 1.0 - FALSE_REJECTION_PROBABILITY):
             break
         white, random = _fitted(power[:further], walk[:further])
-    return float(np.sqrt(white)) if white > NOTHING * float(np.mean(power)) else None
+    return float(np.sqrt(white)) if white > NEGLIGIBLE_POWER_SHARE * float(np.mean(power)) else None
 
 
 def _cosine_transform(x: np.ndarray) -> np.ndarray:
-    """The orthonormal cosine transform of the second kind, ``(N,)`` from ``(N,)``, but for its
-    first coefficient, which is larger by root two.
+    """Return the orthonormal cosine transform of the second kind, ``(N,)`` from ``(N,)``, but for
+    its first coefficient, which is larger by root two.
 
     By NumPy's Fourier transform of the even samples, then the odd ones backwards (Makhoul 1980);
     loading scipy.fft takes a tenth of a second.
@@ -115,8 +120,8 @@ def _cosine_transform(x: np.ndarray) -> np.ndarray:
 
 
 def used_runs(time: np.ndarray, residual: np.ndarray, used: np.ndarray) -> list[np.ndarray]:
-    """The used samples of a residual ``(N,)`` at ``time`` (s), as runs without a long pause; what
-    was set aside in between is closed up.
+    """Return the used samples of a residual ``(N,)`` at ``time`` (s), as runs without a long pause;
+    what was set aside in between is closed up.
     """
     t, r = time[used], residual[used]
     if len(t) < 2:
@@ -130,7 +135,7 @@ def _fitted(power: np.ndarray, walk: np.ndarray) -> tuple[float, float]:
     step; neither below zero.
     """
     white, random = float(np.mean(power)), 0.0
-    for _ in range(ITERATIONS):
+    for _ in range(MOST_ITERATIONS):
         weight = (white + random * walk) ** -2.0
         n, u, v = float(weight.sum()), float(weight @ walk), float((weight * walk) @ walk)
         y, z = float(weight @ power), float((weight * walk) @ power)
@@ -139,7 +144,7 @@ def _fitted(power: np.ndarray, walk: np.ndarray) -> tuple[float, float]:
         level = (y - u * slope) / n
         slope, level = (slope, level) if slope > 0.0 else (0.0, y / n)
         if level <= 0.0:  # all of it is the motion
-            level, slope = 1e-3 * NOTHING * float(np.mean(power)), z / v
+            level, slope = 1e-3 * NEGLIGIBLE_POWER_SHARE * float(np.mean(power)), z / v
         white, random = level, slope
     return white, random
 
@@ -147,22 +152,20 @@ def _fitted(power: np.ndarray, walk: np.ndarray) -> tuple[float, float]:
 # ---- Measurement noise read off a record
 
 WITHIN_TWO_SIGMA = 0.9545  # share of a Gaussian inside the band
-_FEWEST = 20
+_FEWEST_DIFFERENCES = 20
 _STENCIL = np.array([-1.0, 3.0, -3.0, 1.0])
 
 
-def noise_envelope(
-    record: Record, start: float | None = None, stop: float | None = None
-) -> dict[str, float]:
-    """Standard deviation of the noise on each output: a quarter of the width of the band that holds
-    95.45 % of it.
+def noise_envelope(record: Record, stop: float | None = None) -> dict[str, float]:
+    """Return the standard deviation of the noise on each output: a quarter of the width of the band
+    that holds 95.45 % of it.
 
     Parameters
     ----------
     record : measured data, samples taken as evenly spaced.
-    start, stop : a quiet stretch, s; the whole record when None, which is as good as long as the
-        motion is slow against the sampling: a third difference lets a motion at w rad/s pass by (w
-        dt)^3/4.5 of its amplitude.
+    stop : s, end of a quiet part at the beginning; None for the whole record, which is as good as
+        long as the motion is slow against the sampling: a third difference lets a motion at w rad/s
+        pass by (w dt)^3/4.5 of its amplitude.
 
     Four samples in a row enter as d = (-y[k] + 3 y[k+1] - 3 y[k+2] + y[k+3]) / sqrt(20), which has
     the variance of white noise. The band is central (quantiles), so that isolated spikes and
@@ -173,7 +176,7 @@ def noise_envelope(
     RecordError : fewer than twenty such runs of valid samples in a channel, or a channel without
         any noise.
     """
-    stretch = record if start is None and stop is None else record.window(start, stop)
+    stretch = record if stop is None else record.window(None, stop)
     out = {}
     for channel in stretch.outputs:
         whole = np.convolve(~channel.valid, np.ones(len(_STENCIL)), mode="valid") < 0.5
@@ -181,7 +184,7 @@ def noise_envelope(
             np.sum(_STENCIL**2)
         )
         where = f"{record.name}, channel {channel.name}"
-        if d.size < _FEWEST:
+        if d.size < _FEWEST_DIFFERENCES:
             raise RecordError(
                 f"{d.size} runs of four samples are too few for a noise envelope",
                 where=where,
@@ -198,41 +201,44 @@ def noise_envelope(
 
 # ---- Noise whose level changes along a series
 
-PARTS = 8
+RECORD_PARTS = 8
 LOCAL_LEVEL_FEWEST = 40  # differences of a part
-FACTOR = 1.5  # chosen: weights that are wrong by two in the variance hardly change a test
+# chosen: weights that are wrong by two in the variance hardly change a test
+NOTABLE_NOISE_RATIO = 1.5
 # standard deviation of the logarithm of a robust sigma of n fourth differences, times sqrt(n), by
 # simulation
-SCATTER = 1.6
+LOG_SIGMA_SCATTER = 1.6
 # of its standard deviations between the quietest and the loudest part: by chance once in 5000
 # series
-SURE = 4.5
+UNEVEN_NOISE_SIGMAS = 4.5
 # level by second over level by fourth differences, beyond which a part holds motion and tells no
 # noise
-MOTION = 1.25
+MOTION_NOISE_RATIO = 1.25
 
 
 def levelled(series: np.ndarray) -> np.ndarray:
-    """A series ``(N,)`` over its local noise level, of the same mean level; itself where that does
-    not change beyond chance.
+    """Return a series ``(N,)`` over its local noise level, of the same mean level; itself where
+    that does not change beyond chance.
 
     What varies slowly against the sampling stays as it is, so that a residual that is not noise is
     not hidden: a part whose second differences are larger than its fourth's takes its level from
     the others.
     """
     count = len(series)
-    parts = min(PARTS, count // LOCAL_LEVEL_FEWEST)
+    parts = min(RECORD_PARTS, count // LOCAL_LEVEL_FEWEST)
     if parts < 3:
         return series
     second, fourth = _differences(series, 2)[1:-1], _differences(series, 4)
     edges = np.linspace(0, len(fourth), parts + 1).astype(int)
     levels = np.array([robust_sigma_about_zero(fourth[a:b]) for a, b in pairwise(edges)])
     seconds = np.array([robust_sigma_about_zero(second[a:b]) for a, b in pairwise(edges)])
-    determined = (levels > 0.0) & (seconds < MOTION * levels)
+    determined = (levels > 0.0) & (seconds < MOTION_NOISE_RATIO * levels)
     if np.count_nonzero(determined) < 3:
         return series
     ratio = float(levels[determined].max() / levels[determined].min())
-    if ratio < FACTOR or np.log(ratio) < SURE * SCATTER * np.sqrt(2.0 * parts / len(fourth)):
+    if ratio < NOTABLE_NOISE_RATIO or np.log(
+        ratio
+    ) < UNEVEN_NOISE_SIGMAS * LOG_SIGMA_SCATTER * np.sqrt(2.0 * parts / len(fourth)):
         return series
     local = _running_level(fourth, int(len(fourth) / (4 * parts)))
     middle = np.clip(np.arange(count) - 2, 0, len(local) - 1)
@@ -242,8 +248,8 @@ def levelled(series: np.ndarray) -> np.ndarray:
 
 
 def _differences(series: np.ndarray, order: int) -> np.ndarray:
-    """Differences of an order, scaled so that white noise keeps its standard deviation: 6 and 70
-    are sums of squared binomials.
+    """Return the differences of an order, scaled so that white noise keeps its standard deviation:
+    6 and 70 are sums of squared binomials.
     """
     return np.diff(series, order) / np.sqrt({2: 6.0, 4: 70.0}[order])
 
@@ -380,8 +386,8 @@ def input_edges(record: Record, reach: int = 1) -> np.ndarray:
 
 
 def input_spikes(values: np.ndarray) -> np.ndarray:
-    """Samples of a recorded input that differ from both neighbours alike, while these agree: no
-    held maneuver does that.
+    """Return the samples of a recorded input that differ from both neighbours alike, while these
+    agree: no held maneuver does that.
     """
     before, after = values[:-2], values[2:]
     height = values[1:-1] - 0.5 * (before + after)
@@ -413,7 +419,7 @@ def _isolated(large: np.ndarray) -> np.ndarray:
 
 
 def _heavy_tailed(normalised: np.ndarray) -> bool:
-    """Whether more samples lie in the tail's range than Gaussian noise explains, at one in a
+    """Return whether more samples lie in the tail's range than Gaussian noise explains, at one in a
     thousand (Poisson).
     """
     (low, high), size = HEAVY_TAIL, np.abs(normalised)

@@ -27,9 +27,9 @@ from scipy.special import ndtr, stdtrit
 
 # ---- Power spectra of the residuals of a fit
 
-_PASSES = 8  # of the autocovariance towards that of the noise, at most
+_MOST_AUTOCOVARIANCE_PASSES = 8  # of the autocovariance towards that of the noise, at most
 # of each variance of the gradient, by which a pass moves it at the end: half a percent of a sigma
-_SETTLED = 0.01
+_SETTLED_VARIANCE_SHARE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ class ScoreCovariance:
 
 
 def score_covariance(records: Sequence[RecordScores], inverse: np.ndarray) -> ScoreCovariance:
-    """Covariance of the gradient under the noise that the residuals of each record show.
+    """Return the covariance of the gradient under the noise that the residuals of each record show.
 
     Parameters
     ----------
@@ -102,12 +102,14 @@ def score_covariance(records: Sequence[RecordScores], inverse: np.ndarray) -> Sc
     spectra = [_ScoreTransforms(each) for each in records if np.any(each.residual[each.valid])]
     n = len(inverse)
     middle = np.zeros((n, n))
-    for turn in range(_PASSES):
+    for turn in range(_MOST_AUTOCOVARIANCE_PASSES):
         before, middle = middle, np.zeros((n, n))
         for each in spectra:
             middle[np.ix_(each.scores.at, each.scores.at)] += each.middle()
         now, earlier = np.diag(middle), np.diag(before)
-        if turn == _PASSES - 1 or np.all(np.abs(now - earlier) <= _SETTLED * now):
+        if turn == _MOST_AUTOCOVARIANCE_PASSES - 1 or np.all(
+            np.abs(now - earlier) <= _SETTLED_VARIANCE_SHARE * now
+        ):
             break
         covariance = inverse @ middle @ inverse.T
         for each in spectra:
@@ -120,8 +122,8 @@ def score_covariance(records: Sequence[RecordScores], inverse: np.ndarray) -> Sc
 
 
 def common_disturbance(residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -> bool:
-    """Whether one cause moves the residuals of several outputs, as gusts do, and not the noise of
-    each sensor by itself.
+    """Return whether one cause moves the residuals of several outputs, as gusts do, and not the
+    noise of each sensor by itself.
 
     Akaike's criterion of an autoregression of all outputs ``(m, N)`` together, against one of
     each, in any record.
@@ -223,7 +225,7 @@ class _ScoreTransforms:
         )
 
     def middle(self) -> np.ndarray:
-        """Covariance of the record's gradient, ``(c, c)``, by Parseval."""
+        """Return the covariance of the record's gradient, ``(c, c)``, by Parseval."""
         c = len(self.scores.at)
         weighted = _stacked(self.weights * self.parseval[:, None, None]).reshape(-1, c)
         total = weighted.T @ _stacked(self.driven).reshape(-1, c)
@@ -246,8 +248,8 @@ class _ScoreTransforms:
         self._fit(moved if np.all(moved[0].diagonal() > 0.0) else self.measured)
 
     def spread(self, inverse: np.ndarray) -> np.ndarray:
-        """Variance of the diagonal of ``inverse middle inverse^T`` ``(n,)`` through what the
-        autoregressions do not know exactly.
+        """Return the variance of the diagonal of ``inverse middle inverse^T`` ``(n,)`` through what
+        the autoregressions do not know exactly.
         """
         model = self.model
         p, m, _ = model.coefficients.shape
@@ -318,8 +320,8 @@ def _real_products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def autoregression(autocovariance: np.ndarray, count: float) -> tuple[np.ndarray, float]:
-    """Coefficients ``(p,)`` and variance of the autoregression of least Akaike criterion, by
-    Levinson and Durbin.
+    """Return the coefficients ``(p,)`` and variance of the autoregression of least Akaike
+    criterion, by Levinson and Durbin.
 
     Of an autocovariance at lags 0 to P of ``count`` samples.
     """
@@ -376,7 +378,7 @@ def joint_autoregressions(autocovariance: np.ndarray, count: float) -> Iterator[
 
 
 def _positive(matrix: np.ndarray) -> bool:
-    """Whether a symmetric matrix is a covariance."""
+    """Return whether a symmetric matrix is a covariance."""
     try:
         np.linalg.cholesky(matrix)
     except np.linalg.LinAlgError:
@@ -402,8 +404,8 @@ def paired_autocovariance(residual: np.ndarray, valid: np.ndarray, lags: int) ->
 
 @lru_cache(maxsize=64)
 def good_length(least: int) -> int:
-    """The smallest product of twos, threes and fives that is not less: of such lengths transforms
-    are quick.
+    """Return the smallest product of twos, threes and fives that is not less: of such lengths
+    transforms are quick.
     """
     result, fives = 1 << (least - 1).bit_length(), 1
     while fives < result:
@@ -417,8 +419,8 @@ def good_length(least: int) -> int:
 
 # ---- Parameter covariance corrected for residuals that are not white
 
-_MANY = 1e6  # degrees of freedom from which the distribution is normal
-_FEWEST = 2.0  # fewest degrees of freedom for a quantile
+_NORMAL_DEGREES = 1e6  # degrees of freedom from which the distribution is normal
+_FEWEST_DEGREES = 2.0  # fewest degrees of freedom for a quantile
 
 
 def autocovariance(residual: np.ndarray, lags: int) -> np.ndarray:
@@ -469,8 +471,8 @@ def corrected_covariance(
 def sandwich(
     inverse: np.ndarray, records: Sequence[RecordScores], *, coloured: bool = True
 ) -> np.ndarray:
-    """Covariance ``(n, n)`` of an estimate of which ``inverse (n, n)`` times the gradient is a
-    step: instrumental variables, say.
+    """Return the covariance ``(n, n)`` of an estimate of which ``inverse (n, n)`` times the
+    gradient is a step: instrumental variables, say.
 
     ``coloured`` : with the spectra of the residuals and Student's quantiles as in
     ``corrected_covariance``; else as of white noise.
@@ -491,8 +493,8 @@ def sandwich(
 
 
 def student_factor(variance: np.ndarray, spread: np.ndarray) -> np.ndarray:
-    """By how much sigmas grow whose own ``variance (n,)`` is an estimate with the variance ``spread
-    (n,)``: ``(n,)``.
+    """Return the factor ``(n,)`` by which sigmas grow if their own ``variance (n,)`` is an estimate
+    with the variance ``spread (n,)``.
 
     Satterthwaite's degrees of freedom 2 variance^2/spread, and Student's quantile of 97.7 % over
     the normal one of two sigmas.
@@ -501,7 +503,9 @@ def student_factor(variance: np.ndarray, spread: np.ndarray) -> np.ndarray:
         variance**2, spread, out=np.full_like(variance, np.inf), where=spread > 0
     )
     return np.where(
-        freedom < _MANY, stdtrit(np.clip(freedom, _FEWEST, _MANY), ndtr(2.0)) / 2.0, 1.0
+        freedom < _NORMAL_DEGREES,
+        stdtrit(np.clip(freedom, _FEWEST_DEGREES, _NORMAL_DEGREES), ndtr(2.0)) / 2.0,
+        1.0,
     )
 
 
@@ -522,8 +526,8 @@ def filtered_product(sensitivity: np.ndarray, covariance: np.ndarray) -> np.ndar
 
 
 def effective_share(residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -> float:
-    """Share of the samples that count as independent where squares of residuals are compared, 0 to
-    1.
+    """Return the share of the samples that count as independent where squares of residuals are
+    compared, 0 to 1.
 
     1/(1 + 2 sum rho_k^2) over a fifth of the record, rho the residual's correlation (Bartlett,
     1946), the mean over channels and records by their samples. Residuals and validity ``(m, N)`` a

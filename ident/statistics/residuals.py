@@ -14,7 +14,8 @@ from sim.errors import ModelError
 
 # ---- Are residuals or innovations what the noise alone would give? Two first tests
 
-LEVEL = 1e-4  # p-value below which a residual is no noise: of every sentence, table and verdict
+# p-value below which a residual is no noise: of every sentence, table and verdict
+WHITENESS_P_VALUE = 1e-4
 FAR_ABOVE = 2.0  # chosen: ratio of rms to robust sigma from which a residual is not called noise
 
 
@@ -33,7 +34,7 @@ class ResidualTest:
         """True where noise alone gives such a statistic more often than once in ten thousand
         records.
         """
-        return self.p_value > LEVEL
+        return self.p_value > WHITENESS_P_VALUE
 
 
 def ljung_box(
@@ -58,15 +59,15 @@ def ljung_box(
     statistic = float(n * (n + 2) * np.sum(r**2 / (n - np.arange(1, lags + 1))))
     p_value = _ljung_box_tail(statistic, lags, n)
     sentence = (
-        f"{'white' if p_value > LEVEL else 'not white'} over {lags} lags, lag-1 correlation "
-        f"{r[0]:.2f}"
+        f"{'white' if p_value > WHITENESS_P_VALUE else 'not white'} over {lags} lags, "
+        f"lag-1 correlation {r[0]:.2f}"
     )
     return ResidualTest("ljung-box", channel, statistic, p_value, sentence)
 
 
 def _ljung_box_tail(statistic: float, lags: int, n: int) -> float:
-    """Probability of a larger statistic on white noise; the terms in lags/n are fitted to simulated
-    noise of 60 to 3000 samples.
+    """Return the probability of a larger statistic on white noise; the terms in lags/n are fitted
+    to simulated noise of 60 to 3000 samples.
     """
     from scipy.special import chdtrc
 
@@ -78,8 +79,8 @@ def _ljung_box_tail(statistic: float, lags: int, n: int) -> float:
 
 
 def residual_size(residual: np.ndarray, valid: np.ndarray, channel: str) -> ResidualTest | None:
-    """A failed test where a few samples of a residual ``(N,)`` are far larger than the others: wild
-    points are white, and no noise; None where that is not so.
+    """Return a failed test where a few samples of a residual ``(N,)`` are far larger than the
+    others: wild points are white, and no noise; None where that is not so.
 
     Its root mean square is compared with its robust standard deviation (of the median absolute
     value), which is not the sensor noise where the residual is coloured. The logarithm of their
@@ -127,7 +128,7 @@ def innovation_size(history: FilterHistory) -> ResidualTest:
 def residual_tests(
     estimate: Estimate, residuals: np.ndarray, valid: np.ndarray
 ) -> tuple[ResidualTest, ...]:
-    """All tests of an estimate: innovations of a filter, else the residuals ``(m, N)`` of a
+    """Return all tests of an estimate: innovations of a filter, else the residuals ``(m, N)`` of a
     whole-record fit.
     """
     history = estimate.history
@@ -153,14 +154,14 @@ def residual_tests(
 
 # ---- Whether an estimated derivative can be believed beside the value that was declared of it
 
-SIGMAS = 2.0  # to either side: what an estimate may be by its own account
+INTERVAL_SIGMAS = 2.0  # to either side: what an estimate may be by its own account
 # a vehicle file is possibly 30 % wrong: ten of its sigmas from zero, as far as from a turned sign
-THREEFOLD = 3.0
+IMPLAUSIBLE_CHANGE_FACTOR = 3.0
 
 
 def contradiction(value: float, std: float, declared: float) -> str:
-    """What speaks against an estimate with its sigma where another value was declared; empty where
-    nothing does.
+    """Return the reason against an estimate with its sigma where another value was declared; empty
+    if there is none.
 
     An estimate contradicts where no value within two sigmas has the declared sign and less than
     three times the declared size. Nothing speaks where zero was declared, or where value or sigma
@@ -169,16 +170,16 @@ def contradiction(value: float, std: float, declared: float) -> str:
     if declared == 0.0 or not (math.isfinite(value) and math.isfinite(std) and std >= 0.0):
         return ""
     share, sigma = value / declared, abs(std / declared)
-    if share + SIGMAS * sigma < 0.0:
+    if share + INTERVAL_SIGMAS * sigma < 0.0:
         return "has the other sign"
-    if share - SIGMAS * sigma > THREEFOLD:
+    if share - INTERVAL_SIGMAS * sigma > IMPLAUSIBLE_CHANGE_FACTOR:
         return f"is {share:.2g} times as large"
     return ""
 
 
 def shortfall(value: float, std: float, declared: float) -> str:
-    """By how much an estimate falls short of a declared value: ``"is 12 times smaller"``; empty
-    where it does not.
+    """Return by how much an estimate falls short of a declared value, as in ``"is 12 times
+    smaller"``; empty if it does not.
 
     It falls short where no value within two sigmas reaches a third of the declared size: a constant
     of the vehicle file that is too large, such as its chord, makes derivatives too small by the
@@ -187,17 +188,22 @@ def shortfall(value: float, std: float, declared: float) -> str:
     if declared == 0.0 or not (math.isfinite(value) and math.isfinite(std) and std >= 0.0):
         return ""
     share, sigma = value / declared, abs(std / declared)
-    if abs(share) + SIGMAS * sigma >= 1.0 / THREEFOLD or share + SIGMAS * sigma < 0.0:
+    if (
+        abs(share) + INTERVAL_SIGMAS * sigma >= 1.0 / IMPLAUSIBLE_CHANGE_FACTOR
+        or share + INTERVAL_SIGMAS * sigma < 0.0
+    ):
         return ""
     return (
-        f"is {1.0 / share:.2g} times smaller" if share > SIGMAS * sigma else "is not told from zero"
+        f"is {1.0 / share:.2g} times smaller"
+        if share > INTERVAL_SIGMAS * sigma
+        else "is not told from zero"
     )
 
 
 # ---- Are residuals made by the inputs, or by something that the record does not hold?
 
 LAGS = (0.0, 0.06, 0.12, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.7, 2.2, 2.8)  # s, edges of means
-RIDGE = 0.01  # of a regressor's variance
+RIDGE_SHARE = 0.01  # of a regressor's variance
 # Share of a residual that the inputs predict, from which they make it. Measured in twelve flights
 # of the rigid model with 60 ms of delay: 0.17 to 0.89, the largest output 0.69 or more; in twelve
 # in turbulence: below zero.
@@ -243,7 +249,7 @@ def share_from_inputs(
         left, total = 0.0, float(series @ series)
         for fitted, held in (half, half[::-1]):
             a = np.where(usable[fitted, None], rows[fitted], 0.0)
-            ridge = RIDGE * len(a) * np.eye(a.shape[1])
+            ridge = RIDGE_SHARE * len(a) * np.eye(a.shape[1])
             weights = np.linalg.solve(a.T @ a + ridge, a.T @ series[fitted])
             left += float(np.sum((series[held] - rows[held] @ weights)[usable[held]] ** 2))
         shares[i] = 1.0 - left / total if total > 0.0 else 0.0
@@ -251,8 +257,8 @@ def share_from_inputs(
 
 
 def _past_means(inputs: np.ndarray, interval: float) -> np.ndarray:
-    """Means of each input over the intervals between ``LAGS``, ``(N, q * (lags - 1))``, centred
-    and of variance one.
+    """Return the means of each input over the intervals between ``LAGS``, ``(N, q * (lags - 1))``,
+    centred and of variance one.
     """
     at = np.arange(1, inputs.shape[1] + 1)
     columns = []
@@ -269,7 +275,7 @@ def _past_means(inputs: np.ndarray, interval: float) -> np.ndarray:
 
 # ---- What differs between two estimates by more than their uncertainty
 
-BEYOND = 2.0  # sigmas, as the bounds that NASA TM-101722 draws
+BOUND_SIGMAS = 2.0  # sigmas, as the bounds that NASA TM-101722 draws
 
 
 @dataclass(frozen=True)
@@ -307,11 +313,11 @@ class Comparison:
 
     @property
     def beyond(self) -> tuple[EstimateDifference, ...]:
-        """What differs beyond its uncertainty."""
+        """Differences that exceed their uncertainty."""
         return tuple(item for item in self.differences if item.beyond)
 
 
-def compare_estimates(first: Estimate, second: Estimate, limit: float = BEYOND) -> Comparison:
+def compare_estimates(first: Estimate, second: Estimate, limit: float = BOUND_SIGMAS) -> Comparison:
     """Compare two estimates parameter by parameter, and all together with both covariances.
 
     Raises

@@ -29,10 +29,10 @@ from sim.aerodynamics import Term
 from sim.errors import RecordError
 
 BODY, WIND, MOMENTS = ("CX", "CY", "CZ"), ("CD", "CY", "CL"), ("Cl", "Cm", "Cn")
-BANDWIDTH = 3.0  # Hz, of the smoothed derivative, where it is half in power
+DERIVATIVE_BANDWIDTH = 3.0  # Hz, of the smoothed derivative, where it is half in power
 NEEDED = ("airspeed", "alpha", "beta", "p", "q", "r", "ax", "ay", "az")
 _ZERO = (0.0, 0.0, 0.0)
-_SIMPSON = np.array([1.0, 4.0, 1.0]) / 6.0  # weights of the mean over an interval
+_SIMPSON_WEIGHTS = np.array([1.0, 4.0, 1.0]) / 6.0  # weights of the mean over an interval
 _FLOWN = ("airspeed", "alpha", "beta", "p", "q", "r")
 _LENGTHS = {"p": "span", "q": "chord", "r": "span"}  # of non-dimensional rates
 Point = tuple[float, float, float]
@@ -92,8 +92,8 @@ class Histories:
     slopes: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
 
     def noise_of_coefficient(self, axis: str) -> np.ndarray:
-        """Slopes of a measured coefficient by the signals times their standard deviations, ``(s,
-        M)``, in the order of ``signal_noise``.
+        """Return the slopes of a measured coefficient by the signals times their standard
+        deviations, ``(s, M)``, in the order of ``signal_noise``.
         """
         slopes, none = self.slopes.get(axis, {}), np.zeros(len(self.time))
         rows = [std * slopes.get(name, none) for name, std in self.signal_noise.items()]
@@ -135,7 +135,7 @@ class Histories:
         """A term's weighted means over the windows, ``(M,)``, as a coefficient's are formed."""
         if axis in MOMENTS:
             between = np.broadcast_to(term.of(self.signals), self.signals["alpha"].shape)
-            values, kernel = _SIMPSON @ between, self.averaging
+            values, kernel = _SIMPSON_WEIGHTS @ between, self.averaging
         else:
             values = np.broadcast_to(term.of(self.samples), self.samples["alpha"].shape)
             kernel = np.convolve(self.averaging, (0.5, 0.5))
@@ -143,7 +143,7 @@ class Histories:
 
 
 def half_width(rate: float, bandwidth: float, widest: int = 2000) -> int:
-    """Samples on each side of a window whose slope has the bandwidth.
+    """Return the samples on each side of a window whose slope has the bandwidth.
 
     Parameters
     ----------
@@ -173,13 +173,13 @@ def bandwidth_of(half: int, rate: float) -> float:
 
 
 def _slopes(half: int) -> np.ndarray:
-    """Weights ``(2 half + 1,)`` of the slope of a local parabola, per sample."""
+    """Return the weights ``(2 half + 1,)`` of the slope of a local parabola, per sample."""
     n = np.arange(-half, half + 1, dtype=float)
     return n / float(n @ n)
 
 
 def _averaging(half: int) -> np.ndarray:
-    """Weights ``(2 half,)`` of the increments between samples in a slope."""
+    """Return the weights ``(2 half,)`` of the increments between samples in a slope."""
     return -np.cumsum(_slopes(half))[:-1]
 
 
@@ -188,7 +188,7 @@ def _windows(values: np.ndarray, width: int, rows: np.ndarray) -> np.ndarray:
 
 
 def noise_of(values: np.ndarray) -> float:
-    """Standard deviation of a channel's white noise, from what local cubics leave.
+    """Return the standard deviation of a channel's white noise, from what local cubics leave.
 
     Parameters
     ----------
@@ -211,11 +211,11 @@ def histories_of(
     airframe: Airframe,
     surfaces: Mapping[str, np.ndarray],
     thrust: np.ndarray | float = 0.0,
-    bandwidth: float = BANDWIDTH,
+    bandwidth: float = DERIVATIVE_BANDWIDTH,
     *,
     held: bool = False,
 ) -> Histories:
-    """Coefficients of a maneuver from its channels.
+    """Return the coefficients of a maneuver from its channels.
 
     Parameters
     ----------
@@ -259,7 +259,7 @@ def histories_of(
     turn = {rate: _windows(channels[rate], len(slope), rows) @ slope for rate in ("p", "q", "r")}
 
     def mean(values: np.ndarray) -> np.ndarray:
-        return np.asarray(_windows(_SIMPSON @ values, len(kernel), rows) @ kernel)
+        return np.asarray(_windows(_SIMPSON_WEIGHTS @ values, len(kernel), rows) @ kernel)
 
     T = np.broadcast_to(np.asarray(thrust, dtype=float), time.shape)
     samples = {**_flow(s, c), **surfaces}
@@ -332,7 +332,7 @@ def _jumps(
     surfaces: Mapping[str, np.ndarray],
     step: float,
 ) -> dict[str, np.ndarray]:
-    """Half of what a step of held surfaces adds to each angular acceleration at its sample.
+    """Return half of what a step of held surfaces adds to each angular acceleration at its sample.
 
     A central difference is the mean of both sides of the step, and an accelerometer reads the
     later side. The difference of both sides is regressed on the steps and on the smooth motion.
@@ -355,7 +355,7 @@ def _jumps(
 def _at_cg(
     s: dict[str, np.ndarray], airframe: Airframe, step: float, jumps: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Channels as sensors at the centre of gravity would read them."""
+    """Return the channels as sensors at the centre of gravity would read them."""
     s = dict(s)
     p, q, r = s["p"], s["q"], s["r"]
     V = s["airspeed"]
@@ -380,8 +380,8 @@ def _at_cg(
 
 
 def _slope(values: np.ndarray, step: float, bends: np.ndarray | float = 0.0) -> np.ndarray:
-    """Time derivative ``(N,)`` of a channel by differences that are exact to the fourth degree, but
-    at both ends; ``bends`` as of ``_between``.
+    """Return the time derivative ``(N,)`` of a channel by differences that are exact to the fourth
+    degree, but at both ends; ``bends`` as of ``_between``.
     """
     found = np.gradient(values, step)
     curved = _curved(values, bends)
@@ -410,7 +410,7 @@ def _flow(s: Mapping[str, np.ndarray], c: Mapping[str, np.ndarray]) -> dict[str,
 def _forces(
     s: Mapping[str, np.ndarray], c: Mapping[str, np.ndarray], T: np.ndarray, airframe: Airframe
 ) -> dict[str, np.ndarray]:
-    """Coefficients of the forces at the samples, in body or wind axes."""
+    """Return the coefficients of the forces at the samples, in body or wind axes."""
     qS = 0.5 * c["air_density"] * s["airspeed"] ** 2 * c["wing_area"]
     CX = (c["mass"] * s["ax"] - T * np.cos(c["thrust_angle"])) / qS
     CY = c["mass"] * s["ay"] / qS
@@ -429,7 +429,7 @@ def _moments(
     at: np.ndarray,
     T: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """Coefficients of the moments about the reference point, at the windows."""
+    """Return the coefficients of the moments about the reference point, at the windows."""
     p, q, r = s["p"], s["q"], s["r"]
     Ix, Iy, Iz, Ixz = (
         c[name] for name in ("roll_inertia", "pitch_inertia", "yaw_inertia", "cross_inertia")
@@ -463,7 +463,7 @@ def _signal_noise(
     c: Mapping[str, np.ndarray],
     s: Mapping[str, np.ndarray],
 ) -> dict[str, float]:
-    """Standard deviations of the signals of terms behind smoothing and averaging."""
+    """Return the standard deviations of the signals of terms behind smoothing and averaging."""
     from scipy.signal import savgol_coeffs
 
     left = math.sqrt(float(np.sum(np.convolve(wide, savgol_coeffs(max(2 * half + 1, 7), 4)) ** 2)))
@@ -478,8 +478,8 @@ def _signal_noise(
 def _force_noise(
     noise: Mapping[str, float], wide: np.ndarray, half: int, step: float, airframe: Airframe
 ) -> dict[str, float]:
-    """Standard deviations of the averaged specific forces at the centre of gravity, m/s2: those of
-    the accelerometers, and of the rates whose slopes move them there.
+    """Return the standard deviations of the averaged specific forces at the centre of gravity,
+    m/s2: those of the accelerometers, and of the rates whose slopes move them there.
     """
     from scipy.signal import savgol_coeffs
 
@@ -502,7 +502,7 @@ def _scatter(
     s: Mapping[str, np.ndarray],
     at: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """Standard deviations of the coefficients by the white noise of the channels."""
+    """Return the standard deviations of the coefficients by the white noise of the channels."""
     Qs = (0.5 * c["air_density"] * s["airspeed"] ** 2 * c["wing_area"])[at]
     sloped = math.sqrt(float(slope @ slope))
     m = c["mass"][at]
@@ -529,7 +529,7 @@ def _scatter(
 
 
 def filled(values: np.ndarray, valid: np.ndarray, name: str, where: str) -> np.ndarray:
-    """A channel with straight lines over missing samples.
+    """Return a channel with straight lines over missing samples.
 
     Raises
     ------

@@ -20,7 +20,7 @@ from sim.aerodynamics import Term
 HIGH_INFLATION = 10.0  # variance inflation factor: the references' usual limit
 HIGH_CORRELATION = 0.9
 HIGH_INDEX = 30.0  # condition index
-_SHARE = 0.5  # of a variance, that belongs to one index
+_COLLINEAR_VARIANCE_SHARE = 0.5  # of a variance, that belongs to one index
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ def collinearity_of(
     shares = vectors**2 / values
     shares = shares / shares.sum(axis=1, keepdims=True)
     groups = [
-        tuple(terms[i] for i in range(len(terms)) if shares[i, k] > _SHARE)
+        tuple(terms[i] for i in range(len(terms)) if shares[i, k] > _COLLINEAR_VARIANCE_SHARE)
         for k in range(len(values))
         if indices[k] > HIGH_INDEX
     ]
@@ -96,7 +96,7 @@ def collinearity_of(
 
 
 def _advice(terms: Sequence[Term], surfaces: Collection[str]) -> str:
-    """The maneuver that would separate the terms."""
+    """Return the maneuver that would separate the terms."""
     signals = sorted(set().union(*(term.signals for term in terms)))
     moved = [name for name in signals if name in surfaces]
     flown = [name for name in signals if name not in surfaces]

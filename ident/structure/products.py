@@ -50,11 +50,13 @@ import numpy as np
 from ident.structure.coefficients import Histories
 from sim.aerodynamics import Term
 
-LARGE = 1.3  # residual over noise, above which a share of the residual is enough
-OF_RESIDUAL = 0.02  # that share
-ALIKE = 1e-9  # share of a column that the others leave, below which it is no column of its own
-RELIABLE = 0.3  # share of that part which has to be motion; the rest is noise of the signals
-_LAGS = 8  # of windows that overlap by half
+LARGE_RESIDUAL_RATIO = 1.3  # residual over noise, above which a share of the residual is enough
+OF_RESIDUAL = 0.02
+# share of a column that the others leave, below which it is no column of its own
+INDEPENDENT_COLUMN_SHARE = 1e-9
+# share of that part which has to be motion; the rest is noise of the signals
+LEAST_MOTION_SHARE = 0.3
+_WINDOW_LAGS = 8  # of windows that overlap by half
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +87,11 @@ class Products:
         variance, or less while the residual is clearly larger than the noise.
         """
         of_variance = least * self.spread
-        return min(of_variance, OF_RESIDUAL * sse) if sse > LARGE**2 * self.noise else of_variance
+        return (
+            min(of_variance, OF_RESIDUAL * sse)
+            if sse > LARGE_RESIDUAL_RATIO**2 * self.noise
+            else of_variance
+        )
 
     @property
     def spread(self) -> float:
@@ -100,8 +106,8 @@ def columns_of(history: Histories, terms: Sequence[Term], axis: str) -> np.ndarr
 
 
 def noise_columns(history: Histories, terms: Sequence[Term]) -> np.ndarray:
-    """Slopes of terms by each signal times the standard deviation of its noise, ``(s, M, k)``; the
-    signals in the order of ``signal_noise``.
+    """Return the slopes of terms by each signal times the standard deviation of its noise, ``(s, M,
+    k)``; the signals in the order of ``signal_noise``.
     """
     at = history.rows + len(history.averaging) // 2
     found = np.zeros((len(history.signal_noise), len(at), len(terms)))
@@ -122,7 +128,7 @@ def products_of(
     terms: Sequence[Term],
     noises: Sequence[tuple[np.ndarray, np.ndarray]] = (),
 ) -> Products:
-    """Products of columns ``(M, k)`` and a coefficient ``(M,)``, by maneuver.
+    """Return the products of columns ``(M, k)`` and a coefficient ``(M,)``, by maneuver.
 
     Parameters
     ----------
@@ -157,7 +163,7 @@ class ScaledEquations:
     chosen : their places. scale : ``(k,)`` of all columns. gram, cross : of all, scaled, as
         measured; clean_gram, clean_cross : without the noise of the signals.
     inverse : ``(n, n)`` of the chosen ones, clean. share : of the noise that was taken out; below 1
-        where more would leave less of some direction than ``RELIABLE``.
+        where more would leave less of some direction than ``LEAST_MOTION_SHARE``.
     """
 
     chosen: list[int]
@@ -189,7 +195,7 @@ class ScaledEquations:
 
 
 def normal_of(products: Products, chosen: Sequence[int]) -> ScaledEquations:
-    """The normal equations of the chosen columns over all maneuvers."""
+    """Return the normal equations of the chosen columns over all maneuvers."""
     at = list(chosen)
     sums = [products.gram, products.cross, products.gram_noise, products.cross_noise]
     gram, cross, gram_noise, cross_noise = (each.sum(axis=0) for each in sums)
@@ -202,25 +208,25 @@ def normal_of(products: Products, chosen: Sequence[int]) -> ScaledEquations:
 
 
 def clean_inverse(gram: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, float]:
-    """Inverse of a scaled matrix of products less that of its noise, and the share of the noise
-    that was subtracted.
+    """Return the inverse of a scaled matrix of products less that of its noise, and the share of
+    the noise that was subtracted.
     """
     inverse = np.linalg.pinv(gram, rcond=1e-12, hermitian=True)
     if not np.any(noise):
         return inverse, 1.0
     largest = float(np.max(np.linalg.eigvals(inverse @ noise).real))
-    share = min(1.0, (1.0 - RELIABLE) / max(largest, 1e-300))
+    share = min(1.0, (1.0 - LEAST_MOTION_SHARE) / max(largest, 1e-300))
     return np.linalg.pinv(gram - share * noise, rcond=1e-12, hermitian=True), share
 
 
 def values_of(products: Products, chosen: Sequence[int]) -> np.ndarray:
-    """Values of the chosen columns, ``(n,)``."""
+    """Return the values of the chosen columns, ``(n,)``."""
     found = normal_of(products, chosen)
     return np.asarray(found.values / found.scale[found.chosen])
 
 
 def variance_of(products: Products, chosen: Sequence[int]) -> np.ndarray:
-    """Variances of the chosen values for white residuals of unit variance, ``(n,)``."""
+    """Return the variances of the chosen values for white residuals of unit variance, ``(n,)``."""
     found = normal_of(products, chosen)
     return np.asarray(found.variance / found.scale[found.chosen] ** 2)
 
@@ -241,14 +247,16 @@ def gains_of(products: Products, chosen: Sequence[int]) -> tuple[np.ndarray, flo
         - 2.0 * np.einsum("ij,ij->j", n.gram[n.chosen], weights)
         + np.einsum("ij,ij->j", weights, own @ weights)
     )
-    good = (measured > ALIKE) & (clean > RELIABLE * measured)
-    gains = np.where(good, part**2 / np.maximum(measured, ALIKE), 0.0)
+    good = (measured > INDEPENDENT_COLUMN_SHARE) & (clean > LEAST_MOTION_SHARE * measured)
+    gains = np.where(good, part**2 / np.maximum(measured, INDEPENDENT_COLUMN_SHARE), 0.0)
     gains[n.chosen] = 0.0
     return gains, n.left(squares)
 
 
 def losses_of(products: Products, chosen: Sequence[int]) -> tuple[list[float], float]:
-    """What each chosen column explains that the others do not, and what is left now."""
+    """Return the sum of squares that each chosen column alone explains, and the sum of squares of
+    the residual.
+    """
     n = normal_of(products, chosen)
     losses = n.values**2 / np.maximum(n.variance, 1e-300)
     return losses.tolist(), n.left(float(products.squares.sum()))
@@ -287,9 +295,9 @@ def covariance_of(
     *,
     local: bool = True,
 ) -> np.ndarray:
-    """Covariance ``(n, n)`` of the values with the autocorrelation of the residuals, as of one
-    variance throughout, and where ``local`` as of residuals that are larger in places, as where a
-    noisy alpha turns a large lift into drag (White; Newey and West): the larger of both.
+    """Return the covariance ``(n, n)`` of the values with the autocorrelation of the residuals, as
+    of one variance throughout, and where ``local`` as of residuals that are larger in places, as
+    where a noisy alpha turns a large lift into drag (White; Newey and West): the larger of both.
 
     Lags are weighted by a trapezoid, 1 up to half of them [1]_: noise of angular accelerations is
     weak at low frequencies, which Bartlett's triangle hides. The triangle serves where the
@@ -319,7 +327,7 @@ def covariance_of(
     ]
     even: list[Any] = []
     uneven: list[Any] = []
-    for lag in range(min(_LAGS, min(len(e) for e in residuals) - 1) + 1):
+    for lag in range(min(_WINDOW_LAGS, min(len(e) for e in residuals) - 1) + 1):
         together = sum(float(e[: len(e) - lag] @ e[lag:]) for e in residuals)
         pairs = [(X[: len(X) - lag] / scale, X[lag:] / scale) for X in parts]
         even.append(together / n * sum(a.T @ b for a, b in pairs))
@@ -332,7 +340,7 @@ def covariance_of(
 
 def _over_lags(products: Sequence[np.ndarray]) -> np.ndarray:
     """Weighted sum of ``(n, n)`` products by lag and their transposes."""
-    triangle = 1.0 - np.arange(len(products)) / (_LAGS + 1.0)
+    triangle = 1.0 - np.arange(len(products)) / (_WINDOW_LAGS + 1.0)
     for weights in (np.minimum(2.0 * triangle, 1.0), triangle):
         weights[0] = 0.5
         half = np.tensordot(weights, np.array(products), 1)
@@ -423,7 +431,7 @@ def averaged_covariance(
 def _likeliest_other(
     shares: np.ndarray, models: Sequence[tuple[float, list[int]]], chosen: Sequence[int]
 ) -> Alternative | None:
-    """The likeliest of the models that is not the chosen one."""
+    """Return the likeliest of the models that is not the chosen one."""
     others = [
         (float(share), model)
         for share, (_, model) in zip(shares, models, strict=True)
@@ -445,8 +453,8 @@ def _neighbours(
     linear: Collection[int],
     made_of: Sequence[Collection[int]],
 ) -> list[tuple[float, list[int]]]:
-    """The chosen model and those with one term added, removed or exchanged, each with the logarithm
-    of its probability over that of the chosen one.
+    """Return the chosen model and those with one term added, removed or exchanged, each with the
+    logarithm of its probability over that of the chosen one.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ import numpy as np
 
 from ident.structure.coefficients import Histories
 from ident.structure.products import (
-    LARGE,
+    LARGE_RESIDUAL_RATIO,
     Alternative,
     Products,
     averaged_covariance,
@@ -47,11 +47,13 @@ from ident.structure.products import (
 from sim.aerodynamics import Term, is_linear, parents
 
 F_IN = 20.0  # partial F ratio: Klein and Morelli, section 5.4, for many samples
-LEAST = 2e-4  # share of the variance that a term has to explain
+LEAST_VARIANCE_SHARE = 2e-4  # share of the variance that a term has to explain
 NO_WORSE = 4.0  # partial F ratio, two sigmas, by which a simpler term may explain less
 CHANGED, MUCH = 1.0, 2.0  # sigmas by which a linear term that is clear, or any, moves another value
-CLEAR = 5.0  # partial F ratio of such a term
-COLLINEAR = 10.0  # variance inflation factor above which two terms are not told apart
+CLEAR_F_RATIO = 5.0  # partial F ratio of such a term
+LARGEST_VARIANCE_INFLATION = (
+    10.0  # variance inflation factor above which two terms are not told apart
+)
 AS_GOOD = 1e-6  # of a gain, within which two terms explain the same: the one offered first enters
 STEPWISE, ORTHOGONAL = "stepwise", "orthogonal"
 
@@ -90,7 +92,9 @@ class TermColumns:
 
     @classmethod
     def of(cls, histories: Sequence[Histories], axis: str, terms: Sequence[Term]) -> TermColumns:
-        """Those of histories, for the coefficient ``axis`` and all that are averaged alike."""
+        """Return the term columns of histories, for the coefficient ``axis``, all averaged
+        alike.
+        """
         blocks = [columns_of(h, terms, axis) for h in histories]
         return cls(tuple(terms), blocks, [noise_columns(h, terms) for h in histories])
 
@@ -104,7 +108,9 @@ class TermColumns:
     def residuals(
         self, rows: Sequence[np.ndarray], chosen: Sequence[int], values: np.ndarray
     ) -> list[np.ndarray]:
-        """What the chosen columns leave of the coefficient ``rows``, by maneuver."""
+        """Return the residuals of the coefficient ``rows`` after the chosen columns, by
+        maneuver.
+        """
         pairs = zip(rows, self.blocks, strict=True)
         return [row - block[:, chosen] @ values for row, block in pairs]
 
@@ -117,7 +123,7 @@ class TermColumns:
         *,
         local: bool = True,
     ) -> np.ndarray:
-        """Covariance of the values, ``(n, n)``; see `covariance_of`."""
+        """Return the covariance of the values, ``(n, n)``; see `covariance_of`."""
         parts = [block[:, chosen] for block in self.blocks]
         noise = products.gram_noise[:, chosen][:, :, chosen]
         drifts = (products.cross_noise[:, chosen] - noise @ values) / products.counts[:, None]
@@ -170,47 +176,44 @@ class Selection:
 
 
 def stepwise(
-    products: Products,
-    f_in: float = F_IN,
-    least: float = LEAST,
-    *,
-    first: Sequence[int] = (),
-    hierarchical: bool = False,
+    products: Products, *, first: Sequence[int] = (), hierarchical: bool = False
 ) -> tuple[list[int], list[SelectionStep]]:
-    """Columns chosen by stepwise regression, and the steps.
+    """Return the columns chosen by stepwise regression, and the steps.
 
     Parameters
     ----------
     products : the constant term's column, if offered, begins in the model.
-    f_in : least partial F ratio of a term. least : share of the variance that it explains at least;
-        while the residual is above ``LARGE`` times the noise, ``OF_RESIDUAL`` of it is enough.
     first : columns that enter before the others, whatever they explain: two terms that mask each
         other explain little alone. They leave as all terms do.
     hierarchical : a product enters after the linear terms of its symmetry, where they are offered.
+
+    A term enters with a partial F ratio of at least ``F_IN``, and if it explains
+    ``LEAST_VARIANCE_SHARE`` of the variance; ``OF_RESIDUAL`` of it is enough while the residual is
+    above ``LARGE_RESIDUAL_RATIO`` times the noise.
     """
     above = _parents(products.terms, hierarchical)
     chosen, steps = _entered(products, first)
     seen: set[frozenset[int]] = set()
-    chosen = _supported(products, chosen, steps, above, f_in, least)
+    chosen = _supported(products, chosen, steps, above, F_IN, LEAST_VARIANCE_SHARE)
     while frozenset(chosen) not in seen:
         seen.add(frozenset(chosen))
         gains, sse = gains_of(products, chosen)
         gains = np.where([each.issubset(chosen) for each in above], gains, 0.0)
         best = _best(gains) if len(gains) else -1
         F = ratio_of(products, gains[best], sse - gains[best], len(chosen) + 1)
-        if best < 0 or f_in > F or gains[best] < products.least_gain(least, sse):
-            chosen, exchanged = _exchanged(products, chosen, above, f_in)
+        if best < 0 or F_IN > F or gains[best] < products.least_gain(LEAST_VARIANCE_SHARE, sse):
+            chosen, exchanged = _exchanged(products, chosen, above, F_IN)
             steps += exchanged
             continue
         chosen = [*chosen, best]
         steps.append(_step(products, chosen, best, True, F))
-        chosen = _supported(products, chosen, steps, above, f_in, least)
+        chosen = _supported(products, chosen, steps, above, F_IN, LEAST_VARIANCE_SHARE)
     return chosen, steps
 
 
 def _entered(products: Products, first: Sequence[int]) -> tuple[list[int], list[SelectionStep]]:
-    """The constant and the columns ``first``, those that explain most before the others; without
-    those whose own part is mostly noise.
+    """Return the constant and the columns ``first``, those that explain most before the others;
+    without those whose own part is mostly noise.
     """
     chosen = [i for i, term in enumerate(products.terms) if not term.factors]
     steps: list[SelectionStep] = []
@@ -233,7 +236,7 @@ def _supported(
     f_in: float,
     least: float,
 ) -> list[int]:
-    """The chosen columns without those that explain too little; ``steps`` is continued."""
+    """Return the chosen columns without those that explain too little; ``steps`` is continued."""
     while len(chosen) > 2:
         losses, sse = losses_of(products, chosen)
         needed = _needed(products.terms, chosen, above)
@@ -251,7 +254,7 @@ def _supported(
 def _exchanged(
     products: Products, chosen: list[int], above: Sequence[frozenset[int]], f_in: float
 ) -> tuple[list[int], list[SelectionStep]]:
-    """One term in the place of another, by partial F ratios in what the rest leaves.
+    """Return one term in the place of another, by partial F ratios in what the rest leaves.
 
     It explains clearly more, by ``f_in``: a term may have entered for what others explain that came
     later. Or it is simpler and explains no less but for noise: ``beta`` for ``beta*mach`` where
@@ -285,7 +288,7 @@ def _exchanged(
 
 
 def _simpler(terms: Sequence[Term], at: int) -> list[int]:
-    """Terms made of some of the signals of another one, and its linear parents."""
+    """Return the terms made of some of the signals of another one, and its linear parents."""
     term, above = terms[at], parents(terms[at])
     return [
         i
@@ -303,8 +306,8 @@ def _parents(terms: Sequence[Term], hierarchical: bool) -> list[frozenset[int]]:
 
 
 def _linear(terms: Sequence[Term], axis: str) -> list[int]:
-    """Columns of linear terms that the symmetry of the aircraft allows; Mach number is none, as it
-    hardly moves.
+    """Return the columns of linear terms that the symmetry of the aircraft allows; Mach number is
+    none, as it hardly moves.
     """
     return [i for i, each in enumerate(terms) if is_linear(each, axis) and each.signals != {"mach"}]
 
@@ -312,7 +315,7 @@ def _linear(terms: Sequence[Term], axis: str) -> list[int]:
 def _needed(
     terms: Sequence[Term], chosen: Sequence[int], above: Sequence[frozenset[int]]
 ) -> set[int]:
-    """Columns that stay: the constant, and parents of others."""
+    """Return the columns that stay: the constant, and parents of others."""
     return {i for i in chosen if not terms[i].factors}.union(*(above[i] for i in chosen))
 
 
@@ -324,7 +327,7 @@ def _without_weak(
     rows: Sequence[np.ndarray],
     hierarchical: bool,
 ) -> tuple[list[int], list[SelectionStep]]:
-    """Without the terms whose F ratio is small by standard deviations for coloured residuals of one
+    """Drop the terms whose F ratio is small by standard deviations for coloured residuals of one
     variance (a short maneuver says little of where they are larger).
 
     The partial F ratios of the search take residuals as white.
@@ -351,7 +354,7 @@ def _with_confounders(
     rows: Sequence[np.ndarray],
     axis: str,
 ) -> tuple[list[int], list[SelectionStep]]:
-    """With the linear terms that are too weak for the search and change the values of other linear
+    """Add the linear terms that are too weak for the search and change the values of other linear
     ones.
 
     Left out, they would be a bias of those values that no standard deviation holds [1]_.
@@ -375,7 +378,10 @@ def _with_confounders(
             F = float(full[-1] ** 2 / max(variance, 1e-300))
             moved = np.abs(full[:-1] - values) / np.maximum(sigma, 1e-300)
             change = float(np.max(moved, where=asked, initial=0.0))
-            if change > (CHANGED if F > CLEAR else MUCH) or change**2 > COLLINEAR * F:
+            if (
+                change > (CHANGED if F > CLEAR_F_RATIO else MUCH)
+                or change**2 > LARGEST_VARIANCE_INFLATION * F
+            ):
                 found.append((change, F, come))
         if not found:
             return chosen, steps
@@ -406,8 +412,8 @@ def orthogonal(products: Products) -> tuple[list[int], list[SelectionStep]]:
 
 
 def _best(gains: np.ndarray) -> int:
-    """The first column whose gain is the largest but for rounding: simple terms are offered first,
-    and where one signal stands still its product with another is that other's multiple.
+    """Return the first column whose gain is the largest but for rounding: simple terms are offered
+    first, and where one signal stands still its product with another is that other's multiple.
     """
     return int(np.argmax(gains >= (1.0 - AS_GOOD) * np.max(gains)))
 
@@ -423,7 +429,7 @@ def select(
     hierarchical: bool = False,
     baseline: bool = False,
 ) -> Selection:
-    """The terms of one coefficient.
+    """Return the terms of one coefficient.
 
     Parameters
     ----------
@@ -487,7 +493,7 @@ def select(
         confounders=tuple(terms[i] for i in chosen[strong:]),
         alternative=None if other is None else _as_terms(other, terms),
     )
-    if not further or rms < LARGE * noise:
+    if not further or rms < LARGE_RESIDUAL_RATIO * noise:
         return found
     return _with_lacking(found, histories, further, products.spread)
 
@@ -508,20 +514,20 @@ def _with_lacking(
     further: Sequence[Term],
     spread: float,
 ) -> Selection:
-    """The same with the terms, not offered, that explain the residual best."""
+    """Return the same with the terms, not offered, that explain the residual best."""
     every = (*found.terms, *further)
     products = TermColumns.of(histories, found.axis, every).products(histories, found.axis)
     gains, sse = gains_of(products, list(range(len(found.terms))))
-    told = [
+    significant = [
         (
             every[i],
             ratio_of(products, gains[i], sse - gains[i], len(found.terms) + 1),
             gains[i] / sse,
         )
         for i in np.argsort(gains)[::-1][:3]
-        if gains[i] > 0.03 * sse and gains[i] > 0.1 * LEAST * spread
+        if gains[i] > 0.03 * sse and gains[i] > 0.1 * LEAST_VARIANCE_SHARE * spread
     ]
-    return replace(found, lacking=tuple(each for each in told if each[1] > F_IN))
+    return replace(found, lacking=tuple(each for each in significant if each[1] > F_IN))
 
 
 def _step(

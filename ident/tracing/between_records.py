@@ -84,8 +84,8 @@ def _together(
     records: Sequence[Record],
     masks: Sequence[np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Values and sigmas ``(n, records)`` of a fit of all records in which each has these parameters
-    for itself.
+    """Return the values and sigmas ``(n, records)`` of a fit of all records in which each has these
+    parameters for itself.
     """
     data = FitData(records, masks, problem.model, problem.outputs)
     apart = fit_set(
@@ -114,8 +114,8 @@ def _one_by_one(
     records: Sequence[Record],
     masks: Sequence[np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Values and sigmas ``(n, records)`` under the noise levels and effects of all, of the records
-    that can be fitted so; None of fewer than two.
+    """Return the values and sigmas ``(n, records)`` under the noise levels and effects of all, of
+    the records that can be fitted so; None of fewer than two.
     """
     own = [
         name
@@ -173,7 +173,7 @@ def inflation(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
 
 
 def of_each_record(fitted: FittedModel, effect: Traceable) -> tuple[Mapping[str, Quantity], ...]:
-    """An effect's shared parameters as each record has them, by local name.
+    """Return an effect's shared parameters as each record has them, by local name.
 
     Each record gets its own value of them; the derivatives and all other effects stay in common.
 
@@ -218,8 +218,8 @@ def of_each_record(fitted: FittedModel, effect: Traceable) -> tuple[Mapping[str,
 
 
 def form_spread(problem: TraceProblem, fitted: FittedModel) -> dict[str, float]:
-    """By how much the declared parameters move, beyond chance, where every effect of a set takes
-    its freer form; empty where none has one.
+    """Return by how much, beyond chance, the declared parameters move if every effect of a set
+    takes its refined form; empty if none has one.
 
     A derivative is a slope at trim, and the plain form of a curve is not the truth's: its sigma
     knows of noise alone. The move is taken beyond what the freer form's larger sigma explains:

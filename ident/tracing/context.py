@@ -11,22 +11,20 @@ from sim.declaration.effect import AIRSPEEDS
 from sim.declaration.proposal import SearchContext
 from sim.record import Record
 
-_AROUND = 801  # bins of a smoothed spectrum, a hundred of a record's own
-_SLOWEST = 2.0  # Hz: slower updates are motion
+_SMOOTHED_BINS = 801  # bins of a smoothed spectrum, a hundred of a record's own
+_SLOWEST_UPDATE_RATE = 2.0  # Hz: slower updates are motion
+_MOST_PEAKS = 3  # peaks of a residual spectrum that start a search
 
 
-def search_context(
-    fitted: FittedModel, predicted: Sequence[Record] = (), which: Sequence[int] | None = None
-) -> SearchContext:
-    """The common search context of a fitted model's records, or ``which`` of them: the longest
-    span, the largest inputs, the ranges as fitted.
+def search_context(fitted: FittedModel, predicted: Sequence[Record] = ()) -> SearchContext:
+    """Return the common search context of a fitted model's records: the longest span, the largest
+    inputs, the ranges as fitted.
 
     ``predicted`` are further records that the model must predict: what they fly through widens the
     ranges (the outermost hundredth of an output's samples left out, against spikes).
     """
     fit, layout = fitted.fit, fitted.fit.layout
-    numbers = range(len(layout.problems)) if which is None else which
-    problems, lines = [layout.problems[r] for r in numbers], [fit.lines[r] for r in numbers]
+    problems, lines = layout.problems, fit.lines
     records = [problem.record for problem in problems]
     longest = max(records, key=lambda record: record.time[-1] - record.time[0])
     peak: dict[str, float] = {}
@@ -73,7 +71,7 @@ def search_context(
         flown=flown,
         residual_peaks=spectral_peaks(
             records,
-            [fit.residuals[r] for r in numbers],
+            fit.residuals,
             [problem.valid for problem in problems],
             fit.variance,
         ),
@@ -81,7 +79,7 @@ def search_context(
             name: update_period(
                 [record.time for record in records],
                 [line.y[i] for line in lines],
-                [fit.residuals[r][i] for r in numbers],
+                [residuals[i] for residuals in fit.residuals],
             )
             for i, name in enumerate(layout.system.output_names)
         },
@@ -102,7 +100,7 @@ def search_context(
 def update_period(
     times: Sequence[np.ndarray], predicted: Sequence[np.ndarray], residuals: Sequence[np.ndarray]
 ) -> float:
-    """The period, s, at which an output is most likely held between updates.
+    """Return the period, s, at which an output is most likely held between updates.
 
     A held output is late by a sawtooth that grows from nothing to the period: its residual is minus
     that times the output's slope. The product of residual and slope has a line at the frequency of
@@ -125,8 +123,8 @@ def update_period(
         )
     frequency = np.fft.rfftfreq(size, interval)
     # What the maneuver itself brings falls with frequency: a line stands out of what is around it.
-    around = uniform_filter1d(power, _AROUND)
-    inside = (frequency > _SLOWEST) & (frequency < 0.5 / interval)
+    around = uniform_filter1d(power, _SMOOTHED_BINS)
+    inside = (frequency > _SLOWEST_UPDATE_RATE) & (frequency < 0.5 / interval)
     height = np.where(inside, power / np.maximum(around, 1e-300), 0.0)
     at = int(np.argmax(height))
     return 1.0 / float(frequency[at]) if height[at] > 0 else np.inf
@@ -137,10 +135,9 @@ def spectral_peaks(
     residuals: Sequence[np.ndarray],
     valid: Sequence[np.ndarray],
     variance: np.ndarray,
-    count: int = 3,
 ) -> tuple[float, ...]:
-    """Frequencies (rad/s) at which the normalised residuals hold most power, strongest first, at
-    least three bins apart.
+    """Return the three frequencies (rad/s) at which the normalised residuals hold most power,
+    strongest first, at least 15 % apart.
 
     Missing samples count as zero; uneven sampling is read as even at its mean interval, which
     serves for a start.
@@ -162,6 +159,6 @@ def spectral_peaks(
     for frequency in sorted(best, key=lambda f: -best[f]):
         if all(abs(frequency - other) > 0.15 * other for other in chosen):
             chosen.append(frequency)
-        if len(chosen) == count:
+        if len(chosen) == _MOST_PEAKS:
             break
     return tuple(chosen)

@@ -13,7 +13,7 @@ from ident.tracing.diagnosis import Candidate, Step, Verdict
 from ident.tracing.evidence import Key, WeighedSet
 from ident.tracing.fitted_model import FittedModel
 from ident.tracing.names import (
-    CERTAIN,
+    CLAIM_LEVEL,
     Named,
     inclusion_of,
     look_alikes,
@@ -24,9 +24,9 @@ from ident.tracing.names import (
     with_shares,
 )
 from ident.tracing.problem import TraceProblem
-from ident.tracing.search import CLEAR, LEADERS, Search
+from ident.tracing.search import CLEAR_GAIN, FITTED_SINGLES, Search
 from ident.tracing.steady_search import (
-    RIVAL,
+    CONFUSABLE_SETS_Z,
     is_steady,
     quiet_vuong,
     required_z,
@@ -37,9 +37,9 @@ from ident.tracing.whiteness import is_noise, whiteness
 from sim.declaration.effect import NoiseEffect, Station, full_name
 from sim.declaration.proposal import Traceable
 
-SLIGHT = 1.1  # error over the noise up to which a discrepancy is of no consequence
+NEGLIGIBLE_RATIO = 1.1  # error over the noise up to which a discrepancy is of no consequence
 OVER_LEAST = 6.0  # times the least noise of a sensor: 1.8 times what high frequencies show
-SUPPORTED = 3.0  # z of an effect that brings little
+SUPPORTED_Z = 3.0  # z of an effect that brings little
 TWO_EVENTS = "two loads or gusts in passing are likelier one cause that the library lacks"
 ROUGH_AIR = "its evidence comes from the maneuvers: rough air acts between them as well"
 LITTLE = "it brings little, {:.1f} times its scatter over the record; {:.1f} are required"
@@ -66,7 +66,7 @@ class Decision:
 
     @property
     def steps(self) -> tuple[Step, ...]:
-        """How the search went."""
+        """Steps of the search, in order."""
         return tuple(step for search in self.searches for step in search.steps)
 
     @property
@@ -81,7 +81,7 @@ class Decision:
 
 
 def searched(problem: TraceProblem, discrepancy: Traceable | None = None) -> Search:
-    """The search without a discrepancy among effects that have a cause of their own.
+    """Return the search without a discrepancy among effects that have a cause of their own.
 
     ``discrepancy`` : ends the search where it is by far likelier than what is found.
     """
@@ -93,7 +93,7 @@ LeavesNoise = Callable[[FittedModel], bool]
 
 
 def nothing_held_out(fitted: FittedModel) -> bool:
-    """There are no further data to hold a set against."""
+    """Return whether there are no further data to test a set against."""
     return True
 
 
@@ -103,7 +103,7 @@ def decided(
     leaves_noise: LeavesNoise = nothing_held_out,
     predicts_well: LeavesNoise | None = None,
 ) -> Decision:
-    """The decision (``_decided``) without names that stand for a cause outside the library.
+    """Return the decision (``_decided``) without names that stand for a cause outside the library.
 
     Rough air acts whether or not the aircraft is maneuvered. An event may begin anywhere, and two
     of them imitate much that has another law: one cause that no effect has is likelier.
@@ -129,14 +129,14 @@ def decided(
 
 
 def _fitted(decision: Decision) -> tuple[Search, WeighedSet]:
-    """The search of a decision's set, and the set in it."""
+    """Return the search of a decision's set, and the set in it."""
     names = frozenset(decision.best.names)
     search = next(each for each in reversed(decision.searches) if names in each.visited)
     return search, search.visited[names]
 
 
 def _events(decision: Decision) -> set[str]:
-    """Names, among those of a decision, of loads and gusts in passing."""
+    """Return the names, among those of a decision, of loads and gusts in passing."""
     effects = {each.name: each for each in decision.best.effects}
     return {
         each.name
@@ -146,7 +146,7 @@ def _events(decision: Decision) -> set[str]:
 
 
 def _without_names(decision: Decision, reasons: Mapping[str, str]) -> Decision:
-    """A decision that does not name these effects, by the reasons: they are hints."""
+    """Return a decision that does not name these effects, by the reasons: they are hints."""
     if not reasons:
         return decision
     named = tuple(each for each in decision.named if each.name not in reasons)
@@ -162,13 +162,13 @@ def _without_names(decision: Decision, reasons: Mapping[str, str]) -> Decision:
 
 
 def _acts_when_quiet(decision: Decision, name: str) -> bool:
-    """Whether the evidence for rough air is also there while the aircraft hardly moves."""
+    """Return whether the evidence for rough air is also there while the aircraft hardly moves."""
     search, best = _fitted(decision)
     smaller = search.set_without(best, name)
     if smaller is None:
         return True
     declared, interval = decision.searches[0].declared, search.context.interval
-    return quiet_vuong(best.fitted, smaller.fitted, declared, interval) >= RIVAL
+    return quiet_vuong(best.fitted, smaller.fitted, declared, interval) >= CONFUSABLE_SETS_Z
 
 
 def _decided(
@@ -226,11 +226,11 @@ def _decided_by_prediction(search: Search, leaves_noise: LeavesNoise) -> Decisio
     Likelier sets are set aside. What brings little to the fitted records may be what others need.
     Motion that any record may have is not taken for what is missing.
     """
-    leading = sorted(search.visited.items(), key=lambda item: -item[1].weight)[: 2 * LEADERS]
+    leading = sorted(search.visited.items(), key=lambda item: -item[1].weight)[: 2 * FITTED_SINGLES]
     usual = {each.name for each in search.problem.candidates if each.traits.background}
     failed: list[Key] = []
     for key, one in leading:
-        if one.weight < leading[0][1].weight - CLEAR:
+        if one.weight < leading[0][1].weight - CLEAR_GAIN:
             break
         if key & usual - leading[0][0]:
             continue
@@ -254,7 +254,7 @@ def _decided_with_small_misfit(
     records. Here they are named by the levels of white noise. None also where nothing is named.
     """
     fitted = search.fit((*best.fitted.effects, discrepancy), best.fitted)
-    if fitted is None or _error_over_noise(best.fitted, fitted) > SLIGHT:
+    if fitted is None or _error_over_noise(best.fitted, fitted) > NEGLIGIBLE_RATIO:
         return None
     # What is wrong with a sensor is no matter of loads: beside them it is as large as before.
     tests, levels = whiteness(best.fitted.fit, "fitted"), noise_levels(best.fitted.fit)
@@ -263,7 +263,9 @@ def _decided_with_small_misfit(
     if any(levels[name] > OVER_LEAST * least.get(name, math.inf) for name in left):
         return None
     found = _decided_under_white_noise(search, best, clear=math.inf)
-    enough = _error_over_noise(found.best, fitted) <= SLIGHT  # without what brings little as well
+    enough = (
+        _error_over_noise(found.best, fitted) <= NEGLIGIBLE_RATIO
+    )  # without what brings little as well
     return found if found.named and enough else None
 
 
@@ -277,7 +279,7 @@ def _decided_with_general_forms(search: Search, leaves_noise: LeavesNoise) -> De
     best = general.best()
     # A guard may be the same as a form: it gives way only where that is clearly likelier.
     guarded = search.best().names & problem.guards
-    if guarded and best.weight < search.best().weight + CLEAR:
+    if guarded and best.weight < search.best().weight + CLEAR_GAIN:
         return None
     if not (is_noise(best.fitted.fit) and leaves_noise(best.fitted)):
         return None
@@ -285,7 +287,8 @@ def _decided_with_general_forms(search: Search, leaves_noise: LeavesNoise) -> De
 
 
 def _other_forms(search: Search, best: WeighedSet) -> WeighedSet:
-    """Beside a discrepancy: another fault of the same sensor where that is clearly likelier.
+    """Replace a member, beside a discrepancy, by another fault of the same sensor if that is
+    clearly likelier.
 
     The relations between the sensors know few forms of a fault (a scale, a delay, an arm) and name
     the nearest of them. A threshold or a play is none of these.
@@ -303,13 +306,13 @@ def _other_forms(search: Search, best: WeighedSet) -> WeighedSet:
             continue
         found = search.sets_with_replacement(smaller, others - {name})
         other = max(found, key=lambda one: one.weight, default=None)
-        if other is not None and other.weight > best.weight + CLEAR:
+        if other is not None and other.weight > best.weight + CLEAR_GAIN:
             best = other
     return best
 
 
 def _is_cause(effect: Traceable, found: WeighedSet, interval: float) -> bool:
-    """Whether an effect is more than how inputs are to be read between samples."""
+    """Return whether an effect is more than how inputs are to be read between samples."""
     local = effect.traits.within_interval
     if not local:
         return True
@@ -317,12 +320,16 @@ def _is_cause(effect: Traceable, found: WeighedSet, interval: float) -> bool:
 
 
 def _group_probability(named: Named) -> float:
-    """Probability of an effect or of one that the records do not tell from it."""
+    """Return the probability of an effect or of one that the records do not tell from it."""
     return named.probability + sum(named.alternatives.values())
 
 
-def _decided_under_white_noise(search: Search, best: WeighedSet, clear: float = CLEAR) -> Decision:
-    """Under white noise: what is certain, unless more leaves noise; else the best, by groups."""
+def _decided_under_white_noise(
+    search: Search, best: WeighedSet, clear: float = CLEAR_GAIN
+) -> Decision:
+    """Decide under white noise: claim the certain effects, unless more effects leave noise; else
+    the best set, by groups.
+    """
     sets = probabilities(search)
     inclusion = inclusion_of(sets)
     whole = best = _certain_part(search, best, sets)
@@ -345,50 +352,45 @@ def _decided_under_white_noise(search: Search, best: WeighedSet, clear: float = 
     # Where motion that any record may have is all, and uncertain, a declared model that leaves
     # noise stands.
     usual = all(each.traits.background for each in best.fitted.effects)
-    uncertain = min(map(_group_probability, named), default=1.0) < CERTAIN
+    uncertain = min(map(_group_probability, named), default=1.0) < CLAIM_LEVEL
     if usual and uncertain and is_noise(search.root.fitted.fit):
         named = [replace(each, within=best.fitted) for each in named]
         best = search.root
     if not named or best is search.root:
         verdict = Verdict.CONSISTENT
-    elif search.problem.guards & best.names or min(map(_group_probability, named)) < CERTAIN:
+    elif search.problem.guards & best.names or min(map(_group_probability, named)) < CLAIM_LEVEL:
         verdict = Verdict.UNEXPLAINED
     else:
-        alone = min(each.probability for each in named) >= CERTAIN
+        alone = min(each.probability for each in named) >= CLAIM_LEVEL
         verdict = Verdict.TRACED if alone else Verdict.AMBIGUOUS
     claimed = verdict in (Verdict.TRACED, Verdict.AMBIGUOUS)
     claims, hints = (tuple(named), ()) if claimed else ((), tuple(named))
     if not search.problem.guards & set(slight):
         hints += tuple(
-            Named(
-                name,
-                inclusion[name],
-                {},
-                reason=reason,
-                within=whole.fitted,
-            )
+            Named(name, inclusion[name], {}, reason=reason, within=whole.fitted)
             for name, reason in slight.items()
         )
     return Decision(verdict, best.fitted, search.root.fitted, claims, hints, (search,))
 
 
 def _certain_part(search: Search, best: WeighedSet, sets: Mapping[Key, float]) -> WeighedSet:
-    """The set without what is not certain in it, unless something that is not known certainly acts
-    in addition to the rest.
+    """Return the set without what is not certain in it, unless something that is not known
+    certainly acts in addition to the rest.
     """
     inclusion = inclusion_of(sets)
     certain = frozenset(
         effect.name
         for effect in best.fitted.effects
-        if inclusion[effect.name] + sum(look_alikes(search, best, effect, sets).values()) >= CERTAIN
+        if inclusion[effect.name] + sum(look_alikes(search, best, effect, sets).values())
+        >= CLAIM_LEVEL
     )
-    return search.visited[certain] if sets.get(certain, 0.0) > 1.0 - CERTAIN else best
+    return search.visited[certain] if sets.get(certain, 0.0) > 1.0 - CLAIM_LEVEL else best
 
 
 def _without_weak_members(
     search: Search, best: WeighedSet, clear: float, before: Collection[str] = ()
 ) -> tuple[WeighedSet, dict[str, str], set[str]]:
-    """The likeliest set without weak members (``_drop_weak_members``), those of ``best``
+    """Return the likeliest set without weak members (``_drop_weak_members``), those of ``best``
     with the reasons, and the names of all that are left out, ``before`` as well: they take no part
     in probabilities.
     """
@@ -408,7 +410,7 @@ def _without_weak_members(
 def _drop_weak_members(
     search: Search, best: WeighedSet, clear: float
 ) -> tuple[WeighedSet, dict[str, str]]:
-    """The set without members that bring little and not all along.
+    """Return the set without members that bring little and not all along.
 
     The equations of any model are a little wrong, and probabilities suppose that they are not. What
     the relations between the sensors name as well rests on no equation of forces, and stays.
@@ -425,20 +427,20 @@ def _drop_weak_members(
             z = vuong(best, smaller, search.context.interval)
             # Where the declared model leaves more than noise something acts, and it is the sole.
             acts = len(causes) == 1 and not is_noise(smaller.fitted.fit)
-            if z < SUPPORTED and not acts:
+            if z < SUPPORTED_Z and not acts:
                 slight.append((z, name, smaller))
         if not slight:
             break
         z, name, best = min(slight, key=lambda each: each[0])
-        left_out[name] = LITTLE.format(z, SUPPORTED)
+        left_out[name] = LITTLE.format(z, SUPPORTED_Z)
     return best, left_out
 
 
 def _likeliest_without(
     search: Search, best: WeighedSet, name: str, usual: Collection[str]
 ) -> WeighedSet | None:
-    """The set without a member, with or without the ``usual`` motion that any record may have,
-    which an effect may stand for: whichever is likelier.
+    """Return the set without a member, with or without the ``usual`` motion that any record may
+    have, which an effect may stand for: whichever is likelier.
     """
     search.set_without(best, name)  # fitted now where it was not before
     rest = best.names - {name} - frozenset(usual)
@@ -447,7 +449,7 @@ def _likeliest_without(
 
 
 def _drop_guards(search: Search, best: WeighedSet) -> WeighedSet:
-    """The set without its guards, where it leaves noise that is hardly larger.
+    """Return the set without its guards, where it leaves noise that is hardly larger.
 
     A guard says that a cause outside the library acts; one that does so little changes nothing.
     """
@@ -462,7 +464,7 @@ def _drop_guards(search: Search, best: WeighedSet) -> WeighedSet:
         plain = None if fitted is None else search.store(fitted)
     if plain is None or not is_noise(plain.fitted.fit):
         return best
-    return plain if _error_over_noise(plain.fitted, best.fitted) <= SLIGHT else best
+    return plain if _error_over_noise(plain.fitted, best.fitted) <= NEGLIGIBLE_RATIO else best
 
 
 def _unexplained(search: Search, best: WeighedSet) -> Decision:
@@ -476,7 +478,9 @@ def _unexplained(search: Search, best: WeighedSet) -> Decision:
 
 
 def _decided_beside_discrepancy(white: Search, search: Search, best: WeighedSet) -> Decision:
-    """Beside a discrepancy: what is spread over the records, with the rivals of each."""
+    """Decide beside a discrepancy: claim the effects that are spread over the records, with the
+    rivals of each.
+    """
     guards, root = search.problem.guards, search.root.fitted
     searches = (white, search)
     best, spread = _prefer_named_by_kinematics(search, *_drop_local_evidence(search, best))
@@ -514,8 +518,8 @@ def _drop_local_evidence(search: Search, best: WeighedSet) -> tuple[WeighedSet, 
 def _prefer_named_by_kinematics(
     search: Search, best: WeighedSet, spread: dict[str, float]
 ) -> tuple[WeighedSet, dict[str, float]]:
-    """Of effects that the records do not tell apart, those that the relations between the sensors
-    name: their prior odds are larger. Also z of the members.
+    """Prefer, of effects that the records do not tell apart, those that the relations between the
+    sensors name: their prior odds are larger. Also return z of the members.
     """
     known = search.problem.named_by_kinematics
     for name in sorted(set(spread) - known):
@@ -526,7 +530,7 @@ def _prefer_named_by_kinematics(
             if rest < key
             and len(key) == len(best.names)
             and key - rest <= known
-            and vuong(best, one, search.context.interval) < RIVAL
+            and vuong(best, one, search.context.interval) < CONFUSABLE_SETS_Z
         ]
         if rivals:
             return _drop_local_evidence(search, max(rivals, key=lambda one: one.weight))

@@ -76,7 +76,7 @@ def fit_declared(problem: TraceProblem) -> Declared:
 
 
 def measured_noise(fitted: FittedModel) -> dict[str, float]:
-    """Standard deviation of each output's noise, by third differences of its residual.
+    """Return the standard deviation of each output's noise, by third differences of its residual.
 
     Motion hardly reaches these; the median is not moved by single wrong samples.
     """

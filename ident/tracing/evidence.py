@@ -20,7 +20,7 @@ from ident.whole_record.gauss_newton import Fit
 from sim.declaration.proposal import SearchContext
 
 Key = frozenset[str]
-ROUNDING = 1e-10  # of an eigenvalue of a scaled precision
+ROUNDING_EIGENVALUE_SHARE = 1e-10  # of an eigenvalue of a scaled precision
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,7 @@ def evidence_of(
     scale = 1.0 / np.sqrt(np.where(known, np.diag(precision), 1.0))
     inside = precision * np.outer(scale, scale)
     values, vectors = np.linalg.eigh(0.5 * (inside + inside.T))
-    values = np.maximum(values, ROUNDING)
+    values = np.maximum(values, ROUNDING_EIGENVALUE_SHARE)
     inverse = (vectors / values) @ vectors.T
     offset = scale * (inverse @ (scale * right))
     covariance = inverse * np.outer(scale, scale)
@@ -96,7 +96,7 @@ def evidence_of(
 
 
 def _of_data(fitted: FittedModel) -> tuple[np.ndarray, np.ndarray, float]:
-    """Information ``(n, n)``, gradient ``(n,)`` and log likelihood of the data alone.
+    """Return the information ``(n, n)``, gradient ``(n,)`` and log likelihood of the data alone.
 
     What the fit itself knew beforehand is taken out: the priors here count it once.
     """
@@ -114,7 +114,7 @@ def _of_data(fitted: FittedModel) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def _of_noise_levels(fitted: FittedModel) -> float:
-    """What the noise levels add, each with a flat prior in its logarithm.
+    """Return the contribution of the noise levels, each with a flat prior in its logarithm.
 
     Without process noise they are concentrated out of the fit: the curvature in ln(sigma) is 2 N.
     With it they are among the unknowns.
@@ -128,7 +128,7 @@ def _of_noise_levels(fitted: FittedModel) -> float:
 
 # ---- Noise with a level below a few hertz and one above
 
-FEWEST = 16  # coefficients of a band whose level is estimated
+FEWEST_COEFFICIENTS = 16  # coefficients of a band whose level is estimated
 
 
 def blocks_of(n: int) -> tuple[slice, ...]:
@@ -186,7 +186,7 @@ class ColouredNoise:
         return tuple(found)
 
     def samples(self, count: int) -> int:
-        """Number of averages of ``count`` samples."""
+        """Return the number of averages of ``count`` samples."""
         return -(-count // self.averaged)
 
     def _averages(self, values: np.ndarray) -> np.ndarray:
@@ -221,13 +221,13 @@ class ColouredNoise:
             for band, inside in enumerate((low, ~low)):
                 counts[:, band] += share * np.count_nonzero(inside)
                 squares[:, band] += np.sum(e[:, inside] ** 2, axis=1)
-        enough = np.all(counts >= FEWEST, axis=1)[:, None] & (squares > 0.0)
+        enough = np.all(counts >= FEWEST_COEFFICIENTS, axis=1)[:, None] & (squares > 0.0)
         means = np.where(enough, squares / np.maximum(counts, 1.0), 1.0)
         return counts, means
 
     @property
     def log_likelihood(self) -> float:
-        """Of the data, with two levels of noise for each output."""
+        """Log likelihood of the data, with two levels of noise for each output."""
         counts, means = self._bands
         return self.fit.log_likelihood - 0.5 * float(np.sum(counts * np.log(means)))
 

@@ -41,7 +41,7 @@ class Values:
     states: tuple[Mapping[str, np.ndarray], ...]
 
     def with_added(self, added: Sequence[Mapping[str, float]]) -> Values:
-        """The same with values of further parameters, one mapping a record."""
+        """Return the same with values of further parameters, one mapping a record."""
         shared = {name: value for one in added for name, value in one.items()}
         own = tuple({**mine, **one} for mine, one in zip(self.own, added, strict=True))
         return Values({**shared, **self.shared}, own, self.states)
@@ -97,7 +97,7 @@ class FittedModel:
 
     @property
     def background(self) -> tuple[Traceable, ...]:
-        """Those of its effects that any record may have."""
+        """Effects of the model that any record may have."""
         return tuple(effect for effect in self.effects if effect.traits.background)
 
     @cached_property
@@ -108,7 +108,7 @@ class FittedModel:
 
     @property
     def trained(self) -> Trained:
-        """What a free simulation of another record takes from it."""
+        """Values that a free simulation of another record takes from this fit."""
         values = self.values
         return Trained(
             self.effects,
@@ -135,7 +135,7 @@ class FittedModel:
 
 
 def belongs_to_record(effect: Traceable) -> bool:
-    """Whether an effect's parameters are fitted for each record by itself."""
+    """Return whether an effect's parameters are fitted for each record by itself."""
     return effect.traits.per_record
 
 
@@ -148,8 +148,8 @@ def local_names(effect: Traceable) -> list[str]:
 
 
 def added_parameters(effect: Traceable, records: int) -> int:
-    """Number of parameters that an effect adds to a fit of so many records, those that any aircraft
-    has left out.
+    """Return the number of parameters that an effect adds to a fit of so many records, those that
+    any aircraft has left out.
     """
     known = {full_name(effect, local) for local in effect.traits.of_aircraft}
     own = local_names(effect)
@@ -159,13 +159,13 @@ def added_parameters(effect: Traceable, records: int) -> int:
 
 
 def is_event(effect: Traceable) -> bool:
-    """Whether an effect's position was searched for over the record."""
+    """Return whether an effect's position was searched for over the record."""
     return bool(effect.traits.onset)
 
 
 def never_together(one: Traceable, other: Traceable) -> bool:
-    """Whether two effects are never in one set: two words for one fault, or laws of which a record
-    shows no more than one.
+    """Return whether two effects are never in one set: two words for one fault, or laws of which a
+    record shows no more than one.
     """
     return (
         other.name in (*one.traits.twins, *one.traits.never_beside)
@@ -181,7 +181,7 @@ def free_names(effect: Effect) -> list[str]:
 def compiled_with(
     model: Model, effects: Sequence[Traceable], outputs: Sequence[str]
 ) -> tuple[Model, System]:
-    """The model with effects, and its System."""
+    """Return the model with effects, and its System."""
     full = model.with_effects(*effects)
     return full, compile_model(full, outputs)
 
@@ -223,7 +223,7 @@ def fit_as_declared(
     levels: Mapping[str, float] | None,
     least: Mapping[str, float] | None = None,
 ) -> Fit | None:
-    """A whole-record fit, with a filter where the system has process noise."""
+    """Return a whole-record fit, with a filter where the system has process noise."""
     if has_process_noise(layout.system):
         return fit_with_process_noise(layout, guesses, levels, least)
     if projectable(layout) and not quiet(layout):
@@ -236,7 +236,7 @@ def fit_as_declared(
 
 
 def start_from(fitted: FittedModel | None, added: Mapping[str, float] | None = None) -> Start:
-    """A start from another fitted model, or from the declared values where there is none."""
+    """Return a start from another fitted model, or from the declared values where there is none."""
     return (
         Start(added=added or {})
         if fitted is None
@@ -322,8 +322,8 @@ OFF_ABSENCE = 4.0  # sigmas, beyond which an effect acts in a record: one in 16,
 
 
 def quantities(fitted: FittedModel, effect: Traceable) -> dict[str, Quantity]:
-    """An effect's free parameters in a fitted model, by local name; of the record in which it
-    stands out most where each has its own.
+    """Return an effect's free parameters in a fitted model, by local name; of the record in which
+    it stands out most where each has its own.
     """
     return max(
         _quantities_by_record(fitted, effect), key=lambda found: sigmas_from_absence(effect, found)
@@ -331,8 +331,8 @@ def quantities(fitted: FittedModel, effect: Traceable) -> dict[str, Quantity]:
 
 
 def records_of(fitted: FittedModel, effect: Traceable) -> tuple[int, ...]:
-    """Numbers, from 0, of the records that an effect with parameters of its own for each acts on;
-    empty where it acts on all.
+    """Return the numbers, from 0, of the records that an effect with parameters of its own for each
+    acts on; empty where it acts on all.
     """
     each = _quantities_by_record(fitted, effect)
     seen = tuple(
@@ -342,7 +342,7 @@ def records_of(fitted: FittedModel, effect: Traceable) -> tuple[int, ...]:
 
 
 def _quantities_by_record(fitted: FittedModel, effect: Traceable) -> list[dict[str, Quantity]]:
-    """The same for every record; alike where the parameters are shared."""
+    """Return the same for every record; alike where the parameters are shared."""
     normal, _ = fitted.fit.normal_equations()
     covariance, _ = inverse_information(normal, fitted.fit.theta)
     return quantities_with(fitted, effect, covariance)
@@ -351,8 +351,8 @@ def _quantities_by_record(fitted: FittedModel, effect: Traceable) -> list[dict[s
 def quantities_with(
     fitted: FittedModel, effect: Traceable, covariance: np.ndarray
 ) -> list[dict[str, Quantity]]:
-    """An effect's parameters in each record of a fitted model, with sigmas from a covariance ``(n,
-    n)`` of all unknowns.
+    """Return an effect's parameters in each record of a fitted model, with sigmas from a covariance
+    ``(n, n)`` of all unknowns.
     """
     places = {name: i for i, name in enumerate(fitted.fit.layout.names)}
     out: list[dict[str, Quantity]] = []
@@ -372,8 +372,8 @@ def quantities_with(
 
 
 def sigmas_from_absence(effect: Traceable, found: Mapping[str, Quantity]) -> float:
-    """By how many standard deviations an effect's parameters differ from its absence, at most;
-    infinite where none could.
+    """Return the largest number of standard deviations by which an effect's parameters differ from
+    its absence; infinite if none could.
     """
     known = [
         abs(found[local].value - value) / found[local].std

@@ -30,7 +30,7 @@ from ident.tracing.fitted_model import (
     levels_of,
     local_names,
 )
-from ident.tracing.scan import KEPT, starts_at
+from ident.tracing.scan import KEPT_PLACES, starts_at
 from ident.tracing.whiteness import whiteness
 from ident.whole_record.gauss_newton import Fit, fit_whole_records
 from ident.whole_record.layout import FitProblem, Prior, lay_out
@@ -38,7 +38,7 @@ from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.record import Record
 
-COLOURED = 1e-3  # p-value of a residual test below which a residual is looked at once more
+COLOURED_P_VALUE = 1e-3  # p-value of a residual test below which a residual is looked at once more
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,13 +64,9 @@ class HeldOutData:
     declared: HeldOut = HeldOut(None, None)
 
 
-def predicted_by(fitted: FittedModel, held: HeldOutData, *, informed: bool = True) -> HeldOut:
+def predicted_by(fitted: FittedModel, held: HeldOutData) -> HeldOut:
     """``held_out`` on all of these records; nothing where there are none."""
-    return (
-        held_out(fitted, held.records, held.masks, informed=informed)
-        if held.records
-        else HeldOut(None, None)
-    )
+    return held_out(fitted, held.records, held.masks) if held.records else HeldOut(None, None)
 
 
 def held_out(
@@ -123,19 +119,20 @@ def held_out(
 
 
 def doubted(out: HeldOut) -> bool:
-    """Whether what remains on held-out data under training's knowledge is hardly noise."""
+    """Return whether what remains on held-out data under training's knowledge is hardly noise."""
     if out.informed is None:
         return False
     return (
-        min((test.p_value for test in whiteness(out.informed, "informed")), default=1.0) < COLOURED
+        min((test.p_value for test in whiteness(out.informed, "informed")), default=1.0)
+        < COLOURED_P_VALUE
     )
 
 
 def frozen_on(
     trained: Trained, declared: Model, records: Sequence[Record], masks: Sequence[np.ndarray] | None
 ) -> HeldOut:
-    """What was learnt from other records, frozen on these: initial states, biases and what belongs
-    to one record alone are fitted.
+    """Fit these records with the shared parameters of other records frozen: initial states, biases
+    and everything that belongs to one record alone are fitted.
     """
     frozen = _Others(trained, declared, records, masks).fit_event_by_event()
     return HeldOut(None if frozen is None else frozen.fit, None)
@@ -203,8 +200,8 @@ class _Others:
         )
 
     def _usual_biases(self) -> dict[str, float]:
-        """Biases of the sensors as the fitted records have them in the mean: trim is among them,
-        far from where a slow motion could begin.
+        """Return the biases of the sensors as the fitted records have them in the mean: trim is
+        among them, far from where a slow motion could begin.
         """
         own = self.trained.own
         names = [name for name in own[0] if name.startswith("bias_")] if own else []
@@ -243,8 +240,8 @@ class _Others:
         return best if best is None or len(own) < 2 else self._each_placed_again(best, own)
 
     def _each_placed_again(self, best: FittedModel, own: Sequence[Traceable]) -> FittedModel:
-        """What belongs to one record, each looked for again beside all others: the first was placed
-        while theirs was still unexplained.
+        """Search each effect of one record again beside all others: the first was placed while the
+        others were still unexplained.
         """
         for effect in own:
             rest = [other for other in best.effects if other is not effect]
@@ -263,10 +260,10 @@ class _Others:
         effect: Traceable,
         *further: Mapping[str, float],
     ) -> FittedModel | None:
-        """What belongs to one record added to a fit of ``rest``, from where the records point to
-        and from ``further`` starts: the best of these.
+        """Add an effect of one record to a fit of ``rest``, from the starts that the records
+        suggest and from ``further`` starts, and return the best fit.
         """
-        places = [start for _, start in starts_at(base, effect, search_context(base))[:KEPT]]
+        places = [start for _, start in starts_at(base, effect, search_context(base))[:KEPT_PLACES]]
         tries = [self.fit([*rest, effect], base.values.with_added(start)) for start in places]
         tries += [self.fit([*rest, effect], base.values, start) for start in further]
         return min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)
@@ -276,7 +273,9 @@ class _Others:
 
 
 def training_prior(fitted: FittedModel) -> Prior:
-    """What training says of the shared parameters: nuisances of its records are projected out."""
+    """Return the prior of the shared parameters that the training records give: nuisances of these
+    records are projected out.
+    """
     fit, n = fitted.fit, len(fitted.fit.layout.shared)
     normal, _ = fit.normal_equations()
     covariance, _ = inverse_information(normal, fit.theta)
@@ -287,8 +286,8 @@ def training_prior(fitted: FittedModel) -> Prior:
 def prior_where_both_meet(
     fitted: FittedModel, freer: FittedModel, masks: Sequence[np.ndarray] | None
 ) -> Prior | None:
-    """What training says of the shared parameters about the point at which it meets the held-out
-    records; None where no such point is found.
+    """Return the prior of the shared parameters from training, about the point at which it meets
+    the held-out records; None if no such point is found.
 
     Training may leave open a curved line of parameters, such as a limit times a derivative: its
     Gaussian holds near its own optimum only.

@@ -9,14 +9,14 @@ import numpy as np
 
 from ident.process_noise.filter_error import noise_levels
 from ident.process_noise.innovations_model import has_process_noise
-from ident.statistics.residuals import LEVEL
+from ident.statistics.residuals import WHITENESS_P_VALUE
 from ident.tracing.between_records import (
     RecordScatter,
     of_each_record,
     scatter_between_records,
 )
 from ident.tracing.decision import (
-    SLIGHT,
+    NEGLIGIBLE_RATIO,
     Decision,
     decided,
     searched,
@@ -36,9 +36,9 @@ from ident.tracing.diagnosis import (
 )
 from ident.tracing.fitted_model import FittedModel, quantities, records_of
 from ident.tracing.held_out import HeldOut, HeldOutData, predicted_by
-from ident.tracing.names import CERTAIN, Named
+from ident.tracing.names import CLAIM_LEVEL, Named
 from ident.tracing.predictive import predictive_gains
-from ident.tracing.priors import FEWEST, ODDS
+from ident.tracing.priors import FAMILY_ODDS, FEWEST_FAMILY_MEMBERS
 from ident.tracing.problem import TraceProblem, no_progress
 from ident.tracing.result import After, Before, Judgement, not_noise, reported, residual_tests
 from ident.tracing.search import Search
@@ -53,7 +53,7 @@ FROZEN_WORSE = (
     "the fit leaves open what remains there is noise: fit these data as well before you predict "
     "with the model"
 )
-ALTERNATIVES = 2  # named at most: fixed by the format of a diagnosis
+MOST_ALTERNATIVES = 2  # named at most: fixed by the format of a diagnosis
 
 
 def diagnose(
@@ -132,8 +132,8 @@ def diagnose(
 def _searched(
     problem: TraceProblem, discrepancy: Traceable | None, reread: Callable[[], Data] | None
 ) -> tuple[TraceProblem, Declared, Search]:
-    """The declared model and the search without a discrepancy, with inputs read otherwise where
-    times were found and that is likelier; and the problem with the records as they were read.
+    """Return the declared model and the search without a discrepancy, with inputs read otherwise
+    where times were found and that is likelier; and the problem with the records as they were read.
     """
     declared = fit_declared(problem)
     search = searched(declared.problem, discrepancy)
@@ -160,13 +160,13 @@ def _still_needed(
         return ()
     as_recorded = replace(problem, records=records).fit(best.effects, best, rough=True)
     brought = np.inf if as_recorded is None else as_recorded.fit.cost - best.fit.cost
-    return spikes if brought > -np.log(ODDS / FEWEST) else ()
+    return spikes if brought > -np.log(FAMILY_ODDS / FEWEST_FAMILY_MEMBERS) else ()
 
 
 def _scatter(
     problem: TraceProblem, root: FittedModel, judgement: Judgement, held: HeldOutData
 ) -> tuple[RecordScatter, RecordScatter]:
-    """By how much records differ, before and after: asked where what remains is not noise."""
+    """Return the scatter between records, before and after, if the residual is not noise."""
     if judgement.verdict not in (Verdict.UNEXPLAINED, Verdict.PARTIAL):
         return RecordScatter(), RecordScatter()
     after = scatter_between_records(problem, judgement.best, held)
@@ -175,7 +175,9 @@ def _scatter(
 
 
 def _without(diagnosis: Diagnosis, discrepancy: Traceable | None) -> Trained | None:
-    """What another record is predicted with: a discrepancy adds nothing to a free simulation."""
+    """Return the values that predict another record: a discrepancy adds nothing to a free
+    simulation.
+    """
     trained = diagnosis.trained_after
     if trained is None or discrepancy is None:
         return trained
@@ -197,7 +199,7 @@ class _HeldOutCheck:
     known: dict[frozenset[str], tuple[FittedModel, HeldOut]] = field(default_factory=dict)
 
     def ended(self, fitted: FittedModel) -> tuple[FittedModel, HeldOut]:
-        """The set of a fit, fitted to the end, and its predictions."""
+        """Return the set of a fit, fitted to the end, and its predictions."""
         key = frozenset((*fitted.names, *fitted.system.parameters.names))
         if key not in self.known:
             best = self.problem.fit(fitted.effects, fitted) or fitted
@@ -205,9 +207,9 @@ class _HeldOutCheck:
         return self.known[key]
 
     def leaves_noise(self, fitted: FittedModel) -> bool:
-        """Whether what the set leaves of fitted and of held-out data is noise."""
+        """Return whether what the set leaves of fitted and of held-out data is noise."""
         self.problem.progress("judging on data that were not fitted", 0.9)
-        return not not_noise(residual_tests(*self.ended(fitted)).all, LEVEL)
+        return not not_noise(residual_tests(*self.ended(fitted)).all, WHITENESS_P_VALUE)
 
     def predicts_well(self, fitted: FittedModel) -> bool:
         """Whether the set leaves hardly more than the noise of the fitted data in held-out data."""
@@ -215,13 +217,13 @@ class _HeldOutCheck:
         if out.informed is None:
             return not self.held.records
         levels, found = noise_levels(best.fit), noise_levels(out.informed)
-        return all(std <= SLIGHT * levels[name] for name, std in found.items())
+        return all(std <= NEGLIGIBLE_RATIO * levels[name] for name, std in found.items())
 
 
 def _decided(
     search: Search, discrepancy: Traceable | None, held: HeldOutData
 ) -> tuple[Decision, HeldOut]:
-    """The decision, its set fitted to the end, and what that predicts of data not fitted."""
+    """Return the decision, its set fitted to the end, and what that predicts of data not fitted."""
     against = _HeldOutCheck(search.problem, held)
     decision = decided(search, discrepancy, against.leaves_noise, against.predicts_well)
     best, out = against.ended(decision.best)
@@ -235,10 +237,10 @@ def _judged(
     held: HeldOutData,
     spikes: Sequence[Claim],
 ) -> Judgement:
-    """The decision with its residual tests, claims and cautions."""
+    """Return the decision with its residual tests, claims and cautions."""
     best = decision.best
     tests = residual_tests(best, out)
-    left = not_noise(tests.all, LEVEL)
+    left = not_noise(tests.all, WHITENESS_P_VALUE)
     verdict = decision.verdict
     gains = predictive_gains(decision.reference, best, held, out) if decision.named else ()
     guards = problem.guards
@@ -272,7 +274,7 @@ def _of_guards(problem: TraceProblem, decision: Decision) -> list[Caution]:
     what = f"what is missing behaves like {', '.join(guards)}, which is no effect of the library"
     most = max(each.probability for each in decision.hints if each.name in guards)
     asked = f"the probability of {' and '.join(guards)}, outside the library,"
-    requirement = Requirement(asked, most, 1.0 - CERTAIN, at_least=False)
+    requirement = Requirement(asked, most, 1.0 - CLAIM_LEVEL, at_least=False)
     return [Caution(Concern.GUARD, what, requirement=requirement)]
 
 
@@ -304,8 +306,8 @@ def _claim(
     likely = sorted(named.alternatives.items(), key=lambda item: -item[1])
     # Of forms without a cause of their own, or equal to the data, priors alone prefer one.
     equal = set(named.alternatives) if effect.traits.general else set(effect.traits.equivalents)
-    rivals = [name for name, share in likely if share > 1.0 - CERTAIN or name in equal]
-    others = [name for name in rivals if name not in guards][:ALTERNATIVES]
+    rivals = [name for name, share in likely if share > 1.0 - CLAIM_LEVEL or name in equal]
+    others = [name for name in rivals if name not in guards][:MOST_ALTERNATIVES]
     probability = {
         named.name: named.probability,
         **{name: named.alternatives[name] for name in others},

@@ -10,12 +10,12 @@ import numpy as np
 
 from ident.tracing.evidence import Key, WeighedSet
 from ident.tracing.fitted_model import FittedModel
-from ident.tracing.search import ALIKE, CLEAR, Search
-from ident.tracing.steady_search import RIVAL, vuong
+from ident.tracing.search import CLEAR_GAIN, CONFUSABLE_COSINE, Search
+from ident.tracing.steady_search import CONFUSABLE_SETS_Z, vuong
 from sim.declaration.effect import NoiseEffect, Station
 from sim.declaration.proposal import Traceable
 
-CERTAIN = 0.95  # probability of what is claimed
+CLAIM_LEVEL = 0.95  # probability of what is claimed
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def named_with_rivals(
     }
     # Motion that any record may have may stand in the place of a likelier effect of small gain.
     least = -math.inf if effect.traits.background else 0.0
-    for name, each in rivals_of(search, best, effect.name, CLEAR, least).items():
+    for name, each in rivals_of(search, best, effect.name, CLEAR_GAIN, least).items():
         if name not in formless:
             odds[name] = max(each, odds.get(name, 0.0))
     return with_shares(effect.name, mine + sum(alike.values()), odds)
@@ -96,14 +96,14 @@ def look_alikes(
         if effect.name in key:
             continue
         for name in key - best.names:
-            alike = search.alike.get(frozenset((name, effect.name)), 0.0) > ALIKE
+            alike = search.alike.get(frozenset((name, effect.name)), 0.0) > CONFUSABLE_COSINE
             if alike or name in (*traits.equivalents, *traits.twins, *effect.aliases):
                 found[name] = found.get(name, 0.0) + share
         new = key - best.names
         apart = abs(search.visited[key].fitted.fit.cost - best.fitted.fit.cost)
-        if len(key) == len(best.names) and len(new) == 1 and apart < RIVAL:
+        if len(key) == len(best.names) and len(new) == 1 and apart < CONFUSABLE_SETS_Z:
             equal |= new & set(traits.equivalents)  # to the data: priors alone tell the two apart
-    least = 0.05 * (1.0 - CERTAIN)
+    least = 0.05 * (1.0 - CLAIM_LEVEL)
     return {name: share for name, share in found.items() if share > least or name in equal}
 
 
@@ -148,7 +148,7 @@ def rivals_of(
         if name in key or len(new) != 1 or not rest - usual <= key:
             continue
         z = vuong(best, other, search.context.interval)
-        if z < RIVAL and least < best.weight - other.weight < clear:
+        if z < CONFUSABLE_SETS_Z and least < best.weight - other.weight < clear:
             p, rival = float(ndtr(z)), next(iter(new))
             # The relations between the sensors rest on no equation of forces: they decide then.
             even = 1.0 if rival in search.problem.named_by_kinematics else 0.0

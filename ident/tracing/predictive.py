@@ -73,7 +73,9 @@ def predictive_gains(
 
 
 def _own_values(fitted: FittedModel, out: HeldOut) -> list[dict[str, float]]:
-    """Of each held-out record what it has of its own: an event begins where it was found there."""
+    """Return the values that belong to each held-out record alone: an event begins where it was
+    found there.
+    """
     fit = out.informed or out.frozen
     assert fit is not None
     layout = fit.layout

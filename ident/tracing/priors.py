@@ -13,13 +13,17 @@ from ident.tracing.fitted_model import FittedModel
 from sim.declaration.effect import Parameter, full_name
 from sim.declaration.proposal import SearchContext, Traceable
 
-DECLARED = 0.3  # one sigma of a derivative of the vehicle file, as a share of it
-ODDS = 0.03  # of one family of effects against its absence: one cause in thirty comes to mind
-FEWEST = 5  # members that a family's odds are shared by at least: a lone member is not likelier
-OUTSIDE = 0.1  # odds of a guard over those of an effect: the form of no known cause
-EXPECTED = 0.5  # odds of motion that any record may have, and of what kinematics alone name
-UNLIMITED = 1e5  # the value of a limit that is absent is larger than this
-WIDE = 3.0  # factor of one sigma: a limit about where it was found, a curve about its declared size
+DERIVATIVE_PRIOR_SHARE = 0.3  # one sigma of a derivative of the vehicle file, as a share of it
+# of one family of effects against its absence: one cause in thirty comes to mind
+FAMILY_ODDS = 0.03
+# members that a family's odds are shared by at least: a lone member is not likelier
+FEWEST_FAMILY_MEMBERS = 5
+CATCH_ALL_ODDS_RATIO = 0.1  # odds of a guard over those of an effect: the form of no known cause
+# odds of motion that any record may have, and of what kinematics alone name
+COMMON_MOTION_ODDS = 0.5
+ABSENT_LIMIT = 1e5  # the value of a limit that is absent is larger than this
+# factor of one sigma: a limit about where it was found, a curve about its declared size
+WIDE_PRIOR_FACTOR = 3.0
 
 
 @dataclass(frozen=True)
@@ -34,7 +38,7 @@ class NormalPrior:
 def prior_of(
     effect: Traceable, item: Parameter, value: float, context: SearchContext
 ) -> NormalPrior:
-    """Prior of an effect's parameter that a search has found at ``value``.
+    """Return the prior of an effect's parameter that a search has found at ``value``.
 
     An amplitude lies about the effect's absence, by its declared size. A limit is known to a
     factor. A time of an event may be anywhere in the record.
@@ -46,30 +50,30 @@ def prior_of(
         if math.isfinite(item.prior_std):
             return NormalPrior(item.value, item.prior_std)
         return NormalPrior(value, max(abs(value), abs(item.value), 1e-6))
-    if abs(absent) > UNLIMITED:
-        return NormalPrior(value, max(abs(value), 1e-6) * math.log(WIDE))
+    if abs(absent) > ABSENT_LIMIT:
+        return NormalPrior(value, max(abs(value), 1e-6) * math.log(WIDE_PRIOR_FACTOR))
     if math.isfinite(item.prior_std):
         return NormalPrior(absent, item.prior_std)
     size = effect.traits.usual.get(item.name, abs(item.value - absent))
     if item.name.startswith("shape"):
-        size *= WIDE
+        size *= WIDE_PRIOR_FACTOR
     return NormalPrior(absent, max(size, 1e-9), absent in item.bounds)
 
 
 def family(name: str) -> str:
-    """The family that an effect's prior odds are shared in: its name without a channel."""
+    """Return the family that an effect's prior odds are shared in: its name without a channel."""
     return name.partition(":")[0]
 
 
 def family_sizes(candidates: Iterable[Traceable]) -> Mapping[str, int]:
-    """Number of members of each family of effects."""
+    """Return the number of members of each family of effects."""
     return Counter(family(name) for name in {candidate.name for candidate in candidates})
 
 
 def log_odds(
     effects: Iterable[Traceable], families: Mapping[str, int], kinematic: Collection[str] = ()
 ) -> float:
-    """Logarithm of the prior odds of a set of effects against the empty set.
+    """Return the logarithm of the prior odds of a set of effects against the empty set.
 
     Parameters
     ----------
@@ -79,10 +83,12 @@ def log_odds(
     total = 0.0
     for effect in effects:
         if effect.traits.background or effect.name in kinematic:
-            total += math.log(EXPECTED)
+            total += math.log(COMMON_MOTION_ODDS)
         else:
-            shared = max(FEWEST, families.get(family(effect.name), 1))
-            total += math.log(ODDS * (OUTSIDE if effect.traits.guard else 1.0) / shared)
+            shared = max(FEWEST_FAMILY_MEMBERS, families.get(family(effect.name), 1))
+            total += math.log(
+                FAMILY_ODDS * (CATCH_ALL_ODDS_RATIO if effect.traits.guard else 1.0) / shared
+            )
     return total
 
 
@@ -97,7 +103,7 @@ def half_normal_factor(mean: float, sigma: float) -> float:
 
 
 def log_mass(mean: float, sigma: float, low: float, high: float) -> float:
-    """Logarithm of the share of a Gaussian posterior between two values.
+    """Return the logarithm of the share of a Gaussian posterior between two values.
 
     That of the nearer end's tail stands for it: the other end is far away.
     """
@@ -108,7 +114,7 @@ def log_mass(mean: float, sigma: float, low: float, high: float) -> float:
 
 def declared_sigma(value: float) -> float:
     """One sigma of a declared derivative; infinite where the file has zero, which tells no size."""
-    return DECLARED * abs(value) if value else np.inf
+    return DERIVATIVE_PRIOR_SHARE * abs(value) if value else np.inf
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,10 @@ from sim.declaration.proposal import Traceable
 from sim.record import Record
 
 TO_THE_END = 300  # iterations: where parameters trade off a fit takes up to 200
-SETTLED = 1e-6  # of log likelihood: a step that gains less moves nothing by more than 0.0015 sigmas
-CREEPING = 0.02  # the same where noise levels are unknowns, which creep: 0.2 sigmas
+# of log likelihood: a step that gains less moves nothing by more than 0.0015 sigmas
+SETTLED_LOG_LIKELIHOOD = 1e-6
+# the same where noise levels are unknowns, which creep: 0.2 sigmas
+SETTLED_WITH_NOISE_LEVELS = 0.02
 
 
 def no_progress(text: str, share: float) -> None:
@@ -72,13 +74,13 @@ class TraceProblem:
 
     @property
     def data(self) -> FitData:
-        """What sets are fitted to."""
+        """Data that sets are fitted to."""
         return FitData(self.records, self.masks, self.model, self.outputs, self.least_noise)
 
     @property
     def roughly(self) -> FitSettings:
-        """How a set is fitted that is only compared: twice the step moves no output of an aircraft
-        by a hundredth of its noise.
+        """Settings of a fit that serves for comparison only: twice the step moves no output of an
+        aircraft by a hundredth of its noise.
         """
         return FitSettings(
             max_step=2.0 * self.settings.max_step,
@@ -108,7 +110,7 @@ class TraceProblem:
             if same and (one.effects, one.added) == asked[1:]:
                 return one.fitted
         random = any(isinstance(effect, NoiseEffect) for effect in effects)
-        enough = CREEPING if random else SETTLED
+        enough = SETTLED_WITH_NOISE_LEVELS if random else SETTLED_LOG_LIKELIHOOD
         settings = FitSettings(self.settings.max_step, iterations=TO_THE_END, enough=enough)
         self._ended.append(_Ended(*asked, self._fit(effects, settings, start, added)))
         return self._ended[-1].fitted
@@ -123,7 +125,7 @@ class TraceProblem:
         return fit_set(self.data, effects, settings, start_from(start, added))
 
     def with_masks(self, masks: Sequence[np.ndarray]) -> TraceProblem:
-        """The same question with other samples set aside: another problem, to which no earlier fit
-        belongs.
+        """Return the same question with other samples set aside: another problem, to which no
+        earlier fit belongs.
         """
         return replace(self, masks=tuple(masks))

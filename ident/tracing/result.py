@@ -44,7 +44,7 @@ from sim.declaration.effect import DynamicsEffect
 from sim.record import Record
 
 _NONE: Mapping[str, float] = MappingProxyType({})
-LOST = 0.1  # of the noise that high frequencies show
+LOST_NOISE_SHARE = 0.1  # of the noise that high frequencies show
 
 
 def _under_each(
@@ -55,8 +55,8 @@ def _under_each(
     inflation: Mapping[str, float],
     spread: Callable[[FittedModel], Mapping[str, float]],
 ) -> Claim:
-    """A claim with the derivatives under its own name and under each alternative in its place, all
-    with sigmas of one kind.
+    """Return a claim with the derivatives under its own name and under each alternative in its
+    place, all with sigmas of one kind.
 
     ``under`` : those of the set that was judged. ``spread`` : by how much those of a set move with
     the form of its effects.
@@ -103,8 +103,8 @@ def reported(
     held: HeldOutData,
     validation: Sequence[Record],
 ) -> Diagnosis:
-    """All that a Diagnosis holds. ``validation`` are the records that are not fitted as they were
-    given, spikes of their inputs included.
+    """Return all that a Diagnosis holds. ``validation`` are the records that are not fitted as they
+    were given, spikes of their inputs included.
     """
     judgement, root = after.judgement, before.root
     best, inflation = judgement.best, after.scatter.inflation
@@ -200,8 +200,8 @@ def requirements_not_met(judgement: Judgement) -> tuple[Requirement, ...]:
 
 
 def with_reasons(claim: Claim, judgement: Judgement, not_met: Sequence[Requirement]) -> Claim:
-    """A hint with the reasons why it is not claimed: what was not met of it or of all, and cautions
-    that have no number.
+    """Return a hint with the reasons why it is not claimed: what was not met of it or of all, and
+    cautions that have no number.
     """
     if claim.claimed or claim.reasons:
         return claim
@@ -217,8 +217,8 @@ def with_reasons(claim: Claim, judgement: Judgement, not_met: Sequence[Requireme
 def _shown_masks(
     problem: TraceProblem, channels: Sequence[str], shown: Sequence[Record], fit: Fit | None
 ) -> list[np.ndarray]:
-    """Samples that errors are counted over, ``(channels, N)`` a record; ``fit`` of records that
-    were not fitted.
+    """Return the samples that errors are counted over, ``(channels, N)`` a record; ``fit`` of
+    records that were not fitted.
     """
     masks = measured_masks(shown, problem.outputs)
     if shown is problem.records:
@@ -256,8 +256,8 @@ def _derivatives(
 
 
 def _derived(fitted: FittedModel, inflation: Mapping[str, float] = _NONE) -> dict[str, Quantity]:
-    """Frequency, damping and delay, with sigmas that follow from those of the derivatives as they
-    are reported.
+    """Return the frequency, damping and delay, with sigmas that follow from those of the
+    derivatives as they are reported.
     """
     if not fitted.system.inputs:
         return {}
@@ -306,14 +306,14 @@ def _noise_levels(root: FittedModel, best: FittedModel) -> dict[str, float]:
         for name, level in levels.items():
             shown = noise_shown(root.fit, name) if name in root.system.output_names else None
             # Rough air or a discrepancy has taken in the noise of that sensor as well.
-            if shown is not None and (name in lost or level < LOST * shown):
+            if shown is not None and (name in lost or level < LOST_NOISE_SHARE * shown):
                 levels[name] = shown
     return levels
 
 
 def _in_units(fitted: FittedModel, r: int, levels: Mapping[str, float]) -> np.ndarray:
-    """Residuals in the outputs' units; innovations, which have variance one, times the noise of
-    their output.
+    """Return the residuals in the outputs' units; innovations, which have variance one, times the
+    noise of their output.
     """
     if not has_process_noise(fitted.system):
         return fitted.fit.residuals[r]
@@ -360,13 +360,13 @@ class Judgement:
 
 
 def residual_tests(best: FittedModel, out: HeldOut) -> ResidualTests:
-    """Is what remains noise, on the fitted records and on the others?"""
+    """Test whether the residuals are noise, on the fitted records and on the others."""
     others = whiteness(out.informed, "held out") if out.informed is not None else ()
     return ResidualTests(tuple(whiteness(best.fit, "fitted")), tuple(others))
 
 
 def not_noise(tests: Sequence[ResidualTest], least: float) -> list[Caution]:
-    """What is left: a caution for each test whose p-value is below ``least``."""
+    """Return a caution for each residual test whose p-value is below ``least``."""
     return [
         Caution(
             Concern.NOT_NOISE,

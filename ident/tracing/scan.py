@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.tracing.evidence import ROUNDING, ColouredNoise
+from ident.tracing.evidence import ROUNDING_EIGENVALUE_SHARE, ColouredNoise
 from ident.tracing.fitted_model import FittedModel, belongs_to_record
 from ident.tracing.priors import SetPrior, prior_of, set_prior
 from ident.tracing.signatures import motions_of, signatures_of
@@ -20,12 +20,12 @@ from sim.declaration.effect import NoiseEffect, full_name
 from sim.declaration.proposal import Probe, SearchContext, Traceable, fitted_to
 from sim.errors import ModelError
 
-PLACES = 60  # over the record, for effects that may begin anywhere
+SCANNED_PLACES = 60  # over the record, for effects that may begin anywhere
 SHARP_PLACES = 2000  # over the record, for a step of one output
-AMPLITUDE = 0.4  # one sigma of a placed size about the place, as a share
-KEPT = 2  # places of a candidate
-LARGEST = 1e6  # of a signature: beyond it a simulation ran away
-RANKED = 0.04  # s, over which samples are averaged where places are ranked
+PLACED_SIZE_SHARE = 0.4  # one sigma of a placed size about the place, as a share
+KEPT_PLACES = 2  # places of a candidate
+LARGEST_SIGNATURE = 1e6  # of a signature: beyond it a simulation ran away
+RANKING_AVERAGE_TIME = 0.04  # s, over which samples are averaged where places are ranked
 
 
 # An effect with its probes and the signatures of each, ``(m, N, k)`` a record.
@@ -115,7 +115,9 @@ def prepared(fitted: FittedModel, prior: SetPrior, averaged: int = 1) -> Prepare
     precision = A.T @ A + np.diag(prior.precision)
     right = A.T @ e + prior.precision * prior.mean
     scale = 1.0 / np.sqrt(np.maximum(np.diag(precision), 1e-300))
-    lower = np.linalg.cholesky(precision * np.outer(scale, scale) + ROUNDING * np.eye(n))
+    lower = np.linalg.cholesky(
+        precision * np.outer(scale, scale) + ROUNDING_EIGENVALUE_SHARE * np.eye(n)
+    )
     root = np.linalg.solve(lower, (A * scale).T).T
     offset = scale * np.linalg.solve(lower.T, np.linalg.solve(lower, scale * right))
 
@@ -135,7 +137,7 @@ def prepared(fitted: FittedModel, prior: SetPrior, averaged: int = 1) -> Prepare
     ranking = None
     if averaged == 1:
         time = layout.problems[0].record.time
-        most = int(RANKED * (len(time) - 1) / (time[-1] - time[0]))
+        most = int(RANKING_AVERAGE_TIME * (len(time) - 1) / (time[-1] - time[0]))
         ranking = prepared(fitted, prior, most) if most > 1 else None
     return Prepared(root, e - A @ offset, tuple(rows), whiten, separate, ranking)
 
@@ -143,7 +145,7 @@ def prepared(fitted: FittedModel, prior: SetPrior, averaged: int = 1) -> Prepare
 def closed_forms(
     grams: np.ndarray, with_e: np.ndarray, mean: np.ndarray, sigma: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Gains of log evidence by columns with factors N(mean, sigma^2), at several places.
+    """Return the gains of log evidence by columns with factors N(mean, sigma^2), at several places.
 
     Parameters
     ----------
@@ -157,9 +159,11 @@ def closed_forms(
     S = grams + np.diag(sigma**-2.0)
     h = with_e + mean / sigma**2
     scale = 1.0 / np.sqrt(np.maximum(np.einsum("pkk->pk", S), 1e-300))
-    inside = S * scale[:, :, None] * scale[:, None, :] + ROUNDING * np.eye(S.shape[1])
+    inside = S * scale[:, :, None] * scale[:, None, :] + ROUNDING_EIGENVALUE_SHARE * np.eye(
+        S.shape[1]
+    )
     values, vectors = np.linalg.eigh(inside)
-    values = np.maximum(values, 1e-2 * ROUNDING)
+    values = np.maximum(values, 1e-2 * ROUNDING_EIGENVALUE_SHARE)
     turned = np.einsum("pji,pj->pi", vectors, scale * h)
     gain = 0.5 * np.sum(turned**2 / values, axis=1) - 0.5 * float(np.sum((mean / sigma) ** 2))
     gain -= 0.5 * np.sum(np.log(values), axis=1) - np.sum(np.log(scale), axis=1)
@@ -190,7 +194,7 @@ def candidate_signatures(
         usable = [
             (probe, parts)
             for probe, parts in zip(probes, signatures, strict=True)
-            if all(np.all(np.abs(part) < LARGEST) for part in parts)
+            if all(np.all(np.abs(part) < LARGEST_SIGNATURE) for part in parts)
         ]
         if usable:
             found[place] = (effect, usable)
@@ -211,9 +215,9 @@ def leads_of(
 def factors_prior(
     effect: Traceable, probe: Probe, context: SearchContext
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and sigma ``(k,)`` of the factors of a probe's columns."""
+    """Return the mean and sigma ``(k,)`` of the factors of a probe's columns."""
     if not probe.slopes:
-        return np.ones(1), np.full(1, AMPLITUDE)
+        return np.ones(1), np.full(1, PLACED_SIZE_SHARE)
     items = {item.name: item for item in effect.parameters}
     means, sigmas = [], []
     for local in probe.slopes:
@@ -224,7 +228,7 @@ def factors_prior(
 
 
 def _possible(effect: Traceable, probe: Probe, factors: np.ndarray) -> bool:
-    """Whether the factors point the physical way."""
+    """Return whether the factors point the physical way."""
     if not probe.slopes:
         return bool(factors[0] > 0.0)
     if len(probe.slopes) > 1:
@@ -258,7 +262,7 @@ def _leads(
             price = -math.log(len(usable))
             same, still = (probe,) * records, (0,) * records
             out.append(Lead(effect, W.T, same, still, mean, sigma, own, price, float(gains[0])))
-    return sorted(out, key=lambda lead: -lead.gain)[:KEPT]
+    return sorted(out, key=lambda lead: -lead.gain)[:KEPT_PLACES]
 
 
 def _places_in_record(
@@ -268,7 +272,7 @@ def _places_in_record(
     context: SearchContext,
     r: int,
 ) -> list[Place]:
-    """Places of an effect in one record."""
+    """Return the places of an effect in one record."""
     out: list[Place] = []
     for probe, parts in usable:
         known = factors_prior(effect, probe, context)
@@ -277,12 +281,12 @@ def _places_in_record(
         # those of a step of one output are close everywhere.
         sharp = probe.sharp and ready.separate
         by = ready if sharp else ready.ranking or ready
-        step = max(1, count // (SHARP_PLACES if sharp else PLACES))
+        step = max(1, count // (SHARP_PLACES if sharp else SCANNED_PLACES))
         coarse = list(range(0, count - 3, step)) if probe.shifts else [0]
         found = _places_at_shifts(by, effect, r, parts[r], probe, known, coarse)
         if probe.shifts and found and step > 1:
             best = max(found, key=lambda place: place.gain).shift
-            apart = max(1, 2 * step // PLACES)
+            apart = max(1, 2 * step // SCANNED_PLACES)
             near = range(max(best - step + 1, 0), min(best + step, count - 3), apart)
             inside = [each for each in near if each != best]
             fine = _places_at_shifts(by, effect, r, parts[r], probe, known, inside)
@@ -294,7 +298,7 @@ def _places_in_record(
 def _shifted_columns(
     ready: Prepared, r: int, own: np.ndarray, shifts: Sequence[int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A signature ``own (m, N, k)`` of record ``r`` begun later by some numbers of samples.
+    """Return a signature ``own (m, N, k)`` of record ``r`` begun later by some numbers of samples.
 
     Returns
     -------
@@ -334,8 +338,8 @@ def _places_at_shifts(
     prior: tuple[np.ndarray, np.ndarray],
     shifts: Sequence[int],
 ) -> list[Place]:
-    """Places of a signature ``own (m, N, k)`` of record ``r`` begun later by some numbers of
-    samples; none where it changes no output or points against physics.
+    """Return the places of a signature ``own (m, N, k)`` of record ``r`` begun later by some
+    numbers of samples; none where it changes no output or points against physics.
     """
     if not np.any(own):
         return []
@@ -348,7 +352,7 @@ def _places_at_shifts(
 
 
 def _one_lead(ready: Prepared, effect: Traceable, places: Sequence[Sequence[Place]]) -> list[Lead]:
-    """The best place in each record as one lead.
+    """Return the best place in each record as one lead.
 
     An event is in a record or not with even odds, and is left out where it brings nothing.
     """
@@ -423,8 +427,8 @@ def starts_of(
 
 # ---- Sets of leads, weighed in closed form
 
-BEAM = 10  # sets of each size that are extended
-TRIED = 30  # leads that take part
+BEAM_WIDTH = 10  # sets of each size that are extended
+MOST_LEADS = 30  # leads that take part
 
 
 @dataclass(frozen=True, eq=False)
@@ -466,7 +470,7 @@ def weighed_sets(
     -------
     The sets, and the largest cosine between what two effects would add, by their names.
     """
-    ranked = sorted(leads, key=lambda lead: -(lead.gain + lead.price + odds(lead)))[:TRIED]
+    ranked = sorted(leads, key=lambda lead: -(lead.gain + lead.price + odds(lead)))[:MOST_LEADS]
     if not ranked:
         return [], {}
     columns = np.concatenate([lead.columns for lead in ranked], axis=1)
@@ -495,7 +499,7 @@ def weighed_sets(
     allowed = [[together(ranked[i], ranked[j]) for j in count] for i in count]
     singles = [made((i,)) for i in count]
     found: dict[frozenset[int], LinearSet] = {frozenset((i,)): singles[i] for i in count}
-    beam: list[tuple[int, ...]] = [(i,) for i in list(count)[:BEAM]]
+    beam: list[tuple[int, ...]] = [(i,) for i in list(count)[:BEAM_WIDTH]]
     for _ in range(depth - 1):
         level: dict[frozenset[int], tuple[tuple[int, ...], LinearSet]] = {}
         for members in beam:
@@ -503,7 +507,7 @@ def weighed_sets(
                 key = frozenset((*members, i))
                 if key not in level and all(allowed[i][j] for j in members):
                     level[key] = ((*members, i), made((*members, i)))
-        best = sorted(level.items(), key=lambda each: -each[1][1].weight)[:BEAM]
+        best = sorted(level.items(), key=lambda each: -each[1][1].weight)[:BEAM_WIDTH]
         found |= {key: one for key, (_, one) in best}
         beam = [members for _, (members, _) in best]
     sets = sorted(found.values(), key=lambda each: -each.weight)
@@ -513,7 +517,7 @@ def weighed_sets(
 def starts_at(
     fitted: FittedModel, effect: Traceable, context: SearchContext
 ) -> list[tuple[Traceable, list[dict[str, float]]]]:
-    """An effect's best places at a fitted set, to begin fits with; the likeliest first.
+    """Return an effect's best places at a fitted set, to begin fits with; the likeliest first.
 
     Returns
     -------

@@ -43,20 +43,21 @@ from sim.declaration.effect import NoiseEffect, full_name
 from sim.declaration.proposal import Refinable, SearchContext, Traceable
 from sim.errors import ModelError
 
-ROUNDS = 6
-LEADERS = 4  # single effects that a round fits; half as many sets of each larger size
-RIVALS = 3  # effects fitted in the place of a member; single ones beside which others are sought
+MOST_ROUNDS = 6
+FITTED_SINGLES = 4  # single effects that a round fits; half as many sets of each larger size
+# effects fitted in the place of a member; single ones beside which others are sought
+FITTED_RIVALS = 3
 SHARES = (1.0, 0.3, 0.1)  # of a step of the linear world, in turn, until a fit begun there improves
-IMPROVES = 0.3  # of what the linear world promises
+LEAST_REALISED_GAIN_SHARE = 0.3  # of what the linear world promises
 SHIFTS = (-0.6, -0.3, 0.3, 0.6)  # s, by which an event is moved to look for its time
-ALIKE = 0.95  # cosine of two signatures that the records do not tell apart
-CLEAR = 30.0  # log likelihood, beyond what a prior can take
+CONFUSABLE_COSINE = 0.95  # cosine of two signatures that the records do not tell apart
+CLEAR_GAIN = 30.0  # log likelihood, beyond what a prior can take
 WORTH_GOING_ON = 1.0  # log likelihood that further iterations of a fit have to bring
 PROCESS_NOISE_OFFERED = 1e-2  # p-value of a residual's test above which rough air is not tried
 
 
 def together(one: Traceable, other: Traceable) -> bool:
-    """Whether two effects may be in one set."""
+    """Return whether two effects may be in one set."""
     return one.name != other.name and not (never_together(one, other) or never_together(other, one))
 
 
@@ -123,7 +124,7 @@ class Search:
         return frozenset(effect.name for effect in self.base)
 
     def added(self, one: WeighedSet) -> Key:
-        """Names of the effects of a set beyond the base."""
+        """Return the names of the effects of a set beyond the base."""
         return one.names - self.base_names
 
     @property
@@ -141,7 +142,9 @@ class Search:
         self.fits += 1
         found = self._weighed(fitted)
         best = max((one.weight for one in self.visited.values()), default=-math.inf)
-        while found.fitted.fit.outcome is Outcome.MAX_ITERATIONS and found.weight > best - CLEAR:
+        while (
+            found.fitted.fit.outcome is Outcome.MAX_ITERATIONS and found.weight > best - CLEAR_GAIN
+        ):
             further = self.fit(found.fitted.effects, found.fitted)
             if further is None or further.fit.cost > found.fitted.fit.cost - WORTH_GOING_ON:
                 break
@@ -159,7 +162,7 @@ class Search:
         for one in [*self.visited.values()]:
             for part, whole in ((one, new), (new, one)):
                 lost = part.fitted.fit.log_likelihood - whole.fitted.fit.log_likelihood
-                if part.names < whole.names and lost > CLEAR:
+                if part.names < whole.names and lost > CLEAR_GAIN:
                     self.visited[whole.names] = replace(whole, weight=-math.inf)
 
     def _weighed(self, fitted: FittedModel) -> WeighedSet:
@@ -179,7 +182,7 @@ class Search:
         return fit_set(self.problem.data, tuple(effects), self.problem.roughly, start)
 
     def fit_proposed(self, parent: WeighedSet, proposed: LinearSet) -> WeighedSet | None:
-        """The parent's set with the leads of a proposed one.
+        """Return the parent's set with the leads of a proposed one.
 
         Where the step of the linear world leads astray, the fit begins nearer to absence.
         """
@@ -195,18 +198,18 @@ class Search:
             if fitted is not None and (best is None or fitted.fit.cost < best.fit.cost):
                 best = fitted
             brought = parent.fitted.fit.cost - best.fit.cost if best is not None else -math.inf
-            if brought > IMPROVES * proposed.gain:
+            if brought > LEAST_REALISED_GAIN_SHARE * proposed.gain:
                 break
         return None if best is None else self.store(best)
 
     def fit_without(self, parent: WeighedSet, name: str) -> WeighedSet | None:
-        """The set without one of its effects, fitted from where the others stand."""
+        """Return the set without one of its effects, fitted from where the others stand."""
         effects = tuple(effect for effect in parent.fitted.effects if effect.name != name)
         fitted = self.fit(effects, parent.fitted)
         return None if fitted is None else self.store(fitted)
 
     def set_without(self, parent: WeighedSet, name: str) -> WeighedSet | None:
-        """The set without one of its effects, as it was fitted before or else fitted now."""
+        """Return the set without one of its effects, as it was fitted before or else fitted now."""
         return self.visited.get(parent.names - {name}) or self.fit_without(parent, name)
 
     # ---------------------------------------------------------------- rounds
@@ -216,7 +219,7 @@ class Search:
         Then each of its members is left out, and others are tried in its place.
         """
         _ = self.root
-        for _ in range(ROUNDS):
+        for _ in range(MOST_ROUNDS):
             best = self.best()
             if best.names in self.expanded or self.budget_spent:
                 break
@@ -261,8 +264,8 @@ class Search:
         return self.rivals[key] - best.weight > raised
 
     def rerun_in(self, problem: TraceProblem) -> Search:
-        """The same search where other samples count: it goes on where they make another set the
-        most probable of those that are fitted anew.
+        """Return the same search where other samples count: it goes on where they make another set
+        the most probable of those that are fitted anew.
         """
         other = self.refitted(problem)
         return other if other.best().names == self.best().names else other.run()
@@ -272,7 +275,7 @@ class Search:
         other = Search(problem, self.candidates, self.base, self.title, self.discrepancy)
         other.alike, other.steps, other.tried = dict(self.alike), [*self.steps], [*self.tried]
         found = [other.root]
-        leading = sorted(self.visited.values(), key=lambda one: -one.weight)[: 2 * LEADERS]
+        leading = sorted(self.visited.values(), key=lambda one: -one.weight)[: 2 * FITTED_SINGLES]
         for one in leading:
             fitted = other.fit(one.fitted.effects, one.fitted) if self.added(one) else None
             if fitted is not None:
@@ -301,7 +304,7 @@ class Search:
         return replace(one, weight=one.evidence + odds)
 
     def with_kinematics(self, groups: Sequence[tuple[str, ...]]) -> Search:
-        """The search with effects that the relations between the sensors alone name.
+        """Return the search with effects that the relations between the sensors alone name.
 
         The odds of its sets are changed, and it goes on where another set is now the most probable.
         """
@@ -314,7 +317,7 @@ class Search:
         return self if self.best().names in self.expanded else self.run()
 
     def set_named_by_kinematics(self) -> WeighedSet | None:
-        """The likeliest set of all effects that kinematics name, one of each group.
+        """Return the likeliest set of all effects that kinematics name, one of each group.
 
         The first of each group is tried, and another in the place of each; None where kinematics
         name no candidate.
@@ -352,7 +355,7 @@ class Search:
                 one = finer
 
     def _finer(self, one: WeighedSet) -> WeighedSet | None:
-        """A set with the finer forms of its effects; None where there are none."""
+        """Return a set with the finer forms of its effects; None where there are none."""
         fitted = one.fitted
         forms = [each.finer() if isinstance(each, Refinable) else each for each in fitted.effects]
         names = frozenset(full_name(each, item.name) for each in forms for item in each.parameters)
@@ -388,10 +391,10 @@ class Search:
     def sets_with_replacement(
         self, smaller: WeighedSet, wanted: Collection[str]
     ) -> list[WeighedSet]:
-        """Sets with one of the ``wanted`` effects beside those of ``smaller``: those that promise
-        most in the linear world.
+        """Return the sets with one of the ``wanted`` effects beside those of ``smaller``: those
+        that promise most in the linear world.
         """
-        proposed = self._proposed(smaller, 1, 0, wanted)[:RIVALS]
+        proposed = self._proposed(smaller, 1, 0, wanted)[:FITTED_RIVALS]
         made = (self.fit_proposed(smaller, each) for each in proposed)
         return [each for each in made if each is not None]
 
@@ -411,7 +414,7 @@ class Search:
     def _scan_beside_single_effects(self) -> None:
         """Scan at the single effects that promise most: that of the best set may stand for two."""
         singles = [one for one in self.visited.values() if len(self.added(one)) == 1]
-        for one in sorted(singles, key=lambda each: -each.weight)[:RIVALS]:
+        for one in sorted(singles, key=lambda each: -each.weight)[:FITTED_RIVALS]:
             if one.names not in self.expanded and not self.budget_spent:
                 self.expand(one, most=2)
 
@@ -420,7 +423,9 @@ class Search:
         found = [one for key, one in self.visited.items() if key.isdisjoint(without)]
         return max(found, key=lambda one: one.weight)
 
-    def expand(self, parent: WeighedSet, most: int = LEADERS, deepest: int | None = None) -> None:
+    def expand(
+        self, parent: WeighedSet, most: int = FITTED_SINGLES, deepest: int | None = None
+    ) -> None:
         """Scan at a set, weigh sets of leads there (up to ``deepest``), fit the leaders."""
         self.expanded.add(parent.names)
         beside = " + ".join(sorted(self.added(parent))) or "the declared model"
@@ -446,7 +451,7 @@ class Search:
                 made.append(self._with_events_moved(leading))
         rough = has_process_noise(parent.fitted.system)
         offered = self.base or not (rough or is_noise(parent.fitted.fit, PROCESS_NOISE_OFFERED))
-        if offered and most == LEADERS:
+        if offered and most == FITTED_SINGLES:
             made += self._with_process_noise(parent)
         self._log_round(parent, beside, made)
 
@@ -480,8 +485,10 @@ class Search:
         self.steps.append(Step(tuple(sorted(best.names)), best.evidence, found, sentence))
 
     def _looks_like(self, name: str) -> tuple[str, ...]:
-        """Names of effects whose signature is nearly that of one."""
-        pairs = [key for key, cosine in self.alike.items() if name in key and cosine > ALIKE]
+        """Return the names of effects whose signature is nearly that of one."""
+        pairs = [
+            key for key, cosine in self.alike.items() if name in key and cosine > CONFUSABLE_COSINE
+        ]
         return tuple(sorted(other for key in pairs for other in key - {name}))
 
     def _proposed(
@@ -493,7 +500,7 @@ class Search:
         scan about a leading set: beside other sets they are nearly the same.
         """
         ready = prepared(parent.fitted, set_prior(parent.fitted, self.context))
-        if most == LEADERS or not self.shown:
+        if most == FITTED_SINGLES or not self.shown:
             self.shown |= candidate_signatures(parent.fitted, self.candidates, self.context)
         shown = [one for one in self.shown.values() if most or one[0].name in wanted]
         leads = [
@@ -556,7 +563,7 @@ class Search:
         return one
 
     def _event_moved(self, one: WeighedSet, effect: Traceable, r: int) -> WeighedSet:
-        """An event of record ``r`` begun at other times; the best of them."""
+        """Return an event of record ``r`` begun at other times; the best of them."""
         name = full_name(effect, effect.traits.onset)
         values = one.fitted.values
         best: FittedModel | None = None

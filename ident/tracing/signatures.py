@@ -13,7 +13,7 @@ from ident.tracing.fitted_model import FittedModel, compiled_with
 from ident.whole_record.layout import FitLayout
 from ident.whole_record.linearise import join_intervals
 from ident.whole_record.record_problem import (
-    INCREMENT,
+    DIFFERENCE_STEP_SHARE,
     RecordProblem,
     changed_rows,
     interval_ends,
@@ -26,11 +26,11 @@ from sim.declaration.proposal import Probe, Traceable
 from sim.propagation import Drive, drive_from_record
 
 SLOPE_STEP = 1e-4  # of a parameter's declared size
-COARSE = 0.025  # s, a sub-step that ranks candidates well enough
+COARSE_STEP = 0.025  # s, a sub-step that ranks candidates well enough
 
 
 def motions_of(fitted: FittedModel) -> list[BaseMotion]:
-    """What all candidates begin at, by record."""
+    """Return the motion at which all candidates begin, by record."""
     motions, layout = [], fitted.fit.layout
     for r, old in enumerate(layout.problems):
         p, _ = layout.split(fitted.fit.theta, r)
@@ -45,13 +45,13 @@ def motions_of(fitted: FittedModel) -> list[BaseMotion]:
 
 
 def _coarse(old: RecordProblem, layout: FitLayout, system: System, p: np.ndarray) -> RecordProblem:
-    """A record of the fit laid out for a system with the steps of a screening, its inputs as
+    """Return a record of the fit laid out for a system with the steps of a screening, its inputs as
     parameters ``p (np,)`` say.
     """
     return record_problem(
         old.record,
         system,
-        max(layout.settings.max_step, COARSE),
+        max(layout.settings.max_step, COARSE_STEP),
         (),
         (),
         valid=old.valid,
@@ -62,7 +62,7 @@ def _coarse(old: RecordProblem, layout: FitLayout, system: System, p: np.ndarray
 def signatures_of(
     fitted: FittedModel, motions: Sequence[BaseMotion], effect: Traceable, probes: Sequence[Probe]
 ) -> list[list[np.ndarray]]:
-    """For each probe the columns ``(m, N, k)`` of every record."""
+    """Return, for each probe, the columns ``(m, N, k)`` of every record."""
     outputs = [signal.name for signal in fitted.system.outputs]
     _, system = compiled_with(fitted.model, [effect], outputs)
     layout = fitted.fit.layout
@@ -153,11 +153,11 @@ class BaseMotion:
 def base_motion(
     problem: RecordProblem, p: np.ndarray, states: np.ndarray, known: int, drive: Drive
 ) -> BaseMotion:
-    """About parameters ``p (np,)`` and a trajectory ``states (nx, K + 1)``, of which the first
-    ``known`` are not added; ``drive`` rows ``(M,)``.
+    """Return the motion about parameters ``p (np,)`` and a trajectory ``states (nx, K + 1)``, of
+    which the first ``known`` are not added; ``drive`` rows ``(M,)``.
     """
     size = np.sqrt(np.mean(states[:known] ** 2, axis=1))
-    steps = INCREMENT * np.where(size > 0, size, 1.0)
+    steps = DIFFERENCE_STEP_SHARE * np.where(size > 0, size, 1.0)
     start = np.repeat(states[:, None, :-1], 1 + known, axis=1)
     start[np.arange(known), 1 + np.arange(known)] += steps[:, None]
     with np.errstate(all="ignore"):
@@ -215,8 +215,8 @@ def _outputs_of_some(
     known: int,
     base: BaseMotion | None,
 ) -> tuple[np.ndarray, np.ndarray, BaseMotion]:
-    """The same for a few alternatives, whose outputs are ``(m, a, N)``; ``varied`` parameters of
-    all; and the base's motion, for the others.
+    """Return the same for a few alternatives, whose outputs are ``(m, a, N)``; ``varied``
+    parameters of all; and the base's motion, for the others.
     """
     n_x, a, K = len(states), alternatives.shape[1], states.shape[1] - 1
     rows: list[Any] = p.tolist()
@@ -312,7 +312,7 @@ def _acting(
     states: np.ndarray,
     known: int,
 ) -> list[int]:
-    """Which of the varied parameters move the rates of the added states."""
+    """Return the varied parameters that move the rates of the added states."""
     system = problem.system
     x = states[:, states.shape[1] // 2] + 1e-2
     u = [0.01] * len(system.inputs)

@@ -22,19 +22,20 @@ import numpy as np
 
 from ident.tracing.evidence import ColouredNoise, WeighedSet
 from ident.tracing.fitted_model import FittedModel, belongs_to_record
-from ident.tracing.priors import UNLIMITED, set_prior
-from ident.tracing.search import CLEAR, Search
+from ident.tracing.priors import ABSENT_LIMIT, set_prior
+from ident.tracing.search import CLEAR_GAIN, Search
 from sim.declaration.effect import NoiseEffect, full_name
 from sim.declaration.proposal import SearchContext, Traceable
 
-BLOCK = 1.0  # s, of a block of Vuong's test
-SPREAD = 3.5  # z of an effect that may be named beside a discrepancy
-RIVAL = 2.0  # z below which two sets are not told apart; asked where kinematics name it as well
-DEEPEST = 4  # effects beside a discrepancy, at most
+VUONG_BLOCK_TIME = 1.0  # s, of a block of Vuong's test
+NAMED_EFFECT_Z = 3.5  # z of an effect that may be named beside a discrepancy
+# z below which two sets are not told apart; asked where kinematics name it as well
+CONFUSABLE_SETS_Z = 2.0
+MOST_EFFECTS = 4  # effects beside a discrepancy, at most
 
 
 def is_steady(effect: Traceable) -> bool:
-    """Whether an effect acts all along and alike in all records.
+    """Return whether an effect acts all along and alike in all records.
 
     Of a channel that is held between updates each record has its own phase, which is tried.
     """
@@ -55,7 +56,7 @@ def log_densities(fitted: FittedModel) -> list[np.ndarray]:
 
 
 def vuong(one: WeighedSet, other: WeighedSet, interval: float) -> float:
-    """Difference of log evidence over the scatter of its parts in blocks of time.
+    """Return the difference of log evidence over the scatter of its parts in blocks of time.
 
     Parameters
     ----------
@@ -91,7 +92,7 @@ def quiet_vuong(
     order = np.argsort(blocks, kind="stable")
     inside = np.zeros(len(blocks), dtype=bool)
     inside[order[: len(blocks) // 2]] = True
-    size = max(2, round(BLOCK / interval))
+    size = max(2, round(VUONG_BLOCK_TIME / interval))
     records = np.split(inside, np.cumsum([len(each) for each in moved])[:-1])
     quiet = [
         np.repeat(mine, size)[: line.y.shape[1]]
@@ -123,20 +124,20 @@ def _densities_within(fitted: FittedModel, inside: Sequence[np.ndarray]) -> list
 
 
 def _in_blocks(row: np.ndarray, interval: float) -> np.ndarray:
-    """Sums of a row over blocks of time."""
-    block = max(2, round(BLOCK / interval))
+    """Return the sums of a row over blocks of time."""
+    block = max(2, round(VUONG_BLOCK_TIME / interval))
     return np.add.reduceat(row, np.arange(0, len(row), block))
 
 
 def _over_scatter(gain: float, changes: np.ndarray) -> float:
-    """A gain over its scatter, from its parts by block."""
+    """Return a gain over its scatter, from its parts by block."""
     # Half a noncentral chi-square of mean g has at least the standard deviation sqrt(2 g).
     scatter = float(np.sqrt(len(changes)) * np.std(changes))
     return float(gain / max(scatter, math.sqrt(2.0 * abs(gain)), 1e-12))
 
 
 def is_surely_needed(one: WeighedSet, name: str, context: SearchContext, bar: float) -> bool:
-    """Whether leaving an effect out would cost so much that no fit is needed to say so.
+    """Return whether leaving an effect out would cost so much that no fit is needed to say so.
 
     One Gauss-Newton step from the fit puts the effect at its absence, all else at its optimum
     beside that, under noise estimated anew. Its z of Vuong's test is smaller than that of a fit:
@@ -152,7 +153,7 @@ def is_surely_needed(one: WeighedSet, name: str, context: SearchContext, bar: fl
     absent = {full_name(effect, local): value for local, value in effect.absent.items()}
     plain = [each.partition(", record")[0] for each in layout.names]
     at = np.array(
-        [i for i, each in enumerate(plain) if abs(absent.get(each, math.inf)) < UNLIMITED],
+        [i for i, each in enumerate(plain) if abs(absent.get(each, math.inf)) < ABSENT_LIMIT],
         dtype=int,
     )
     if not at.size or isinstance(effect, NoiseEffect):
@@ -183,16 +184,16 @@ def is_surely_needed(one: WeighedSet, name: str, context: SearchContext, bar: fl
     gain = 0.5 * samples * math.log1p(2.0 * lost / samples)
     parts = np.concatenate([_in_blocks(each, context.interval) for each in changes])
     z = _over_scatter(gain, gain / lost * parts)
-    return gain > CLEAR and z > bar
+    return gain > CLEAR_GAIN and z > bar
 
 
 def required_z(search: Search, name: str) -> float:
     """z that an effect needs beside a discrepancy."""
-    return RIVAL if name in search.problem.named_by_kinematics else SPREAD
+    return CONFUSABLE_SETS_Z if name in search.problem.named_by_kinematics else NAMED_EFFECT_Z
 
 
 def search_spread_evidence(search: Search) -> WeighedSet:
-    """The set reached by additions of which each is spread over the records.
+    """Return the set reached by additions of which each is spread over the records.
 
     After each addition those before it are left out, one at a time, and stay out where they are
     no longer needed.
@@ -201,7 +202,7 @@ def search_spread_evidence(search: Search) -> WeighedSet:
     named = search.set_named_by_kinematics()
     if named is not None:
         leader = _needed(search, named)
-    for _ in range(DEEPEST):
+    for _ in range(MOST_EFFECTS):
         if leader.names not in search.expanded:
             search.expand(leader, deepest=1)
         good = [
@@ -210,7 +211,7 @@ def search_spread_evidence(search: Search) -> WeighedSet:
             if leader.names < key
             and len(key) == len(leader.names) + 1
             and one.weight > leader.weight
-            and vuong(one, leader, interval) > SPREAD
+            and vuong(one, leader, interval) > NAMED_EFFECT_Z
         ]
         if not good:
             break
@@ -237,6 +238,6 @@ def _needed(search: Search, leader: WeighedSet) -> WeighedSet:
 
 
 def _adds_noise(larger: WeighedSet, smaller: WeighedSet) -> bool:
-    """Whether what one set has more than another is process noise."""
+    """Return whether what one set has more than another is process noise."""
     fresh = [each for each in larger.fitted.effects if each.name not in smaller.names]
     return any(isinstance(each, NoiseEffect) for each in fresh)

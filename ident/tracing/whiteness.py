@@ -9,7 +9,7 @@ import numpy as np
 
 from ident.recording.series import measurable_noise
 from ident.statistics.noise_levels import levelled, sensor_noise, used_runs
-from ident.statistics.residuals import LEVEL, ResidualTest
+from ident.statistics.residuals import WHITENESS_P_VALUE, ResidualTest
 from ident.tracing.diagnosis import FittedRecord
 from ident.whole_record.gauss_newton import Fit
 
@@ -31,15 +31,16 @@ def whiteness(fit: Fit, label: str) -> list[ResidualTest]:
     return tests
 
 
-def is_noise(fit: Fit, least: float = LEVEL) -> bool:
-    """Whether no residual test of the fitted records has a p-value of ``least`` or less."""
+def is_noise(fit: Fit, least: float = WHITENESS_P_VALUE) -> bool:
+    """Return whether no residual test of the fitted records has a p-value of ``least`` or less."""
     return all(test.p_value > least for test in whiteness(fit, "fitted"))
 
 
 def flat_spectrum(
     residual: np.ndarray, valid: np.ndarray, time: np.ndarray, channel: str
 ) -> ResidualTest:
-    """Is the noise below 4 Hz white there? Bartlett's test of the cumulative periodogram.
+    """Test whether the noise below 4 Hz is white there, by Bartlett's test of the cumulative
+    periodogram.
 
     Filters of a recorder colour noise above; what a model lacks shows where the aircraft moves.
     The p-value is Kolmogorov's with the correction of [1]_.
@@ -81,7 +82,7 @@ def flat_spectrum(
 
 # ---- Sensor noise that residuals show
 
-LARGEST = 1e30  # what a residual that has run away counts as: its square is finite
+RUNAWAY_RESIDUAL = 1e30  # what a residual that has run away counts as: its square is finite
 
 
 def noise_floors(
@@ -148,6 +149,6 @@ class ResidualPart:
 def residual_part(item: FittedRecord, channel: str) -> ResidualPart:
     row = item.channels.index(channel)
     used = item.used[row] & item.record[channel].valid & np.isfinite(item.after[row])
-    residual = np.clip(np.where(used, item.after[row], 0.0), -LARGEST, LARGEST)
+    residual = np.clip(np.where(used, item.after[row], 0.0), -RUNAWAY_RESIDUAL, RUNAWAY_RESIDUAL)
     mean = float(residual[used].mean()) if np.any(used) else 0.0
     return ResidualPart(item, np.where(used, residual - mean, 0.0), used)

@@ -23,7 +23,7 @@ from ident.tracing.diagnosis import Claim, Quantity, Step
 from ident.tracing.evidence import evidence_of
 from ident.tracing.fitted_model import FittedModel, is_event
 from ident.tracing.held_out import HeldOut
-from ident.tracing.priors import FEWEST, ODDS
+from ident.tracing.priors import FAMILY_ODDS, FEWEST_FAMILY_MEMBERS
 from ident.tracing.problem import TraceProblem
 from sim.declaration.effect import full_name
 from sim.record import Channel, Record
@@ -103,7 +103,7 @@ def mended_inputs(problem: TraceProblem, record: Record, claims: Sequence[Claim]
 
 
 def with_mended(record: Record, names: Sequence[str]) -> Record:
-    """A record with the spikes of these inputs mended."""
+    """Return a record with the spikes of these inputs mended."""
     for channel in record.inputs:
         if channel.name in names:
             record = _mended(record, channel.name, input_spikes(channel.values))
@@ -132,7 +132,7 @@ def cleaned_inputs(
         )
         fitted = trial.fit((), root)
         brought = root.fit.cost - fitted.fit.cost if fitted is not None else 0.0
-        if fitted is not None and brought > -math.log(ODDS / FEWEST):
+        if fitted is not None and brought > -math.log(FAMILY_ODDS / FEWEST_FAMILY_MEMBERS):
             unit = root.system.inputs[root.system.input_names.index(name)].unit
             known_to = max(float(np.ptp(problem.records[0][name].values)) * 1e-3, 1e-12)
             claims.append(
@@ -153,7 +153,7 @@ def cleaned_inputs(
 def _differences(
     records: Sequence[Record], mended: Sequence[Record], name: str, found: Sequence[np.ndarray]
 ) -> list[Spikes]:
-    """What mending took away from a channel of each record."""
+    """Return the spikes that mending removed from a channel of each record."""
     return [
         Spikes(
             r,
@@ -167,8 +167,8 @@ def _differences(
 
 
 def _claimable(problem: TraceProblem) -> dict[str, str]:
-    """By channel the name of the candidate that describes its isolated wrong samples: the rule
-    finds them, the effect names them.
+    """Return, by channel, the name of the candidate that describes its isolated wrong samples: the
+    rule finds them, the effect names them.
     """
     return {
         candidate.traits.wrong_samples_of: candidate.name

@@ -13,7 +13,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from ident.estimate import LARGEST, Outcome
+from ident.estimate import LARGEST_NUMBER, Outcome
 from ident.statistics import intervals
 from ident.statistics.intervals import (
     ProfileInterval,
@@ -29,7 +29,7 @@ from ident.statistics.minimise import (
     unresolved,
 )
 from ident.whole_record.layout import (
-    ROUNDING,
+    ROUNDING_SHARE,
     FitLayout,
     FitProblem,
     FitSettings,
@@ -40,20 +40,22 @@ from ident.whole_record.linearise import Linearisation, linearise
 
 # ---- Levenberg-Marquardt over whole records: the engine of every maximum-likelihood fit
 
-_REMEMBERED = 4  # steps whose change of gradient is used
+_REMEMBERED_STEPS = 4  # steps whose change of gradient is used
 # of log likelihood: what a step along a direction that the data hardly know may still promise (0.04
 # sigmas)
-_NOTHING = 1e-3
+_NEGLIGIBLE_GAIN = 1e-3
 # gain of log likelihood by a step below which its change of gradient is taken for curvature at the
 # optimum
-_NEAR = 1.0
+_CURVATURE_GAIN = 1.0
 _LEAST_CURVATURE = 0.1  # of what is expected, below which a step tells nothing
-_SLOW = 0.1  # of what the undamped step promises: a step that gains less creeps along a valley
-_NEARBY = 0.1  # of the undamped step, over which the curvature of a valley is measured
+# of what the undamped step promises: a step that gains less creeps along a valley
+_CREEPING_GAIN_SHARE = 0.1
+# of the undamped step, over which the curvature of a valley is measured
+_CURVATURE_STEP_SHARE = 0.1
 _WAY = (1.0, 0.5, 0.25, 0.125)  # shares of a curved step, tried in turn until one gains
 # trials in a row that change the likelihood by less than is enough, after which a fit that is only
 # compared ends
-_IDLE = 3
+_MOST_IDLE_TRIALS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +81,7 @@ class Fit:
 
     @property
     def layout(self) -> FitLayout:
-        """Which unknowns there are, and which record sees which."""
+        """Layout of the unknowns: which there are, and which record each belongs to."""
         return self.problem.layout
 
     @property
@@ -107,19 +109,21 @@ class Fit:
         return self.weighted.variance
 
     def whiten(self, r: int, columns: np.ndarray) -> np.ndarray:
-        """Columns ``(m, N, c)`` of record ``r`` in the outputs' units, as those of independent
-        samples of variance one.
+        """Return the columns ``(m, N, c)`` of record ``r`` in the outputs' units, as those of
+        independent samples of variance one.
         """
         return self.weighted.filters[r].whiten(columns)
 
     @property
     def log_likelihood(self) -> float:
-        """Of the data, Gaussian, at the estimated variances; the prior's term included."""
+        """Gaussian log likelihood of the data at the estimated variances; the prior's term
+        included.
+        """
         return -self.cost - 0.5 * float(self.counts.sum()) * (1.0 + np.log(2.0 * np.pi))
 
     def normal_equations(self) -> tuple[np.ndarray, np.ndarray]:
-        """Information matrix ``(n, n)`` and gradient of the log likelihood ``(n,)``; worked out
-        once, not to be written to.
+        """Return the information matrix ``(n, n)`` and gradient of the log likelihood ``(n,)``;
+        worked out once, not to be written to.
         """
         return self._equations
 
@@ -168,10 +172,10 @@ def fit_whole_records(
     fit, done = found.point, found.steps
     # At the optimum if the undamped step says so too. Steps along a direction that the data do not
     # know may stay long for ever; the likelihood settles.
-    ended = done == settings.iterations or search.idle == _IDLE
-    converged = (search.near or found.stuck or (ended and search.gain < _NOTHING)) and arrived(
-        found.model, fit.theta, settings
-    )
+    ended = done == settings.iterations or search.idle == _MOST_IDLE_TRIALS
+    converged = (
+        search.near or found.stuck or (ended and search.gain < _NEGLIGIBLE_GAIN)
+    ) and arrived(found.model, fit.theta, settings)
     return replace(
         _sound(joined_up(fit)) or fit,
         outcome=Outcome.CONVERGED if converged else Outcome.MAX_ITERATIONS,
@@ -205,32 +209,32 @@ class _Search:
         self.used: list[tuple[np.ndarray, np.ndarray]] = []
 
     def model(self, fit: Fit) -> LocalModel:
-        """The quadratic at a fit, with the curvature that the last steps showed; after a curved
-        step without.
+        """Return the quadratic at a fit, with the curvature that the last steps showed; after a
+        curved step without.
         """
         information, gradient = fit.normal_equations()
         information = _with_curvature(information, self.used)
         return local_model(information, gradient, fit.theta, self.problem.low, self.problem.high)
 
     def least(self) -> float:
-        """Near the optimum no damping goes too far, and any would creep along what the data know a
-        hundredth as well.
+        """Return the least damping: near the optimum no damping goes too far, and any would creep
+        along directions that the data hardly determine.
         """
-        steady = not self.curved or self.gain <= _NEAR
+        steady = not self.curved or self.gain <= _CURVATURE_GAIN
         return LEAST_DAMPING if steady else self.problem.layout.settings.least_damping
 
     def settled(self, fit: Fit, model: LocalModel) -> bool:
-        """Whether the last step was small and the next would be; a step that damping or a bound
-        made small says nothing of the way that is left, the undamped one does. Or whether a fit
-        that is only compared gains no more.
+        """Return whether the last step was small and the next would be; a step that damping or a
+        bound made small says nothing of the way that is left, the undamped one does. Or whether a
+        fit that is only compared gains no more.
         """
         settings = self.problem.layout.settings
-        if self.idle == _IDLE and settings.enough > 0.0:
+        if self.idle == _MOST_IDLE_TRIALS and settings.enough > 0.0:
             return True
         return self.near and arrived(model, fit.theta, settings)
 
     def shortcut(self, fit: Fit, model: LocalModel) -> Fit | None:
-        """A step along the curved floor of a valley."""
+        """Return a step along the curved floor of a valley."""
         problem = self.problem
         least, most = problem.noise_model.step_bounds(problem.layout, fit.theta)
         low, high = np.maximum(problem.low, least), np.minimum(problem.high, most)
@@ -240,7 +244,7 @@ class _Search:
         return bent
 
     def trial(self, fit: Fit, model: LocalModel, damping: float) -> Fit | None:
-        """The fit after a damped step; None where the cost rises or is not finite."""
+        """Return the fit after a damped step; None where the cost rises or is not finite."""
         problem, settings = self.problem, self.problem.layout.settings
         least, most = problem.noise_model.step_bounds(problem.layout, fit.theta)
         theta = np.clip(fit.theta + model.scale * model.step(damping), least, most)
@@ -249,7 +253,9 @@ class _Search:
         first = self.bare if damping <= self.refused else problem
         trial = evaluate(first, theta, carried(fit, theta))
         most_cost = fit.cost + unresolved(float(fit.counts.sum()))
-        level = trial is not None and abs(trial.cost - fit.cost) < max(settings.enough, _NOTHING)
+        level = trial is not None and abs(trial.cost - fit.cost) < max(
+            settings.enough, _NEGLIGIBLE_GAIN
+        )
         self.idle = self.idle + 1 if level else 0
         if first is self.bare and trial is not None and trial.cost <= most_cost:
             trial, self.refused = evaluate(problem, theta, carried(fit, theta)), 0.0
@@ -257,20 +263,20 @@ class _Search:
             self.refused = damping
             return None
         small = np.abs(trial.theta - fit.theta) < np.maximum(
-            settings.tolerance * model.scale, ROUNDING * np.abs(fit.theta)
+            settings.tolerance * model.scale, ROUNDING_SHARE * np.abs(fit.theta)
         )
         self.gain = self.valley.slow = fit.cost - trial.cost
         self.near = bool(np.all(small)) or self.gain < settings.enough
-        if self.curved and self.gain < _NEAR:
+        if self.curved and self.gain < _CURVATURE_GAIN:
             change = fit.normal_equations()[1] - trial.normal_equations()[1]
-            self.moves = [*self.moves[-_REMEMBERED + 1 :], (trial.theta - fit.theta, change)]
+            self.moves = [*self.moves[-_REMEMBERED_STEPS + 1 :], (trial.theta - fit.theta, change)]
         self.used = self.moves
         return trial
 
 
 def _begun(problem: FitProblem, guesses: list[np.ndarray] | None) -> Fit | None:
-    """The start, with the trajectories of ``guesses`` or else from the measured channels; None
-    where its cost is not finite.
+    """Return the start, with the trajectories of ``guesses`` or else from the measured channels;
+    None where its cost is not finite.
     """
     start, layout = problem.start, problem.layout
     given = None if guesses is None else _sound(evaluate(problem, start, guesses))
@@ -305,11 +311,11 @@ class _Valley:
     share: float = _WAY[0]
 
     def along(self, fit: Fit, model: LocalModel, low: np.ndarray, high: np.ndarray) -> Fit | None:
-        """The fit after a curved step within bounds ``(n,)``; None where the last straight one did
-        not creep, or no share of a curved one gains.
+        """Return the fit after a curved step within bounds ``(n,)``; None where the last straight
+        one did not creep, or no share of a curved one gains.
         """
         self.straight -= 1
-        enough = max(fit.layout.settings.enough, self.slow / _SLOW, _NOTHING)
+        enough = max(fit.layout.settings.enough, self.slow / _CREEPING_GAIN_SHARE, _NEGLIGIBLE_GAIN)
         if self.straight >= 0 or model.promised <= enough:
             return None
         step = model.scale * model.step(LEAST_DAMPING)
@@ -329,7 +335,7 @@ class _Valley:
         return None
 
     def _at(self, fit: Fit, theta: np.ndarray) -> Fit | None:
-        """The cost at ``theta``, with a trajectory that nearly obeys the equations."""
+        """Return the cost at ``theta``, with a trajectory that nearly obeys the equations."""
         first = evaluate(self.bare, theta, carried(fit, theta))
         if first is None:
             return None
@@ -339,37 +345,42 @@ class _Valley:
         self, fit: Fit, model: LocalModel, step: np.ndarray, low: np.ndarray, high: np.ndarray
     ) -> np.ndarray | None:
         """Second-order term ``(n,)`` of the curve that begins along ``step``."""
-        near = self._at(fit, np.clip(fit.theta + _NEARBY * step, low, high))
+        near = self._at(fit, np.clip(fit.theta + _CURVATURE_STEP_SHARE * step, low, high))
         if near is None:
             return None
         pull = np.zeros(len(step))
         for r, (before, after) in enumerate(zip(fit.residuals, near.residuals, strict=True)):
             columns, jacobian = fit.layout.columns(r), fit.jacobians[r]
-            second = (after - before + jacobian @ (_NEARBY * step[columns])) * (2.0 / _NEARBY**2)
+            second = (after - before + jacobian @ (_CURVATURE_STEP_SHARE * step[columns])) * (
+                2.0 / _CURVATURE_STEP_SHARE**2
+            )
             pull[columns] += np.einsum("mnc,mn->c", jacobian, second / fit.variance[:, None])
         curved: np.ndarray = replace(model, gradient=model.scale * pull).step(LEAST_DAMPING)
         return model.scale * curved
 
 
 def arrived(model: LocalModel, theta: np.ndarray, settings: FitSettings) -> bool:
-    """Whether the undamped step is shorter than the tolerance, or than rounding, or promises less
-    than is enough, or than anyone could tell.
+    """Return whether the undamped step is shorter than the tolerance, or than rounding, or promises
+    less than is enough, or than anyone could tell.
     """
     resolved = max(
-        settings.tolerance, float(np.max(ROUNDING * np.abs(theta) / model.scale, initial=0.0))
+        settings.tolerance, float(np.max(ROUNDING_SHARE * np.abs(theta) / model.scale, initial=0.0))
     )
-    return model.promised < max(settings.enough, 0.5 * resolved**2, _NOTHING)
+    return model.promised < max(settings.enough, 0.5 * resolved**2, _NEGLIGIBLE_GAIN)
 
 
 def evaluate(problem: FitProblem, theta: np.ndarray, guesses: list[np.ndarray]) -> Fit | None:
-    """Cost, residuals and sensitivities at ``theta``; None where they are not finite."""
+    """Return the cost, residuals and sensitivities at ``theta``; None where they are not finite."""
     layout = problem.layout
     lines: list[Linearisation] = []
     residuals: list[np.ndarray] = []
     with np.errstate(all="ignore"):
         for r, recorded in enumerate(layout.problems):
             line = linearise(recorded, *layout.split(theta, r), guesses[r])
-            if not (np.all(np.abs(line.y) < LARGEST) and np.all(np.abs(line.jacobian) < LARGEST)):
+            if not (
+                np.all(np.abs(line.y) < LARGEST_NUMBER)
+                and np.all(np.abs(line.jacobian) < LARGEST_NUMBER)
+            ):
                 return None
             lines.append(line)
             residuals.append(np.where(recorded.valid, recorded.z - line.y, 0.0))
@@ -394,8 +405,8 @@ def without_sensitivities(problem: FitProblem) -> FitProblem:
 
 
 def joined_up(fit: Fit) -> Fit:
-    """The same parameters with a trajectory that obeys the equations to rounding: what the last
-    step left is squared away.
+    """Return the same parameters with a trajectory that obeys the equations to rounding: what the
+    last step left is squared away.
 
     A fit that only compares models has a cost, of second order in the gap, that need not be as
     exact.
@@ -419,8 +430,8 @@ def joined_up(fit: Fit) -> Fit:
 
 
 def _sound(fit: Fit | None) -> Fit | None:
-    """The fit itself; None where its information matrix or gradient is not finite: no step and no
-    sigma follows from it.
+    """Return the fit itself; None where its information matrix or gradient is not finite: no step
+    and no sigma follows from it.
     """
     if fit is None:
         return None
@@ -458,8 +469,8 @@ def _with_curvature(
 
 # ---- Refits of a whole-record fit with one parameter held, for profile-likelihood intervals
 
-ENOUGH = 1e-3  # of log likelihood, which moves an end by 1/4000 of it
-ITERATIONS = 30
+SETTLED_LOG_LIKELIHOOD = 1e-3  # of log likelihood, which moves an end by 1/4000 of it
+MOST_ITERATIONS = 30
 
 
 def profile_intervals(
@@ -468,7 +479,7 @@ def profile_intervals(
     covariance: np.ndarray,
     noise_at: Callable[[Fit, np.ndarray], NoiseModel] | None = None,
 ) -> tuple[ProfileInterval, ...]:
-    """Intervals of the shared parameters ``names`` of a settled fit.
+    """Return the intervals of the shared parameters ``names`` of a settled fit.
 
     Parameters
     ----------
@@ -488,10 +499,12 @@ def profile_intervals(
 def _refit(
     fit: Fit, j: int, along: np.ndarray, noise_at: Callable[[Fit, np.ndarray], NoiseModel]
 ) -> Callable[[float, Fit | None], tuple[float, Fit] | None]:
-    """Cost with unknown ``j`` held at a value; the others begin where the curvature at the maximum
-    puts them.
+    """Return the cost with unknown ``j`` held at a value; the others begin where the curvature at
+    the maximum puts them.
     """
-    settings = replace(fit.layout.settings, enough=ENOUGH, iterations=ITERATIONS)
+    settings = replace(
+        fit.layout.settings, enough=SETTLED_LOG_LIKELIHOOD, iterations=MOST_ITERATIONS
+    )
 
     def refit(value: float, begun: Fit | None) -> tuple[float, Fit] | None:
         near = begun or fit

@@ -32,7 +32,7 @@ from sim.record import Record
 
 # ---- Layout of a whole-record fit: which unknowns there are, and which record sees which
 
-ROUNDING = 1e-11  # relative size of what a whole-record computation does not resolve
+ROUNDING_SHARE = 1e-11  # relative size of what a whole-record computation does not resolve
 
 
 @dataclass(frozen=True)
@@ -125,14 +125,14 @@ class FitLayout:
         return (*self.shared, *each)
 
     def columns(self, r: int) -> np.ndarray:
-        """Positions in theta of the unknowns that record ``r`` sees."""
+        """Return the positions in theta of the unknowns that record ``r`` sees."""
         shared, own = len(self.shared), self.own
         if not r:
             return np.arange(shared + own)
         return np.concatenate([np.arange(shared), shared + r * own + np.arange(own)])
 
     def split(self, theta: np.ndarray, r: int) -> tuple[np.ndarray, np.ndarray]:
-        """All parameters and the initial state of record ``r``."""
+        """Return all parameters and the initial state of record ``r``."""
         mine = theta[self.columns(r)]
         p, x0 = self.system.parameters.values(), self.system.initial.values()
         p[list(self.order)] = mine[: len(self.order)]
@@ -235,7 +235,7 @@ def lay_out(
                 for i in range(len(system.outputs))
             ]
         ),
-        np.maximum(ROUNDING * size, 1e-30) ** 2,
+        np.maximum(ROUNDING_SHARE * size, 1e-30) ** 2,
     )
 
 
@@ -313,10 +313,10 @@ MAX_STEP = 0.01  # longest sub-step, s: that of the whole-record fits
 
 
 def weighted_sensitivities(
-    record: Record, system: System, noise_std: np.ndarray, max_step: float = MAX_STEP
+    record: Record, system: System, noise_std: np.ndarray
 ) -> tuple[tuple[str, ...], np.ndarray]:
-    """Names of the free parameters and the slopes ``(M, n)`` of all measured samples by them, over
-    the noise standard deviation ``(m,)``.
+    """Return the names of the free parameters and the slopes ``(M, n)`` of all measured samples by
+    them, over the noise standard deviation ``(m,)``.
 
     At the parameters of ``system``, by complex steps. Biases and initial states are nuisances: what
     they could explain is projected out, with the priors that the system declares of them. The
@@ -327,7 +327,7 @@ def weighted_sensitivities(
     ------
     ModelError : the simulation leaves all measure.
     """
-    layout = lay_out([record], system, FitSettings(max_step=max_step, use_priors=True, exact=True))
+    layout = lay_out([record], system, FitSettings(max_step=MAX_STEP, use_priors=True, exact=True))
     problem, n = layout.problems[0], len(layout.shared)
     p, x0 = layout.split(layout.start, 0)
     line = linearise(problem, p, x0, layout.guesses(layout.start)[0])
@@ -379,8 +379,8 @@ class ResidualFilter(Protocol):
     """What makes the residuals of one record independent."""
 
     def whiten(self, columns: np.ndarray) -> np.ndarray:
-        """Columns ``(m, N, c)`` in the outputs' units as those of independent samples of variance
-        one, zero where a sample is missing.
+        """Return the columns ``(m, N, c)`` in the outputs' units as those of independent samples of
+        variance one, zero where a sample is missing.
         """
         ...
 
@@ -447,7 +447,7 @@ class Standardised:
     variance: np.ndarray
 
     def whiten(self, columns: np.ndarray) -> np.ndarray:
-        """Columns over the standard deviation, zero where a sample is missing."""
+        """Return the columns over the standard deviation, zero where a sample is missing."""
         weight = np.where(self.valid, 1.0 / np.sqrt(self.variance)[:, None], 0.0)
         return weight[:, :, None] * columns
 
@@ -492,7 +492,7 @@ class White(WithoutUnknowns):
         residuals: Sequence[np.ndarray],
         counts: np.ndarray,
     ) -> WeightedResiduals | None:
-        """Residuals and sensitivities as they are."""
+        """Return the residuals and sensitivities as they are."""
         squares = np.sum([(residual**2).sum(axis=1) for residual in residuals], axis=0)
         found = squares / np.maximum(counts, 1)
         variance = np.where(layout.used, np.maximum(found, layout.smallest), 1.0)
@@ -528,7 +528,7 @@ class FitProblem:
 
     @property
     def start(self) -> np.ndarray:
-        """Where the fit begins, ``(n,)``."""
+        """Starting values of the fit, ``(n,)``."""
         return np.concatenate([self.layout.start, self.noise_model.start])
 
     @property

@@ -19,10 +19,10 @@ from typing import Any
 
 import numpy as np
 
-from ident.estimate import LARGEST
+from ident.estimate import LARGEST_NUMBER
 from ident.regression.state_histories import rate_relations, windows
 from ident.whole_record.record_problem import (
-    INCREMENT,
+    DIFFERENCE_STEP_SHARE,
     RecordProblem,
     changed_rows,
     driven_by,
@@ -35,7 +35,7 @@ from sim.maths import COMPLEX_STEP
 from sim.propagation import Drive
 from sim.record import Record
 
-SPAN = 60  # a slope is taken over two sixtieths of the record
+SLOPE_PARTS = 60  # a slope is taken over two sixtieths of the record
 
 
 def known_states(
@@ -64,7 +64,7 @@ def known_states(
             time, values = found[i]
             padded = np.pad(values, 2, mode="edge")
             calm = np.median([padded[k : k + len(values)] for k in range(5)], axis=0)
-            fit = windows(time, np.ones(len(time), dtype=bool), max(3, len(time) // SPAN), 1)
+            fit = windows(time, np.ones(len(time), dtype=bool), max(3, len(time) // SLOPE_PARTS), 1)
             slope = np.sum(fit.slope * fit.gather(calm), axis=1)
             found[j] = time[fit.usable], slope[fit.usable]
     return found
@@ -78,7 +78,7 @@ def _bias(system: System, name: str, p: Sequence[float] | np.ndarray | None) -> 
 
 
 # of a state's size: gaps that are left where the states simulated are linear in themselves
-_CLOSED = 1e-9
+_LARGEST_TRAJECTORY_GAP = 1e-9
 
 
 def guess_states(
@@ -123,13 +123,14 @@ def simulated_at_once(
         for last in (False, True):
             ends = _ends(problem, X, drive, p, free)
             defects = ends[:, 0].real - X[free, 1:]
-            if not np.all(np.abs(ends) < LARGEST):
+            if not np.all(np.abs(ends) < LARGEST_NUMBER):
                 return None
             if last:
                 return (
                     X
                     if np.all(
-                        np.abs(defects) <= _CLOSED * np.max(np.abs(X[free]), axis=1, keepdims=True)
+                        np.abs(defects)
+                        <= _LARGEST_TRAJECTORY_GAP * np.max(np.abs(X[free]), axis=1, keepdims=True)
                     )
                     else None
                 )
@@ -147,8 +148,8 @@ def _ends(
     p: Sequence[float] | np.ndarray,
     free: Sequence[int],
 ) -> np.ndarray:
-    """The states ``free`` at the end of each interval, from ``X`` at its beginning and from a
-    complex step of each: ``(f, 1 + f, K)``.
+    """Return the states ``free`` at the end of each interval, from ``X`` at its beginning and from
+    a complex step of each: ``(f, 1 + f, K)``.
     """
     start = np.repeat(X[:, None, :-1].astype(complex), 1 + len(free), axis=1)
     start[free, 1 + np.arange(len(free))] += 1j * COMPLEX_STEP
@@ -240,18 +241,18 @@ def linearise(
 
 
 def _increments(problem: RecordProblem, guess: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Steps by which each parameter and each state is moved to differentiate."""
+    """Return the steps by which each parameter and each state is moved to differentiate."""
     if problem.exact:
         return np.full(len(problem.free), 1j * COMPLEX_STEP), np.full(len(guess), 1j * COMPLEX_STEP)
     size = np.sqrt(np.mean(guess**2, axis=1))
-    return problem.increment, INCREMENT * np.where(size > 0, size, 1.0)
+    return problem.increment, DIFFERENCE_STEP_SHARE * np.where(size > 0, size, 1.0)
 
 
 def _slopes(
     problem: RecordProblem, moved: np.ndarray, base: np.ndarray, steps: np.ndarray
 ) -> np.ndarray:
-    """Derivatives by what moved each column of ``moved (..., c, n)``; ``base (..., n)`` is what did
-    not move.
+    """Return the derivatives by what moved each column of ``moved (..., c, n)``; ``base (..., n)``
+    is what did not move.
     """
     return (
         moved.imag / COMPLEX_STEP
@@ -263,7 +264,7 @@ def _slopes(
 def _shifted(
     problem: RecordProblem, p: np.ndarray, columns: Mapping[int, int], steps: np.ndarray, width: int
 ) -> list[Any]:
-    """Parameters as rows: a column's own parameter moved there, all else as it is."""
+    """Return the parameters as rows: a column's own parameter moved there, all else as it is."""
     rows: list[Any] = p.tolist()
     for position, column in columns.items():
         row = np.full(width, p[problem.free[position]], dtype=steps.dtype)
@@ -282,7 +283,7 @@ class _Driven:
     acting: tuple[int, ...]
 
     def spread(self, columns: Mapping[int, int], width: int) -> Drive:
-        """The same with a column for each of the batch's, of which ``columns`` tells where a
+        """Return the same with a column for each of the batch's, of which ``columns`` tells where a
         parameter's own stands: rows ``(c, M)``.
         """
         if not self.acting:
@@ -295,7 +296,7 @@ class _Driven:
 
 
 def _drive(problem: RecordProblem, p: np.ndarray, steps: np.ndarray) -> _Driven:
-    """The input path is run once for the base and once a parameter that acts on it."""
+    """Return the input path is run once for the base and once a parameter that acts on it."""
     if problem.drive is not None:
         return _Driven(problem.drive, ())
     system = problem.system

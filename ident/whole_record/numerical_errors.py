@@ -25,16 +25,16 @@ from sim.declaration.model import System
 from sim.record import Channel, Record
 
 # of an output's motion: with more noise than that, integration errors are far below a sigma
-QUIET = 1e-3
-RICHARDSON = 16.0 / 15.0  # of the difference of steps h and h/2, order 4
+QUIET_NOISE_SHARE = 1e-3
+RICHARDSON_FACTOR = 16.0 / 15.0  # of the difference of steps h and h/2, order 4
 # times what smoothing leaves of a record without noise: a record that leaves more has noise of its
 # own
-ALIKE = 3.0
+LARGEST_SMOOTHING_RATIO = 3.0
 
 
 def with_integration_error(estimate: Estimate, fit: Fit) -> Estimate:
-    """An output-error estimate whose covariance holds the error of the integration where a record
-    has hardly any noise.
+    """Return an output-error estimate whose covariance holds the error of the integration where a
+    record has hardly any noise.
 
     The message says where that error is larger than the sigma. A fit that stopped at its limit has
     it too: at the level of rounding the last steps are shorter than this error.
@@ -56,8 +56,8 @@ def with_integration_error(estimate: Estimate, fit: Fit) -> Estimate:
 
 
 def integration_error(fit: Fit) -> np.ndarray | None:
-    """Error of all unknowns ``(n,)`` from the finite steps of the integration; None where the noise
-    is larger than ``QUIET`` or it fails.
+    """Return the error of all unknowns ``(n,)`` from the finite steps of the integration; None
+    where the noise is larger than ``QUIET_NOISE_SHARE`` or it fails.
     """
     layout = fit.layout
     if not _quiet(fit) or layout.prior is not None:
@@ -84,16 +84,18 @@ def integration_error(fit: Fit) -> np.ndarray | None:
         weight = np.where(problem.valid, 1.0 / fit.variance[:, None], 0.0)
         moved = weight * (better.lines[r].y - fit.lines[r].y)
         gradient[layout.columns(r)] -= np.einsum("mnc,mn->c", fit.jacobians[r], moved)
-    error = RICHARDSON * (inverse_information(fit.normal_equations()[0], fit.theta)[0] @ gradient)
+    error = RICHARDSON_FACTOR * (
+        inverse_information(fit.normal_equations()[0], fit.theta)[0] @ gradient
+    )
     return error if np.all(np.isfinite(error)) else None
 
 
 def _quiet(fit: Fit) -> bool:
-    """Whether some output has less noise than ``QUIET`` of its motion."""
+    """Return whether some output has less noise than ``QUIET_NOISE_SHARE`` of its motion."""
     for i in np.flatnonzero(fit.layout.used):
         rows = [problem.z[i, problem.valid[i]] for problem in fit.layout.problems]
         motion = np.concatenate([row - np.mean(row) for row in rows if row.size])
-        if np.sqrt(fit.variance[i]) < QUIET * np.sqrt(np.mean(motion**2)):
+        if np.sqrt(fit.variance[i]) < QUIET_NOISE_SHARE * np.sqrt(np.mean(motion**2)):
             return True
     return False
 
@@ -101,8 +103,8 @@ def _quiet(fit: Fit) -> bool:
 def with_sampling_error(
     estimate: Estimate, records: Sequence[Record], system: System, settings: FitSettings
 ) -> Estimate:
-    """An estimate by equation error whose covariance holds the error of sampling where a record has
-    hardly any noise.
+    """Return an estimate by equation error whose covariance holds the error of sampling where a
+    record has hardly any noise.
 
     The estimate itself where the records have noise, or where their simulation leaves the range of
     numbers. The message says where the error is larger than the sigma.
@@ -113,7 +115,9 @@ def with_sampling_error(
     if calm is None:
         return estimate
     again = run_equation_error(calm, system)
-    quiet = np.any((estimate.noise_std < ALIKE * again.noise_std) & (again.noise_std > 0.0))
+    quiet = np.any(
+        (estimate.noise_std < LARGEST_SMOOTHING_RATIO * again.noise_std) & (again.noise_std > 0.0)
+    )
     error = again.values - estimate.values
     if (
         again.outcome not in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS)
@@ -130,8 +134,8 @@ def with_sampling_error(
 
 
 def _widened(estimate: Estimate, error: np.ndarray, said: str) -> Estimate:
-    """An estimate with an error ``(n,)`` added to its covariance, and a sentence where that is
-    larger than a sigma.
+    """Return an estimate with an error ``(n,)`` added to its covariance, and a sentence where that
+    is larger than a sigma.
     """
     message = said if np.any(np.abs(error) > estimate.std) else ""
     return replace(
@@ -144,8 +148,8 @@ def _widened(estimate: Estimate, error: np.ndarray, said: str) -> Estimate:
 def _simulated(
     estimate: Estimate, records: Sequence[Record], system: System, settings: FitSettings
 ) -> list[Record] | None:
-    """The records with outputs simulated at an estimate from their first samples, without noise and
-    biases; None where they overflow.
+    """Return the records with outputs simulated at an estimate from their first samples, without
+    noise and biases; None where they overflow.
     """
     known = replace(system, parameters=system.parameters.with_values(estimate.as_dict()))
     layout = lay_out(

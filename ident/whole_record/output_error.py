@@ -17,7 +17,7 @@ from math import ceil
 
 import numpy as np
 
-from ident.estimate import LARGEST, Estimate, Outcome
+from ident.estimate import LARGEST_NUMBER, Estimate, Outcome
 from ident.regression.equation_error import RegressionSettings, run_equation_error
 from ident.statistics.intervals import (
     add_normal_equations,
@@ -25,12 +25,12 @@ from ident.statistics.intervals import (
     inverse_information,
 )
 from ident.statistics.residual_spectrum import corrected_covariance
-from ident.statistics.residuals import THREEFOLD
+from ident.statistics.residuals import IMPLAUSIBLE_CHANGE_FACTOR
 from ident.whole_record.gauss_newton import Fit, evaluate, fit_whole_records
 from ident.whole_record.layout import FitLayout, FitProblem, FitSettings, lay_out
 from ident.whole_record.numerical_errors import with_integration_error
 from ident.whole_record.unstable_motion import (
-    GROWN,
+    MOST_EFOLDINGS_AT_ONCE,
     fastest,
     fit_unstable,
     growth,
@@ -44,19 +44,19 @@ from sim.record import Record
 
 # e-foldings up to which a record is followed whole: with 15 and a faint motion fits take 50 steps,
 # cut in two they take 4
-FOLLOWED = 10.0
+MOST_EFOLDINGS_IN_ONE_FIT = 10.0
 # e-foldings of a piece at most, of a record that is not; sigmas grow by a tenth at most, with 6 by
 # half
-PIECE = 8.0
-FEWEST = 50  # samples of a piece, which has five unknowns or more of its own
-SAME = 0.1  # of log likelihood, by which two fits in one minimum may differ
+MOST_EFOLDINGS_PER_PIECE = 8.0
+FEWEST_PIECE_SAMPLES = 50  # samples of a piece, which has five unknowns or more of its own
+SAME_MINIMUM_LOG_LIKELIHOOD = 0.1  # of log likelihood, by which two fits in one minimum may differ
 # rms of a residual, in those of the channel about its mean, from which a simulation has run away;
 # one at rest leaves about 1
-RUNAWAY = 10.0
+RUNAWAY_RESIDUAL_RATIO = 10.0
 
 
 def fit_from_best_start(layout: FitLayout) -> Fit | None:
-    """The output-error fit of a layout; None where no start has a finite cost.
+    """Return the output-error fit of a layout; None where no start has a finite cost.
 
     From the declared values where their simulation stays with the record and settles. Otherwise
     from equation error as well, where the record has all states and no prior speaks; the first fit
@@ -108,16 +108,16 @@ def fits_at_their_least(first: FitLayout, second: FitLayout) -> tuple[Fit | None
 
 
 def _settled(begun: Fit | None, best: Fit | None) -> bool:
-    """Whether a fit was at its least minimum already."""
+    """Return whether a fit was at its least minimum already."""
     return begun is best or (
         begun is not None
         and best is not None
-        and begun.cost - best.cost <= max(best.layout.settings.enough, SAME)
+        and begun.cost - best.cost <= max(best.layout.settings.enough, SAME_MINIMUM_LOG_LIKELIHOOD)
     )
 
 
 def _least(found: Fit | None, starts: Sequence[FitLayout]) -> Fit | None:
-    """Of a fit and those from further starts the one of least cost."""
+    """Return the fit of least cost among a fit and those from further starts."""
     fits = [
         found,
         *(
@@ -134,7 +134,7 @@ def _values(fit: Fit) -> dict[str, float]:
 
 
 def _started(layout: FitLayout, values: Mapping[str, float]) -> FitLayout:
-    """The layout with other starts of those shared parameters that have a value."""
+    """Return the layout with other starts of those shared parameters that have a value."""
     start = layout.start.copy()
     for i, name in enumerate(layout.shared):
         start[i] = np.clip(values.get(name, start[i]), layout.low[i], layout.high[i])
@@ -165,8 +165,8 @@ def in_pieces(
 def started_unstable(
     records: Sequence[Record], system: System, settings: FitSettings, local: Collection[str] = ()
 ) -> System | None:
-    """The System started at the derivatives of equation error, where its motion grows at these and
-    not at the declared values; else None.
+    """Return the System started at the derivatives of equation error, where its motion grows at
+    these and not at the declared values; else None.
 
     Declared values may say nothing of an aircraft being unstable. Asked where a fit from them has
     not settled.
@@ -181,20 +181,20 @@ def started_unstable(
 
 
 def started_at(system: System, values: Mapping[str, float]) -> System:
-    """The System with other starting values of some parameters."""
+    """Return the System with other starting values of some parameters."""
     return replace(system, parameters=system.parameters.with_values(values))
 
 
 def put_together(
     parts: Sequence[np.ndarray], pieces: Sequence[Sequence[Record]]
 ) -> tuple[np.ndarray, ...]:
-    """Rows ``(m, N)`` of pieces as those of the records that they were cut from."""
+    """Return the rows ``(m, N)`` of pieces as those of the records that they were cut from."""
     left = iter(parts)
     return tuple(np.concatenate([next(left) for _ in each], axis=1) for each in pieces)
 
 
 def said_of_pieces(pieces: Sequence[Sequence[Record]]) -> str:
-    """A sentence where some record was cut, else nothing."""
+    """Return a sentence where some record was cut, else nothing."""
     count = sum(len(each) for each in pieces)
     if count == len(pieces):
         return ""
@@ -206,10 +206,12 @@ def said_of_pieces(pieces: Sequence[Sequence[Record]]) -> str:
 
 def _cut(record: Record, grown: float) -> list[Record]:
     """Pieces of a record along which a motion grows by ``grown`` e-foldings, none with fewer than
-    ``FEWEST`` samples.
+    ``FEWEST_PIECE_SAMPLES`` samples.
     """
-    count = min(ceil(min(grown, 1e6) / PIECE), len(record) // FEWEST)
-    if grown <= FOLLOWED or count < 2:
+    count = min(
+        ceil(min(grown, 1e6) / MOST_EFOLDINGS_PER_PIECE), len(record) // FEWEST_PIECE_SAMPLES
+    )
+    if grown <= MOST_EFOLDINGS_IN_ONE_FIT or count < 2:
         return [record]
     return [
         record.window(record.time[rows[0]], record.time[rows[-1]])
@@ -222,10 +224,14 @@ def _duration(record: Record) -> float:
 
 
 def quiet(layout: FitLayout, theta: np.ndarray | None = None) -> bool:
-    """Whether no mode of the motion grows enough to be met in parts, at ``theta`` (the start when
-    None).
+    """Return whether no mode of the motion grows enough to be met in parts, at ``theta`` (the start
+    when None).
     """
-    return _start_growth(layout) <= GROWN if theta is None else growth(layout, theta) <= GROWN
+    return (
+        _start_growth(layout) <= MOST_EFOLDINGS_AT_ONCE
+        if theta is None
+        else growth(layout, theta) <= MOST_EFOLDINGS_AT_ONCE
+    )
 
 
 @lru_cache(maxsize=2)  # a fit asks for its start more than once
@@ -234,7 +240,7 @@ def _start_growth(layout: FitLayout) -> float:
 
 
 def runs_away(fit: Fit) -> bool:
-    """Whether the simulation leaves a record by tenfold its own motion."""
+    """Return whether the simulation leaves a record by tenfold its own motion."""
     layout = fit.layout
     for i in np.flatnonzero(layout.used):
         known = [problem.valid[i] for problem in layout.problems]
@@ -242,14 +248,14 @@ def runs_away(fit: Fit) -> bool:
         motion = np.concatenate([row - np.mean(row) for row in rows if row.size])
         error = np.concatenate([fit.residuals[r][i, valid] for r, valid in enumerate(known)])
         error = error - np.mean(error)  # a level apart is a bias, which the fit takes off at once
-        if np.sqrt(np.mean(error**2)) > RUNAWAY * np.sqrt(np.mean(motion**2)) > 0.0:
+        if np.sqrt(np.mean(error**2)) > RUNAWAY_RESIDUAL_RATIO * np.sqrt(np.mean(motion**2)) > 0.0:
             return True
     return False
 
 
 def from_regression(layout: FitLayout) -> Iterator[FitLayout]:
-    """The layout started at the values of equation error; nothing where a record does not give its
-    states or they did not settle.
+    """Yield the layout started at the values of equation error; nothing where a record does not
+    give its states or they did not settle.
     """
     try:
         records = [problem.record for problem in layout.problems]
@@ -270,8 +276,8 @@ def from_regression(layout: FitLayout) -> Iterator[FitLayout]:
 
 
 def _better(found: list[Fit | None], *starts: Iterator[FitLayout]) -> Fit | None:
-    """The first fit from the starts that settles, else the best of all; of those that are ``found``
-    already none has.
+    """Return the first fit from the starts that settles, else the best of all; of those that are
+    ``found`` already none has.
     """
     fits = list(found)
     for begun in (each for some in starts for each in some):
@@ -290,7 +296,8 @@ def _better(found: list[Fit | None], *starts: Iterator[FitLayout]) -> Fit | None
 # ---- Output-error fit
 
 METHOD = "output-error"
-_NOISY = 1e3  # roundings from which a residual is one: nearly exact data leave a few
+# roundings from which a residual is one: nearly exact data leave a few
+_LEAST_NOISE_ROUNDINGS = 1e3
 __all__ = ["FitSettings", "fit_output_error"]
 
 
@@ -354,8 +361,8 @@ def _fitted(
 
 
 def shared_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
-    """Covariance of the shared parameters ``(s, s)`` and whether all are determined; of a motion
-    that grows without squaring its sensitivities.
+    """Return the covariance of the shared parameters ``(s, s)`` and whether all are determined; of
+    a motion that grows without squaring its sensitivities.
     """
     n = len(fit.layout.shared)
     if fit.layout.prior is None and n and not quiet(fit.layout, fit.theta):
@@ -365,16 +372,16 @@ def shared_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
 
 
 def degenerate(fit: Fit) -> bool:
-    """Whether some output is met to rounding while another is far from it: the one without noise
-    outweighs all others without bound.
+    """Return whether some output is met to rounding while another is far from it: the one without
+    noise outweighs all others without bound.
     """
     above = np.sqrt(fit.variance / fit.layout.smallest)[fit.layout.used]
-    return bool(np.any(above <= 1.0) and np.any(above > _NOISY))
+    return bool(np.any(above <= 1.0) and np.any(above > _LEAST_NOISE_ROUNDINGS))
 
 
 def fit_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
-    """Covariance of all unknowns ``(n, n)``, corrected for coloured residuals as the settings say,
-    and whether all are determined.
+    """Return the covariance of all unknowns ``(n, n)``, corrected for coloured residuals as the
+    settings say, and whether all are determined.
     """
     normal, _ = fit.normal_equations()
     inverse, determined = inverse_information(normal, fit.theta)
@@ -407,7 +414,9 @@ def fit_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
 
 
 def prior_information(fit: Fit) -> np.ndarray | None:
-    """What the priors of a fit say of its unknowns, ``(n, n)``; None where it counts none."""
+    """Return the information ``(n, n)`` of the priors about the unknowns of a fit; None if it has
+    no priors.
+    """
     prior = fit.layout.prior
     if prior is None:
         return None
@@ -417,7 +426,7 @@ def prior_information(fit: Fit) -> np.ndarray | None:
 
 
 def estimate_of(fit: Fit) -> Estimate:
-    """The shared parameters of a fit as an Estimate; its covariance holds the error of the
+    """Return the shared parameters of a fit as an Estimate; its covariance holds the error of the
     integration where that counts.
     """
     layout, n = fit.layout, len(fit.layout.shared)
@@ -455,7 +464,7 @@ def failed_estimate(layout: FitLayout, method: str = METHOD) -> Estimate:
         theta.copy(),
         np.diag(np.maximum(1.0, theta**2)),
         Outcome.DIVERGED,
-        -LARGEST,
+        -LARGEST_NUMBER,
         layout.system.output_names,
         np.ones(len(layout.used)),
         tuple(np.zeros_like(problem.z) for problem in layout.problems),
@@ -496,7 +505,7 @@ def failed_simulation(
         return ""
     name, unit, motion, error, _ = worst
     said = f"{name} error {error:.2g} {unit}, of a motion of {motion:.2g} {unit}"
-    if not error <= RUNAWAY * motion:
+    if not error <= RUNAWAY_RESIDUAL_RATIO * motion:
         return f"the free simulation runs away from the record ({said})"
     likelier = sum(
         count * math.log(max(error, 1e-300) / motion) for _, _, motion, error, count in known
@@ -507,14 +516,14 @@ def failed_simulation(
 
 
 def none_determined(sigmas: Iterable[tuple[float, float]]) -> bool:
-    """Whether no derivative is known within three times its declared size, from pairs of a standard
-    deviation and the declared value.
+    """Return whether no derivative is known within three times its declared size, from pairs of a
+    standard deviation and the declared value.
 
     A vehicle file may be 30 % wrong: a sigma of ten times that says nothing that the file does not
     say. Values declared as zero do not count.
     """
     known = [(std, abs(declared)) for std, declared in sigmas if declared != 0.0]
-    return bool(known) and all(not std <= THREEFOLD * size for std, size in known)
+    return bool(known) and all(not std <= IMPLAUSIBLE_CHANGE_FACTOR * size for std, size in known)
 
 
 def failed_fit(fit: Fit, declared: Mapping[str, float]) -> tuple[str, str]:
@@ -554,16 +563,15 @@ def failed_fit(fit: Fit, declared: Mapping[str, float]) -> tuple[str, str]:
 
 
 def _remedy(fit: Fit) -> str:
-    """What to do about a failed fit; of a motion that grows by itself, how long a record may be."""
+    """Return the remedy for a failed fit; for a motion that grows by itself, the longest record."""
     layout = fit.layout
     rate = max(fastest(layout), fastest(layout, fit.theta))
     longest = max(
         float(problem.record.time[-1] - problem.record.time[0]) for problem in layout.problems
     )
-    if GROWN < rate * longest < math.inf:
-        cut = (
-            f"cut the records to single maneuvers of at most {FOLLOWED / rate:.2g} s (--from, --to)"
-        )
+    if MOST_EFOLDINGS_AT_ONCE < rate * longest < math.inf:
+        longest_fit = MOST_EFOLDINGS_IN_ONE_FIT / rate
+        cut = f"cut the records to single maneuvers of at most {longest_fit:.2g} s (--from, --to)"
         return (
             f"the motion is unstable and grows e-fold every {1.0 / rate:.2g} s, as of an aircraft "
             "that a controller holds: estimate with "

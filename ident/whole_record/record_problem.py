@@ -36,7 +36,7 @@ from sim.record import Record
 
 # ---- One record laid out for a whole-record fit
 
-INCREMENT = 1e-6  # of a parameter's or state's size, for forward differences
+DIFFERENCE_STEP_SHARE = 1e-6  # of a parameter's or state's size, for forward differences
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ def record_problem(
         held = system.parameters.values() if at is None else at
         drive = driven_by(record, system, held.tolist(), grid) if system.input_stages else recorded
     mask = measured if valid is None else measured & valid
-    increment = INCREMENT * np.array(sizes, dtype=float)
+    increment = DIFFERENCE_STEP_SHARE * np.array(sizes, dtype=float)
     return RecordProblem(
         record,
         system,
@@ -121,7 +121,7 @@ def _recorded(record: Record, inputs: tuple[str, ...], max_step: float) -> tuple
 
 
 def driven_by(record: Record, system: System, p: Sequence[Any] | np.ndarray, grid: Grid) -> Drive:
-    """A record's inputs at the vehicle, through the input path at parameters ``p``."""
+    """Return a record's inputs at the vehicle, through the input path at parameters ``p``."""
     return drive_from_record(
         system, p, record.input_array(system.input_names), record.time, record.hold, grid
     )
@@ -134,8 +134,8 @@ _AT_ONCE = 16_000
 
 
 def changed_rows(drive: Drive, change: Callable[[Any], Any]) -> Drive:
-    """A drive with every row changed; one that stands in several places, as held inputs do, is
-    changed once.
+    """Return a drive with every row changed; one that stands in several places, as held inputs do,
+    is changed once.
     """
     begun, middle, ended, begin, end = _changed([*drive.stages, drive.begin, drive.end], change)
     return Drive((begun, middle, ended), begin, end)
@@ -194,8 +194,8 @@ def sample_outputs(
 def _all_edges(
     problem: RecordProblem, p: Sequence[Any], X: list[Any], drive: Drive, apart: Sequence[int]
 ) -> list[list[Any]]:
-    """As ``cross_intervals`` from ``X (c, K + 1)``, worked out for the columns ``apart`` alone; the
-    others move as column 0 does.
+    """Return the same as ``cross_intervals`` from ``X (c, K + 1)``, computed for the columns
+    ``apart`` alone; the others move as column 0 does.
     """
     starts, c = [row[:, :-1] for row in X], len(X[0])
     if len(apart) == c:
@@ -241,8 +241,8 @@ def _parts(c: int, K: int) -> list[slice]:
 def _put(
     out: np.ndarray | None, rows: Sequence[Any], shape: tuple[int, ...], at: slice
 ) -> np.ndarray:
-    """Rows of one part at its place in the whole, ``(len(rows), *shape)``, which the first part
-    makes; a row may be the same for all columns.
+    """Return the rows of one part at its place in the whole, ``(len(rows), *shape)``, which the
+    first part makes; a row may be the same for all columns.
     """
     if out is None:
         out = np.empty((len(rows), *shape), dtype=np.result_type(float, *rows))
@@ -275,7 +275,7 @@ def cross_intervals(
 def _crossed(
     problem: RecordProblem, x: list[Any], drive: Drive, p: Sequence[Any], at: slice
 ) -> list[list[Any]]:
-    """The same for some of the intervals, whose states are ``x``."""
+    """Return the same for some of the intervals, whose states are ``x``."""
     grid, substeps, upright = problem.grid, problem.grid.substeps, _upright(p)
     path = [x]
     for s in range(substeps):
@@ -297,8 +297,8 @@ def _crossed(
 
 
 def stacked(rows: Sequence[Any], shape: tuple[int, ...]) -> np.ndarray:
-    """Rows of which some may be the same for all columns, or numbers, in one array ``(len(rows),
-    *shape)``.
+    """Return the rows of which some may be the same for all columns, or numbers, in one array
+    ``(len(rows), *shape)``.
     """
     out = np.empty((len(rows), *shape), dtype=np.result_type(float, *rows))
     for i, row in enumerate(rows):
@@ -307,14 +307,14 @@ def stacked(rows: Sequence[Any], shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _upright(p: Sequence[Any]) -> list[Any]:
-    """Parameters against rows ``(c, K)``: those with a value a column as ``(c, 1)``."""
+    """Return the parameters against rows ``(c, K)``: those with a value a column as ``(c, 1)``."""
     return [value[:, None] if np.ndim(value) else value for value in p]
 
 
 # ---- A record of linear equations under held inputs
 
 _ORDERS = {rk4_step: 4, euler_step: 1}
-_EVEN = 1e-9  # of a step: what time stamps may differ by for all steps to be one
+_EVEN_SAMPLING_TOLERANCE = 1e-9  # of a step: what time stamps may differ by for all steps to be one
 
 
 Line = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -367,8 +367,8 @@ def linear_record(
 
 
 def _along(guess: np.ndarray, moves: np.ndarray, fed: np.ndarray, substeps: int) -> np.ndarray:
-    """What each step is fed with, (states, 1, inputs) ``(M, l)``, its states from the guess at the
-    node before.
+    """Return the arguments of each step, (states, 1, inputs) ``(M, l)``, with its states from the
+    guess at the node before.
     """
     n_x = len(guess)
     out = np.empty((len(fed), n_x + fed.shape[1]))
@@ -380,8 +380,8 @@ def _along(guess: np.ndarray, moves: np.ndarray, fed: np.ndarray, substeps: int)
 
 
 def _band(Phi: np.ndarray, count: int) -> np.ndarray:
-    """The matrix of x[k] - Phi x[k - 1] over so many steps, ``(2 n, (count + 1) n)`` in diagonals
-    as LAPACK wants it.
+    """Return the matrix of x[k] - Phi x[k - 1] over so many steps, ``(2 n, (count + 1) n)`` in
+    diagonals as LAPACK wants it.
     """
     n = len(Phi)
     band = np.zeros((2 * n, count + 1, n))
@@ -409,8 +409,8 @@ def _solved(band: np.ndarray, right: np.ndarray) -> np.ndarray:
 def _step_matrices(
     rates: np.ndarray, by_rates: np.ndarray, dt: float, order: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of a step of so many terms its matrix ``(n_x, l)`` on (states, 1, inputs) and the derivatives
-    ``(c, n_x, l)``, from those of the rates.
+    """Return the matrix ``(n_x, l)`` of a step of this order on (states, 1, inputs), and its
+    derivatives ``(c, n_x, l)``, from those of the rates.
 
     I + A + A^2/2 + ... of the square matrix with the rates in its first rows and zeros below, which
     holds 1 and the inputs.
@@ -439,7 +439,10 @@ class _Held:
 
 @lru_cache(maxsize=16)
 def _held(drive: Drive, grid: Grid) -> _Held | None:
-    if not constant_within_steps(drive) or np.ptp(grid.steps) > _EVEN * grid.steps[0]:
+    if (
+        not constant_within_steps(drive)
+        or np.ptp(grid.steps) > _EVEN_SAMPLING_TOLERANCE * grid.steps[0]
+    ):
         return None
     at = grid.sample
     every = slice(None, None, grid.substeps) if len(at) == len(grid.nodes) else at
@@ -469,7 +472,7 @@ class _Line:
     one: int
 
     def at(self, p: np.ndarray, wanted: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-        """The matrix at all parameters ``p (np,)`` and its derivatives ``(c, r, l)`` by the
+        """Return the matrix at all parameters ``p (np,)`` and its derivatives ``(c, r, l)`` by the
         ``wanted`` of the free ones, positions among all.
         """
         theta, order = p[list(self.free)], [self.free.index(index) for index in wanted]

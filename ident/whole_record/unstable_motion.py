@@ -29,9 +29,9 @@ from sim.maths import complex_step_jacobian
 
 # e-foldings along a record from which a motion is met in parts: below, a fit of the whole has no
 # trouble
-GROWN = 3.0
-_FIRST = 3.0  # e-foldings of the first part; each further part is twice as long
-_ROUGH = 0.3  # tolerance, in sigmas, of all parts but the whole
+MOST_EFOLDINGS_AT_ONCE = 3.0
+_FIRST_PART_EFOLDINGS = 3.0  # e-foldings of the first part; each further part is twice as long
+_PART_TOLERANCE = 0.3  # tolerance, in sigmas, of all parts but the whole
 # to a record's own unknowns, at most; of log likelihood: what gains less is left to the next step
 # of all
 _OWN_STEPS, _OWN_GAIN = 12, 0.1
@@ -86,7 +86,7 @@ def fit_unstable(layout: FitLayout) -> Fit | None:
 
 
 def projectable(layout: FitLayout) -> bool:
-    """Whether there are shared parameters, and each prior is of one unknown by itself."""
+    """Return whether there are shared parameters, and each prior is of one unknown by itself."""
     tied = layout.prior is not None and np.count_nonzero(layout.prior.information) > len(
         layout.prior.mean
     )
@@ -94,8 +94,8 @@ def projectable(layout: FitLayout) -> bool:
 
 
 def fit_projected(layout: FitLayout, guesses: list[np.ndarray] | None = None) -> Fit | None:
-    """As ``fit_unstable`` for a start that is near, so that the whole is met at once; priors are
-    counted, if ``projectable``.
+    """Fit as ``fit_unstable`` does, from a start near enough to fit the whole record at once;
+    priors are counted, if ``projectable``.
     """
     exact = replace(
         layout, problems=tuple(replace(problem, exact=True) for problem in layout.problems)
@@ -104,8 +104,8 @@ def fit_projected(layout: FitLayout, guesses: list[np.ndarray] | None = None) ->
 
 
 def projected_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
-    """Covariance of the shared parameters ``(s, s)`` with all others projected out, corrected for
-    colour as the settings say; all determined?
+    """Return the covariance of the shared parameters ``(s, s)`` with all others projected out,
+    corrected for colour as the settings say; all determined?
 
     The same as the block of ``fit_covariance``, but not squared before it is projected, which a
     motion that grows would not survive.
@@ -157,8 +157,8 @@ class _Projected:
 
 
 def _weighted(fit: Fit, r: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sensitivities ``(mN, c)`` and residual ``(mN,)`` of a record over the sigma of each output,
-    zero where a sample is missing.
+    """Return the sensitivities ``(mN, c)`` and residual ``(mN,)`` of a record over the sigma of
+    each output, zero where a sample is missing.
 
     What is known beforehand of the record's own unknowns stands below, a row each.
     """
@@ -212,8 +212,8 @@ def _parts(layout: FitLayout) -> Iterator[FitLayout]:
     length = max(
         float(problem.record.time[-1] - problem.record.time[0]) for problem in layout.problems
     )
-    span = _FIRST * length / max(growth(layout), _FIRST)
-    rough = replace(layout.settings, tolerance=max(_ROUGH, layout.settings.tolerance))
+    span = _FIRST_PART_EFOLDINGS * length / max(growth(layout), _FIRST_PART_EFOLDINGS)
+    rough = replace(layout.settings, tolerance=max(_PART_TOLERANCE, layout.settings.tolerance))
     while 0.0 < span < length:  # a growth beyond all numbers leaves no part
         problems = tuple(
             replace(each, valid=each.valid & (each.record.time - each.record.time[0] <= span))
@@ -268,8 +268,8 @@ def _fit_part(layout: FitLayout, limit: int, guesses: list[np.ndarray] | None = 
 
 
 def _settled(fit: Fit) -> Fit:
-    """The same shared parameters with the own unknowns of each record at their best: one step where
-    the motion is linear, a few where it is not.
+    """Return the same shared parameters with the own unknowns of each record at their best: one
+    step where the motion is linear, a few where it is not.
     """
     for _ in range(_OWN_STEPS):
         step = _projected(fit).own_steps(fit, np.zeros(len(fit.layout.shared)))

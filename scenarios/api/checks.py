@@ -62,7 +62,7 @@ class Check:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What stands and what cannot be told, one sentence each."""
+        """Findings and open questions, one sentence each."""
         return tuple(finding_lines(self.details))
 
     @property
@@ -72,24 +72,24 @@ class Check:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against the records, one sentence each."""
+        """Warnings, one sentence each."""
         return in_python_words((*self.details.look.doubts, *self.details.look.set_aside))
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """How the records were prepared, one sentence each."""
+        """Notes on the preparation of the records, one sentence each."""
         return (*self.details.notes, *self.details.result.notes)
 
     def summary(self) -> str:
-        """What the command prints."""
+        """Return the text that the command prints."""
         from scenarios.compatibility.report import print_check
         from scenarios.report.quantities import as_text
 
         return as_text(lambda out: print_check(self.details, out, KEPT))
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One row a sensor fault, from all records together: value and sigma by output error and by
-        the smoother, gain, p, whether it stands.
+        """Return one row a sensor fault, from all records together: value and sigma by output error
+        and by the smoother, gain, p, whether it stands.
         """
         import pandas
 
@@ -113,7 +113,7 @@ class Check:
         return pandas.DataFrame(rows, columns=columns).set_index("fault")
 
     def to_dict(self) -> dict[str, Any]:
-        """Content of ``compatibility.json``."""
+        """Return the content of ``compatibility.json``."""
         from scenarios.compatibility.report import check_content
 
         return check_content(self.details)
@@ -203,21 +203,21 @@ class Maneuvers:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a user should know, one sentence each."""
+        """Warnings, one sentence each."""
         return in_python_words(self.details.cautions)
 
     def __len__(self) -> int:
         return len(self.details.maneuvers)
 
     def summary(self) -> str:
-        """What the command prints."""
+        """Return the text that the command prints."""
         from scenarios.maneuvers import print_maneuvers
         from scenarios.report.quantities import as_text
 
         return as_text(lambda out: print_maneuvers(self.details, out, KEPT))
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One row a maneuver by its number: times of the input, the part to use, axis, kind,
+        """Return one row a maneuver by its number: times of the input, the part to use, axis, kind,
         channel, amplitude (SI), t values.
         """
         import pandas
@@ -233,7 +233,7 @@ class Maneuvers:
         return frame.set_index("number")
 
     def to_dict(self) -> dict[str, Any]:
-        """Content of ``maneuvers.json``."""
+        """Return the content of ``maneuvers.json``."""
         from scenarios.maneuvers import maneuvers_content
 
         return maneuvers_content(self.details)
@@ -349,18 +349,18 @@ class FrequencyResponse:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a user should know, one sentence each."""
+        """Warnings, one sentence each."""
         return in_python_words(self.details.cautions)
 
     def summary(self) -> str:
-        """What the command prints."""
+        """Return the text that the command prints."""
         from scenarios.report.quantities import as_text
         from scenarios.responses.report import print_responses
 
         return as_text(lambda out: print_responses(self.details, out, KEPT))
 
     def to_dataframe(self, output: str | None = None, input: str | None = None) -> pandas.DataFrame:
-        """Numbers of one response by frequency, with the columns of ``responses.csv``.
+        """Return the numbers of one response by frequency, with the columns of ``responses.csv``.
 
         ``output``, ``input`` : which; the first where they are not given.
         """
@@ -375,7 +375,7 @@ class FrequencyResponse:
         )
 
     def to_control(self) -> control.FrequencyResponseData:
-        """The responses as python-control's, with the names of the signals, rad/s."""
+        """Return the responses as python-control's, with the names of the signals, rad/s."""
         return self.details.to_control()
 
     @property
@@ -416,7 +416,7 @@ class FrequencyResponse:
     def to_transfer_function(
         self, output: str | None = None, input: str | None = None, pade: int = 2
     ) -> control.TransferFunction:
-        """The fitted transfer function of one response as python-control's.
+        """Return the fitted transfer function of one response as python-control's.
 
         ``output``, ``input`` : which; the first where they are not given. ``pade`` : order of the
         approximation of its delay; 0 leaves the delay out. Raises InputError where none is fitted.
@@ -440,7 +440,7 @@ class FrequencyResponse:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Content of ``responses.json``."""
+        """Return the content of ``responses.json``."""
         from scenarios.responses.report import responses_content
 
         return responses_content(self.details)

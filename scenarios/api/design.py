@@ -11,7 +11,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ident.structure.coefficients import BANDWIDTH
+from ident.structure.coefficients import DERIVATIVE_BANDWIDTH
 from scenarios.api import tables
 from scenarios.api.record import Record, record_of
 from scenarios.api.records import Choices
@@ -68,12 +68,12 @@ class Design:
 
     @property
     def command(self) -> str:
-        """What is typed for the same design."""
+        """Return the command line of the same design."""
         return self.details.request.command()
 
     def maneuver(self, kind: str | None = None) -> Record:
-        """The input to be flown, of the best kind or another: a record without outputs, SI, held
-        between samples.
+        """Return the input to be flown, of the best kind or another: a record without outputs, SI,
+        held between samples.
         """
         from scenarios.maneuver_design.report import input_of
 
@@ -83,8 +83,8 @@ class Design:
         return record_of(input_of(chosen))
 
     def coherence(self, output: str, input: str, kind: str | None = None) -> pandas.DataFrame:
-        """Coherence and random error to expect of a response, by frequency in Hz; of the best kind
-        or another.
+        """Return the coherence and random error to expect of a response, by frequency in Hz; of the
+        best kind or another.
 
         Raises InputError where no band was asked for, or there is no such response.
         """
@@ -105,8 +105,8 @@ class Design:
         return pandas.DataFrame(columns, index=pandas.Index(found.frequency, name="frequency_Hz"))
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """A row a kind, the best first: pace (s), peaks, mean sigma over the values, log likelihood
-        and chance.
+        """Return a row a kind, the best first: pace (s), peaks, mean sigma over the values, log
+        likelihood and chance.
         """
         import pandas
 
@@ -125,7 +125,7 @@ class Design:
         return pandas.DataFrame(rows).set_index("maneuver")
 
     def summary(self) -> str:
-        """What the command prints."""
+        """Return the text that the command prints."""
         return design_text(self.details)
 
     def save(
@@ -251,13 +251,13 @@ class Structure:
         return {name: dict(told) for name, told in self.details.predicted.items()}
 
     def summary(self) -> str:
-        """What the command prints."""
+        """Return the text that the command prints."""
         from scenarios.structure.report import structure_text
 
         return structure_text(self.details)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One row a term: coefficient, text, value and standard deviation."""
+        """Return one row a term: coefficient, text, value and standard deviation."""
         import pandas
 
         sigmas = self.details.sigmas
@@ -274,7 +274,7 @@ class Structure:
         return pandas.DataFrame(rows).set_index("parameter")
 
     def to_dict(self) -> dict[str, Any]:
-        """Content of ``structure.json``."""
+        """Return the content of ``structure.json``."""
         from scenarios.structure.report import structure_content
 
         return structure_content(self.details)
@@ -298,9 +298,9 @@ def structure(
     validate: Source | Sequence[Source] = (),
     *,
     method: str = structures.METHODS[0],
-    degree: int = structures.DEGREE,
+    degree: int = structures.MOST_DEGREE,
     splines: int = 0,
-    bandwidth: float = BANDWIDTH,
+    bandwidth: float = DERIVATIVE_BANDWIDTH,
     terms: str | PathLike[str] | None = None,
     baseline: bool = False,
     hierarchical: bool = False,

@@ -80,7 +80,7 @@ class Diagnosis:
 
     @property
     def sentence(self) -> str:
-        """What the verdict means."""
+        """Meaning of the verdict, in one sentence."""
         return self.details.diagnosis.verdict.sentence
 
     @property
@@ -127,38 +127,38 @@ class Diagnosis:
 
     @property
     def records(self) -> tuple[Record, ...]:
-        """What was fitted, as it was prepared."""
+        """Fitted records, as they were prepared."""
         return tuple(record_of(record) for record in self.details.records)
 
     @property
     def predicted(self) -> tuple[Record, ...]:
-        """What was not fitted but predicted."""
+        """Records that were predicted and not fitted."""
         return tuple(record_of(record) for record in self.details.validation)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against the records or the result, one sentence each."""
+        """Reasons against the records or the result, one sentence each."""
         from scenarios.diagnosis.report.evidence import warnings_of
 
         return in_python_words((*self.details.doubts, *warnings_of(self.details)))
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """How the records were prepared, one sentence each."""
+        """Notes on the preparation of the records, one sentence each."""
         return self.details.notes
 
     def __getitem__(self, name: str) -> Parameter:
         return self.parameters[name]
 
     def summary(self) -> str:
-        """What the command prints."""
+        """Return the text that the command prints."""
         from scenarios.diagnosis.report.text import diagnosis_text
 
         return diagnosis_text(self.details, details=KEPT)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One row a parameter: ``unit``, value and sigma of the declared model (``before``) and
-        with the effects (``after``).
+        """Return one row a parameter: ``unit``, value and sigma of the declared model (``before``)
+        and with the effects (``after``).
         """
         import pandas
 
@@ -171,14 +171,14 @@ class Diagnosis:
         return both.rename_axis("parameter")
 
     def prediction(self, number: int = 0) -> pandas.DataFrame:
-        """A predicted record over ``time``, SI: measured (``alpha``), simulated by the declared
-        model (``before_alpha``) and with what was found.
+        """Return a predicted record over ``time``, SI: measured (``alpha``), simulated by the
+        declared model (``before_alpha``) and with what was found.
         """
         return prediction_of(self.details.diagnosis, number)
 
     def candidates(self) -> pandas.DataFrame:
-        """Every candidate of every round: gain of the log evidence, the same with its prior odds,
-        whether it was fitted.
+        """Return every candidate of every round: gain of the log evidence, the same with its prior
+        odds, whether it was fitted.
         """
         import pandas
 
@@ -206,7 +206,7 @@ class Diagnosis:
         return write_sheets(path, {"after": self.parameters, "before": self.before})
 
     def to_dict(self) -> dict[str, Any]:
-        """Content of ``diagnosis.json``."""
+        """Return the content of ``diagnosis.json``."""
         from datetime import UTC, datetime
 
         from scenarios.diagnosis.report.text import diagnosis_content
@@ -214,8 +214,8 @@ class Diagnosis:
         return diagnosis_content(self.details, datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"))
 
     def to_state_space(self, pade: int = 4) -> control.StateSpace:
-        """The declared model with ``parameters``, as python-control's with named signals; the
-        claimed effects are no part of it.
+        """Return the declared model with ``parameters``, as python-control's with named signals;
+        the claimed effects are no part of it.
         """
         from ident.flying_qualities.modes import to_control
         from scenarios.identification.low_order import linearised
@@ -367,7 +367,9 @@ class Survey:
 
     @property
     def computed(self) -> tuple[str, ...]:
-        """Of these, the flights that were diagnosed in this call; the others were kept."""
+        """Flights that were diagnosed in this call; the results of the others were kept from
+        before.
+        """
         return self.details.survey_files.computed
 
     @property
@@ -386,8 +388,8 @@ class Survey:
         return tuple(outlying(self.details))
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Derivatives, one row a flight: value (``Cm_alpha``) and sigma (``Cm_alpha_std``) of each
-        in SI, and the flight's conditions.
+        """Return the derivatives, one row a flight: value (``Cm_alpha``) and sigma
+        (``Cm_alpha_std``) of each in SI, and the flight's conditions.
         """
         import pandas
 
@@ -401,7 +403,7 @@ class Survey:
         return pandas.DataFrame.from_dict(rows, orient="index").rename_axis("flight")
 
     def recurring(self) -> pandas.DataFrame:
-        """Effects, one row a flight: the probability that it has each."""
+        """Return the effects, one row a flight: the probability that it has each."""
         import pandas
 
         return pandas.DataFrame(
@@ -412,14 +414,14 @@ class Survey:
         ).rename_axis("flight")
 
     def to_dict(self) -> dict[str, Any]:
-        """Content of ``survey.json``."""
+        """Return the content of ``survey.json``."""
         from scenarios.report.document import now
         from scenarios.survey.report import survey_content
 
         return survey_content(self.details, now())
 
     def summary(self) -> str:
-        """What the command prints."""
+        """Return the text that the command prints."""
         return survey_text(self.details, details=KEPT)
 
     def save(

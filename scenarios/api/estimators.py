@@ -170,7 +170,7 @@ def smoother(estimate: Estimate) -> SmoothedHistory:
 
 def _estimate(method: str, model: Given, records: Any, vehicle: Numbers) -> Estimate:
     from ident.whole_record.layout import FitSettings
-    from scenarios.identification.assessment import PLAIN
+    from scenarios.identification.assessment import DEFAULT_OPTIONS
     from scenarios.identification.identify import FIT_STEP
     from scenarios.identification.methods import FILTERS, estimated_by
     from scenarios.preparation.declared_model import outputs_with_bias, step_for
@@ -191,7 +191,7 @@ def _estimate(method: str, model: Given, records: Any, vehicle: Numbers) -> Esti
     ]
     biased = declared.with_biases(outputs_with_bias(declared, outputs))
     settings = FitSettings(step_for(biased, given, FIT_STEP), use_priors=priors)
-    return estimated_by(given, biased, outputs, method, settings, PLAIN)[1]
+    return estimated_by(given, biased, outputs, method, settings, DEFAULT_OPTIONS)[1]
 
 
 def _declared(model: Given, vehicle: Numbers) -> tuple[Model, bool]:
@@ -206,7 +206,7 @@ def _declared(model: Given, vehicle: Numbers) -> tuple[Model, bool]:
 
 
 def _of_model(record: Record, model: Model) -> sim_record.Record:
-    """The channels of a record that a model knows."""
+    """Return the channels of a record that a model knows."""
     from sim.record import Channel, Hold
     from sim.record import Record as SimRecord
 

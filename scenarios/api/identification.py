@@ -72,7 +72,7 @@ class Identification:
 
     @cached_property
     def parameters(self) -> Parameters:
-        """What was estimated, by name; sensors' biases are in ``biases``."""
+        """Estimated parameters by name; sensors' biases are in ``biases``."""
         found = self.details.found
         starts = {
             **found.vehicle.derivatives,
@@ -93,8 +93,8 @@ class Identification:
 
     @property
     def derived(self) -> dict[str, tuple[float, float]]:
-        """What follows from the parameters (natural frequency, damping ratio, ...): value and
-        sigma, SI.
+        """Quantities that follow from the parameters (natural frequency, damping ratio, ...): value
+        and sigma, SI.
         """
         return dict(self.details.found.derived)
 
@@ -136,7 +136,7 @@ class Identification:
 
     @property
     def log_likelihood(self) -> float:
-        """Of the fitted records."""
+        """Log likelihood of the fitted records."""
         return self.details.found.estimate.log_likelihood
 
     @property
@@ -156,7 +156,7 @@ class Identification:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against the records or the result, one sentence each."""
+        """Reasons against the records or the result, one sentence each."""
         found = self.details.found
         return in_python_words(
             (
@@ -169,14 +169,14 @@ class Identification:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """How the records were prepared and the fit was made, one sentence each."""
+        """Notes on preparation and fit, one sentence each."""
         return self.details.found.notes
 
     def __getitem__(self, name: str) -> Parameter:
         return self.biases[name] if name in self.biases else self.parameters[name]
 
     def summary(self) -> str:
-        """What the command prints."""
+        """Return the text that the command prints."""
         from scenarios.identification.report import print_identification
         from scenarios.report.quantities import as_text
 
@@ -185,7 +185,7 @@ class Identification:
         )
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One row a parameter: ``unit``, ``value``, ``sigma``, ``start``."""
+        """Return one row a parameter: ``unit``, ``value``, ``sigma``, ``start``."""
         return self.parameters.to_dataframe()
 
     def to_markdown(self) -> str:
@@ -203,7 +203,7 @@ class Identification:
         return write_sheets(path, {"parameters": self.parameters, "biases": self.biases})
 
     def to_dict(self) -> dict[str, Any]:
-        """Content of ``comparison.json``."""
+        """Return the content of ``comparison.json``."""
         from scenarios.files.measured.columns import identities
         from scenarios.identification.files import identification_content
 
@@ -213,28 +213,28 @@ class Identification:
         )
 
     def errors(self) -> pandas.DataFrame:
-        """Errors of the free simulation by record and channel, SI; those that were not fitted are
-        marked ``held_out``.
+        """Return the errors of the free simulation by record and channel, SI; those that were not
+        fitted are marked ``held_out``.
         """
         return errors_of(self.details.found.fits)
 
     def response(self, number: int = 0) -> pandas.DataFrame:
-        """A record over ``time``, SI: inputs, measured outputs (``alpha``) and the model's
+        """Return a record over ``time``, SI: inputs, measured outputs (``alpha``) and the model's
         (``predicted_alpha``); held-out records last.
         """
         return response_of(self.details.found, number)
 
     def linearised(self) -> StateSpace:
-        """The identified model as matrices about its point of reference, with units and delays.
-        Raises InputError where there is no such point.
+        """Return the identified model as matrices about its point of reference, with units and
+        delays. Raises InputError where there is no such point.
         """
         from scenarios.identification.low_order import state_space_of
 
         return state_space_of(self.details.found)
 
     def to_state_space(self, pade: int = 4) -> control.StateSpace:
-        """The same as python-control's, with named states, inputs and outputs; a delay as a Pade
-        approximation of order ``pade``.
+        """Return the same as python-control's, with named states, inputs and outputs; a delay as a
+        Pade approximation of order ``pade``.
         """
         from ident.flying_qualities.modes import to_control
 
@@ -383,12 +383,12 @@ class Prediction:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against the record, one sentence each."""
+        """Reasons against the records or the result, one sentence each."""
         return in_python_words(self.details.warnings)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """How the record was prepared, one sentence each."""
+        """Notes on preparation and fit, one sentence each."""
         return self.details.notes
 
     @property
@@ -421,7 +421,7 @@ class Prediction:
         return pandas.DataFrame(self._rows(), columns=list(ERRORS)).set_index(["model", "channel"])
 
     def summary(self) -> str:
-        """What the command prints."""
+        """Return the text that the command prints."""
         from scenarios.prediction import prediction_text
 
         return prediction_text(self.details)

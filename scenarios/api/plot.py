@@ -69,7 +69,7 @@ class Responding(Protocol):
 
 
 def maneuvers(found: Found) -> Figure:
-    """The whole flight with its maneuvers marked by their numbers, angles in degrees."""
+    """Return the whole flight with its maneuvers marked by their numbers, angles in degrees."""
     from scenarios.plots.maneuvers import figure_flight
 
     return shown(figure_flight(found.details, found.details.identity.name))
@@ -87,8 +87,8 @@ def response(found: Responding, number: int = 0) -> Figure:
 
 
 def mismatch(found: Responding, number: int = 0) -> Figure:
-    """A frequency response over its fitted transfer function, between the envelopes of dynamics
-    that a pilot does not notice.
+    """Return a frequency response over its fitted transfer function, between the envelopes of
+    dynamics that a pilot does not notice.
     """
     from scenarios.plots.flying_qualities import figure_mismatch
     from scenarios.responses.analysis import pairs
@@ -98,8 +98,8 @@ def mismatch(found: Responding, number: int = 0) -> Figure:
 
 
 def bandwidth(found: Responding, number: int = 0) -> Figure:
-    """An attitude response with its bandwidths and phase delay; ``number`` counts those that have
-    one from 0.
+    """Return an attitude response with its bandwidths and phase delay; ``number`` counts those that
+    have one from 0.
     """
     from scenarios.plots.flying_qualities import figure_bandwidth
 
@@ -116,8 +116,8 @@ def qualities(found: Responding, number: int = 0) -> Figure:
 
 
 def step(found: Responding, number: int = 0) -> Figure:
-    """The step of a fitted response over its steady value; ``number`` counts the responses from 0,
-    outputs first.
+    """Return the step of a fitted response over its steady value; ``number`` counts the responses
+    from 0, outputs first.
     """
     from scenarios.plots.flying_qualities import figure_steps
     from scenarios.responses.analysis import pairs
@@ -127,7 +127,7 @@ def step(found: Responding, number: int = 0) -> Figure:
 
 
 def loop(found: Responding) -> Figure:
-    """A broken-loop response with its stability margins."""
+    """Return a broken-loop response with its stability margins."""
     from scenarios.plots.flying_qualities import figure_margins
 
     return shown(figure_margins(found.details))
@@ -176,8 +176,8 @@ def fit(found: Fitted | Simulated, number: int = 0) -> Figure:
 
 
 def held_out(found: Fitted, number: int = 0) -> Figure:
-    """A record that was not fitted: measured outputs against the model's; ``number`` counts these
-    records from 0.
+    """Return a record that was not fitted: measured outputs against the model's; ``number`` counts
+    these records from 0.
     """
     from scenarios.plots.signals import MethodOutputs, figure_fit
 
@@ -201,7 +201,7 @@ def held_out(found: Fitted, number: int = 0) -> Figure:
 
 
 def correlation(found: Fitted) -> Figure:
-    """How estimates hang together."""
+    """Plot the correlations of the estimates."""
     from scenarios.plots.estimates import figure_correlation
 
     inner = found.details.found
@@ -215,8 +215,8 @@ def correlation(found: Fitted) -> Figure:
 
 
 def residuals(found: Traced, number: int = 0) -> Figure:
-    """What the model leaves of a fitted record, before and after; ``number`` counts the fitted
-    records from 0.
+    """Plot the residuals of a fitted record, before and after; ``number`` counts the fitted records
+    from 0.
     """
     return _of_diagnosis(found, "residuals", number)
 
@@ -227,22 +227,22 @@ def spectra(found: Traced, number: int = 0) -> Figure:
 
 
 def prediction(found: Traced, number: int = 0) -> Figure:
-    """A record that was not fitted: measured and predicted, before and after."""
+    """Return a record that was not fitted: measured and predicted, before and after."""
     return _of_diagnosis(found, "held_out", number)
 
 
 def evidence(found: Traced) -> Figure:
-    """The best candidates of each round."""
+    """Return the best candidates of each round."""
     return _of_diagnosis(found, "evidence", 0)
 
 
 def derivatives(found: Traced) -> Figure:
-    """Parameters of the declared model before and after."""
+    """Return the parameters of the declared model before and after."""
     return _of_diagnosis(found, "derivatives", 0)
 
 
 def replication(found: Traced) -> Figure:
-    """Parameters of the claimed effects from each record by itself."""
+    """Return the parameters of the claimed effects from each record by itself."""
     return _of_diagnosis(found, "replication", 0)
 
 
@@ -303,8 +303,8 @@ class Interactive:
 
 
 def interactive(figure: Figure, words: str = "") -> Interactive:
-    """The figure in a form that zooms in a notebook; one that has bars, error bars or a map stays
-    a drawing.
+    """Return the figure in a form that zooms in a notebook; one that has bars, error bars or a map
+    stays a drawing.
 
     Parameters
     ----------
@@ -326,7 +326,7 @@ def interactive(figure: Figure, words: str = "") -> Interactive:
 
 
 def shown(figure: Figure) -> Figure:
-    """A figure that a notebook shows by itself, also where nobody asked matplotlib for a
+    """Return a figure that a notebook shows by itself, also where nobody asked matplotlib for a
     backend.
     """
     from scenarios.plots.drawing import figure_png
@@ -361,7 +361,7 @@ def _one_of(items: Any, number: int, what: str) -> Any:
 
 
 def _as_recorded(given: Recorded) -> sim_record.Record:
-    """A record with all its channels, inputs apart."""
+    """Return a record with all its channels, inputs apart."""
     from sim.record import Channel, Hold
     from sim.record import Record as SimRecord
 

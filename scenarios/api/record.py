@@ -57,7 +57,7 @@ class Record:
 
     @property
     def name(self) -> str:
-        """What messages call it."""
+        """Name of the record in messages."""
         return self.file.identity.name
 
     @property
@@ -133,8 +133,8 @@ class Record:
         )
 
     def _span_of(self, name: str) -> list[str]:
-        """The least and the greatest value and how many are missing; of a faulty column what is
-        wrong.
+        """Return the least and the greatest value and how many are missing; of a faulty column what
+        is wrong.
         """
         try:
             values = self[name]
@@ -145,8 +145,8 @@ class Record:
         return [*ends, str(values.size - known.size)]
 
     def window(self, start: float | None = None, stop: float | None = None) -> Record:
-        """The rows from ``start`` to ``stop`` (s, both included) as a record of their own; None
-        leaves that end open.
+        """Return the rows from ``start`` to ``stop`` (s, both included) as a record of their own;
+        None leaves that end open.
 
         Raises InputError where there is no such row.
         """
@@ -155,7 +155,7 @@ class Record:
         return replace(self, file=rows_of_file(self.file, start, stop))
 
     def resample(self, rate: float) -> Record:
-        """The record at a lower rate, behind a zero-phase low-pass at 0.4 times that rate.
+        """Return the record at a lower rate, behind a zero-phase low-pass at 0.4 times that rate.
 
         Parameters
         ----------
@@ -181,7 +181,7 @@ class Record:
         return self._filtered(rate=rate)
 
     def lowpass(self, corner: float) -> Record:
-        """The record behind one zero-phase Butterworth low-pass, the same for all channels.
+        """Return the record behind one zero-phase Butterworth low-pass, the same for all channels.
 
         Parameters
         ----------
@@ -195,7 +195,7 @@ class Record:
         return self._filtered(lowpass=corner)
 
     def with_hold(self, hold: str) -> Record:
-        """The record with another behaviour of its inputs between samples.
+        """Return the record with another behaviour of its inputs between samples.
 
         Parameters
         ----------
@@ -242,7 +242,7 @@ class Record:
         return plot.record(self)
 
     def to_pandas(self) -> pandas.DataFrame:
-        """A DataFrame with the index ``time`` (s); units, name, hold and inputs are in its
+        """Return a DataFrame with the index ``time`` (s); units, name, hold and inputs are in its
         ``attrs``.
         """
         from scenarios.api.records import to_pandas
@@ -251,18 +251,22 @@ class Record:
 
     @staticmethod
     def from_pandas(frame: pandas.DataFrame, **told: Any) -> Record:
-        """As ``read_record``; what ``to_pandas`` put into ``attrs`` is taken from there."""
+        """Read a DataFrame as ``read_record`` reads a file; metadata that ``to_pandas`` wrote into
+        ``attrs`` are used.
+        """
         return read_record(frame, **told)
 
     def to_xarray(self) -> xarray.Dataset:
-        """A Dataset over ``time``; each variable's unit in its attributes. Needs xarray."""
+        """Return a Dataset over ``time``; each variable's unit in its attributes. Needs xarray."""
         from scenarios.api.records import to_xarray
 
         return to_xarray(self)
 
     @staticmethod
     def from_xarray(dataset: xarray.Dataset, **told: Any) -> Record:
-        """As ``read_record``; units from the attributes ``units`` of the variables."""
+        """Read a Dataset as ``read_record`` reads a file; units come from the attributes ``units``
+        of the variables.
+        """
         return read_record(dataset, **told)
 
     def to_control(self) -> control.TimeResponseData:
@@ -273,7 +277,7 @@ class Record:
 
     @staticmethod
     def from_control(response: control.TimeResponseData, **told: Any) -> Record:
-        """As ``read_record``; names are the response's labels."""
+        """Read a response as ``read_record`` reads a file; names are the response's labels."""
         return read_record(response, **told)
 
 
@@ -286,7 +290,7 @@ def read_record(
     hold: str | None = None,
     name: str | None = None,
 ) -> Record:
-    """A record from a file, a DataFrame, named arrays, an xarray Dataset or a python-control
+    """Return a record from a file, a DataFrame, named arrays, an xarray Dataset or a python-control
     response.
 
     Parameters
@@ -323,6 +327,6 @@ def read_record(
 
 
 def record_of(record: sim_record.Record) -> Record:
-    """A record of the library as one of users, in SI."""
+    """Return a record of the library as one of users, in SI."""
     columns, units = columns_of_record(record)
     return Record(file_of_columns(columns, record.name, units, record.hold), record.input_names)

@@ -17,7 +17,6 @@ from scenarios.files.declarations import (
     CHANNEL_UNITS,
     STICK,
     TIME,
-    ColumnChoice,
     closest,
     read_channel_map,
     split_header,
@@ -82,7 +81,7 @@ class ChannelColumn:
 
 
 def columns_of(file: RecordFile) -> dict[str, ChannelColumn]:
-    """Every channel of a record file, time left out, in the order of its columns.
+    """Return every channel of a record file, time left out, in the order of its columns.
 
     A column that is none of our channels, or of a unit that does not fit it, keeps its name and
     numbers; one without numbers is left out, and so is one that is no sequence
@@ -220,11 +219,10 @@ def file_of_columns(
     name: str | None = None,
     units: Mapping[str, str] | None = None,
     hold: Hold | None = None,
-    choices: Mapping[str, ColumnChoice] | None = None,
     unreadable: Mapping[str, str] | None = None,
 ) -> RecordFile:
-    """A record file of named sequences, rows counted from 1. A time of datetimes counts from its
-    first sample, one of timedeltas from zero, s.
+    """Return a record file of named sequences, rows counted from 1. A time of datetimes counts from
+    its first sample, one of timedeltas from zero, s.
 
     ``unreadable``: further names, and why they hold no sequence of numbers; whoever asks for one of
     them is refused.
@@ -263,13 +261,13 @@ def file_of_columns(
         table,
         sidecar,
         InputFile(label, _digest(table)),
-        dict(choices or {}),
+        {},
         in_memory=True,
     )
 
 
 def columns_of_frame(frame: pandas.DataFrame) -> dict[str, Any]:
-    """Columns of a DataFrame by their texts, and its index where that has a name.
+    """Return the columns of a DataFrame by their texts, and its index where that has a name.
 
     The time comes from the index where no column is named so and the index is one of times, or is
     named time.
@@ -303,7 +301,7 @@ def columns_of_frame(frame: pandas.DataFrame) -> dict[str, Any]:
 
 
 def columns_of_record(record: Record) -> tuple[dict[str, np.ndarray], dict[str, str]]:
-    """Columns and units of a record in SI."""
+    """Return the columns and units of a record in SI."""
     columns = {
         TIME: record.time,
         **{channel.name: channel.with_gaps() for channel in record.channels},
@@ -312,8 +310,8 @@ def columns_of_record(record: Record) -> tuple[dict[str, np.ndarray], dict[str, 
 
 
 def rows_of_file(file: RecordFile, start: float | None, stop: float | None) -> RecordFile:
-    """The rows of a record file between two times, s, under a name that tells them; row numbers
-    stay those of the file.
+    """Return the rows of a record file between two times, s, under a name that tells them; row
+    numbers stay those of the file.
 
     Raises RecordError where there is no such row.
     """
@@ -376,7 +374,7 @@ def _has_time(names: Sequence[str]) -> bool:
 
 
 def _column(label: str, name: str, values: Any) -> np.ndarray:
-    """One column as a table of a file holds it: numbers, or cells as they stand."""
+    """Return one column as a table of a file holds it: numbers, or cells as they stand."""
     array = _plain(values)
     if array.ndim != 1:
         raise RecordError(
@@ -396,8 +394,8 @@ def _column(label: str, name: str, values: Any) -> np.ndarray:
 
 
 def _plain(values: Any) -> np.ndarray:
-    """A NumPy array; of a pandas column with NaN where a number is missing, and without its time
-    zone.
+    """Return a NumPy array; of a pandas column with NaN where a number is missing, and without its
+    time zone.
     """
     dtype = getattr(values, "dtype", None)
     if getattr(dtype, "tz", None) is not None:
@@ -440,7 +438,7 @@ class ContainerFacts:
 
 
 def unpacked(source: Any) -> tuple[Path | Mapping[str, Any], ContainerFacts]:
-    """A path, or columns by name, and what the container says of them.
+    """Return a path, or columns by name, and what the container says of them.
 
     Raises
     ------
@@ -476,7 +474,9 @@ def unpacked(source: Any) -> tuple[Path | Mapping[str, Any], ContainerFacts]:
 
 
 def _of_attributes(attributes: Mapping[str, Any]) -> ContainerFacts:
-    """What ``to_pandas`` and ``to_xarray`` put down; other people's attributes are left alone."""
+    """Read the attributes that ``to_pandas`` and ``to_xarray`` wrote; other attributes are
+    ignored.
+    """
     units, name, hold, inputs = (attributes.get(key) for key in ("units", "name", "hold", "inputs"))
     return ContainerFacts(
         {str(key): str(value) for key, value in units.items()}
@@ -494,7 +494,7 @@ def _attributes(record: Recorded) -> dict[str, Any]:
 
 
 def to_pandas(record: Recorded) -> pandas.DataFrame:
-    """Channels in SI over the index ``time``, s."""
+    """Return the channels in SI over the index ``time``, s."""
     import pandas
 
     frame = pandas.DataFrame(
@@ -505,8 +505,8 @@ def to_pandas(record: Recorded) -> pandas.DataFrame:
 
 
 def to_xarray(record: Recorded) -> xarray.Dataset:
-    """Channels in SI over the coordinate ``time``, units as attributes. Raises ImportError where
-    xarray is not installed.
+    """Return the channels in SI over the coordinate ``time``, units as attributes. Raises
+    ImportError where xarray is not installed.
     """
     try:
         import xarray
@@ -519,8 +519,8 @@ def to_xarray(record: Recorded) -> xarray.Dataset:
 
 
 def to_control(record: Recorded) -> control.TimeResponseData:
-    """The record as python-control's response: outputs ``(m, N)`` and inputs with labels; NaN where
-    a sample is missing.
+    """Return the record as python-control's response: outputs ``(m, N)`` and inputs with labels;
+    NaN where a sample is missing.
     """
     import control
 
@@ -601,8 +601,8 @@ def opened_source(
     hold: str | None = None,
     name: str | None = None,
 ) -> tuple[RecordFile, tuple[str, ...] | None]:
-    """A path, table, arrays or another package's container as a record file, and the inputs that it
-    names (None: it names none).
+    """Return a path, table, arrays or another package's container as a record file, and the inputs
+    that it names (None: it names none).
 
     Nothing in it is looked at but what ``units`` and ``channels`` speak of. Raises RecordError and
     DeclarationError.
@@ -632,8 +632,8 @@ def opened_source(
 
 
 def _computed(file: RecordFile) -> RecordFile:
-    """The file with a column for each channel that its map computes, and the topics of a log on one
-    grid.
+    """Return the file with a column for each channel that its map computes, and the topics of a log
+    on one grid.
     """
     from scenarios.files.measured.derived import with_derived
 
@@ -651,8 +651,8 @@ def _computed(file: RecordFile) -> RecordFile:
 
 
 def choices_of(channels: Any, units: Units | None = None) -> Path | dict[str, Any] | None:
-    """A channel map as files have it, with ``units`` that were told of columns and not of channels;
-    or its path. Raises DeclarationError.
+    """Return a channel map as files have it, with ``units`` that were told of columns and not of
+    channels; or its path. Raises DeclarationError.
     """
     if channels is None:
         return None

@@ -125,7 +125,7 @@ def _flown_only(name: str, changes: Sequence[str]) -> Runner:
 
 
 def _as_text(show: Callable[[Any, Console, str], None]) -> Callable[[Any], str]:
-    """A study's text where it is shown on a console."""
+    """Return a study's text where it is shown on a console."""
 
     def text(study: Any) -> str:
         from scenarios.report.quantities import as_text
@@ -161,7 +161,7 @@ LOADERS: Mapping[str, Callable[[str, Sequence[str]], Runner]] = {
 
 
 def flown_record(name: str, seed: int | None, changes: Sequence[str]) -> Record:
-    """The record of a scenario that is flown once, by estimators or in closed loop."""
+    """Return the record of a scenario that is flown once, by estimators or in closed loop."""
     from scenarios.studies.catalogue import load_scenario
 
     if scenario_kind(name) == "sweep":
@@ -210,7 +210,7 @@ def request_of(
     aircraft_class: str | None = None,
     category: str | None = None,
 ) -> Request:
-    """The request; records are opened now, so that a fault in one is told before anything is
+    """Return the request; records are opened now, so that a fault in one is told before anything is
     computed.
     """
     fitted, predicted = _listed(records), _listed(validate)
@@ -245,8 +245,8 @@ def plan_from(
     trust_record: bool,
     columns: str | Sequence[str] | None = None,
 ) -> Plan:
-    """The plan; ``start`` and ``stop`` are one time or one of each maneuver, s; ``columns`` names
-    with commas or as a list.
+    """Return the plan; ``start`` and ``stop`` are one time or one of each maneuver, s; ``columns``
+    names with commas or as a list.
     """
     names = columns if columns is None or isinstance(columns, str) else ",".join(columns)
     return plan_of(
@@ -255,7 +255,7 @@ def plan_from(
 
 
 def with_parts(request: Request, asked: Named, found: Found) -> Request:
-    """The request with the parts of the maneuvers that are asked for as its segments. Raises
+    """Return the request with the parts of the maneuvers that are asked for as its segments. Raises
     DeclarationError.
     """
     from scenarios.preparation.plan import DeclaredParts, with_maneuvers
@@ -273,7 +273,7 @@ def with_parts(request: Request, asked: Named, found: Found) -> Request:
 
 
 def model_of(given: Declared) -> str | OwnModel:
-    """A model's name, a path, or a user's model that was made in Python. Raises
+    """Return a model's name, a path, or a user's model that was made in Python. Raises
     DeclarationError.
     """
     return model_in_memory(given, MODELS) if isinstance(given, Model) else str(given)
@@ -282,7 +282,7 @@ def model_of(given: Declared) -> str | OwnModel:
 def effects_of(
     given: str | PathLike[str] | Sequence[Traceable] | None,
 ) -> Path | tuple[Traceable, ...] | None:
-    """Effects of a user's own, or the path of their file."""
+    """Return the effects of a user's own, or the path of their file."""
     if given is None or isinstance(given, str | PathLike):
         return None if given is None else Path(given)
     if not isinstance(given, list | tuple):
@@ -295,7 +295,7 @@ def effects_of(
 
 
 def _times(given: Times) -> list[float] | None:
-    """Times as the plan takes them. Raises DeclarationError for what is no number."""
+    """Return the times as the plan takes them. Raises DeclarationError for what is no number."""
     if given is None:
         return None
     several: Sequence[Any] = given if isinstance(given, list | tuple) else [given]
@@ -310,14 +310,14 @@ def _times(given: Times) -> list[float] | None:
 
 
 def _listed(given: Source | Sequence[Source]) -> list[Source]:
-    """One record or several as a list."""
+    """Return one record or several as a list."""
     if given is None:
         return []
     return list(given) if isinstance(given, list | tuple) else [given]
 
 
 def file_of(given: Source) -> RecordFile:
-    """The record file of what stands for a record. Raises RecordError."""
+    """Return the record file of what stands for a record. Raises RecordError."""
     return given.file if isinstance(given, ApiRecord) else opened_source(given)[0]
 
 

@@ -102,7 +102,7 @@ class Parameters(Mapping[str, Parameter]):
         return len(self._items)
 
     def to_dict(self) -> dict[str, float]:
-        """Values by name."""
+        """Return the values by name."""
         return {name: item.value for name, item in self._items.items()}
 
     def to_dataframe(self) -> pandas.DataFrame:
@@ -121,13 +121,13 @@ class Parameters(Mapping[str, Parameter]):
         return pandas.DataFrame(columns, index=index)
 
     def to_markdown(self) -> str:
-        """A Markdown table with the digits that the sigmas make sensible."""
+        """Return a Markdown table with the digits that the sigmas make sensible."""
         from scenarios.report.folder import to_markdown
 
         return to_markdown(self._table(""))
 
     def to_latex(self) -> str:
-        """A LaTeX ``tabular`` with the rules of the package ``booktabs``."""
+        """Return a LaTeX ``tabular`` with the rules of the package ``booktabs``."""
         from scenarios.report.folder import to_latex
 
         return to_latex(self._table(""))
@@ -148,7 +148,7 @@ class Parameters(Mapping[str, Parameter]):
         return f"<{', '.join(map(repr, items[:IN_A_LINE])) or 'no parameters'}{more}>"
 
     def html_table(self) -> str:
-        """The HTML table alone."""
+        """Return the HTML table alone."""
         return tables.table(HEADINGS, [row_of(item) for item in self._items.values()], left=2)
 
     def _repr_html_(self) -> str:
@@ -176,8 +176,8 @@ ERRORS = ("held_out", "rms", "fit_percent", "r2", "theil")
 
 
 def errors_of(fits: Sequence[RecordFit]) -> pandas.DataFrame:
-    """Errors of the free simulation of each record, by record and channel, SI; a record whose
-    simulation left all measure has no rows.
+    """Return the errors of the free simulation of each record, by record and channel, SI; a record
+    whose simulation left all measure has no rows.
     """
     import pandas
 
@@ -202,8 +202,8 @@ def errors_of(fits: Sequence[RecordFit]) -> pandas.DataFrame:
 
 
 def response_of(found: IdentificationResult, number: int) -> pandas.DataFrame:
-    """A record over ``time``, SI: the inputs, and of each output what was measured (``alpha``) and
-    what the model says (``predicted_alpha``).
+    """Return a record over ``time``, SI: the inputs, and of each output what was measured
+    (``alpha``) and what the model says (``predicted_alpha``).
 
     ``number`` counts the records from 0, those that were not fitted last. Of a filter the fitted
     record's predictions are one sample ahead.
@@ -236,8 +236,8 @@ def response_of(found: IdentificationResult, number: int) -> pandas.DataFrame:
 
 
 def prediction_of(found: Diagnosis, number: int) -> pandas.DataFrame:
-    """A predicted record over ``time``, SI: what was measured, and the free simulation before and
-    after (``before_alpha``, ``after_alpha``).
+    """Return a predicted record over ``time``, SI: what was measured, and the free simulation
+    before and after (``before_alpha``, ``after_alpha``).
     """
     import pandas
 
@@ -293,7 +293,7 @@ class Effect:
 
 
 def claimed_effects(tracing: Tracing, *, claimed: bool) -> tuple[Effect, ...]:
-    """The effects of a diagnosis that are claimed, or those that are only hints."""
+    """Return the effects of a diagnosis that are claimed, or those that are only hints."""
     wording = wording_of(tracing)
     return tuple(
         Effect(

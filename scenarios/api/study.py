@@ -57,8 +57,8 @@ if TYPE_CHECKING:
 
 
 def matrices_of_study(study: Any, kind: str, pade: int) -> control.StateSpace:
-    """The main method's model with what it estimated, linearised; of a closed loop its low-order
-    equivalent.
+    """Return the main method's model with what it estimated, linearised; of a closed loop its
+    low-order equivalent.
     """
     return _of_estimators(study, pade) if kind == IDENTIFICATION else _of_loop(study, pade)
 
@@ -115,7 +115,9 @@ class Study:
 
     @cached_property
     def parameters(self) -> Parameters:
-        """What the main method estimated; of a diagnosis the parameters with what was found."""
+        """Parameters that the main method estimated; of a diagnosis those with the effects
+        found.
+        """
         if self.diagnosis is not None:
             return self.diagnosis.parameters
         if self.kind == "sweep":
@@ -152,12 +154,12 @@ class Study:
 
     @cached_property
     def diagnosis(self) -> Diagnosis | None:
-        """What the tracing loop said, of scenarios of its own."""
+        """Diagnosis of the tracing loop, for tracing scenarios only."""
         return Diagnosis(self.details.tracing) if self.kind == "trace" else None
 
     @cached_property
     def records(self) -> tuple[Record, ...]:
-        """What the estimator or the loop saw."""
+        """Records that the estimator or the loop used."""
         if self.kind == IDENTIFICATION:
             return (record_of(self.details.record),)
         if self.diagnosis is not None:
@@ -175,12 +177,12 @@ class Study:
         return self.parameters[name]
 
     def summary(self) -> str:
-        """What the command prints."""
+        """Return the text that the command prints."""
         return self._runner.text(self.details)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One row a parameter: ``unit``, ``value``, ``sigma``, and where it is known ``true`` with
-        the error in ``sigmas``.
+        """Return one row a parameter: ``unit``, ``value``, ``sigma``, and where it is known
+        ``true`` with the error in ``sigmas``.
         """
         frame = self.parameters.to_dataframe()
         if self.true:
@@ -203,7 +205,7 @@ class Study:
         return write_sheets(path, {"parameters": self.parameters})
 
     def to_state_space(self, pade: int = 4) -> control.StateSpace:
-        """The model with ``parameters``, as python-control's with named signals; of the main
+        """Return the model with ``parameters``, as python-control's with named signals; of the main
         method, or of a diagnosis.
         """
         if self.diagnosis is not None:
@@ -255,7 +257,7 @@ class Study:
 
 
 def _against(item: Parameter, true: Mapping[str, float]) -> tuple[str, str]:
-    """The true value, and how far the estimate is from it; dashes where there is none."""
+    """Return the true value, and how far the estimate is from it; dashes where there is none."""
     if item.name not in true:
         return "-", "-"
     return (
@@ -319,7 +321,7 @@ def simulate(name: str | PathLike[str], *, seed: int | None = None, set: Setting
 
 
 def seed_of(given: Any) -> int | None:
-    """The seed. Raises DeclarationError for what is none."""
+    """Return the seed. Raises DeclarationError for what is none."""
     if given is not None and (
         isinstance(given, bool) or not isinstance(given, Integral) or given < 0
     ):
@@ -379,7 +381,7 @@ class Campaign:
         return self.details.pooled.interval
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """One row a parameter: bias, scatter, reported sigma, shares of one- and two-sigma
+        """Return one row a parameter: bias, scatter, reported sigma, shares of one- and two-sigma
         intervals that hold the reference.
         """
         import pandas
@@ -431,7 +433,7 @@ class Campaign:
         return judge(self.details, levels=self.noise_levels)
 
     def estimates(self) -> pandas.DataFrame:
-        """One row a run: its seed, each estimate and its ``std_NAME``."""
+        """Return one row a run: its seed, each estimate and its ``std_NAME``."""
         import pandas
 
         pairs = {name: self.values[:, i] for i, name in enumerate(self.names)}
@@ -444,7 +446,7 @@ class Campaign:
         )
 
     def summary(self) -> str:
-        """What the command prints."""
+        """Return the text that the command prints."""
         from scenarios.report.quantities import as_text
         from scenarios.studies.campaign_report import print_campaign
 

@@ -30,8 +30,7 @@ _COMMAND = re.compile(
     r"\bflightid ([a-z]+)"
     r"((?: (?:--(?!method|hold)[a-z-]+ [^\s;,]+|[A-Z]{3,}|[^\s;,]+\.[A-Za-z]\w*))*)"
 )
-# Options whose keyword is another word: those that Python keeps for itself, and plurals.
-WORDS = {
+WORDS = {  # Options whose keyword is another word: those that Python keeps for itself, and plurals.
     "from": "start",
     "to": "stop",
     "class": "aircraft_class",
@@ -41,7 +40,7 @@ WORDS = {
 
 
 def as_keywords(text: str) -> str:
-    """A message with keywords in the place of options.
+    """Return a message with keywords in the place of options.
 
     Examples
     --------
@@ -86,7 +85,7 @@ def in_python() -> Iterator[None]:
 
 
 def told_in_python(function: Callable[P, R]) -> Callable[P, R]:
-    """A function of the commands whose messages name keywords, not options."""
+    """Return a function of the commands whose messages name keywords, not options."""
 
     @functools.wraps(function)
     def told(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -99,7 +98,7 @@ def told_in_python(function: Callable[P, R]) -> Callable[P, R]:
 def names_of(
     given: str | Sequence[str], kind: str = "signal", where: str = "input, output"
 ) -> tuple[str, ...]:
-    """One name or several of a ``kind``. Raises DeclarationError for what is none."""
+    """Return one name or several of a ``kind``. Raises DeclarationError for what is none."""
     names = (given,) if isinstance(given, str) else given
     if not isinstance(names, Sequence) or not all(isinstance(each, str) for each in names):
         remedy = "give a name or a list of names"
@@ -129,7 +128,7 @@ InputError = FlightidError
 
 
 def page(heading: str, *parts: str) -> str:
-    """A heading in bold, then the parts that are not empty."""
+    """Return a heading in bold, then the parts that are not empty."""
     return "\n".join(
         [
             "<div>",
@@ -141,20 +140,20 @@ def page(heading: str, *parts: str) -> str:
 
 
 def sentences(lines: Sequence[str]) -> str:
-    """A list of sentences; nothing where there is none."""
+    """Return a list of sentences; nothing where there is none."""
     return f"<ul>{''.join(f'<li>{escape(line)}</li>' for line in lines)}</ul>" if lines else ""
 
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
-    """A table whose first ``left`` columns stand at the left and the others at the right; nothing
-    where there is no row.
+    """Return a table whose first ``left`` columns stand at the left and the others at the right;
+    nothing where there is no row.
     """
     sides = ["left" if i < left else "right" for i in range(len(headings))]
     return _table(headings, rows, sides)
 
 
 def of_document(shown: document.Table) -> str:
-    """A table of a report, with its units and sigmas in columns of their own."""
+    """Return a table of a report, with its units and sigmas in columns of their own."""
     from scenarios.report.terminal import printed_columns
 
     columns = printed_columns(shown)
@@ -179,7 +178,7 @@ def _table(headings: Sequence[str], rows: Sequence[Sequence[str]], sides: Sequen
 
 # ---- A small table of texts and numbers: printed, shown in a notebook, or made a DataFrame
 
-SHOWN = 60  # letters of a cell in a terminal
+MOST_CELL_LETTERS = 60  # letters of a cell in a terminal
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -233,7 +232,7 @@ class Table:
         )
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """A DataFrame, its index the first column."""
+        """Return a DataFrame, its index the first column."""
         import pandas
 
         return pandas.DataFrame(list(self.rows), columns=list(self.headings)).set_index(
@@ -249,7 +248,9 @@ def _text(cell: Any) -> str:
 
 def _shortened(cell: Any) -> str:
     text = _text(cell)
-    return text if len(text) <= SHOWN else text[: SHOWN - 4].rstrip() + " ..."
+    return (
+        text if len(text) <= MOST_CELL_LETTERS else text[: MOST_CELL_LETTERS - 4].rstrip() + " ..."
+    )
 
 
 # ---- What there is: effects, models, vehicles and scenarios, each as a table
@@ -267,7 +268,7 @@ TITLES = {
 
 
 def effects() -> Table:
-    """The library of effects: name, station, what it is, its parameters.
+    """Return the library of effects: name, station, what it is, its parameters.
 
     Examples
     --------
@@ -293,7 +294,7 @@ def effects() -> Table:
 
 
 def models() -> Table:
-    """The models: name, what it is, inputs, outputs, what a vehicle file gives and what is
+    """Return the models: name, what it is, inputs, outputs, what a vehicle file gives and what is
     estimated. Of ``aircraft`` those of a generic airliner: surfaces and terms stand in its file.
 
     Examples
@@ -331,7 +332,7 @@ def models() -> Table:
 
 
 def vehicles() -> Table:
-    """The library of vehicles: name, what it is, its equations, where the numbers are from.
+    """Return the library of vehicles: name, what it is, its equations, where the numbers are from.
 
     Examples
     --------
@@ -347,7 +348,7 @@ def vehicles() -> Table:
 
 
 def scenarios() -> Table:
-    """The catalogue of scenarios: name, kind, title.
+    """Return the catalogue of scenarios: name, kind, title.
 
     Examples
     --------

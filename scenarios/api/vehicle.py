@@ -50,12 +50,12 @@ class Vehicle:
 
     @property
     def derivatives(self) -> dict[str, Any]:
-        """Where the search starts."""
+        """Starting values of the derivatives."""
         return dict(self.content.get("derivatives", {}))
 
     @property
     def parameters(self) -> VehicleParameters:
-        """What may be estimated, by name: ``vehicle.parameters["Cm_q"].fix(-28.0)``."""
+        """Parameters that may be estimated, by name: ``vehicle.parameters["Cm_q"].fix(-28.0)``."""
         return VehicleParameters(self)
 
     def __getitem__(self, key: str) -> Any:
@@ -65,7 +65,7 @@ class Vehicle:
         raise KeyError(f"there is no {key!r}: {', '.join((*self.content, *self.derivatives))}")
 
     def to_toml(self) -> str:
-        """The text of its file."""
+        """Return the text of its file."""
         return (
             self.source.content.decode("utf-8-sig")
             if self.source is not None
@@ -78,8 +78,8 @@ class Vehicle:
         return Path(path)
 
     def source_for(self, model: str) -> Source:
-        """What a command would read of it for a model: elastic modes go where the model has
-        none.
+        """Return the source that a command would read for a model: elastic modes are omitted if the
+        model has none.
         """
         if self.source is not None:
             return self.source
@@ -114,8 +114,8 @@ class Vehicle:
 def vehicle(
     source: str | PathLike[str] | Mapping[str, Any] | Vehicle | None = None, /, **numbers: Any
 ) -> Vehicle:
-    """A vehicle from a file, from the library by its name (``vehicles()`` lists them), or from
-    numbers.
+    """Return a vehicle from a file, from the library by its name (``vehicles()`` lists them), or
+    from numbers.
 
     ``numbers`` are keys of a vehicle file, ``mass=24200.0`` or ``mass="53352 lb"``,
     ``derivatives={"CL_alpha": 4.0, ...}``; beside a source they replace its own, key by key,
@@ -157,7 +157,7 @@ def _path_of(given: Any) -> Path:
 
 
 def source_of(given: Any, model: str) -> Source | None:
-    """What a request takes for the vehicle that a caller gave; None where he gave none."""
+    """Return the source of the vehicle that a caller gave; None if the caller gave none."""
     if given is None:
         return None
     return vehicle(given).source_for(model)
@@ -209,7 +209,7 @@ class VehicleParameter:
 
     @property
     def start(self) -> Any:
-        """Where the search starts, the fixed value, or what a tie gives; None: not known."""
+        """Starting value, fixed value, or value of a tie; None if it is not known."""
         fixed = _fixed(self.vehicle.content)
         if fixed.get(self.name) is not None:
             return fixed[self.name]
@@ -219,7 +219,7 @@ class VehicleParameter:
         return self._followed()
 
     def _followed(self) -> float | None:
-        """What the terms of a tie give at the starts; None where that is no number."""
+        """Return the value of a tie at the starting values; None if that is no number."""
         terms = self.vehicle.content.get(TIED, {}).get(self.name)
         total = 0.0
         for term in [terms] if isinstance(terms, Mapping) else terms or [{}]:
@@ -379,7 +379,7 @@ def _start_tables(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 
 def _fixed(content: Mapping[str, Any]) -> dict[str, Any]:
-    """The table ``fixed``; of a list of names each is held at its start."""
+    """Return the table ``fixed``; of a list of names each is held at its start."""
     given = content.get(FIXED, {})
     if isinstance(given, Mapping):
         return dict(given)
@@ -388,7 +388,7 @@ def _fixed(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _number(value: Any, name: str, *, open_end: bool = False) -> float | str:
-    """A number, or a text that the reader of vehicle files looks at."""
+    """Return a number, or a text that the reader of vehicle files looks at."""
     if isinstance(value, str):
         return value
     try:

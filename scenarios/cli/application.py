@@ -56,8 +56,8 @@ ENDING = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasatt
 
 @contextmanager
 def ending_signals() -> Iterator[list[int]]:
-    """While the body runs, SIGTERM and SIGHUP raise KeyboardInterrupt; the list holds the numbers
-    of those that came.
+    """Raise KeyboardInterrupt on SIGTERM and SIGHUP while the body runs; the list holds the numbers
+    of the signals received.
 
     A signal that the process was started to ignore, as ``nohup`` does, stays ignored. A fork ends
     at once, as it would without this.
@@ -264,7 +264,7 @@ def examples_text(command: str) -> str:
 
 # ---- Pages of help: commands by group, examples as they are typed
 
-WHOLE = 1000  # characters: a line too long for the terminal is folded, not cut
+LARGEST_UNCUT_WIDTH = 1000  # characters: a line too long for the terminal is folded, not cut
 
 
 class GroupedCommands(TyperGroup):
@@ -278,7 +278,7 @@ class GroupedCommands(TyperGroup):
         for name, command in self.commands.items():
             panel = getattr(command, "rich_help_panel", None)
             groups.setdefault(panel if isinstance(panel, str) else "Commands", []).append(
-                (name, command.get_short_help_str(WHOLE))
+                (name, command.get_short_help_str(LARGEST_UNCUT_WIDTH))
             )
         for group, rows in groups.items():
             with formatter.section(group):

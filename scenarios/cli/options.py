@@ -344,8 +344,8 @@ class _Copied(io.TextIOBase):
 
 @contextlib.contextmanager
 def keeping_text(out: Path | None) -> Iterator[None]:
-    """What a command prints, kept as ``study.txt`` in its folder, where the command does not write
-    this file itself; a command that ends badly keeps nothing.
+    """Keep the printed text of a command as ``study.txt`` in its folder, if the command does not
+    write this file itself; a command that ends badly keeps nothing.
     """
     if out is None:
         yield
@@ -364,7 +364,7 @@ def keeping_text(out: Path | None) -> Iterator[None]:
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
-    """Which file it is and when it was written; None where there is none."""
+    """Return inode and time of writing of a file; None if there is none."""
     try:
         told = path.stat()
     except OSError:

@@ -49,7 +49,7 @@ def each_validated(given: list[str]) -> list[str]:
 
 
 def _expanded(given: list[str], several: Sequence[str]) -> tuple[list[str], int]:
-    """The words with the options ``several`` before each of theirs, and how many of them are
+    """Return the words with the options ``several`` before each of theirs, and how many of them are
     records to be fitted.
     """
     out, option, taken, fitted = [given[0]], "", 0, 0
@@ -78,12 +78,12 @@ def _expanded(given: list[str], several: Sequence[str]) -> tuple[list[str], int]
 
 
 def _unsaid(option: str, taken: int) -> list[str]:
-    """What an option means that was given no word."""
+    """Return the default meaning of an option without a value."""
     return [NONE_MEANS[option]] if option in NONE_MEANS and taken == 0 else []
 
 
 def one_segment(plan: Plan) -> Plan:
-    """A plan for one part of a record; DeclarationError where it has several."""
+    """Return a plan for one part of a record; DeclarationError where it has several."""
     if len(plan.segments) > 1:
         raise DeclarationError(
             "a prediction is of one part of a record",
@@ -103,8 +103,8 @@ def scenario_or_own(
     duration: float | None,
     rate: float | None,
 ) -> str | OwnFlight:
-    """What is to be flown: a scenario by its name, or a user's own model with what else was said of
-    its flight.
+    """Return the flight to simulate: a scenario by its name, or a user model with the given
+    properties of its flight.
 
     Raises
     ------
@@ -148,9 +148,9 @@ def scenario_or_own(
 # ---- Every failure as one line on stderr and an exit code
 
 LONGEST_WORD = 300  # characters of a path or name; the middle of a longer one is left out
-LONGEST = 3000  # characters of a line; the middle of a longer one is left out
+LONGEST_LINE = 3000  # characters of a line; the middle of a longer one is left out
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
-STOPPED = 130  # exit code of what Ctrl-C ended: 128 and the number of the signal
+INTERRUPTED_EXIT_CODE = 130  # exit code of what Ctrl-C ended: 128 and the number of the signal
 
 
 class Stopped(Exception):
@@ -189,7 +189,7 @@ def report(error: BaseException) -> int:
         return _say(_of_system(error), 2)
     name = type(error).__name__
     if isinstance(error, KeyboardInterrupt | Stopped) or name == "Abort":
-        return _say(f"stopped; {str(error) or 'nothing was written'}", STOPPED)
+        return _say(f"stopped; {str(error) or 'nothing was written'}", INTERRUPTED_EXIT_CODE)
     if name == "NoArgsIsHelpError":
         return _say("no command is given; see flightid --help", 2)
     if hasattr(error, "format_message") and hasattr(error, "exit_code"):
@@ -219,7 +219,7 @@ def _usage(error: Any) -> str:
 
 
 def _of_system(error: OSError) -> str:
-    """What the operating system refused, of which file, and what may help."""
+    """Return what the operating system refused, for which file, and a remedy."""
     remedies = {
         **dict.fromkeys(_FULL, "make room, or write to another place"),
         **dict.fromkeys(
@@ -255,8 +255,8 @@ def _say(text: str, code: int) -> int:
         lambda word: f"{word[0][: LONGEST_WORD // 2]}...{word[0][-LONGEST_WORD // 4 :]}",
         line,
     )
-    if len(line) > LONGEST:
-        line = f"{line[: LONGEST // 2]} ... {line[-LONGEST // 2 :]}"
+    if len(line) > LONGEST_LINE:
+        line = f"{line[: LONGEST_LINE // 2]} ... {line[-LONGEST_LINE // 2 :]}"
     if sys.stderr is not None:  # it may be closed, or full: the exit code says enough then
         with contextlib.suppress(OSError, ValueError):
             print(f"flightid: {line}", file=sys.stderr)

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 # ---- flightid list, flightid effects and flightid vehicles: what there is
 
-COLUMNS = 80  # of a terminal, which a list fits
+TERMINAL_COLUMNS = 80  # of a terminal, which a list fits
 UNLIMITED = 1e9  # in SI: what effects write for no bound
 
 
@@ -72,7 +72,9 @@ def show_effects(name: str | None) -> None:
             print(
                 start
                 + textwrap.shorten(
-                    _first_clause(effect.explanation), COLUMNS - len(start), placeholder=" ..."
+                    _first_clause(effect.explanation),
+                    TERMINAL_COLUMNS - len(start),
+                    placeholder=" ...",
                 )
             )
         return
@@ -130,8 +132,8 @@ def _parameters(effect: Effect) -> list[TableColumn]:
 
 
 def _effect_of_any_model(name: str) -> tuple[Effect, str]:
-    """An effect of the library, or one that is made for the inputs, channels, loads and derivatives
-    of a model; a line where it has another name.
+    """Return an effect of the library, or one that is made for the inputs, channels, loads and
+    derivatives of a model; a line where it has another name.
     """
     from sim.effects.library import effect_names, effects_for, find_effect, other_names
     from sim.vehicles.factory import FAMILIES
@@ -217,7 +219,7 @@ def _range(bounds: tuple[float, float], factor: float) -> str:
 
 
 def _believed(effect: Effect, name: str, factor: float) -> str:
-    """The range within which a value is believed without asking."""
+    """Return the range within which a value is believed without asking."""
     from sim.declaration.proposal import Traceable
 
     ranges = effect.traits.plausible if isinstance(effect, Traceable) else {}
@@ -230,8 +232,8 @@ def _believed(effect: Effect, name: str, factor: float) -> str:
 
 # ---- flightid models
 
-SAME = 1e-12  # relative, of a call with arrays to single ones: rounding
-NEAR = 1e-5  # of complex steps to differences, whose own error is smaller
+SAME_VALUE_TOLERANCE = 1e-12  # relative, of a call with arrays to single ones: rounding
+SLOPE_TOLERANCE = 1e-5  # of complex steps to differences, whose own error is smaller
 
 
 def show_models(name: str | None) -> None:
@@ -265,7 +267,9 @@ def show_models(name: str | None) -> None:
 
 
 def _explanation(equations: Equations) -> str:
-    """What the equations are: their ``explanation``, or what the file that holds them says."""
+    """Return the explanation of the equations: their ``explanation``, or the docstring of their
+    file.
+    """
     from scenarios.files.vehicles import AIRCRAFT
 
     if text := getattr(equations, "explanation", ""):
@@ -363,7 +367,7 @@ def _print_block(heading: str, entries: Sequence[str]) -> None:
 
 
 def print_checks(model: Model) -> None:
-    """What a user's model can be asked before there is a record. Raises ModelError where arrays or
+    """Print the checks of a user model that need no record. Raises ModelError where arrays or
     complex steps do not pass through it.
     """
     from scenarios.identification.model_checks import (
@@ -385,7 +389,7 @@ def print_checks(model: Model) -> None:
     )
     apart = one_by_one(model)
     print(f"arrays of shape {SHAPE} against single numbers: {apart:.1g} apart")
-    if not apart <= SAME:
+    if not apart <= SAME_VALUE_TOLERANCE:
         raise ModelError(
             f"a call with arrays differs from single ones by {apart:.1g}",
             where=f"model {model.name}",
@@ -393,7 +397,7 @@ def print_checks(model: Model) -> None:
         )
     apart = steps_against_differences(model)
     print(f"complex steps against differences: {apart:.1g} apart")
-    if not apart <= NEAR:
+    if not apart <= SLOPE_TOLERANCE:
         raise ModelError(
             f"complex steps differ from differences by {apart:.1g}",
             where=f"model {model.name}",
@@ -433,7 +437,7 @@ _HOST = "127.0.0.1"  # a notebook runs code: nobody else's browser may reach it
 
 
 def lab_files() -> dict[int, Path]:
-    """The notebooks by their number, in order."""
+    """Return the notebooks by their number, in order."""
     with as_file(files("flightid.labs")) as folder:
         found = {
             int(match[1]): path
@@ -444,7 +448,7 @@ def lab_files() -> dict[int, Path]:
 
 
 def title_of(path: Path) -> str:
-    """The title that a notebook gives itself."""
+    """Return the title that a notebook gives itself."""
     found = _TITLE.search(path.read_text(encoding="utf-8"))
     return found[1] if found else path.stem
 
@@ -465,7 +469,7 @@ def show_key(number: int) -> None:
 
 
 def copy_lab(number: int, folder: Path) -> Path:
-    """A copy of a lab in a folder that is made where it is missing.
+    """Return a copy of a lab in a folder that is made where it is missing.
 
     Raises
     ------

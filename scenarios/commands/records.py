@@ -11,7 +11,7 @@ from scenarios.compatibility.check import check_files
 from scenarios.compatibility.report import print_check
 from scenarios.files.measured.columns import read_record_file, with_names
 from scenarios.files.writing import write_text
-from scenarios.identification.assessment import PLAIN, Options
+from scenarios.identification.assessment import DEFAULT_OPTIONS, Options
 from scenarios.maneuvers import maneuvers_of, print_maneuvers
 from scenarios.prediction import PredictionRequest, predict_record, prediction_text
 from scenarios.preparation.declared_model import vehicle_text
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 
 def check_records(request: Request, out: Path | None, figures: Formats) -> None:
-    """Read, check, write the study, print."""
+    """Check records, write the study into ``out`` and print the findings."""
     found = check_files(request)
     if out is not None:
         from scenarios.compatibility.report import write_check
@@ -65,8 +65,9 @@ def survey_records(
     progress: bool = True,
     cluster: str | None = None,
 ) -> None:
-    """Read, diagnose what is new, pool, write, print; ``progress`` False: nothing is shown of how
-    far it is. ``cluster`` : a Dask address.
+    """Diagnose the new flights of a campaign, pool all of them, write and print the survey.
+
+    ``progress`` : whether a progress bar is shown. ``cluster`` : address of a Dask scheduler.
     """
     from scenarios.survey.report import survey_text
     from scenarios.survey.survey import survey_flights
@@ -100,14 +101,20 @@ def survey_records(
 
 # ---- flightid identify: a measured record to parameters, printed and written
 
-ALL = "all"  # of --profile: every parameter
+ALL_PARAMETERS = "all"  # value of --profile
 
 
 def options_of(
     profile: Sequence[str] | None, band: tuple[float, float] | None, engine: str | None = None
 ) -> Options:
-    """What a command line asks besides the method."""
-    names = None if profile is None else () if ALL in profile else tuple(dict.fromkeys(profile))
+    """Return the options of an identification other than the method."""
+    names = (
+        None
+        if profile is None
+        else ()
+        if ALL_PARAMETERS in profile
+        else tuple(dict.fromkeys(profile))
+    )
     return Options(names, band, engine)
 
 
@@ -116,10 +123,10 @@ def identify_records(
     method: str,
     out: Path | None,
     figures: Formats,
-    options: Options = PLAIN,
+    options: Options = DEFAULT_OPTIONS,
     matrices: Path | None = None,
 ) -> None:
-    """Read, identify, write the study and the linearised model's ``matrices``, print."""
+    """Identify records, write the study and the linearised model's ``matrices``, and print."""
     from scenarios.files.measured.columns import path_of
     from scenarios.identification.identify import identify_files
     from scenarios.identification.low_order import refuse_place, state_space_of, write_state_space
@@ -153,7 +160,7 @@ def identify_records(
 def search_record(
     record: Path, channels: Path | None, plan: Plan, out: Path | None, figures: Formats
 ) -> None:
-    """Read, search, write the folder, print."""
+    """Find the maneuvers of a record, write them into ``out`` and print them."""
     from scenarios.files.declarations import read_channel_map
 
     choices = read_channel_map(channels, surfaces=True) if channels is not None else None
@@ -171,8 +178,7 @@ def search_record(
 
 
 def predict_with_study(asked: PredictionRequest, out: Path | None, figures: Formats) -> None:
-    """Read, predict, write, print."""
-
+    """Predict a record with the model of a study, write the prediction and print it."""
     found = predict_record(asked)
     if out is not None:
         from scenarios.prediction import write_prediction
@@ -201,7 +207,7 @@ def respond(
     pilot: tuple[float | None, float | None] = (None, None),
     model: tuple[str | None, Path | None] = (None, None),
 ) -> None:
-    """Read, estimate, write the folder, print.
+    """Estimate frequency responses, write them into ``out`` and print them.
 
     ``names`` : inputs, outputs, references. ``options`` : band, windows, tapers, least coherence.
     ``fit`` : forms, fixed parameters, shared poles. ``bandwidth`` : rate or attitude, what the
@@ -231,8 +237,8 @@ def respond(
 
 # ---- flightid map
 
-CHANNELS, VEHICLE = "channels.toml", "vehicle.toml"
-SHOWN = 60  # characters of an expression
+CHANNEL_MAP_FILE, VEHICLE_FILE = "channels.toml", "vehicle.toml"
+MOST_EXPRESSION_LETTERS = 60  # characters of an expression
 
 
 def draft_map(
@@ -268,7 +274,7 @@ def draft_map(
     if draft.unused and len(draft.topics) == 1:
         print_paragraph(console(), unused_words(draft), indent=0)
     _write(out, draft)
-    print(f"\n{out / CHANNELS}, {out / VEHICLE}: drafts to check and complete")
+    print(f"\n{out / CHANNEL_MAP_FILE}, {out / VEHICLE_FILE}: drafts to check and complete")
     if draft.model:
         # What opened the file here opens it there.
         opening = [
@@ -276,7 +282,7 @@ def draft_map(
             f"--columns {columns}" if columns else "",
         ]
         words = " ".join(word for word in opening if word)
-        files = f"--channels {out / CHANNELS} --vehicle {out / VEHICLE}"
+        files = f"--channels {out / CHANNEL_MAP_FILE} --vehicle {out / VEHICLE_FILE}"
         print(
             f"next: flightid identify {path} --model {draft.model} "
             f"{files}{f' {words}' if words else ''}"
@@ -297,7 +303,9 @@ def _print_topics(draft: Draft, *, whole: bool) -> None:
             TableColumn("rows", [str(topic.rows) for topic in shown]),
             TableColumn("Hz", [f"{topic.rate:.4g}" if topic.rate else "" for topic in shown]),
             TableColumn(
-                "columns", [_short(", ".join(topic.columns), SHOWN) for topic in shown], left=True
+                "columns",
+                [_short(", ".join(topic.columns), MOST_EXPRESSION_LETTERS) for topic in shown],
+                left=True,
             ),
         ]
     )
@@ -317,7 +325,9 @@ def _print_channels(draft: Draft) -> None:
         [
             TableColumn("channel", [guess.channel for guess in usable], left=True),
             TableColumn(
-                "from", [_short(str(guess.choice.column), SHOWN) for guess in usable], left=True
+                "from",
+                [_short(str(guess.choice.column), MOST_EXPRESSION_LETTERS) for guess in usable],
+                left=True,
             ),
             TableColumn("samples", [str(guess.samples) for guess in usable]),
             TableColumn(
@@ -344,7 +354,7 @@ def _table(columns: list[TableColumn]) -> None:
 
 
 def _refuse_present(out: Path) -> None:
-    for name in (CHANNELS, VEHICLE):
+    for name in (CHANNEL_MAP_FILE, VEHICLE_FILE):
         if (out / name).exists():
             raise DeclarationError(
                 "there is such a file already",
@@ -356,8 +366,8 @@ def _refuse_present(out: Path) -> None:
 def _write(out: Path, draft: Draft) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
-        write_text(out / VEHICLE, vehicle_text(draft))
-        write_text(out / CHANNELS, map_text(draft))
+        write_text(out / VEHICLE_FILE, vehicle_text(draft))
+        write_text(out / CHANNEL_MAP_FILE, map_text(draft))
     except OSError as error:
         raise DeclarationError(
             f"cannot be written ({error.strerror or error})",
@@ -373,8 +383,9 @@ def _short(text: str, most: int) -> str:
 def diagnose_records(
     request: Request, out: Path | None, figures: Formats, *, progress: bool = True
 ) -> None:
-    """Read, trace, write the study, print; ``progress`` False: nothing is shown of how far it
-    is.
+    """Trace what the model of a record lacks, write the study and print it.
+
+    ``progress`` : whether a progress bar is shown.
     """
     with progress_bar(progress, counted=False) as tell:
         from scenarios.diagnosis.diagnose import diagnose_files
@@ -399,13 +410,13 @@ def diagnose_records(
 def find_structure(
     request: Request, options: StructureOptions, out: Path | None, figures: Formats
 ) -> None:
-    """Read, choose, write, print.
+    """Choose the terms of the aerodynamic coefficients, write a vehicle file of them and print.
 
     Parameters
     ----------
     request : records and vehicle file. options : how terms are offered and chosen. out : folder.
     """
-    from scenarios.structure.report import VEHICLE, structure_text, write_structure
+    from scenarios.structure.report import structure_text, write_structure
     from scenarios.structure.study import structure_of_files
 
     found = structure_of_files(request, options)
@@ -416,7 +427,7 @@ def find_structure(
         names = " ".join(str(each) for each in request.records)
         channels = "" if request.channels is None else f"--channels {request.channels} "
         print(
-            f"refine: flightid identify {names} --model aircraft --vehicle {out / VEHICLE} "
+            f"refine: flightid identify {names} --model aircraft --vehicle {out / VEHICLE_FILE} "
             f"{channels}--out FIT"
         )
         print(written_to(out))

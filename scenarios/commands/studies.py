@@ -109,7 +109,7 @@ def simulate_own(
 
 
 def _write(scenario: TraceScenario, file: str, out: Path, seed: int | None) -> list[Path]:
-    """Both records and the vehicle file that the loop is given, the truth left out; ``file``
+    """Return both records and the vehicle file that the loop is given, the truth left out; ``file``
     declares the scenario.
 
     ``record.csv`` asked for is the training record; beside it stand ``record_validate.csv`` and
@@ -181,7 +181,9 @@ def run_scenarios(
 
 
 def _kept(folders: Sequence[Path | None], of: int, told: bool) -> str:
-    """What there is when ``run`` is stopped; empty where there is nothing."""
+    """Return a sentence on the results that remain if ``run`` is stopped; empty if there are
+    none.
+    """
     if not folders or not told:
         return ""
     written = [str(folder) for folder in folders if folder is not None]
@@ -210,8 +212,8 @@ def _studied(
 
 
 def documents_of(names: Sequence[str], compare: bool) -> list[str]:
-    """The JSON documents of such a run by their paths in its folder: of a comparison its own, else
-    one a study.
+    """Return the JSON documents of such a run by their paths in its folder: of a comparison its
+    own, else one a study.
     """
     if compare:
         return ["compared.json"]
@@ -289,7 +291,7 @@ def simulate(
 
 
 def files_text(files: Sequence[Path]) -> str:
-    """The JSON that says which files ``simulate`` wrote."""
+    """Return the JSON that says which files ``simulate`` wrote."""
     from scenarios.files.writing import json_text
 
     return json_text({"schema": "flightid/simulated/1", "files": [str(path) for path in files]})
@@ -415,8 +417,8 @@ def _run(
 def _assessed(
     campaign: CampaignRuns, levels: bool, tell: CampaignProgress
 ) -> tuple[Judgement, bool]:
-    """What is said of the runs; of a campaign that was stopped no causes. False where Ctrl-C ended
-    the search for them.
+    """Return the judgement of the runs; a stopped campaign has no causes. The bool is False if
+    Ctrl-C ended the search for causes.
     """
     whole = len(campaign.seeds) == campaign.asked
     tell("whether the sigmas are right, and why not", 1.0)

@@ -1,5 +1,5 @@
-"""`flightid watch`: a stream identified while it arrives, shown against a reference, written as it
-goes; and the stability margins of a loop in it.
+"""`flightid watch`: identification of a stream while it arrives, compared with a reference and
+written continuously; and the stability margins of a loop in it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ident.frequency_domain.online import HIGH, LOW, SPACING, frequencies
+from ident.frequency_domain.online import (
+    FREQUENCY_SPACING,
+    HIGHEST_FREQUENCY,
+    LOWEST_FREQUENCY,
+    frequencies,
+)
 from scenarios.files.vehicles import VehicleFile, read_vehicle, refuse_unknown_model
 from scenarios.identification.low_order import PAPER_START
 from scenarios.watching.loop_margins import (
@@ -154,7 +159,9 @@ def _frequencies(band: tuple[float, float] | None) -> np.ndarray:
             where="--band",
             remedy="give LOW HIGH in Hz, above 0",
         )
-    return frequencies(low, high, (high - low) * SPACING / (HIGH - LOW))
+    return frequencies(
+        low, high, (high - low) * FREQUENCY_SPACING / (HIGHEST_FREQUENCY - LOWEST_FREQUENCY)
+    )
 
 
 def _watch_in_frequency(
@@ -275,7 +282,7 @@ def refuse_page(port: int | None, page: bool) -> None:
 
 
 def _begun(watch: Watch, vehicle: VehicleFile) -> SpectralSession | None:
-    """The session, once the header has come."""
+    """Return the session, once the header has come."""
     if watch.header is None or watch.omega is None:
         return None
     columns = watch.header.columns[1 + len(watch.signals.inputs) :]
@@ -385,7 +392,7 @@ def _written(history: History | None, session: Session, steps: list[WatchStep]) 
 
 
 def _finished(watch: Watch, session: Session, refine: bool) -> WatchOutcome:
-    """The refinement over all rows where it is wanted and affordable, and the last estimates
+    """Return the refinement over all rows where it is wanted and affordable, and the last estimates
     against the reference.
     """
     from scenarios.identification.low_order import identify_loes

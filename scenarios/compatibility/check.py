@@ -78,7 +78,7 @@ class CompatibilityCheck:
 
 
 def equivalent_constant(check: CompatibilityCheck, finding: SensorFinding) -> str:
-    """The number of the vehicle file that, were it wrong, would look like the scale of an
+    """Return the number of the vehicle file that, were it wrong, would look like the scale of an
     accelerometer; empty where there is none.
 
     In alpha_dot = q - g nz/V a factor on the load factor is one on the airspeed; an airspeed V =
@@ -178,12 +178,12 @@ def check_files(request: Request) -> CompatibilityCheck:
 
 
 def lacks_airspeed(result: Compatibility) -> bool:
-    """Whether a relation is left out only because no airspeed is known."""
+    """Return whether a relation is left out only because no airspeed is known."""
     return any(note.startswith(NO_AIRSPEED) for note in result.notes)
 
 
 def _how_to_give_the_airspeed(result: Compatibility, vehicle: InputFile | None) -> tuple[str, ...]:
-    """What to add where a relation lacks the airspeed; empty where none does."""
+    """Return remedies for a relation that lacks the airspeed; empty if none does."""
     if not lacks_airspeed(result):
         return ()
     if vehicle is not None:
@@ -195,7 +195,7 @@ def _how_to_give_the_airspeed(result: Compatibility, vehicle: InputFile | None) 
 
 
 def settings_of(vehicle: VehicleFile) -> CompatibilitySettings:
-    """The constants that the kinematics use."""
+    """Return the constants that the kinematics use."""
     settings = CompatibilitySettings(
         airspeed=_airspeed_of(vehicle),
         vane_arm=vehicle.constants.get("vane_arm", 0.0),
@@ -209,8 +209,8 @@ def settings_of(vehicle: VehicleFile) -> CompatibilitySettings:
 
 
 def _airspeed_of(vehicle: VehicleFile) -> float | None:
-    """The declared airspeed; of equations that know the airspeed the one that they are referred
-    to.
+    """Return the declared airspeed; of equations that know the airspeed the one that they are
+    referred to.
     """
     known = [vehicle.constants[name] for name in AIRSPEEDS if name in vehicle.constants]
     if not known and vehicle.own is not None and AIRSPEEDS[0] in vehicle.own.initial:
@@ -225,7 +225,7 @@ def record_to_check(
     choices: Mapping[str, ColumnChoice] | None = None,
     vehicle: VehicleFile | None = None,
 ) -> tuple[Record, tuple[str, ...], RecordCheck]:
-    """A part of a file with every channel that the kinematics know, sentences on how it was
+    """Return a part of a file with every channel that the kinematics know, sentences on how it was
     prepared, and what its raw columns show.
 
     ``choices``: a channel map. ``vehicle``: its air density makes an airspeed of a recorded dynamic
@@ -277,8 +277,8 @@ def record_to_check(
 
 
 def _unwrapped(record: Record) -> Record:
-    """The record with bank and heading that do not jump by a turn where they are shown within
-    one.
+    """Return the record with bank and heading that do not jump by a turn where they are shown
+    within one.
     """
     outputs = []
     for channel in record.outputs:
@@ -293,7 +293,7 @@ def _unwrapped(record: Record) -> Record:
 
 
 def _expected(vehicle: VehicleFile | None) -> Expectations:
-    """What a vehicle file lets one expect of the raw columns."""
+    """Return the properties of the raw columns that a vehicle file lets one expect."""
     from scenarios.preparation.declared_model import model_of_file
 
     if vehicle is None or not (vehicle.model or vehicle.own):
@@ -302,8 +302,8 @@ def _expected(vehicle: VehicleFile | None) -> Expectations:
 
 
 def _with_speed(record: Record, vehicle: VehicleFile | None) -> tuple[Record, str]:
-    """The record without its dynamic pressure, but with the airspeed that this makes where none is
-    recorded and the air's density is known.
+    """Return the record without its dynamic pressure, but with the airspeed that this makes where
+    none is recorded and the air's density is known.
     """
     if PRESSURE not in record.output_names:
         return record, ""

@@ -65,7 +65,7 @@ if TYPE_CHECKING:
 
 
 def check_figures(result: Compatibility, simulated: bool) -> Iterator[Named]:
-    """The figures of a check: the stem of each file, and what draws it."""
+    """Yield the figures of a check: the stem of each file, and what draws it."""
     from scenarios.plots.signals import figure_reconstruction
 
     data = SIMULATED_DATA if simulated else MEASURED_DATA
@@ -128,7 +128,7 @@ def print_check(
 
 
 def check_summary(check: CompatibilityCheck, details: str = BELOW) -> Summary:
-    """Records and relations, what stands, by how much, and the noise that is left."""
+    """Return the records and relations, what stands, by how much, and the noise that is left."""
     result, lines = check.result, finding_lines(check)
     samples = sum(len(record) for record in check.records)
     said: set[str] = set()
@@ -137,7 +137,9 @@ def check_summary(check: CompatibilityCheck, details: str = BELOW) -> Summary:
         if finding.stands and finding.name not in said:
             said |= {finding.name, *finding.group}
             standing.append(" or ".join((finding.name, *finding.group)))
-    told = [line.removeprefix("fault found: ") for line in lines if line.startswith("fault found")]
+    sentences = [
+        line.removeprefix("fault found: ") for line in lines if line.startswith("fault found")
+    ]
     named = f"{check.records[0].name}{f' and {len(check.records) - 1} more' if len(check.records) > 1 else ''}"  # noqa: E501
     checked = (
         f"kinematics of {', '.join(result.relations)}"
@@ -151,7 +153,7 @@ def check_summary(check: CompatibilityCheck, details: str = BELOW) -> Summary:
         f"sensor fault found: {', '.join(standing)}"
         if standing
         else next((line for line in lines if line.startswith(("no sensor", "nothing"))), lines[0]),
-        "; ".join(told),
+        "; ".join(sentences),
         f"noise {_noise(check)}" if result.joint.noise_std else "",
         details,
     )
@@ -164,7 +166,7 @@ def _noise(check: CompatibilityCheck) -> str:
 
 
 def finding_lines(check: CompatibilityCheck) -> list[str]:
-    """What stands, in sentences; and where the two methods disagree."""
+    """Return the accepted findings in sentences, and where the two methods disagree."""
     result, lines = check.result, []
     said: set[str] = set()
     for finding in result.findings:
@@ -227,7 +229,7 @@ def _share(share: float) -> str:
 
 
 def sentence(finding: SensorFinding) -> str:
-    """One finding with its alternatives."""
+    """Return one finding with its alternatives."""
     other = f"; {fit_as_well(finding.group)}" if finding.group else ""
     gain = f"raises the log likelihood by {finding.gain:.1f}"
     return f"{finding.name}, {fault_text(finding)} ({gain}{other})"
@@ -239,7 +241,7 @@ def fit_as_well(group: Sequence[str]) -> str:
 
 
 def fault_text(finding: SensorFinding) -> str:
-    """What is wrong with the sensor, and by how much."""
+    """Return a description of the sensor fault with its size."""
     factor, shown = shown_in(finding.unit)
     place = PLACES.get(finding.kind)
     size = abs(finding.value) if place else finding.value
@@ -267,7 +269,7 @@ def _sensor(channel: str) -> str:
 
 
 def estimates_table(caption: str, result: CheckResult) -> Table:
-    """Every fault by both methods."""
+    """Return every fault by both methods."""
     rows = [*result.biases, *result.estimates]
     standing = {finding.name for finding in result.findings if finding.stands}
     return table(
@@ -298,7 +300,7 @@ def estimates_table(caption: str, result: CheckResult) -> Table:
 
 
 def by_record_table(single: Sequence[CheckResult], joint: CheckResult) -> Table:
-    """The smoother's value of every fault in each record by itself."""
+    """Return the smoother's value of every fault in each record by itself."""
     found = [{item.name: item for item in result.estimates} for result in single]
     return table(
         "",
@@ -320,7 +322,7 @@ def by_record_table(single: Sequence[CheckResult], joint: CheckResult) -> Table:
 
 
 def _estimates(check: CompatibilityCheck) -> list[Block]:
-    """Every fault of all records together, and of each by itself where there are several."""
+    """Return every fault of all records together, and of each by itself where there are several."""
     result, several = check.result, len(check.records) > 1
     if not result.joint.estimates:
         return []
@@ -330,7 +332,7 @@ def _estimates(check: CompatibilityCheck) -> list[Block]:
 
 
 def unit_of(check: CompatibilityCheck, name: str) -> str:
-    """The unit of a channel."""
+    """Return the unit of a channel."""
     # nz made from az has no channel
     return next((record[name].unit for record in check.records if name in record.output_names), "g")
 
@@ -351,7 +353,7 @@ def _level(name: str, std: float | None, unit: str) -> str:
 
 
 def check_page(check: CompatibilityCheck, drawn: Sequence[Drawn] = ()) -> Page:
-    """The page of a check with the figures ``drawn``."""
+    """Return the page of a check with the figures ``drawn``."""
     result, names = check.result, ", ".join(dict.fromkeys(record.name for record in check.records))
     lines = finding_lines(check)
     faults = [finding.name for finding in result.findings if finding.stands]
@@ -438,7 +440,7 @@ def write_check(check: CompatibilityCheck, folder: str | Path, *, figures: Forma
 
 
 def check_content(check: CompatibilityCheck) -> dict[str, Any]:
-    """Content of ``compatibility.json``: SI, nz in g; scales as factors."""
+    """Return the content of ``compatibility.json``: SI, nz in g; scales as factors."""
     result = check.result
     constants = {"gravity": check.settings.gravity, "vane_arm": check.settings.vane_arm}
     return {
@@ -468,7 +470,7 @@ def check_content(check: CompatibilityCheck) -> dict[str, Any]:
 
 
 def _equivalents(check: CompatibilityCheck) -> list[str]:
-    """Numbers of the vehicle file that would explain a finding as well."""
+    """Return the numbers of the vehicle file that would explain a finding as well."""
     found = [
         (finding.name, equivalent_constant(check, finding))
         for finding in check.result.findings

@@ -135,7 +135,7 @@ SPIKES = "sensor-spikes:"
 
 
 def kept_diagnosis(tracing: Tracing) -> KeptModel | None:
-    """The model that a diagnosis leaves; None where the loop did not say what it was fitted
+    """Return the model that a diagnosis leaves; None where the loop did not say what it was fitted
     with.
     """
     d, plan, vehicle = tracing.diagnosis, tracing.plan, tracing.vehicle
@@ -204,8 +204,8 @@ class Overflows:
         self.count += 1
 
     def counted(self, trace: Trace) -> Trace:
-        """The same loop, its overflows counted instead of warned of; a share below the smallest
-        number is none.
+        """Return the same loop, its overflows counted instead of warned of; a share below the
+        smallest number is none.
         """
 
         def counting(*arguments: Any, **named: Any) -> Diagnosis:
@@ -215,17 +215,18 @@ class Overflows:
         return counting
 
 
-DIGITS = 4  # of every number that is asked: what is printed is what was designed with
+DESIGN_DIGITS = 4  # of every number that is asked: what is printed is what was designed with
 # s of a flight: with less there is no room, with more a design could take longer than the diagnosis
 SHORTEST, LONGEST = 10.0, 20.0
-SMALLER = 2.0  # a hand is quicker, in peaks a second, where it does not go to the full deflection
+# a hand is quicker, in peaks a second, where it does not go to the full deflection
+SMALLER_DEFLECTION_RATE = 2.0
 
 
 def deciding_maneuver(
     d: Diagnosis, request: Request, vehicle: VehicleFile, model: Model, records: Sequence[Record]
 ) -> DesignResult | None:
-    """The design for an ambiguous diagnosis; None for any other, and where nothing can be designed
-    for these effects.
+    """Return the design for an ambiguous diagnosis; None for any other, and where nothing can be
+    designed for these effects.
 
     Peak deflections, sampling and noise are those of the records, derivatives and sizes those that
     were found.
@@ -283,21 +284,21 @@ def _asked(
         amplitude=tuple(
             _text(name, size) for name, size in _peaks(model, records).items() if size > 0.0
         ),
-        duration=float(f"{span:.{DIGITS}g}"),
-        rate=float(f"{1.0 / interval:.{DIGITS}g}"),
+        duration=float(f"{span:.{DESIGN_DIGITS}g}"),
+        rate=float(f"{1.0 / interval:.{DESIGN_DIGITS}g}"),
         computer=not by_hand(model, records),
         command_names=_names(request, vehicle),
     )
 
 
 def by_hand(model: Model, records: Sequence[Record]) -> bool:
-    """Whether no input of the records changes faster than a pilot's hand can; faster inputs are
-    from a flight computer, which can fly the next maneuver as well.
+    """Return whether no input of the records changes faster than a pilot's hand can; faster inputs
+    are from a flight computer, which can fly the next maneuver as well.
     """
     peaks = _peaks(model, records)
     return all(
         float(np.max(np.abs(np.diff(record[name].values)) / np.diff(record.time)))
-        <= SMALLER * peak / PILOT.rise
+        <= SMALLER_DEFLECTION_RATE * peak / PILOT.rise
         for record in records
         for name, peak in peaks.items()
         if name in record.input_names and len(record.time) > 1
@@ -305,7 +306,7 @@ def by_hand(model: Model, records: Sequence[Record]) -> bool:
 
 
 def _text(name: str, value: float) -> str:
-    return f"{name}={value:.{DIGITS}g}"
+    return f"{name}={value:.{DESIGN_DIGITS}g}"
 
 
 def _size(claim: Claim, d: Diagnosis) -> list[str]:
@@ -320,7 +321,7 @@ def _size(claim: Claim, d: Diagnosis) -> list[str]:
 
 
 def _peaks(model: Model, records: Sequence[Record]) -> dict[str, float]:
-    """Largest deflection of each input from where its record begins."""
+    """Return the largest deflection of each input from where its record begins."""
     names = [signal.name for signal in model.equations.inputs]
     return {
         name: max(
@@ -334,7 +335,7 @@ def _peaks(model: Model, records: Sequence[Record]) -> dict[str, float]:
 
 
 def _source(request: Request, vehicle: VehicleFile) -> Source | None:
-    """The vehicle file as it was read; None where an own model went without one."""
+    """Return the vehicle file as it was read; None where an own model went without one."""
     from scenarios.diagnosis.opening import vehicle_path_of
 
     path = vehicle_path_of(request)
@@ -345,7 +346,7 @@ def _source(request: Request, vehicle: VehicleFile) -> Source | None:
 
 
 def _names(request: Request, vehicle: VehicleFile) -> Mapping[str, str]:
-    """What stands for the files on a command line."""
+    """Return the names of model and vehicle file for a command line."""
     from scenarios.diagnosis.opening import vehicle_path_of
 
     path = vehicle_path_of(request)
@@ -432,7 +433,7 @@ class _Study:
     overflows: Overflows
 
     def _read_beside(self) -> tuple[str, ...]:
-        """The files that were read without being named."""
+        """Return the files that were read without being named."""
         beside = vehicle_next_to(self.request.records[0]) if self.request.vehicle is None else None
         return files_read_unnamed([*self.opened.records, *self.opened.validation], beside)
 
@@ -443,7 +444,7 @@ class _Study:
         kinematics: Kinematics | None = None,
         decides: DesignResult | None = None,
     ) -> Tracing:
-        """The result with what went in."""
+        """Return the result with what went in."""
         opened = self.opened
         diagnosis = replace(diagnosis, predictions=_whole(diagnosis.predictions, posed.parted))
         if not moves_about_rest(posed.model):
@@ -487,7 +488,7 @@ class _Study:
 
 
 def _whole(predictions: Sequence[Prediction], parted: Sequence[Parted]) -> tuple[Prediction, ...]:
-    """The predictions with the parts of each record that was named for it put together."""
+    """Return the predictions with the parts of each record that was named for it put together."""
     if not parted:
         return tuple(predictions)
     out = []
@@ -502,7 +503,7 @@ def _whole(predictions: Sequence[Prediction], parted: Sequence[Parted]) -> tuple
 def _decides(
     diagnosis: Diagnosis, request: Request, opened: Opened, posed: Posed
 ) -> DesignResult | None:
-    """The maneuver that would decide; only an ambiguous verdict costs its time."""
+    """Return the maneuver that would decide; only an ambiguous verdict costs its time."""
     if diagnosis.verdict is not Verdict.AMBIGUOUS:
         return None
 
@@ -518,7 +519,7 @@ def _guards(model: Model) -> Sequence[Traceable]:
 
 
 def _loop(model: Model) -> Trace:
-    """The tracing loop, with what stands for errors of this model's forces."""
+    """Return the tracing loop, with what stands for errors of this model's forces."""
     from functools import partial
 
     from ident.tracing.loop import diagnose
@@ -529,15 +530,15 @@ def _loop(model: Model) -> Trace:
 
 
 def _named_by_kinematics(kinematics: Kinematics | None) -> list[tuple[str, ...]]:
-    """Names of the effects that the kinematics alone name."""
+    """Return the names of the effects that the kinematics alone name."""
     from scenarios.diagnosis.kinematics import named_by
 
     return named_by(kinematics)
 
 
 def _kinematics(opened: Opened, posed: Posed, plan: Plan) -> Kinematics | None:
-    """The check of the kinematics alone: on all that was read where one record is fitted, else on
-    the fitted records; None where there is none.
+    """Return the check of the kinematics alone: on all that was read where one record is fitted,
+    else on the fitted records; None where there is none.
     """
     own = opened.vehicle.own
     if not (is_of_aircraft(own) if own is not None else opened.vehicle.model in OF_MODEL):

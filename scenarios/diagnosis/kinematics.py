@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from scenarios.preparation.plan import Plan, Segment
 
 RECORDS_NAMED = 4  # of those checked
-APART = 3.0  # standard deviations within which two values agree
+AGREEING_SIGMAS = 3.0  # standard deviations within which two values agree
 PARAMETERS = {
     "delay": "delay",
     "lag": "time_constant",
@@ -114,8 +114,8 @@ def named_by(kinematics: Kinematics | None) -> list[tuple[str, ...]]:
 
 
 def unnamed(kinematics: Kinematics, claims: Sequence[Claim]) -> list[SensorFinding]:
-    """Faults that stand in the kinematics and belong to the group of no claim and are no twin of
-    one, one of each group.
+    """Return the faults that stand in the kinematics and belong to the group of no claim and are no
+    twin of one, one of each group.
     """
     from sim.effects.library import traits_of
 
@@ -165,8 +165,8 @@ def _agreement(claim: Claim, result: Compatibility) -> Agreement:
 
 
 def _comparable(finding: SensorFinding, name: str) -> bool:
-    """Whether the size of a finding is of the nature of that of the effect ``name``: the same, or
-    both times of one channel.
+    """Return whether the size of a finding is of the nature of that of the effect ``name``: the
+    same, or both times of one channel.
     """
     kind, _, channel = name.removeprefix("sensor-").partition(":")
     return finding.name == name or (
@@ -175,7 +175,7 @@ def _comparable(finding: SensorFinding, name: str) -> bool:
 
 
 def _as_well(same: SensorFinding, result: Compatibility) -> str:
-    """The other faults that explain the records equally well, with their sizes."""
+    """Return the other faults that explain the records equally well, with their sizes."""
     by_name = {each.name: each for each in result.findings}
     known = [by_name[name] for name in same.group if name in by_name]
     told = [f"{f.name} {with_sigma(Quantity(f.value, f.std, f.unit))}" for f in known]
@@ -210,7 +210,7 @@ def _compared(
 def _on_the_other_side(
     claim: Claim, mine: Quantity, found: Quantity, kin: SensorFinding
 ) -> Agreement:
-    """An arm where the kinematics found its twin, whose arm points the other way."""
+    """Return an arm where the kinematics found its twin, whose arm points the other way."""
     as_mine = Quantity(-found.value, found.std, found.unit)
     told = (
         f"kinematics alone give {kin.name} {with_sigma(found)}, which they cannot tell from "
@@ -231,7 +231,7 @@ def _on_the_other_side(
 
 
 def _ruled_out(claim: Claim, result: Compatibility) -> Agreement | None:
-    """A way of being late in whose place the kinematics see another, of the same channel."""
+    """Return a way of being late in whose place the kinematics see another, of the same channel."""
     own = next((finding for finding in result.findings if finding.name == claim.name), None)
     other = late_instead(own, result) if own is not None else None
     if own is None or other is None or own.lost is None or not math.isfinite(own.lost):
@@ -250,7 +250,7 @@ def _ruled_out(claim: Claim, result: Compatibility) -> Agreement | None:
 
 
 def late_instead(own: SensorFinding, result: Compatibility) -> SensorFinding | None:
-    """What stands in the place of a finding that does not: another way for the same channel to be
+    """Return the finding that replaces a rejected one: another way for the same channel to be
     late.
     """
     if own.stands or not _late(own):
@@ -265,8 +265,8 @@ def _late(finding: SensorFinding) -> bool:
 
 
 def _unproven(claim: Claim, mine: Quantity, item: SensorEstimate | None) -> Agreement:
-    """A claim of which nothing stands in the kinematics: their estimate may still agree with it, or
-    rule it out.
+    """Return a claim of which nothing stands in the kinematics: their estimate may still agree with
+    it, or rule it out.
     """
     if item is None or not item.determined or not _finite(item.smoother.value, item.smoother.std):
         return Agreement(
@@ -292,7 +292,7 @@ def _unproven(claim: Claim, mine: Quantity, item: SensorEstimate | None) -> Agre
             found,
             f"{told}: contradicts the {with_sigma(mine)} of the diagnosis",
         )
-    if _apart(found, absent) > APART:
+    if _apart(found, absent) > AGREEING_SIGMAS:
         words = (
             f"agrees with the diagnosis, {with_sigma(mine)}, though it does not stand there by "
             "itself"
@@ -307,8 +307,8 @@ def _unproven(claim: Claim, mine: Quantity, item: SensorEstimate | None) -> Agre
 
 
 def worth_of(item: SensorEstimate | SensorFinding) -> float:
-    """What interpolation and an airspeed slightly wrong make of the size of a fault, beside its
-    standard deviation.
+    """Return the error of a fault's size from interpolation and a slightly wrong airspeed, in
+    addition to its standard deviation.
     """
     from ident.compatibility.kinematics import SensorFault
 
@@ -316,7 +316,7 @@ def worth_of(item: SensorEstimate | SensorFinding) -> float:
 
 
 def _differ(a: Quantity, b: Quantity, worth: float) -> bool:
-    return _apart(a, b) > APART and abs(a.value - b.value) > worth
+    return _apart(a, b) > AGREEING_SIGMAS and abs(a.value - b.value) > worth
 
 
 def _apart(a: Quantity, b: Quantity) -> float:
@@ -325,7 +325,7 @@ def _apart(a: Quantity, b: Quantity) -> float:
 
 
 def _is_sensor(name: str) -> bool:
-    """Whether an effect is a fault that the kinematics know."""
+    """Return whether an effect is a fault that the kinematics know."""
     base = name.partition(":")[0].partition("#")[0]
     return base in ("vane-offset", "accelerometer-offset") or base in {
         f"sensor-{kind}" for kind in PARAMETERS
@@ -337,9 +337,9 @@ def _finite(*values: float) -> bool:
 
 
 # samples, two records of 25 s at 50 Hz: the cost grows with them, the search has the rest
-ENOUGH = 2600
+MOST_SAMPLES = 2600
 BANK = "phi"
-MOST = 12  # records, so that of each some twenty seconds at 10 Hz are left
+MOST_RECORDS = 12  # records, so that of each some twenty seconds at 10 Hz are left
 
 
 @dataclass(frozen=True)
@@ -388,8 +388,8 @@ def kinematics_of_files(
     choices: Mapping[str, ColumnChoice] | None = None,
     plan: Plan | None = None,
 ) -> Kinematics:
-    """What ``flightid check`` says of all parts of files that measure what the model's relations
-    need, of about ``ENOUGH`` samples; never raised, but told.
+    """Return the results of ``flightid check`` for all parts of files that measure the channels of
+    the model's relations, with about ``MOST_SAMPLES`` samples; failures are reported, not raised.
 
     ``choices``: a channel map. ``plan``: how they are prepared; its segments are not asked.
     """
@@ -410,10 +410,10 @@ def kinematics_of(
     records: Iterable[Record], settings: CompatibilitySettings, asked: Relations = PITCH
 ) -> Kinematics:
     """Check all records that measure what is needed, each at its own airspeed; of many samples the
-    liveliest stretch of each, about ``ENOUGH`` together.
+    liveliest stretch of each, about ``MOST_SAMPLES`` together.
 
     Several airspeeds tell the arm of a vane from a delay, so that no record is left out but beyond
-    ``MOST``. A check that fails is told, never raised.
+    ``MOST_RECORDS``. A check that fails is told, never raised.
     """
     from ident.compatibility.check import compatibility
 
@@ -425,7 +425,7 @@ def kinematics_of(
         chosen = [
             record for record in records if set(asked.needed) <= set(_measured(record, asked))
         ]
-        chosen = shortened(spread(chosen, MOST), ENOUGH, asked.rates)
+        chosen = shortened(spread(chosen, MOST_RECORDS), MOST_SAMPLES, asked.rates)
         names = tuple(record.name for record in chosen)
         if not chosen:
             return Kinematics(
@@ -448,8 +448,8 @@ def kinematics_of(
 def _level(
     records: list[Record], settings: CompatibilitySettings, asked: Relations
 ) -> tuple[list[Record], list[str]]:
-    """Of relations without a bank angle the records in which the wings were level enough for them,
-    and what is said of the others.
+    """Return the records in which the wings are level enough for relations without a bank angle,
+    and remarks on the others.
     """
     from ident.compatibility.six_degrees.kinematics import misled_by_bank
 
@@ -467,7 +467,7 @@ def _level(
 
 
 def _taking_part(record: Record, asked: Relations) -> Record:
-    """The record's channels that take part: the equations that are fitted know no other."""
+    """Return the record's channels that take part: the equations that are fitted know no other."""
     from scenarios.preparation.measured_inputs import with_load_factors
 
     record = with_load_factors(record)[0] if asked.six else record
@@ -483,7 +483,7 @@ def _measured(record: Record, asked: Relations) -> tuple[str, ...]:
 
 
 def _renamed(result: Compatibility, names: Mapping[str, str]) -> Compatibility:
-    """A check with its faults under the names of the model's effects."""
+    """Return a check with its faults under the names of the model's effects."""
     if not names:
         return result
 
@@ -525,8 +525,8 @@ def spread(records: Sequence[Record], most: int) -> list[Record]:
 def shortened(
     records: Sequence[Record], enough: int, rates: Sequence[str] = ("q",)
 ) -> list[Record]:
-    """The records, of about ``enough`` samples together: of those longer than their share the
-    stretch in which the ``rates`` move most.
+    """Return the records, of about ``enough`` samples together: of those longer than their share
+    the stretch in which the ``rates`` move most.
     """
     if sum(len(record) for record in records) <= enough:
         return list(records)

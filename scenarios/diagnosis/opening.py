@@ -35,7 +35,7 @@ from scenarios.files.user_models import (
     side_at,
 )
 from scenarios.files.vehicles import BESIDE, VehicleFile, read_vehicle, vehicle_next_to
-from scenarios.preparation.declared_model import BETTER, outputs_with_bias
+from scenarios.preparation.declared_model import DECISIVE_LOG_LIKELIHOOD_RATIO, outputs_with_bias
 from scenarios.preparation.filtering import Parted
 from scenarios.preparation.plan import BY_HAND, Plan, Request, column_choices, declared_phase
 from scenarios.preparation.plausibility import split_off
@@ -69,8 +69,8 @@ _FORMERLY = ("onset", "per_record", "plausible")
 
 
 def candidates_for(model: Model, own: Sequence[Traceable] = ()) -> tuple[Traceable, ...]:
-    """The library's effects that can act on a model, are not in it and tell a search where to look,
-    then the user's ``own``.
+    """Return the library's effects that can act on a model, are not in it and tell a search where
+    to look, then the user's ``own``.
     """
     from sim.effects.library import effects_for
 
@@ -88,7 +88,7 @@ def candidates_for(model: Model, own: Sequence[Traceable] = ()) -> tuple[Traceab
 
 
 def _may_change(effect: Effect, model: Model) -> bool:
-    """Whether what an effect makes vary is estimated."""
+    """Return whether what an effect makes vary is estimated."""
     changed = (
         (effect.parameter,)
         if isinstance(effect, ParameterEffect)
@@ -100,8 +100,8 @@ def _may_change(effect: Effect, model: Model) -> bool:
 
 
 def can_act(effects: Sequence[Act], model: Model) -> tuple[Act, ...]:
-    """Those effects that find the signals they take: an own model may have a channel's name without
-    what the library's models form beside it.
+    """Return the effects whose signals exist: a user model may have a channel's name without the
+    signals that the library's models form beside it.
     """
     return tuple(effect for effect in effects if not is_own(model) or _acts(effect, model))
 
@@ -123,8 +123,8 @@ def _acts(effect: Effect, model: Model) -> bool:
 
 
 def read_effects(source: str | Path | Source, model: Model) -> tuple[Traceable, ...]:
-    """The effects of a user's Python file, or of one that was read, that can act on a model: its
-    ``EFFECTS``, else its ``VARIANTS``.
+    """Return the effects of a user's Python file, or of one that was read, that can act on a model:
+    its ``EFFECTS``, else its ``VARIANTS``.
 
     The file is run, once, as any Python program is: only a file that the user names comes here.
 
@@ -148,7 +148,7 @@ def read_effects(source: str | Path | Source, model: Model) -> tuple[Traceable, 
 
 
 def checked_effects(effects: Sequence[Any], model: Model, where: str) -> tuple[Traceable, ...]:
-    """A user's effects that can act on a model; ``where`` says where they stand. Raises
+    """Return a user's effects that can act on a model; ``where`` says where they stand. Raises
     DeclarationError as ``read_effects``.
     """
     from sim.effects.library import applies, library
@@ -234,8 +234,8 @@ def _listed(signals: Sequence[Signal]) -> str:
 
 
 def settings_of(effort: str) -> TraceSettings:
-    """The settings of the loop for an effort; DeclarationError, in one line, for one that there is
-    not.
+    """Return the settings of the loop for an effort; DeclarationError, in one line, for one that
+    there is not.
     """
     if effort not in EFFORTS:
         raise DeclarationError(
@@ -245,8 +245,8 @@ def settings_of(effort: str) -> TraceSettings:
 
 
 def effort_sentence(effort: str, diagnosis: Diagnosis) -> str:
-    """Which effort was made, and whether a greater one would look further: where a search used all
-    its fits and the residual is not explained.
+    """Return a sentence on the effort made, and whether a greater one would look further: if a
+    search used all its fits and the residual is not explained.
     """
     if not (diagnosis.stopped and diagnosis.verdict in (Verdict.PARTIAL, Verdict.UNEXPLAINED)):
         return f"effort: {effort}"
@@ -262,7 +262,7 @@ def effort_sentence(effort: str, diagnosis: Diagnosis) -> str:
 
 
 def said_of(constraints: Constraints, model: Model) -> tuple[str, ...]:
-    """A sentence each on what is held, tied and bounded."""
+    """Return a sentence each on what is held, tied and bounded."""
     items = model.parameters
     return constraint_sentences(
         constraints,
@@ -272,13 +272,13 @@ def said_of(constraints: Constraints, model: Model) -> tuple[str, ...]:
 
 
 def at_bounds(diagnosis: Diagnosis, constraints: Constraints) -> tuple[Diagnosis, tuple[str, ...]]:
-    """The diagnosis with a sigma of zero, which is printed as a bound, for each parameter that
-    ended at one; a sentence on each.
+    """Return the diagnosis with a sigma of zero, which is printed as a bound, for each parameter
+    that ended at one; a sentence on each.
     """
     before, after = (
         _pressed(side, constraints.bounds) for side in (diagnosis.before, diagnosis.after)
     )
-    told = []
+    sentences = []
     for name in dict.fromkeys([*before, *after]):
         sides = [
             word
@@ -286,12 +286,14 @@ def at_bounds(diagnosis: Diagnosis, constraints: Constraints) -> tuple[Diagnosis
             if name in names
         ]
         value = (diagnosis.before if name in before else diagnosis.after)[name].value
-        told.append(f"{name} is at its bound {value:g}, {' and '.join(sides)}: it has no sigma")
-    if not told:
+        sentences.append(
+            f"{name} is at its bound {value:g}, {' and '.join(sides)}: it has no sigma"
+        )
+    if not sentences:
         return diagnosis, ()
     return replace(
         diagnosis, before=_held(diagnosis.before, before), after=_held(diagnosis.after, after)
-    ), tuple(told)
+    ), tuple(sentences)
 
 
 def _pressed(
@@ -359,8 +361,8 @@ def opened_files(request: Request, vehicle: Path | Source | None) -> Opened:
 
 
 def posed_for(opened: Opened, plan: Plan) -> Posed:
-    """Records prepared for the declared model with its biases, something held out; refused where
-    they cannot tell anything.
+    """Return the records prepared for the declared model with its biases, something held out;
+    refused where they cannot tell anything.
     """
     from scenarios.preparation.declared_model import model_of_file
     from scenarios.preparation.plausibility import refuse_still, refuse_unpredictable
@@ -410,8 +412,8 @@ def _ready(opened: Opened, model: Model, plan: Plan) -> PreparedData:
 def own_effects(
     given: Path | Sequence[Traceable] | None, model: Model
 ) -> tuple[tuple[Traceable, ...], tuple[InputFile, ...]]:
-    """A user's effects that can act on the model, and the file that they came from, if they came
-    from one.
+    """Return a user's effects that can act on the model, and the file that they came from, if they
+    came from one.
     """
     if given is None:
         return (), ()
@@ -422,7 +424,7 @@ def own_effects(
 
 
 def _biased(model: Model, records: Sequence[Record]) -> list[str]:
-    """The measured outputs whose sensors have a free bias."""
+    """Return the measured outputs whose sensors have a free bias."""
     measured = {name for record in records for name in record.output_names}
     return outputs_with_bias(
         model, [signal.name for signal in model.equations.outputs if signal.name in measured]
@@ -430,7 +432,7 @@ def _biased(model: Model, records: Sequence[Record]) -> list[str]:
 
 
 def vehicle_path_of(request: Request) -> Path | Source | None:
-    """The vehicle file, None where an own model goes without one."""
+    """Return the vehicle file, None where an own model goes without one."""
     first = request.records[0]
     chosen = request.vehicle if request.vehicle is not None else vehicle_next_to(first)
     if chosen is None and not is_model_file(request.model):
@@ -477,7 +479,7 @@ class InputReading:
         return self.plan.hold is None and not any(file.sidecar.says_hold for file in files)
 
     def posed(self) -> Posed:
-        """What the loop is given with linear inputs."""
+        """Problem of the loop, with linear inputs."""
         if self.linear is None:
             self.linear = posed_for(self.opened, replace(self.plan, hold=Hold.LINEAR))
         return self.linear
@@ -510,14 +512,14 @@ class InputReading:
             return posed, diagnosis
         linear = self.posed()
         refit = refitted(diagnosis, posed.model, posed.records, linear.records)
-        if refit.rise > BETTER:
+        if refit.rise > DECISIVE_LOG_LIKELIHOOD_RATIO:
             return replace(linear, notes=read_again(linear.notes)), looped(linear)
         diagnosis, told = left_open(refit, diagnosis)
         return replace(posed, notes=(*posed.notes, *told)), diagnosis
 
 
 def tells_times(diagnosis: Diagnosis, records: Sequence[Record]) -> bool:
-    """Whether times were found that held inputs would shift by half an interval."""
+    """Return whether times were found that held inputs would shift by half an interval."""
     if any(record.hold is not Hold.PREVIOUS for record in records):
         return False
     return any(name in TIMES for found in diagnosis.effects for name in found.parameters)
@@ -557,7 +559,8 @@ def refitted(
 
 
 def left_open(again: Refit, first: Diagnosis) -> tuple[Diagnosis, tuple[str, ...]]:
-    """What the second reading changes by more than a sigma, where it explains the records as well.
+    """Return the changes by more than a sigma under the second reading, if it explains the records
+    as well.
 
     Returns
     -------
@@ -565,7 +568,7 @@ def left_open(again: Refit, first: Diagnosis) -> tuple[Diagnosis, tuple[str, ...
     likelihood says, and values stay those of the first. And what is told of it. Unchanged, and
     nothing, where one reading is clearly likelier.
     """
-    if abs(again.rise) > BETTER:
+    if abs(again.rise) > DECISIVE_LOG_LIKELIHOOD_RATIO:
         return first, ()
     share = 1.0 / (1.0 + math.exp(-0.5 * again.rise))
     moved: list[str] = []
@@ -595,5 +598,5 @@ def left_open(again: Refit, first: Diagnosis) -> tuple[Diagnosis, tuple[str, ...
 
 
 def read_again(notes: Sequence[str]) -> tuple[str, ...]:
-    """The sentences on a second reading, which no one chose by hand."""
+    """Return the sentences on a second reading, which no one chose by hand."""
     return tuple(note.replace(BY_HAND, READ_AGAIN) for note in notes)

@@ -52,12 +52,12 @@ NAMES = {
     "Cm": "aeroBodyMomentCoefficient_Pitch",
     "Cn": "aeroBodyMomentCoefficient_Yaw",
 }
-DEFLECTION = 0.03  # of a surface in the second check case
-TOLERANCE = 1e-9
+CHECK_DEFLECTION = 0.03  # of a surface in the second check case
+CHECK_TOLERANCE = 1e-9
 
 
 def dave_ml_file(model: ExportedModel) -> str:
-    """The text of the DAVE-ML file.
+    """Return the text of the DAVE-ML file.
 
     Parameters
     ----------
@@ -219,7 +219,7 @@ def _check_cases(root: XML.Element, model: ExportedModel, aircraft: Aircraft) ->
     moved = {name: begin[name] + shift for name, (_, _, shift) in FLOW_INPUTS.items()}
     moved["airspeed"] = begin["airspeed"] if begin["airspeed"] > 0.0 else 100.0
     surfaces = {
-        name: value + DEFLECTION * (-1.0) ** place
+        name: value + CHECK_DEFLECTION * (-1.0) ** place
         for place, (name, value) in enumerate(trim.items())
     }
     varying = {name: float(aircraft.constants[name]) for name in aircraft.varying}
@@ -230,7 +230,7 @@ def _check_cases(root: XML.Element, model: ExportedModel, aircraft: Aircraft) ->
         shot = XML.SubElement(data, "staticShot", name=name)
         for part, signals, within in (
             ("checkInputs", values, None),
-            ("checkOutputs", coefficients_at(aircraft, values), TOLERANCE),
+            ("checkOutputs", coefficients_at(aircraft, values), CHECK_TOLERANCE),
         ):
             place = XML.SubElement(shot, part)
             for key, value in signals.items():
@@ -242,7 +242,7 @@ def _check_cases(root: XML.Element, model: ExportedModel, aircraft: Aircraft) ->
 
 
 def coefficients_at(aircraft: Aircraft, inputs: Mapping[str, float]) -> dict[str, float]:
-    """The six coefficients of an aircraft.
+    """Return the six coefficients of an aircraft.
 
     Parameters
     ----------

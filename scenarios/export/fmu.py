@@ -56,7 +56,7 @@ def variables_of(model: ExportedModel) -> list[Variable]:
 
 
 def c_source(model: ExportedModel, guid: str) -> str:
-    """The unit in one C file."""
+    """Return the unit in one C file."""
     formulas = formulas_of(model.system)
     variables = variables_of(model)
     counts = [sum(each.kind == k for each in variables) for k in ("state", "input", "parameter")]
@@ -124,7 +124,7 @@ def description(model: ExportedModel, guid: str) -> str:
 
 
 def fmu(model: ExportedModel) -> tuple[bytes, str]:
-    """The unit as a zip archive, and a sentence on its library.
+    """Return the unit as a zip archive, and a sentence on its library.
 
     Returns
     -------
@@ -145,7 +145,7 @@ def fmu(model: ExportedModel) -> tuple[bytes, str]:
 
 
 def _compiled(source: str, identifier: str) -> tuple[tuple[str, bytes] | None, str]:
-    """Path inside ``binaries`` and content of the library; None without a compiler."""
+    """Return the path inside ``binaries`` and content of the library; None without a compiler."""
     compiler = shutil.which(os.environ.get("CC") or "cc") or shutil.which("gcc")
     bits = "64" if sys.maxsize > 2**32 else "32"
     system = {"Linux": ("linux", ".so"), "Darwin": ("darwin", ".dylib")}.get(platform.system())
@@ -164,7 +164,7 @@ def _compiled(source: str, identifier: str) -> tuple[tuple[str, bytes] | None, s
 
 
 def _function(name: str, formulas: Formulas, results: Sequence[int], tables: list[str]) -> str:
-    """A C function that writes the results into ``out``."""
+    """Return a C function that writes the results into ``out``."""
     system = formulas.system
     names = {"t": "t"}
     for kind, signals in (

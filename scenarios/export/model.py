@@ -91,7 +91,7 @@ def exported(
     aircraft: Aircraft | None = None,
     made_by: str = "declaration",
 ) -> ExportedModel:
-    """A model with values, compiled.
+    """Return a model with values, compiled.
 
     Parameters
     ----------
@@ -127,8 +127,8 @@ def exported(
 
 
 def model_of_study(folder: Path, user_model: Path | OwnModel | None = None) -> ExportedModel:
-    """The model that a folder of ``identify`` or ``diagnose`` keeps, that which ``structure`` wrote
-    into one, or that of a vehicle file of model ``aircraft``.
+    """Return the model that a folder of ``identify`` or ``diagnose`` keeps, that which
+    ``structure`` wrote into one, or that of a vehicle file of model ``aircraft``.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def model_of_study(folder: Path, user_model: Path | OwnModel | None = None) -> E
 
 
 def _aircraft_of(text: str, folder: Path) -> Aircraft:
-    """The declaration that a study keeps as text."""
+    """Return the declaration that a study keeps as text."""
     import tempfile
 
     from scenarios.files.aircraft_files import read_aircraft
@@ -241,7 +241,7 @@ class OperationTrace:
         self._known: dict[Operation, int] = {}
 
     def note(self, operation: Operation) -> Symbol:
-        """The symbol of an operation, the same for the same operation."""
+        """Return the symbol of an operation, the same for the same operation."""
         place = self._known.get(operation)
         if place is None:
             place = self._known[operation] = len(self.operations)
@@ -249,7 +249,7 @@ class OperationTrace:
         return Symbol(self, place)
 
     def signal(self, name: str) -> Symbol:
-        """The symbol of a state, an input or a parameter."""
+        """Return the symbol of a state, an input or a parameter."""
         return self.note(Operation("signal", (), name))
 
     def place_of(self, value: Any) -> int:
@@ -357,7 +357,7 @@ class Formulas:
     outputs: tuple[int, ...]
 
     def needed(self, results: Sequence[int]) -> list[int]:
-        """Places of the operations that lead to some results, in order."""
+        """Return the places of the operations that lead to some results, in order."""
         wanted: set[int] = set()
         open_ = list(results)
         while open_:
@@ -369,7 +369,7 @@ class Formulas:
 
 
 def formulas_of(system: System) -> Formulas:
-    """The equations of a system as formulas, with its parameters as symbols.
+    """Return the equations of a system as formulas, with its parameters as symbols.
 
     Parameters
     ----------

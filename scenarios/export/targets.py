@@ -91,7 +91,7 @@ def simulate(time, inputs, start=None, parameters=None, hold=True, max_step=0.02
 
 
 def python_module(model: ExportedModel) -> str:
-    """The text of the module: names with units, values, ``derivatives``, ``outputs`` and
+    """Return the text of the module: names with units, values, ``derivatives``, ``outputs`` and
     ``simulate``.
 
     Parameters
@@ -136,7 +136,7 @@ def python_module(model: ExportedModel) -> str:
 
 
 def _printable(text: str) -> str:
-    """The name in a form that a docstring can hold."""
+    """Return the name in a form that a docstring can hold."""
     return "".join(c if c.isprintable() and c not in '"\\' else "?" for c in text)
 
 
@@ -261,7 +261,7 @@ AXES = ("X", "Y", "Z", "ROLL", "PITCH", "YAW")
 
 
 def jsbsim_file(model: ExportedModel) -> str:
-    """The text of the aircraft file.
+    """Return the text of the aircraft file.
 
     Parameters
     ----------
@@ -403,7 +403,7 @@ def _turned(product: XML.Element, axis: str) -> None:
 
 
 def _signals(aero: XML.Element, aircraft: Aircraft) -> dict[str, str]:
-    """The property of each signal of terms; non-dimensional rates and mixes as functions."""
+    """Return the property of each signal of terms; non-dimensional rates and mixes as functions."""
     result = {"alpha": "aero/alpha-rad", "beta": "aero/beta-rad", "mach": f"{ROOT}/mach"}
     result |= {name: f"{ROOT}/{name}" for name in aircraft.surfaces}
     c = aircraft.constants

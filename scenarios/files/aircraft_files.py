@@ -179,7 +179,7 @@ def read_model_file(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnMode
 
 
 def example() -> Model:
-    """The model of the generic airliner that the catalogue has, for lists of models."""
+    """Return the model of the generic airliner that the catalogue has, for lists of models."""
     place = files("scenarios").joinpath("catalog", "aircraft", "airliner.toml")
     with as_file(place) as path:
         return read_model_file(path).model
@@ -270,7 +270,7 @@ def _wind(value: bool | str) -> str:
 
 
 def _declared(vehicle: Mapping[str, Any], terms: Mapping[str, Any], stem: str) -> Aircraft:
-    """The aircraft of a checked file."""
+    """Return the aircraft of a checked file."""
     thrust = vehicle.get("thrust", {"input": "none", "arm": 0.0, "angle": 0.0})
     cg = vehicle.get("center_of_gravity", {})
     constants = {name: vehicle[name] for name in CONSTANTS if name in vehicle}
@@ -337,7 +337,7 @@ def _thrust(table: Mapping[str, Any], stem: str) -> Thrust:
 
 
 def written(aircraft: Aircraft, sigmas: Mapping[str, float] | None = None) -> str:
-    """An aircraft as a vehicle file, with the standard deviations of values as comments.
+    """Return an aircraft as a vehicle file, with the standard deviations of values as comments.
 
     Parameters
     ----------
@@ -416,13 +416,13 @@ FILE_KEYS = {"omega": "frequency", "zeta": "damping", "generalized_mass": "gener
 
 
 def is_library_name(given: str | Path | Any) -> bool:
-    """Whether a text can only be a library name: a plain word, and no existing file."""
+    """Return whether a text can only be a library name: a plain word, and no existing file."""
     text = str(given)
     return text.isidentifier() and len(text) <= LONGEST and not os.path.lexists(text)
 
 
 def vehicle_source(given: str | Path | Source, model: str = "") -> Source:
-    """A vehicle file as it is, or the file of a library vehicle.
+    """Return a vehicle file as it is, or the file of a library vehicle.
 
     Parameters
     ----------
@@ -443,14 +443,14 @@ def vehicle_source(given: str | Path | Source, model: str = "") -> Source:
 
 
 def source_of_content(name: str, content: Mapping[str, Any], model: str) -> Source:
-    """A vehicle file from its content, without elastic modes if the model is rigid."""
+    """Return a vehicle file from its content, without elastic modes if the model is rigid."""
     used = {key: value for key, value in content.items() if key != "modes" or model != "rigid"}
     raw = toml_text(used).encode()
     return Source(Path(name), raw, InputFile(name, hashlib.sha256(raw).hexdigest()))
 
 
 def content_of_library(name: str) -> dict[str, Any]:
-    """Content of the vehicle file of a library vehicle. Raises DeclarationError."""
+    """Return the content of the vehicle file of a library vehicle. Raises DeclarationError."""
     names = vehicle_names()
     if name not in names:
         near = difflib.get_close_matches(name, names, 3) or list(names)
@@ -463,7 +463,7 @@ def content_of_library(name: str) -> dict[str, Any]:
 
 
 def content_of(data: VehicleData) -> dict[str, Any]:
-    """A library vehicle with the keys of a vehicle file."""
+    """Return a library vehicle with the keys of a vehicle file."""
     _, constants, derivatives = FAMILIES[data.equations]
     values = {number.name: number.value for number in data.numbers}
     out: dict[str, Any] = {
@@ -484,7 +484,7 @@ def content_of(data: VehicleData) -> dict[str, Any]:
 
 
 def _mode(values: Mapping[str, float], number: int, modes: int) -> dict[str, float]:
-    """The ``[[modes]]`` table of one elastic mode."""
+    """Return the ``[[modes]]`` table of one elastic mode."""
     constants = {
         f"{local}{number}": key for local, key in FILE_KEYS.items() if local in MODE_CONSTANTS
     }
@@ -508,7 +508,7 @@ def _mode(values: Mapping[str, float], number: int, modes: int) -> dict[str, flo
 
 
 def toml_text(content: Mapping[str, Any]) -> str:
-    """Text of a vehicle file: plain keys first, then tables, then lists of tables.
+    """Return the text of a vehicle file: plain keys first, then tables, then lists of tables.
 
     Raises DeclarationError for a value that TOML does not have.
     """
@@ -565,7 +565,7 @@ def _key(key: Any) -> str:
 
 
 def toml_value(value: Any, key: Any) -> str:
-    """A value as TOML writes it; ``key`` names it in errors."""
+    """Return a value as TOML writes it; ``key`` names it in errors."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
@@ -596,5 +596,5 @@ def toml_value(value: Any, key: Any) -> str:
 
 
 def _quoted(text: str) -> str:
-    """A basic string: as JSON writes it, but for one letter that JSON does not escape."""
+    """Return a basic string: as JSON writes it, but for one letter that JSON does not escape."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -41,8 +41,8 @@ _KINDS = ("float", "int", "str", "constrained-str")
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """The content of a TOML file. Raises DeclarationError where it is missing, unreadable, or as
-    ``toml_of`` says.
+    """Return the content of a TOML file. Raises DeclarationError where it is missing, unreadable,
+    or as ``toml_of`` says.
     """
     return toml_of(read_toml_source(path))
 
@@ -58,7 +58,7 @@ def read_toml_source(path: str | Path | Source) -> Source:
 
 
 def toml_of(source: Source) -> dict[str, Any]:
-    """The content of a TOML file that was read.
+    """Return the content of a TOML file that was read.
 
     Raises
     ------
@@ -237,8 +237,8 @@ MODULE = "flightid_of_user_"
 
 
 def run_python(source: Source, kind: str) -> ModuleType:
-    """The module that a file makes, run as any Python program is; ``kind`` is part of its name
-    while it runs, ``"effects"``.
+    """Return the module that a file makes, run as any Python program is; ``kind`` is part of its
+    name while it runs, ``"effects"``.
 
     Raises
     ------
@@ -279,7 +279,7 @@ def run_python(source: Source, kind: str) -> ModuleType:
 
 
 def _line(error: BaseException, path: Path) -> str:
-    """The line of the user's file that the error came through last."""
+    """Return the line of the user's file that the error came through last."""
     result, trace = "", error.__traceback__
     while trace is not None:
         if trace.tb_frame.f_code.co_filename == str(path):
@@ -348,7 +348,7 @@ def split_header(cell: str) -> tuple[str, str | None]:
 
 
 def is_clock(name: str) -> bool:
-    """Whether a header names a clock, in whatever case and with any unit in brackets."""
+    """Return whether a header names a clock, in whatever case and with any unit in brackets."""
     label = re.sub(r"\s*[\[(].*", "", name).strip().lower()
     return label in CLOCK_NAMES or label.replace(" ", "_") in CLOCK_NAMES
 
@@ -447,7 +447,7 @@ def _may_be_surface(key: str, known: Iterable[str]) -> bool:
 
 
 def _choice(entry: ColumnEntry) -> ColumnChoice:
-    """The entry for the reader: ``bias`` is subtracted, ``sign`` multiplies the scale."""
+    """Return the entry for the reader: ``bias`` is subtracted, ``sign`` multiplies the scale."""
     from scenarios.files.schemas import ABSENT
 
     if entry.column == ABSENT:

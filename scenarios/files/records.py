@@ -52,7 +52,7 @@ class Window:
     notes: tuple[str, ...] = ()
 
     def of(self, values: np.ndarray) -> np.ndarray:
-        """The samples of a column in the window."""
+        """Return the samples of a column in the window."""
         cut = values[self.rows]
         return cut if self.order is None else cut[self.order]
 
@@ -190,8 +190,8 @@ read_record = _alone(read_with_notes)
 def window_of(
     file: RecordFile, start: float | None = None, stop: float | None = None
 ) -> tuple[np.ndarray, slice]:
-    """Time stamps of a file between two times, s, checked as ``read_record`` checks them, and their
-    rows. Raises RecordError.
+    """Return the time stamps of a file between two times, s, checked as ``read_record`` checks
+    them, and their rows. Raises RecordError.
     """
     window = _time(
         file.table, _clock_column(file, file.choices, CHANNEL_UNITS, None), start, stop, None
@@ -200,8 +200,8 @@ def window_of(
 
 
 def raw_column(file: RecordFile, index: int) -> np.ndarray:
-    """The numbers of a column in the rows of the record, shape ``(N,)``, in no unit but the file's;
-    NaN where a cell is none. Raises RecordError.
+    """Return the numbers of a column in the rows of the record, shape ``(N,)``, in no unit but the
+    file's; NaN where a cell is none. Raises RecordError.
     """
     window = _time(
         file.table, _clock_column(file, file.choices, CHANNEL_UNITS, None), None, None, None
@@ -241,8 +241,8 @@ def refuse_rate(file: RecordFile, channel_map: Mapping[str, ColumnChoice] | None
 
 
 def column_of(file: RecordFile, channel: str) -> SourceColumn:
-    """The column of one of our channels by the file's own channel map. Raises RecordError where
-    there is none, as ``find_column`` else.
+    """Return the column of one of our channels by the file's own channel map. Raises RecordError
+    where there is none, as ``find_column`` else.
     """
     column = _columns(file, [channel], set(), file.choices, CHANNEL_UNITS)[channel]
     if column is None:
@@ -279,8 +279,8 @@ def _columns(
 
 
 def rows_between(time: np.ndarray, start: float | None, stop: float | None) -> slice:
-    """The block of rows from ``start`` to ``stop``, s, both inclusive, by the fewest contradicted
-    stamps.
+    """Return the block of rows from ``start`` to ``stop``, s, both inclusive, by the fewest
+    contradicted stamps.
 
     ``time`` has shape ``(N,)`` and may hold NaN, which has no say. An end that was asked for stands
     at a row inside the window.
@@ -312,8 +312,8 @@ def _clock_column(
     channel_units: Mapping[str, str],
     rate: float | None,
 ) -> SourceColumn | None:
-    """The column of the clock: ``time``, else another name of a clock; None where the file has none
-    and its rate is known.
+    """Return the column of the clock: ``time``, else another name of a clock; None where the file
+    has none and its rate is known.
     """
     column = _columns(file, [TIME], set(), channel_map, channel_units)[TIME]
     table = file.table
@@ -338,7 +338,7 @@ def _clock_column(
 
 
 def missing_clock(table: CellTable) -> RecordError:
-    """The error for a table in which no column is a clock."""
+    """Return the error for a table in which no column is a clock."""
     error = missing_column(TIME, table.header, table.file)
     unnamed = bool(table.header) and table.header[0] == "column 1"
     names = ",".join([TIME, *(f"NAME{n}" for n in range(2, min(len(table.header), 4) + 1))])
@@ -433,8 +433,8 @@ def _time(
 
 
 def _repeats(table: CellTable, time: np.ndarray, rows: slice) -> np.ndarray:
-    """Rows that have the time and every cell of another row before them, in the order of their
-    times; shape ``(N,)``.
+    """Return the rows that have the time and every cell of another row before them, in the order of
+    their times; shape ``(N,)``.
     """
     order = np.argsort(time, kind="stable")
     repeated = np.zeros(time.size, dtype=bool)
@@ -451,8 +451,8 @@ def _repeats(table: CellTable, time: np.ndarray, rows: slice) -> np.ndarray:
 def _input(
     table: CellTable, column: SourceColumn, window: Window, way: str | None
 ) -> tuple[Channel, str]:
-    """An input; one that was recorded at a lower rate than the rows is continued between its own
-    samples, and a sentence says how.
+    """Return an input; one that was recorded at a lower rate than the rows is continued between its
+    own samples, and a sentence says how.
 
     Its own samples count as a lower rate where no two lie further apart than two and a half of
     their usual distance.

@@ -23,7 +23,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from scenarios.files.sources import LARGEST
+from scenarios.files.sources import LARGEST_NUMBER
 from scenarios.files.units import to_si
 from sim.errors import DeclarationError
 from sim.vehicles.factory import ABOVE_ZERO, FAMILIES, MODE_DERIVATIVES, WHOLE_AXES, mode_parameter
@@ -99,8 +99,8 @@ _Entry = Annotated[ColumnEntry | None, BeforeValidator(_table)]
 
 
 def channel_map(allowed: Sequence[str]) -> type[BaseModel]:
-    """The schema of a map of these channels, each behind an alias: an own model may use names that
-    pydantic needs for itself.
+    """Return the schema of a map of these channels, each behind an alias: an own model may use
+    names that pydantic needs for itself.
     """
     fields: dict[str, Any] = {
         f"channel_{place}": (_Entry, Field(None, alias=name)) for place, name in enumerate(allowed)
@@ -115,14 +115,18 @@ _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)
 
 
 def quantity_in(target: str) -> Callable[[object], float]:
-    """A validator that turns a number or ``"24200 lb"`` into the unit ``target``."""
+    """Return a validator that turns a number or ``"24200 lb"`` into the unit ``target``."""
 
     def convert(value: object) -> float:
         number = plain(value)
-        if math.isfinite(number) and number != 0.0 and not 1.0 / LARGEST <= abs(number) <= LARGEST:
+        if (
+            math.isfinite(number)
+            and number != 0.0
+            and not 1.0 / LARGEST_NUMBER <= abs(number) <= LARGEST_NUMBER
+        ):
             what = (
-                f"{value!r:.60} lies beyond the numbers that are computed with, {1.0 / LARGEST:g} "
-                f"to {LARGEST:g}"
+                f"{value!r:.60} lies beyond the numbers that are computed with, "
+                f"{1.0 / LARGEST_NUMBER:g} to {LARGEST_NUMBER:g}"
             )
             raise PydanticCustomError(
                 "quantity", "extreme", {"what": what, "remedy": "check its exponent and its unit"}
@@ -183,7 +187,7 @@ def _example(target: str) -> str:
 
 
 def number_of(target: str, gt: float | None = None, ge: float | None = None) -> Any:
-    """The type of a number, or of a text with a unit, in the unit ``target``."""
+    """Return the type of a number, or of a text with a unit, in the unit ``target``."""
     return Annotated[float, BeforeValidator(quantity_in(target)), Field(gt=gt, ge=ge)]
 
 
@@ -192,7 +196,7 @@ def _required(kinds: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def table_of(title: str, **fields: Any) -> type[BaseModel]:
-    """A strict schema of a table of a vehicle file."""
+    """Return a strict schema of a table of a vehicle file."""
     return create_model(title, __config__=VEHICLES_SCHEMA_STRICT, **fields)
 
 
@@ -245,7 +249,7 @@ _FLOWN: dict[str, Any] = {
 
 
 def _whole_axes(model: str) -> type[BaseModel]:
-    """The file of equations whose constants must be given, and whose derivatives may be left
+    """Return the file of equations whose constants must be given, and whose derivatives may be left
     out.
     """
     _, constants, derivatives = WHOLE_AXES[model]
@@ -316,8 +320,8 @@ CHECK_ONLY = table_of(
 
 
 def mode_schema(number: int, count: int) -> type[BaseModel]:
-    """The table of elastic mode ``number`` of ``count``: its own starts are required, couplings to
-    other modes are not.
+    """Return the table of elastic mode ``number`` of ``count``: its own starts are required,
+    couplings to other modes are not.
     """
     own = {
         "frequency": number_of("rad/s", gt=0.0),

@@ -45,8 +45,8 @@ _SHOWN = {number: f"\\u{number:04x}" for number in _HIDDEN if chr(number) not in
 
 
 def escaped(text: str) -> str:
-    """The text with every control character but line ends and tabs as ``\\u001b``, which JSON reads
-    back as it was.
+    """Return the text with every control character but line ends and tabs as ``\\u001b``, which
+    JSON reads back as it was.
     """
     return text if text.isascii() and text.isprintable() else text.translate(_SHOWN)
 
@@ -92,13 +92,13 @@ def styled_stream(stream: Any) -> Any:
 # ---- Files opened once
 
 # bytes of a record file, as it stands and unpacked: a few times that has room in memory
-LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite ones
+LARGEST_NUMBER = 1e50  # squares and sums of larger numbers leave the range of finite ones
 MOST_RECORD = 1 << 30
 # bytes of a TOML or Python file: the parser takes a second for each million
 MOST_DECLARED = 1 << 22
 MOST_DOCUMENT = 1 << 27  # bytes of a JSON document of ours, which may hold figures
-PATIENCE = 5.0  # s, in which a program must begin to write into a pipe
-_PIECE = 1 << 20
+PIPE_TIMEOUT = 5.0  # s, in which a program must begin to write into a pipe
+_PIECE_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def read_source(
 
 
 def read_content(path: Path, error: type[FlightidError], wanted: str, most: int) -> bytes:
-    """The bytes of a file. Parameters and errors as ``read_source``."""
+    """Return the bytes of a file. Parameters and errors as ``read_source``."""
     where = str(path)
     try:
         return _content(path, error, wanted, most)
@@ -158,7 +158,7 @@ def read_content(path: Path, error: type[FlightidError], wanted: str, most: int)
 
 
 def resolved(path: str | Path) -> Path:
-    """A path without links in it; a circle of links stays, for whoever opens it to name."""
+    """Return a path without links in it; a circle of links stays, for whoever opens it to name."""
     return Path(os.path.realpath(path))
 
 
@@ -205,16 +205,16 @@ def _piece(handle: int) -> bytes:
     """The next bytes, none at the end; of a pipe that is written into they are waited for."""
     while True:
         try:
-            return os.read(handle, _PIECE)
+            return os.read(handle, _PIECE_BYTES)
         except BlockingIOError:
             select.select([handle], [], [])
 
 
 def _first_piece(handle: int) -> bytes:
-    """The first bytes of a pipe; none where no program has come to write into it before
-    ``PATIENCE`` is over.
+    """Return the first bytes of a pipe; none where no program has come to write into it before
+    ``PIPE_TIMEOUT`` is over.
     """
-    until = time.monotonic() + PATIENCE
+    until = time.monotonic() + PIPE_TIMEOUT
     while not (piece := _piece(handle)) and time.monotonic() < until:
         time.sleep(0.02)
     return piece
@@ -222,7 +222,7 @@ def _first_piece(handle: int) -> bytes:
 
 # ---- JSON and TOML texts as plain values, within bounds that every file of ours keeps
 
-DEEPEST = 64  # tables and lists inside each other
+DEEPEST_NESTING = 64  # tables and lists inside each other
 MOST_DIGITS = 300  # of a whole number, which then fits into a float
 _documents_SHOWN = 40  # characters of what is wrong
 
@@ -236,19 +236,19 @@ class DocumentError(ValueError):
 
 
 def json_value(content: bytes | str) -> Any:
-    """The value of a strict JSON text.
+    """Return the value of a strict JSON text.
 
     Raises
     ------
-    DocumentError : it is not UTF-8, no JSON, nested deeper than ``DEEPEST``, or holds a number that
-        is not finite or has too many digits.
+    DocumentError : it is not UTF-8, no JSON, nested deeper than ``DEEPEST_NESTING``, or holds a
+        number that is not finite or has too many digits.
     """
     try:
         value = json.loads(content, parse_int=_whole, parse_constant=_constant)
     except DocumentError:
         raise
     except RecursionError:
-        raise DocumentError(f"nested deeper than {DEEPEST} levels") from None
+        raise DocumentError(f"nested deeper than {DEEPEST_NESTING} levels") from None
     except UnicodeDecodeError:
         raise DocumentError("not UTF-8 text") from None
     except ValueError as error:
@@ -262,13 +262,13 @@ def toml_value(text: str) -> dict[str, Any]:
 
     Raises
     ------
-    DocumentError : it is no TOML, nested deeper than ``DEEPEST``, or holds a whole number of too
-        many digits.
+    DocumentError : it is no TOML, nested deeper than ``DEEPEST_NESTING``, or holds a whole number
+        of too many digits.
     """
     try:
         value = tomllib.loads(text)
     except RecursionError:
-        raise DocumentError(f"nested deeper than {DEEPEST} levels") from None
+        raise DocumentError(f"nested deeper than {DEEPEST_NESTING} levels") from None
     except tomllib.TOMLDecodeError as error:
         raise DocumentError(f"not valid TOML: {' '.join(str(error).split())}") from None
     except ValueError:  # Python's own limit of digits, and dates that no calendar has
@@ -282,7 +282,7 @@ def toml_value(text: str) -> dict[str, Any]:
 def read_json(
     path: Path, error: type[FlightidError] = DeclarationError, wanted: str = "the folder of a study"
 ) -> Any:
-    """The value of a JSON file.
+    """Return the value of a JSON file.
 
     Raises
     ------
@@ -301,8 +301,8 @@ def read_json(
 
 
 def json_or_none(path: Path) -> Any:
-    """The value of a JSON file that may be another's or damaged: None where there is none or it is
-    no strict JSON.
+    """Return the value of a JSON file that may be another's or damaged: None where there is none or
+    it is no strict JSON.
     """
     try:
         return read_json(path)
@@ -324,9 +324,9 @@ def _refuse_extremes(value: Any, *, finite: bool) -> None:
     """Go through all values, level by level so that no depth can overrun this."""
     level, depth = [("", value)], 0
     while level:
-        if depth > DEEPEST:
+        if depth > DEEPEST_NESTING:
             raise DocumentError(
-                f"nested deeper than {DEEPEST} levels", level[0][0][:_documents_SHOWN]
+                f"nested deeper than {DEEPEST_NESTING} levels", level[0][0][:_documents_SHOWN]
             )
         inner: list[tuple[str, Any]] = []
         for key, each in level:
@@ -373,7 +373,7 @@ def own_version() -> str:
 
 MOST_NUMBERS = MOST_RECORD // 8
 _PIECE_OF_PACKED = 1 << 20
-_COMPRESSED = 15  # type of an element of a MAT file that is packed
+_COMPRESSED_TYPE = 15  # type of an element of a MAT file that is packed
 _MAT_HEADER = 128
 HDF5 = b"\x89HDF"  # first bytes of the file
 ZIP = b"PK\x03\x04"  # first bytes of the file
@@ -412,7 +412,7 @@ def _unpacked_by_zip(content: bytes) -> int:
 
 
 def _numbers_in_parquet(content: bytes) -> int:
-    """Rows times columns, as the file's own index has them."""
+    """Return the rows times columns, as the file's own index has them."""
     try:
         import pyarrow.parquet
 
@@ -431,7 +431,7 @@ def _unpacked_by_mat(content: bytes) -> int:
             int.from_bytes(content[at + shift : at + shift + 4], order) for shift in (0, 4)
         )
         body = content[at + 8 : at + 8 + size]
-        total += _unpacked(body, MOST_RECORD - total) if kind == _COMPRESSED else len(body)
+        total += _unpacked(body, MOST_RECORD - total) if kind == _COMPRESSED_TYPE else len(body)
         at += 8 + size
     return total
 

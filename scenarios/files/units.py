@@ -22,8 +22,7 @@ Number = TypeVar("Number", float, np.ndarray)
 
 LOAD_FACTOR = "g"
 
-# Quantity that each of our units measures, and units a user may write for it.
-QUANTITIES = {
+QUANTITIES = {  # Quantity that each of our units measures, and units a user may write for it.
     "1": ("a pure number", "no unit"),
     "s": ("a time", "s, ms or min"),
     "rad": ("an angle", "rad, deg or mrad"),
@@ -56,7 +55,7 @@ _SI = {
 _CAPITALS = {name.upper(): name for name in _SI}
 _DEGREE = math.pi / 180.0
 _FACTOR = re.compile(r"([*/]?)(rad|deg|kg|Pa|N|m|s|1)(?:\*\*(-?\d+))?(?=[*/]|$)", re.ASCII)
-_LONGEST = 40  # characters of a unit: what is longer is none, and takes the parser long
+_LONGEST_UNIT = 40  # characters of a unit: what is longer is none, and takes the parser long
 # Powers beyond two digits, powers of powers and large numbers are no units; the library would work
 # them out.
 _EXPLOSIVE = re.compile(
@@ -116,7 +115,9 @@ def to_si(
         return value
     if not _is_tame(text):
         examples = QUANTITIES.get(target, ("", f"it in {target}, or leave the unit out"))[1]
-        raise error(f"unknown unit {unit[:_LONGEST]!r}", where=where, remedy=f"write {examples}")
+        raise error(
+            f"unknown unit {unit[:_LONGEST_UNIT]!r}", where=where, remedy=f"write {examples}"
+        )
     if target == LOAD_FACTOR:
         if text in (*_GRAVITIES, "1"):
             return value
@@ -127,8 +128,8 @@ def to_si(
 
 
 def is_unit(unit: str) -> bool:
-    """Whether a unit is known, so that others are converted into it; any other is a label that all
-    must share.
+    """Return whether a unit is known, so that others are converted into it; any other is a label
+    that all must share.
     """
     text = normal_form(unit)
     if not _is_tame(text):
@@ -139,11 +140,11 @@ def is_unit(unit: str) -> bool:
 
 
 def _is_tame(text: str) -> bool:
-    """Whether a unit is a short product of small powers in plain letters; only such a text is
-    parsed.
+    """Return whether a unit is a short product of small powers in plain letters; only such a text
+    is parsed.
     """
     foreign = any(letter.isdecimal() and not letter.isascii() for letter in text)
-    return len(text) <= _LONGEST and not foreign and _EXPLOSIVE.search(text) is None
+    return len(text) <= _LONGEST_UNIT and not foreign and _EXPLOSIVE.search(text) is None
 
 
 def normal_form(unit: str) -> str:
@@ -236,7 +237,7 @@ def _registry() -> pint.UnitRegistry[Any]:
 
 
 def _parsed(units: pint.UnitRegistry[Any], text: str) -> Any:
-    """The unit, also from capitals (``"DEG/S"``); None if there is no such unit."""
+    """Return the unit, also from capitals (``"DEG/S"``); None if there is no such unit."""
     if not re.fullmatch(r"[\w*/().%-]+", text):
         return None
     for spelling in (text, text.lower()):
@@ -249,5 +250,5 @@ def _parsed(units: pint.UnitRegistry[Any], text: str) -> Any:
 
 
 def _angle_power(unit: Any) -> float:
-    """Power of an angle in a unit; pint counts angles as pure numbers."""
+    """Return the power of an angle in a unit; pint counts angles as pure numbers."""
     return sum(power for name, power in unit._units.items() if name.endswith(_ANGLES))

@@ -26,7 +26,7 @@ from sim.errors import DeclarationError, ModelError
 
 TABLES = ("fixed", "bounds", "tied")
 STARTS = "derivatives"
-_AT = 1e-9  # of the larger bound, within which a value is at one
+_BOUND_TOLERANCE = 1e-9  # of the larger bound, within which a value is at one
 _TIE = 'write NAME = {parameter = "OTHER", factor = 0.5}, or a list of such terms'
 _NO_BOUNDS: Mapping[str, tuple[float, float]] = MappingProxyType({})
 
@@ -54,8 +54,8 @@ def take_constraints(
     path: str | Path,
     defaults: Mapping[str, float] | None = None,
 ) -> Constraints:
-    """The three tables taken out of a vehicle file's content, in place; values of fixed and tied
-    parameters join its starts.
+    """Return the three tables taken out of a vehicle file's content, in place; values of fixed and
+    tied parameters join its starts.
 
     Parameters
     ----------
@@ -96,8 +96,8 @@ def take_constraints(
 def with_place(
     error: DeclarationError, constraints: Constraints, path: str | Path
 ) -> DeclarationError:
-    """A fault of a start that came from ``[fixed]`` or ``[tied]``, with the key under which the
-    user wrote it.
+    """Return a fault of a start that came from ``[fixed]`` or ``[tied]``, with the key under which
+    the user wrote it.
     """
     for table, names in (
         ("fixed", constraints.fixed),
@@ -128,7 +128,7 @@ def side_at(value: float, bounds: tuple[float, float]) -> str:
     empty.
     """
     low, high = bounds
-    tolerance = _AT * max(abs(end) if math.isfinite(end) else 0.0 for end in bounds)
+    tolerance = _BOUND_TOLERANCE * max(abs(end) if math.isfinite(end) else 0.0 for end in bounds)
     if math.isfinite(low) and low - value >= -tolerance:
         return "lower"
     return "upper" if math.isfinite(high) and value - high >= -tolerance else ""
@@ -369,21 +369,21 @@ class OwnModel:
 
 
 def is_model_file(name: str | OwnModel) -> bool:
-    """Whether ``--model`` names a user's file: one that ends in .py, or a path; a model in memory
-    is as good.
+    """Return whether ``--model`` names a user's file: one that ends in .py, or a path; a model in
+    memory is as good.
     """
     ends = (SUFFIX, AIRCRAFT_SUFFIX)
     return isinstance(name, OwnModel) or name.endswith(ends) or "/" in name or "\\" in name
 
 
 def is_own(model: Model) -> bool:
-    """Whether a model is a user model, whose file defines the meaning of its signals."""
+    """Return whether a model is a user model, whose file defines the meaning of its signals."""
     return isinstance(model.equations, OwnEquations)
 
 
 def is_of_aircraft(model: Model) -> bool:
-    """Whether a model speaks of an aircraft's short period: built in, or with its channels and its
-    airspeed by their names and in their units.
+    """Return whether a model speaks of an aircraft's short period: built in, or with its channels
+    and its airspeed by their names and in their units.
 
     Of such an own model the kinematics say what they say of a built-in one, and its channels have
     the same words.
@@ -406,15 +406,15 @@ def inputs_at_rest(model: Model) -> list[float]:
 
 
 def moves_about_rest(model: Model) -> bool:
-    """Whether a model has modes about its start: not a user model that starts elsewhere than at
-    rest.
+    """Return whether a model has modes about its start: not a user model that starts elsewhere than
+    at rest.
     """
     return not is_own(model) or not (np.any(model.initial.values()) or any(inputs_at_rest(model)))
 
 
 def unit_in(model: Model, name: str) -> str:
-    """The unit that a model declares for a state, an input, an output or a parameter; 1 where it
-    has no such name.
+    """Return the unit that a model declares for a state, an input, an output or a parameter; 1
+    where it has no such name.
     """
     e = model.equations
     signals = {signal.name: signal.unit for signal in (*e.states, *e.inputs, *e.outputs)}
@@ -453,7 +453,7 @@ def read_user_model(path: str | Path, built_in: tuple[str, ...] = ()) -> OwnMode
 
 
 def model_in_memory(model: object, built_in: tuple[str, ...] = ()) -> OwnModel:
-    """A user model that was made in Python without a file.
+    """Return a user model that was made in Python without a file.
 
     Raises DeclarationError as ``read_user_model``.
     """
@@ -577,8 +577,8 @@ def own_numbers(own: OwnModel, source: Source) -> tuple[str, Model, Constraints]
 
 
 def channel_units(model: Model) -> Mapping[str, str]:
-    """Unit of every channel that a record for this model may have; a user model declares its
-    own.
+    """Return the unit of every channel that a record for this model may have; a user model declares
+    its own.
     """
     if not is_own(model):
         return CHANNEL_UNITS

@@ -116,8 +116,8 @@ class VehicleFile:
 
 
 def vehicle_with_file(name: str, file: InputFile | None) -> str:
-    """A vehicle's name and the file that was read for it, as outputs name them; the name alone
-    where its values come from elsewhere.
+    """Return a vehicle's name and the file that was read for it, as outputs name them; the name
+    alone where its values come from elsewhere.
 
     Examples
     --------
@@ -140,8 +140,8 @@ ALSO_READ = "also read, because found beside the records"
 
 
 def files_read_unnamed(records: Sequence[RecordFile], vehicle: Path | None) -> tuple[str, ...]:
-    """A sentence that names the files that were read without being named: a vehicle file and the
-    JSON files of records; empty without one.
+    """Return a sentence that names the files that were read without being named: a vehicle file and
+    the JSON files of records; empty without one.
 
     ``vehicle``: the file that ``vehicle_next_to`` found, None where the vehicle file was named.
     """
@@ -165,8 +165,8 @@ def refuse_unknown_model(model: str | OwnModel, where: str) -> None:
 
 
 def read_vehicle(path: str | Path | Source | None, model: str | OwnModel) -> VehicleFile:
-    """A vehicle file for one of ``MODELS``, as ``vehicle_of``, or for a user's own model, which
-    alone can do without (None).
+    """Return a vehicle file for one of ``MODELS``, as ``vehicle_of``, or for a user's own model,
+    which alone can do without (None).
 
     Raises DeclarationError, also where there is no such file.
     """
@@ -185,7 +185,7 @@ def read_vehicle(path: str | Path | Source | None, model: str | OwnModel) -> Veh
 
 
 def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
-    """A user's own model with the numbers of a vehicle file, or with its own where there is
+    """Return a user's own model with the numbers of a vehicle file, or with its own where there is
     none.
     """
     if source is not None and "aerodynamics" in toml_of(source):
@@ -227,7 +227,7 @@ def with_plain_terms(source: Source) -> Source:
 
 
 def aircraft_vehicle(source: Source) -> VehicleFile:
-    """A file of the model ``aircraft``. Raises DeclarationError as ``vehicle_of``."""
+    """Return a file of the model ``aircraft``. Raises DeclarationError as ``vehicle_of``."""
     name, model, laid_down = model_of_file(source)
     constants, starts = (
         {item.name: item.value for item in model.parameters if item.free is free}
@@ -249,7 +249,7 @@ def aircraft_vehicle(source: Source) -> VehicleFile:
 
 
 def _with_uncertainty(vehicle: VehicleFile, source: Source) -> VehicleFile:
-    """The vehicle with the standard deviations of its constants that its file states.
+    """Return the vehicle with the standard deviations of its constants that its file states.
 
     Raises DeclarationError, in one line: an unknown constant, another unit, a number that is not
     positive, or a standard deviation beyond half of a constant that must be positive.
@@ -291,9 +291,9 @@ def _with_uncertainty(vehicle: VehicleFile, source: Source) -> VehicleFile:
 
 
 def read_any_vehicle(path: str | Path | Source) -> VehicleFile:
-    """A vehicle file of whichever model of an aircraft it is written for; its model is empty where
-    the file has only what a check of the kinematics uses. Raises DeclarationError where it is for
-    none, or wrong.
+    """Return a vehicle file of whichever model of an aircraft it is written for; its model is empty
+    where the file has only what a check of the kinematics uses. Raises DeclarationError where it is
+    for none, or wrong.
     """
     from scenarios.files.schemas import CHECK_ONLY
 
@@ -325,7 +325,7 @@ def read_any_vehicle(path: str | Path | Source) -> VehicleFile:
 
 
 def vehicle_of(source: Source, model: str) -> VehicleFile:
-    """What a file that was read says of a vehicle, for one of ``MODELS``.
+    """Return the vehicle of a file that was read, for one of ``MODELS``.
 
     A value is a number in SI units or a text with a unit, ``"24200 lb"``. The starts of an elastic
     mode stand in its ``[[modes]]`` table; under ``[derivatives]`` they serve as well.
@@ -403,8 +403,8 @@ def _refuse_other_model(content: Mapping[str, Any], model: str, path: Path) -> N
 
 
 def _mode_tables(content: dict[str, Any], path: str | Path) -> list[dict[str, Any]]:
-    """The ``[[modes]]`` tables, with the modal starts that stand under ``[derivatives]`` moved into
-    them.
+    """Return the ``[[modes]]`` tables, with the modal starts that stand under ``[derivatives]``
+    moved into them.
     """
     modes = content.get("modes")
     if (
@@ -439,8 +439,8 @@ def _mode_tables(content: dict[str, Any], path: str | Path) -> list[dict[str, An
 
 
 def with_priors(model: Model, free: Sequence[str]) -> Model:
-    """The model with exactly the named parameters free, each with a prior standard deviation of
-    half its starting value: files may be 30 % wrong.
+    """Return the model with exactly the named parameters free, each with a prior standard deviation
+    of half its starting value: files may be 30 % wrong.
     """
     parameters = model.parameters.only_free(free)
     typical = max((abs(parameters[name].value) for name in free), default=1.0)

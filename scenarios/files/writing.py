@@ -30,7 +30,7 @@ from sim.record import Record
 # ---- Records and results as files: CSV that reads back bit for bit, and strict JSON
 
 # characters of a file's name that its temporary one has, so that a long name can be used
-_SHORT = 40
+_TEMPORARY_NAME_LETTERS = 40
 RESPONSE = "response"  # file of a study's outputs over time
 PREDICTED = "predicted_"  # prefix of predicted outputs
 TRUE = "true_"  # prefix of true outputs
@@ -107,12 +107,12 @@ def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
 
 
 def json_text(content: Mapping[str, Any], where: str = "JSON") -> str:
-    """The text that ``write_json`` writes; ``where`` names the file in errors."""
+    """Return the text that ``write_json`` writes; ``where`` names the file in errors."""
     return escaped(_laid_out(_json_value(content, where, ""), ""))
 
 
 def csv_text(header: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
-    """A table as the text of a CSV file: its header, then its rows."""
+    """Return a table as the text of a CSV file: its header, then its rows."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(header)
@@ -131,7 +131,7 @@ def write_text(path: Path, text: str) -> None:
 
 def write_content(path: Path, content: bytes) -> None:
     """Write a whole file or none, as ``write_text``."""
-    part = path.with_name(f".{path.name[:_SHORT]}.part")
+    part = path.with_name(f".{path.name[:_TEMPORARY_NAME_LETTERS]}.part")
     try:
         part.write_bytes(content)
         os.replace(part, path)
@@ -174,7 +174,7 @@ def file_stems(names: Sequence[str]) -> dict[str, str]:
 
 
 def _json_value(value: Any, where: str, key: str) -> Any:
-    """The value in JSON's own types; ``key`` is the path to it."""
+    """Return the value in JSON's own types; ``key`` is the path to it."""
     place = f"{where}, key {key}" if key else where
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()

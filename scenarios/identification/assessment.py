@@ -26,7 +26,7 @@ from scenarios.files.declarations import closest
 from scenarios.files.user_models import side_at
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.model_checks import Considered
-from scenarios.preparation.declared_model import BETTER
+from scenarios.preparation.declared_model import DECISIVE_LOG_LIKELIHOOD_RATIO
 from scenarios.preparation.filtering import Parted, parts_of, put_together
 from scenarios.preparation.recording import NOTHING_SEEN, HandledFinding, RecordCheck
 from scenarios.report.document import BY_ROW, SIGMAS, Column, Table, estimate, formatted, table
@@ -59,8 +59,8 @@ class AtBound:
 def within_bounds(
     model: Model, estimated: Callable[[Model], tuple[System, Estimate]], *, kept: bool = True
 ) -> tuple[Model, System, Estimate, tuple[AtBound, ...]]:
-    """An estimate whose sigmas are those of what is free: parameters that end at a bound are held
-    there, and the rest estimated again.
+    """Return an estimate whose sigmas are those of what is free: parameters that end at a bound are
+    held there, and the rest estimated again.
 
     Its outcome is ``AT_BOUND`` where there are such and the rest has settled. The model comes back
     with them held. ``kept``: the method keeps bounds; what one does not keep cannot end at one.
@@ -87,7 +87,7 @@ def within_bounds(
 
 
 def tied_rows(model: Model, estimate: Estimate) -> tuple[Row, ...]:
-    """A row for each parameter that follows others, its sigma from theirs."""
+    """Return a row for each parameter that follows others, its sigma from theirs."""
     rows = []
     known: Mapping[str, float] = {
         **{item.name: item.value for item in model.parameters},
@@ -136,8 +136,8 @@ def refuse_profile(method: str) -> None:
 def chosen_names(
     wanted: Sequence[str], estimate: Estimate, held: Collection[str] = ()
 ) -> tuple[str, ...]:
-    """The parameters asked for, all where none is named. Raises DeclarationError for one that is
-    not estimated, as those that are ``held``.
+    """Return the parameters asked for, all where none is named. Raises DeclarationError for one
+    that is not estimated, as those that are ``held``.
     """
     known = [name for name in estimate.names if not name.startswith("bias_")]
     for name in wanted:
@@ -165,8 +165,8 @@ def profiled(
     delays: Mapping[str, str] | None = None,
     band: tuple[float, float] | None = None,
 ) -> tuple[ProfileInterval, ...]:
-    """Intervals of the parameters ``wanted`` (all where none is named) of a settled estimate; none
-    where it did not settle.
+    """Return the intervals of the parameters ``wanted`` (all where none is named) of a settled
+    estimate; none where it did not settle.
 
     ``system`` is the one that was estimated; ``calm`` (filter error) the same without forcing;
     ``delays`` and ``band`` (frequency domain). The fit is made once more from what it found, which
@@ -222,8 +222,8 @@ def profiled(
 
 
 def trained_by(system: System, values: Mapping[str, float], settings: FitSettings) -> Trained:
-    """What a free simulation of another record takes from an estimate: ``values`` where they are
-    given, else what the system holds.
+    """Return the values that a free simulation of another record takes from an estimate: ``values``
+    if they are given, else those of the system.
     """
     known = {item.name: float(values.get(item.name, item.value)) for item in system.parameters}
     biases = {name: value for name, value in known.items() if name.startswith("bias_")}
@@ -233,14 +233,14 @@ def trained_by(system: System, values: Mapping[str, float], settings: FitSetting
 
 # ---- Isolated wrong samples of a measured record
 
-PLACES = 3  # times that a sentence names
+MOST_NAMED_TIMES = 3  # times that a sentence names
 
 
 def isolated_outliers(
     outputs: Sequence[str], simulated: Sequence[np.ndarray], records: Sequence[Record]
 ) -> list[dict[str, np.ndarray]]:
-    """Of each record ``(N,)`` by channel: True at its wild points, from what the simulations miss;
-    channels without any are left out.
+    """Return, for each record, masks ``(N,)`` by channel that are True at its outliers, found from
+    the residuals of the simulations; channels without any are left out.
 
     ``simulated``: ``(m, N)`` of the ``outputs`` of each record. ``records``: with all their
     samples.
@@ -265,7 +265,7 @@ def isolated_outliers(
 def same_points(
     some: Sequence[dict[str, np.ndarray]], others: Sequence[dict[str, np.ndarray]]
 ) -> bool:
-    """Whether two lists of masks name the same samples."""
+    """Return whether two lists of masks name the same samples."""
     pairs = zip(some, others, strict=True)
     return all(
         a.keys() == b.keys() and all(np.array_equal(a[name], b[name]) for name in a)
@@ -281,7 +281,7 @@ def left_out(before: Record, after: Record) -> dict[str, np.ndarray]:
 
 
 def without(record: Record, masks: dict[str, np.ndarray]) -> Record:
-    """A record less some samples of its outputs; itself where there are none."""
+    """Return a record less some samples of its outputs; itself where there are none."""
     if not masks:
         return record
 
@@ -299,7 +299,7 @@ def without(record: Record, masks: dict[str, np.ndarray]) -> Record:
 def with_outliers(
     look: RecordCheck, records: Sequence[Record], masks: Sequence[dict[str, np.ndarray]]
 ) -> RecordCheck:
-    """What was seen in the records, with their wild points."""
+    """Return the record check with the outliers of the records added."""
     seen = [
         _seen(record, name, mask)
         for record, some in zip(records, masks, strict=True)
@@ -310,8 +310,8 @@ def with_outliers(
 
 def _seen(record: Record, name: str, mask: np.ndarray) -> HandledFinding:
     times, count = record.time[mask].tolist(), int(np.count_nonzero(mask))
-    places = ", ".join(f"{instant(time)} s" for time in times[:PLACES]) + (
-        " and so on" if count > PLACES else ""
+    places = ", ".join(f"{instant(time)} s" for time in times[:MOST_NAMED_TIMES]) + (
+        " and so on" if count > MOST_NAMED_TIMES else ""
     )
     channel = record[name]
     away = np.abs(channel.values - np.median(channel.values[channel.valid]))[mask]
@@ -482,7 +482,7 @@ def simulated(
 # ---- The same identification with the inputs read the other way between samples
 
 WORDS = {Hold.PREVIOUS: "held", Hold.LINEAR: "linear"}
-MOVED = 1.0  # sigmas of the estimate, from which the reading matters more than noise
+MOVED_SIGMAS = 1.0  # sigmas of the estimate, from which the reading matters more than noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -503,7 +503,7 @@ class OtherReading:
     @property
     def decided(self) -> bool:
         """Whether the data say that the reading used is the right one."""
-        return self.gain <= -BETTER
+        return self.gain <= -DECISIVE_LOG_LIKELIHOOD_RATIO
 
     @property
     def decision(self) -> str:
@@ -516,7 +516,7 @@ class OtherReading:
 
     @property
     def sentence(self) -> str:
-        """That derivatives hang on the reading, and how the choice is made."""
+        """Sentence that derivatives depend on the reading of the record, and how to choose it."""
         names = ", ".join(row.name for row, _ in self.moved)
         how = "as well" if abs(self.gain) < 0.05 else "better" if self.gain > 0.0 else "worse"
         fits = f"fits {how} (twice the log likelihood {self.gain:+.1f})"
@@ -529,24 +529,28 @@ class OtherReading:
 
 
 def opposite(hold: Hold) -> Hold:
-    """The other way to read inputs between samples."""
+    """Return the other way to read inputs between samples."""
     return Hold.LINEAR if hold is Hold.PREVIOUS else Hold.PREVIOUS
 
 
 def other_reading(
     used: Hold, rows: Sequence[Row], read_otherwise: Sequence[Row], gain: float
 ) -> OtherReading | None:
-    """What moves by more than a sigma between the two readings; None where nothing does."""
+    """Return the values that move by more than a sigma between the two readings; None if nothing
+    does.
+    """
     again = {row.name: row for row in read_otherwise}
     pairs = [(row, again[row.name]) for row in rows if row.name in again]
     moved = tuple(
-        (row, new) for row, new in pairs if abs(new.estimate - row.estimate) > MOVED * row.std > 0.0
+        (row, new)
+        for row, new in pairs
+        if abs(new.estimate - row.estimate) > MOVED_SIGMAS * row.std > 0.0
     )
     return OtherReading(used, opposite(used), moved, gain) if moved else None
 
 
 def reading_table(caption: str, reading: OtherReading) -> Table:
-    """The values under each reading, a row for each derivative that moves."""
+    """Return the values under each reading, a row for each derivative that moves."""
     rows = reading.moved
     moves = [(new.estimate - row.estimate) / row.std for row, new in rows]
     return table(
@@ -566,7 +570,7 @@ def reading_table(caption: str, reading: OtherReading) -> Table:
 
 
 def reading_content(reading: OtherReading) -> dict[str, Any]:
-    """The same for ``comparison.json``: the reading used, the other, values under each."""
+    """Return the same for ``comparison.json``: the reading used, the other, values under each."""
     return {
         "used": reading.used.value,
         "other": reading.other.value,
@@ -652,4 +656,4 @@ class Options:
     engine: str | None = None
 
 
-PLAIN = Options()
+DEFAULT_OPTIONS = Options()

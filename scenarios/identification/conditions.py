@@ -32,10 +32,10 @@ from ident.statistics.residuals import (
 )
 from ident.whole_record.layout import FitSettings, lay_out
 from ident.whole_record.output_error import UNDETERMINED, failed_simulation, none_determined
-from ident.whole_record.unstable_motion import GROWN, fastest, growth
+from ident.whole_record.unstable_motion import MOST_EFOLDINGS_AT_ONCE, fastest, growth
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.assessment import simulated
-from scenarios.preparation.declared_model import BETTER, better_by
+from scenarios.preparation.declared_model import DECISIVE_LOG_LIKELIHOOD_RATIO, better_by
 from scenarios.preparation.plan import ATTITUDE
 from scenarios.report.quantities import number_text, shown_in, spaced
 from scenarios.studies.published import Row
@@ -86,8 +86,8 @@ def chosen_band(
     outputs: Sequence[str],
     band: tuple[float, float] | None,
 ) -> tuple[float, float]:
-    """The band that is asked for, else the data's own, Hz. Raises ModelError where the model has no
-    frequency response.
+    """Return the band that is asked for, else the data's own, Hz. Raises ModelError where the model
+    has no frequency response.
     """
     system = compile_model(model, outputs)
     refuse_unfit(records, system, delays_of(model))
@@ -118,8 +118,8 @@ PATH = "phugoid.attitude"
 
 
 def with_weight(model: Model) -> Model:
-    """The model with the component of the weight along the flight path; its begin is free, what a
-    drag polar says stays at usual values.
+    """Return the model with the component of the weight along the flight path; its begin is free,
+    what a drag polar says stays at usual values.
     """
     wider = model.with_effects(Phugoid(attitude_recorded=True))
     held = [name for name in wider.parameters.names if name.startswith("phugoid.") and name != PATH]
@@ -129,7 +129,7 @@ def with_weight(model: Model) -> Model:
 def with_weight_if_needed(
     model: Model, records: Sequence[Record], outputs: Sequence[str]
 ) -> tuple[Model, str]:
-    """The model with or without the weight along the flight path, as the records say, and a
+    """Return the model with or without the weight along the flight path, as the records say, and a
     sentence; empty where no attitude is recorded.
     """
     if ATTITUDE not in {signal.name for signal in model.equations.inputs}:
@@ -143,7 +143,7 @@ def with_weight_if_needed(
             "the pitch attitude is measured and not used: fits with and without the weight along "
             f"the flight path decide nothing ({found.why_open})",
         )
-    if gain < BETTER:
+    if gain < DECISIVE_LOG_LIKELIHOOD_RATIO:
         return (
             model,
             "the pitch attitude is measured and not used: the weight along the flight path "
@@ -157,7 +157,7 @@ def with_weight_if_needed(
 
 
 def without_theta(model: Model, records: Sequence[Record]) -> tuple[Model, list[Record]]:
-    """The model and records less an attitude among the inputs that nothing uses."""
+    """Return the model and records less an attitude among the inputs that nothing uses."""
     inputs = tuple(signal for signal in model.equations.inputs if signal.name != ATTITUDE)
     bare = [
         replace(
@@ -175,24 +175,24 @@ def without_theta(model: Model, records: Sequence[Record]) -> tuple[Model, list[
 AIRCRAFT = ("rigid", "flexible", "loes", "lateral", "longitudinal")
 FREE_OF_CHARGE = ("delay", "inv_tau")  # of a low-order system: started anywhere, zero included
 # times, by which coloured noise must widen a standard deviation to be worth a caution
-NOTABLE = 1.25
+NOTABLE_WIDENING = 1.25
 # what corrected standard deviations lack at most: docs/estimators.md, Coverage
 STILL_SHORT = "10 % (in gusts 30 %)"
 CAUSES = "the model lacks something, a channel has a wrong sign or unit, or the file is wrong"
 
 
 def cautions_of(vehicle: VehicleFile, estimate: Estimate, rows: Sequence[Row]) -> tuple[str, ...]:
-    """Sentences, at most one on the outcome, one on coloured noise and one on all derivatives
-    together.
+    """Return the sentences, at most one on the outcome, one on coloured noise and one on all
+    derivatives together.
     """
-    told = []
+    sentences = []
     outcome = estimate.outcome
     if outcome is not Outcome.CONVERGED:
-        told.append(f"{outcome.value}; {outcome.hint}" if outcome.hint else outcome.value)
-    told += [said] if (said := coloured(estimate)) else []
+        sentences.append(f"{outcome.value}; {outcome.hint}" if outcome.hint else outcome.value)
+    sentences += [said] if (said := coloured(estimate)) else []
     if vehicle.model in AIRCRAFT:
-        told += [said] if (said := contradicted(rows, vehicle.derivatives)) else []
-    return tuple(told)
+        sentences += [said] if (said := contradicted(rows, vehicle.derivatives)) else []
+    return tuple(sentences)
 
 
 def failed(
@@ -201,8 +201,8 @@ def failed(
     rows: Sequence[Row],
     declared: Mapping[str, float],
 ) -> tuple[str, ...]:
-    """A sentence where an estimate by free simulation is none: it runs away, explains nothing, or
-    determines no derivative.
+    """Return a sentence where an estimate by free simulation is none: it runs away, explains
+    nothing, or determines no derivative.
     """
     measured, left = [], []
     for i, name in enumerate(estimate.output_names):
@@ -235,15 +235,15 @@ def failed(
 
 
 def coloured(estimate: Estimate) -> str:
-    """One sentence on a filter whose innovations are coloured: by how much standard deviations for
-    white noise are too small.
+    """Return one sentence on a filter whose innovations are coloured: by how much standard
+    deviations for white noise are too small.
     """
     found = coloured_innovations(estimate)
     if (
         found is None
         or not found.significant
         or not found.factor.size
-        or found.factor.max() < NOTABLE
+        or found.factor.max() < NOTABLE_WIDENING
     ):
         return ""
     worst = int(np.argmax(found.factor))
@@ -265,8 +265,8 @@ def coloured(estimate: Estimate) -> str:
 
 
 def contradicted(rows: Sequence[Row], declared: Mapping[str, float]) -> str:
-    """One sentence on all derivatives that the vehicle file contradicts by two sigmas, as too
-    large, too small or of the other sign; or nothing.
+    """Return one sentence on all derivatives that the vehicle file contradicts by two sigmas, as
+    too large, too small or of the other sign; or nothing.
     """
     found = []
     for row in rows:
@@ -297,7 +297,7 @@ FILTER_ERROR = (1.15, 0.92)
 # Of sample intervals, the share with lost rows from which unknown inputs bias a method by more than
 # half a sigma. Measured: rows dropped at random from flights with stepped inputs and white noise.
 LOST_ROWS: Mapping[str, float] = {"equation-error": 0.1, "output-error": 0.05}
-LONGER = 1.5  # times the usual interval: between that of one sample and of two
+LONG_INTERVAL_RATIO = 1.5  # times the usual interval: between that of one sample and of two
 INTENSITY = "gust-turbulence.sigma"
 
 
@@ -357,8 +357,8 @@ def sigma_cautions(
     tests: Sequence[ResidualTest] = (),
     local: Sequence[str] = (),
 ) -> tuple[str, ...]:
-    """A sentence on each reason for which sigmas of the method are smaller than its errors; else
-    nothing.
+    """Return a sentence on each reason for which sigmas of the method are smaller than its errors;
+    else nothing.
 
     Lost rows: see ``LOST_ROWS``. A model that is unstable at the estimate (of ``system``, with
     ``local`` parameters of each record) where one cause moves the residuals of several outputs,
@@ -379,15 +379,15 @@ def _of_instability(
     tests: Sequence[ResidualTest],
     local: Sequence[str],
 ) -> tuple[str, ...]:
-    """Errors of a free simulation grow with its unstable mode, while sigmas of output error count
-    the sensors' noise alone.
+    """Return the errors of a free simulation grow with its unstable mode, while sigmas of output
+    error count the sensors' noise alone.
     """
     if not np.all(np.isfinite(estimate.values)) or not disturbed_outputs(records, estimate, tests):
         return ()
     known = {name: value for name, value in estimate.as_dict().items() if name in system.parameters}
     found = replace(system, parameters=system.parameters.with_values(known))
     layout = lay_out(records, found, FitSettings(), local=local)
-    if not GROWN <= growth(layout) < np.inf:
+    if not MOST_EFOLDINGS_AT_ONCE <= growth(layout) < np.inf:
         return ()
     return (
         f"the model is unstable at the estimate: its free simulation doubles small errors, such as "
@@ -421,7 +421,7 @@ def lost_rows(records: Sequence[Record]) -> float:
     longer, count = 0, 0
     for record in records:
         gaps = np.diff(record.time)
-        longer += int(np.count_nonzero(gaps > LONGER * np.quantile(gaps, 0.25)))
+        longer += int(np.count_nonzero(gaps > LONG_INTERVAL_RATIO * np.quantile(gaps, 0.25)))
         count += len(gaps)
     return longer / max(count, 1)
 
@@ -481,8 +481,8 @@ def in_rough_air(
 
 
 def made_by_inputs(records: Sequence[Record], estimate: Estimate) -> bool:
-    """Whether the inputs of a record predict a good part of the residual of an output in the half
-    that the prediction does not know.
+    """Return whether the inputs of a record predict a good part of the residual of an output in the
+    half that the prediction does not know.
     """
     for record, residual, known in zip(records, *_residuals(records, estimate), strict=True):
         if not record.inputs or len(record.time) < 2:
@@ -514,8 +514,8 @@ def _residuals(
 
 
 def innovations_phrase(method: str, records: Sequence[Record], estimate: Estimate) -> str:
-    """Size of the innovations of filter error, the measure of a fit in turbulence; empty for other
-    methods.
+    """Return the size of the innovations of filter error, the measure of a fit in turbulence; empty
+    for other methods.
     """
     if method != "filter-error" or len(estimate.fitted) != len(records):
         return ""

@@ -110,19 +110,19 @@ def identification_figures(
         )
 
 
-DRAWS = 60  # of the parameters, for the cloud about the poles
+POLE_DRAWS = 60  # of the parameters, for the cloud about the poles
 
 
 def poles_of(found: IdentificationResult) -> tuple[np.ndarray, np.ndarray] | None:
-    """Poles ``(n,)`` of the estimate, 1/s, and ``(DRAWS, n)`` at samples from its covariance; None
-    if the model is not linearised about a steady motion.
+    """Poles ``(n,)`` of the estimate, 1/s, and ``(POLE_DRAWS, n)`` at samples from its covariance;
+    None if the model is not linearised about a steady motion.
     """
     system, estimate = found.system, found.estimate
     if system is None or "altitude" in system.state_names or estimate.outcome not in SETTLED:
         return None
     rng = np.random.default_rng(1)
     draws = rng.multivariate_normal(
-        estimate.values, estimate.covariance, DRAWS, check_valid="ignore", method="eigh"
+        estimate.values, estimate.covariance, POLE_DRAWS, check_valid="ignore", method="eigh"
     )
     try:
         rows = [
@@ -357,7 +357,7 @@ def identification_content(
 
 
 def _validated(files: Sequence[InputFile]) -> dict[str, list[str]]:
-    """Names and hashes of the files that were predicted, not fitted."""
+    """Return the names and hashes of the files that were predicted, not fitted."""
     return (
         {
             "validation": [file.name for file in files],

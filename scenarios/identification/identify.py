@@ -27,7 +27,7 @@ from scenarios.files.vehicles import (
     vehicle_next_to,
 )
 from scenarios.identification.assessment import (
-    PLAIN,
+    DEFAULT_OPTIONS,
     SETTLED,
     WORDS,
     IdentificationResult,
@@ -74,7 +74,7 @@ from scenarios.identification.methods import (
 )
 from scenarios.identification.model_checks import consider, considered_sentences
 from scenarios.preparation.declared_model import (
-    BETTER,
+    DECISIVE_LOG_LIKELIHOOD_RATIO,
     held_by_computer,
     likelier_by,
     model_of_file,
@@ -129,7 +129,7 @@ def identify(
     others: Sequence[Record] = (),
     model: Model | None = None,
     held_out: Sequence[Record] = (),
-    options: Options = PLAIN,
+    options: Options = DEFAULT_OPTIONS,
     *,
     trusted: bool = False,
 ) -> IdentificationResult:
@@ -221,7 +221,7 @@ def identify(
 
 
 def _fixed(model: Model, ties: Sequence[Tie]) -> dict[str, tuple[float, str]]:
-    """Value and unit of each fixed parameter that no tie determines."""
+    """Return the value and unit of each fixed parameter that no tie determines."""
     tied = {tie.name for tie in ties}
     return {
         item.name: (item.value, item.unit)
@@ -254,8 +254,8 @@ def _declared(
     vehicle: VehicleFile,
     method: str,
 ) -> tuple[Model, Sequence[Record], Sequence[Record], str]:
-    """The model with what a measured attitude tells of it, the records with what the method takes
-    of them, and a sentence on that.
+    """Return the model with what a measured attitude tells of it, the records with what the method
+    takes of them, and a sentence on that.
     """
     if vehicle.own is not None:
         return model, records, held_out, ""
@@ -267,7 +267,7 @@ def _declared(
 
 
 def _measured(model: Model, records: Sequence[Record]) -> list[str]:
-    """The model's outputs that one of the records has."""
+    """Return the model's outputs that one of the records has."""
     return [
         signal.name
         for signal in model.equations.outputs
@@ -278,8 +278,8 @@ def _measured(model: Model, records: Sequence[Record]) -> list[str]:
 def _derived(
     vehicle: VehicleFile, system: System, estimate: Estimate, flown: Estimate | None
 ) -> dict[str, tuple[float, float]]:
-    """The modes of what was estimated, ``flown`` where it moves about a rest, and the delay of a
-    low-order system.
+    """Return the modes of what was estimated, ``flown`` where it moves about a rest, and the delay
+    of a low-order system.
     """
     derived = modal_estimate(system, flown, SLOW) if flown is not None else {}
     if vehicle.model == "loes" and "delay" in estimate.names:
@@ -295,7 +295,7 @@ def _low_order(
     *,
     trusted: bool,
 ) -> IdentificationResult:
-    """The low-order system by its own filter, and what it predicts."""
+    """Return the low-order system by its own filter, and what it predicts."""
     from scenarios.identification.low_order import identify_loes
 
     found = identify_loes(record, vehicle, engine)
@@ -425,7 +425,7 @@ class Identified:
         return f"<Identified: {self.found!r}>"
 
 
-def identify_files(request: Request, method: str, options: Options = PLAIN) -> Identified:
+def identify_files(request: Request, method: str, options: Options = DEFAULT_OPTIONS) -> Identified:
     """Read everything, fit, and say what the other reading of the inputs between samples would
     change where nobody said how to read them.
 
@@ -545,8 +545,8 @@ def _identified(
 def _filter_error_proposed(
     request: Request, vehicle: VehicleFile, found: IdentificationResult
 ) -> tuple[str, ...]:
-    """The command for filter error, where residuals are as process noise makes them and the model
-    has a place for it.
+    """Return the command for filter error, where residuals are as process noise makes them and the
+    model has a place for it.
     """
     moved = in_rough_air([found.record, *found.others], found.estimate, found.tests)
     if not moved:
@@ -587,8 +587,8 @@ def _command(request: Request, command: str, further: Sequence[str] = ()) -> str
 def _not_to_be_used(
     request: Request, vehicle: VehicleFile, found: IdentificationResult
 ) -> tuple[str, ...]:
-    """The sentence that leads where residuals are not the noise alone, with the command that says
-    why; empty where they are, or where no diagnosis takes such a model.
+    """Return the sentence that leads where residuals are not the noise alone, with the command that
+    says why; empty where they are, or where no diagnosis takes such a model.
     """
     failed_in = residual_phrase([test for test in found.tests if not test.passed])
     if not failed_in:
@@ -619,8 +619,8 @@ def _without_outliers(
     *,
     trusted: bool,
 ) -> tuple[IdentificationResult, list[dict[str, np.ndarray]]]:
-    """A fit less isolated wrong samples, and these by record and channel; looked for again among
-    all samples once they no longer bend the fit.
+    """Return a fit less isolated wrong samples, and these by record and channel; looked for again
+    among all samples once they no longer bend the fit.
     """
     found = fitted(records)
     masks: list[dict[str, np.ndarray]] = [{} for _ in records]
@@ -642,8 +642,8 @@ def _read_otherwise(
     again: Callable[[Hold, Options], tuple[PreparedData, IdentificationResult]],
     options: Options,
 ) -> tuple[PreparedData, IdentificationResult]:
-    """The identification under the reading of its inputs that the data choose, with what the other
-    one changes where they do not choose.
+    """Return the identification under the reading of its inputs that the data choose, with what the
+    other one changes where they do not choose.
 
     The first reading was chosen before wild points were set aside; inputs that a computer steps
     stay held.
@@ -653,7 +653,7 @@ def _read_otherwise(
     if any(each.estimate.outcome not in SETTLED for each in (found, other)):
         return ready, found
     gain = _gain(found, other)
-    if gain >= BETTER and not all(
+    if gain >= DECISIVE_LOG_LIKELIHOOD_RATIO and not all(
         held_by_computer(record) for record in (found.record, *found.others)
     ):
         if options.profile is not None:
@@ -666,18 +666,20 @@ def _read_otherwise(
         )
     reading = other_reading(used, found.rows, other.rows, gain)
     if reading is not None and reading.decided:
-        said = [
+        sentences = [
             note for note in found.notes if note.startswith(f"inputs {WORDS[used]} between samples")
         ]
         return ready, replace(
-            found, decided=reading, notes=found.notes if said else (*found.notes, reading.decision)
+            found,
+            decided=reading,
+            notes=found.notes if sentences else (*found.notes, reading.decision),
         )
     return ready, replace(found, reading=reading)
 
 
 def _gain(found: IdentificationResult, other: IdentificationResult) -> float:
-    """Twice the log likelihood by which the simulations of another identification of the same
-    records fit them better.
+    """Return twice the log likelihood by which the simulations of another identification of the
+    same records fit them better.
     """
     pairs = [pair for pair in zip(found.fits, other.fits, strict=True) if not pair[0].held_out]
     if not pairs or any(fit.figures is None for pair in pairs for fit in pair):

@@ -105,7 +105,7 @@ def loes_filter_system(
 
 
 def about_trim(record: Record, until: float) -> Record:
-    """The record with alpha, q and stick as perturbations: less their means up to the time
+    """Return the record with alpha, q and stick as perturbations: less their means up to the time
     ``until`` (s), before the maneuver.
 
     Raises RecordError when a channel has no sample by then.
@@ -142,7 +142,7 @@ DENSITY: Mapping[str, float] = MappingProxyType({"q": 1e-6})
 DERIVED = ("natural_frequency", "damping_ratio", "delay")
 # the model's perturbations from trim; nz has a zero of its own, nz_0
 PERTURBED = ("alpha", "q", "stick")
-QUIET = 0.5  # s at the record's beginning
+QUIET_START_TIME = 0.5  # s at the record's beginning
 _FEWEST_QUIET = 8
 # noise deviations: scatter of a channel at rest, and a level that is no scatter
 _STILL, _OFF_TRIM = 3.0, 5.0
@@ -188,8 +188,8 @@ def identify_loes(
 
 
 def filter_system(record: Record, vehicle: VehicleFile, noise: Mapping[str, float]) -> System:
-    """The fourteen-state filter of a vehicle file for a record about its trim, or for the beginning
-    of one.
+    """Return the fourteen-state filter of a vehicle file for a record about its trim, or for the
+    beginning of one.
     """
     return loes_filter_system(
         model_from_constants("loes", vehicle.constants, vehicle.derivatives), record, noise, DENSITY
@@ -216,13 +216,13 @@ def noise_levels(record: Record) -> dict[str, float]:
 
 
 def trim_of(record: Record, noise: Mapping[str, float]) -> dict[str, float]:
-    """Levels of alpha, q and stick where the record begins at rest and off zero; empty where it
-    begins in motion or about zero.
+    """Return the levels of alpha, q and stick where the record begins at rest and off zero; empty
+    where it begins in motion or about zero.
 
-    At rest: for ``QUIET`` s the stick does not move at all and no output scatters by more than
-    three noise deviations.
+    At rest: for ``QUIET_START_TIME`` s the stick does not move at all and no output scatters by
+    more than three noise deviations.
     """
-    quiet = record.time <= record.time[0] + QUIET
+    quiet = record.time <= record.time[0] + QUIET_START_TIME
     levels = {}
     for channel in record.channels:
         use = quiet & channel.valid
@@ -238,7 +238,7 @@ def trim_of(record: Record, noise: Mapping[str, float]) -> dict[str, float]:
 
 
 def less(record: Record, offsets: Mapping[str, float]) -> Record:
-    """The record with constant levels taken off its channels."""
+    """Return the record with constant levels taken off its channels."""
     if not offsets:
         return record
 
@@ -277,24 +277,24 @@ def derived_of(
 
 
 def weighted_delay(found: DelayBank) -> tuple[float, float]:
-    """The likelihood-weighted delay of a bank, s."""
+    """Return the likelihood-weighted delay of a bank, s."""
     return mean_delay(found.delays, found.weights)
 
 
 def mean_delay(delays: np.ndarray, weights: np.ndarray) -> tuple[float, float]:
-    """Mean and standard deviation by weights ``(B,)``, s; the latter never below that of one step
-    of the grid, which is not resolved.
+    """Return the mean and standard deviation by weights ``(B,)``, s; the latter never below that of
+    one step of the grid, which is not resolved.
     """
     mean = float(weights @ delays)
     return mean, float(np.sqrt(weights @ (delays - mean) ** 2 + np.diff(delays).mean() ** 2 / 12.0))
 
 
 SCHEMA = "flightid/state-space/1"
-NEIGHBOURS = 11  # samples whose slope is the velocity of a falling body
+VELOCITY_SAMPLES = 11  # samples whose slope is the velocity of a falling body
 
 
 def state_space_of(found: IdentificationResult) -> StateSpace:
-    """The identified model as ``linearised``."""
+    """Return the identified model as ``linearised``."""
     assert found.system is not None
     return linearised(found.system, found.estimate.as_dict(), found.record, found.vehicle.own)
 
@@ -302,8 +302,8 @@ def state_space_of(found: IdentificationResult) -> StateSpace:
 def linearised(
     system: System, values: Mapping[str, float], record: Record, own: Model | None = None
 ) -> StateSpace:
-    """A model about level flight where it has totals, about rest elsewhere, of a falling body about
-    the middle of its record.
+    """Return a model about level flight where it has totals, about rest elsewhere, of a falling
+    body about the middle of its record.
 
     ``own``: a user's own model, which says itself where it rests. Raises DeclarationError where
     there is no such point.
@@ -333,15 +333,17 @@ def _middle(record: Record) -> dict[str, float]:
     """
     channel = record["altitude"]
     t, h = record.time[channel.valid], channel.values[channel.valid]
-    first = max(0, (len(t) - NEIGHBOURS) // 2)
-    near = slice(first, first + NEIGHBOURS)
+    first = max(0, (len(t) - VELOCITY_SAMPLES) // 2)
+    near = slice(first, first + VELOCITY_SAMPLES)
     at = float(t[near].mean())
     velocity, altitude = np.polyfit(t[near] - at, h[near], 1)
     return {"altitude": float(altitude), "velocity": float(velocity)}
 
 
 def state_space_content(space: StateSpace) -> dict[str, Any]:
-    """What a JSON file holds: matrices as rows, signals with units, the point, roots of A."""
+    """Return the content of the JSON file: matrices as rows, signals with units, the point, roots
+    of A.
+    """
     roots = space.eigenvalues
     return {
         "schema": SCHEMA,
@@ -362,7 +364,7 @@ def _json(space: StateSpace) -> bytes:
 
 
 def _arrays(space: StateSpace) -> dict[str, Any]:
-    """Matrices, names and units as arrays; rows of names as the columns and rows of the
+    """Return the matrices, names and units as arrays; rows of names as the columns and rows of the
     matrices.
     """
     signals = {

@@ -32,25 +32,26 @@ from sim.vehicles.other_vehicles import Multirotor
 
 FILTERS = ("ekf", "ukf")
 METHODS = ("ekf", "ukf", "output-error", "filter-error", "equation-error", FREQUENCY)
-BIASED = 1.0  # of a total channel's scatter, by which its sensor may be off
-BEGINNING = 5  # samples whose median says where a sensor begins
+LARGEST_BIAS_SCATTERS = 1.0  # of a total channel's scatter, by which its sensor may be off
+STARTING_SAMPLES = 5  # samples whose median says where a sensor begins
 ACCELERATION_DENSITY = 1.0  # (m/s2)^2 s, start of the noise that forces a falling body
 TURBULENCE = "gust-turbulence"
 # of a state's change in a second, by which white noise moves it in a second where the fit begins
-FORCED = 0.1
-ASIDE = 0.1  # from rest, where rates are tried for a parameter that acts
-NEAR = 3.0  # sigmas of a fit, by which a filter's first pass may leave it
-WIDE = 20.0  # sigmas of a fit, as a filter's prior about it: the data then count 1 + 1/400 times
+PROCESS_NOISE_SHARE = 0.1
+TRIAL_OFFSET = 0.1  # from rest, where rates are tried for a parameter that acts
+FILTER_AGREEMENT_SIGMAS = 3.0  # sigmas of a fit, by which a filter's first pass may leave it
+# sigmas of a fit, as a filter's prior about it: the data then count 1 + 1/400 times
+FILTER_PRIOR_SIGMAS = 20.0
 # Of a channel's scatter, a filter's least noise: variances then lie half the digits apart, and the
 # rest is left for the update.
 LEAST_NOISE = float(np.finfo(float).eps ** 0.25)
 SETTLED = (Outcome.CONVERGED, Outcome.MAX_ITERATIONS)
-LARGEST = 1e50  # squares and sums of larger numbers leave the range of finite ones
+LARGEST_NUMBER = 1e50  # squares and sums of larger numbers leave the range of finite ones
 
 
 def uses_attitude(vehicle: VehicleFile, method: str) -> bool:
-    """Whether a measured pitch attitude can enter: the speed that it changes is a state which only
-    a whole-record simulation has.
+    """Return whether a measured pitch attitude can enter: the speed that it changes is a state
+    which only a whole-record simulation has.
     """
     return vehicle.model == "rigid" and method in ("output-error", "filter-error")
 
@@ -90,7 +91,7 @@ def refuse_method(
             remedy="use output-error, filter-error, equation-error or frequency-domain",
         )
     for each in records:
-        refuse_beyond_measure(each, [channel.name for channel in each.channels], LARGEST)
+        refuse_beyond_measure(each, [channel.name for channel in each.channels], LARGEST_NUMBER)
     if vehicle.model == "loes" and method == "ekf" and vehicle.constraints:
         what = (
             "the bank of delays estimates every derivative from its start, and the vehicle file "
@@ -122,8 +123,8 @@ def _refuse_engine(engine: str, method: str) -> None:
 
 
 def engine_of(method: str, options: Options) -> dict[str, str]:
-    """Content of the key ``engine`` in the study file of a single filter; empty where the method is
-    no filter.
+    """Return the content of the key ``engine`` in the study file of a single filter; empty where
+    the method is no filter.
     """
     if method == "ukf":
         sentence = f"first pass {UNSCENTED}; further passes by the own sigma-point kernel"
@@ -140,8 +141,8 @@ def estimated_by(
     settings: FitSettings,
     options: Options,
 ) -> tuple[System, Estimate]:
-    """The system that a method estimates, and what it finds; a filter runs along the first record,
-    begun from a fit of it.
+    """Return the system that a method estimates, and what it finds; a filter runs along the first
+    record, begun from a fit of it.
 
     Raises
     ------
@@ -199,8 +200,8 @@ def _estimated_by(
 
 
 def _with_delay(found: Estimate, fit: Estimate, delay: str) -> Estimate:
-    """A filter's estimate with the delay that was held in it, of an output-error ``fit``, whose
-    uncertainty moves the others as it does there.
+    """Return a filter's estimate with the delay that was held in it, of an output-error ``fit``,
+    whose uncertainty moves the others as it does there.
     """
     at = fit.names.index(delay)
     variance = float(fit.covariance[at, at])
@@ -279,7 +280,7 @@ def _filtered(
     options: Options,
     fit: Estimate,
 ) -> tuple[System, Estimate]:
-    """A filter along one record, begun from an output-error ``fit`` of it, with a covariance
+    """Return a filter along one record, begun from an output-error ``fit`` of it, with a covariance
     corrected for coloured innovations.
 
     Priors that the record contradicts are made as wide as the estimate lies from their start, as in
@@ -349,7 +350,7 @@ def _run_filter(
 
 
 def forced(model: Model, records: Sequence[Record] = ()) -> Model:
-    """The model with what filter error estimates besides the derivatives.
+    """Return the model with what filter error estimates besides the derivatives.
 
     Turbulence where gusts act, white noise on the acceleration of a falling body. Of a user's own
     model and of a multirotor, which feels gusts as moments without a model of them, white noise on
@@ -384,7 +385,7 @@ def forced(model: Model, records: Sequence[Record] = ()) -> Model:
 
 
 def _with_white_noise(model: Model, records: Sequence[Record]) -> Model:
-    """The model with white noise on each state whose rate has a free parameter."""
+    """Return the model with white noise on each state whose rate has a free parameter."""
     return model.with_noise(
         replace(
             model.noise,
@@ -401,13 +402,13 @@ def _driven_states(model: Model, records: Sequence[Record]) -> list[str]:
     """
     system = compile_model(model)
     times = np.concatenate([np.zeros(1), *(record.time for record in records)])
-    rest = np.array([*system.initial.values(), *inputs_at_rest(model)]) + ASIDE
+    rest = np.array([*system.initial.values(), *inputs_at_rest(model)]) + TRIAL_OFFSET
     x, u = rest[: len(system.states)].tolist(), rest[len(system.states) :].tolist()
     p = system.parameters.values()
     moved: set[str] = set()
     for name in system.parameters.free_names:
         other = p.copy()
-        other[system.parameters.index(name)] += ASIDE * max(
+        other[system.parameters.index(name)] += TRIAL_OFFSET * max(
             1.0, abs(other[system.parameters.index(name)])
         )
         rates = zip(
@@ -429,12 +430,12 @@ def _density(state: str, records: Sequence[Record]) -> float:
     """
     channels = [(record.time, record[state]) for record in records if state in record.output_names]
     changes = max((_change_in_a_second(time, channel) for time, channel in channels), default=0.0)
-    return (FORCED * (changes or 1.0)) ** 2
+    return (PROCESS_NOISE_SHARE * (changes or 1.0)) ** 2
 
 
 def _change_in_a_second(time: np.ndarray, channel: Channel) -> float:
-    """Root mean square of what a channel changes in a second, about the mean of that; of a shorter
-    record its scatter.
+    """Return the root mean square of what a channel changes in a second, about the mean of that; of
+    a shorter record its scatter.
     """
     t, values = time[channel.valid], channel.values[channel.valid]
     if t.size < 2 or t[-1] - t[0] < 2.0:
@@ -460,11 +461,11 @@ def _for_filter(model: Model, record: Record, outputs: list[str], fit: Estimate)
             fit.outcome in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS) and 0 < fitted < spread[name]
         )
         std[name] = max(float(fitted), LEAST_NOISE * spread[name]) if sound else 0.1 * spread[name]
-        begins[name] = float(np.median(values[:BEGINNING]))
+        begins[name] = float(np.median(values[:STARTING_SAMPLES]))
     states = []
     for item in model.initial:
         if totals and item.name in outputs:
-            value, prior = begins[item.name], BIASED * spread[item.name]
+            value, prior = begins[item.name], LARGEST_BIAS_SCATTERS * spread[item.name]
         elif is_own(model):
             value, prior = item.value, max(abs(item.value), 1.0)
         else:
@@ -474,7 +475,10 @@ def _for_filter(model: Model, record: Record, outputs: list[str], fit: Estimate)
     zeros = {f"bias_{name}": 0.0 if totals else begins[name] for name in model.biases}
     parameters = model.parameters.with_values(zeros)
     parameters = parameters.with_prior(
-        {f"bias_{name}": (BIASED if totals else 3.0) * spread[name] for name in model.biases}
+        {
+            f"bias_{name}": (LARGEST_BIAS_SCATTERS if totals else 3.0) * spread[name]
+            for name in model.biases
+        }
     )
     return replace(
         model, initial=ParameterSet(tuple(states)), parameters=parameters, noise=Noise(std)
@@ -482,8 +486,8 @@ def _for_filter(model: Model, record: Record, outputs: list[str], fit: Estimate)
 
 
 def _settled_actuators(model: Model, record: Record) -> list[Parameter]:
-    """Where the states of the model's own lags begin in a filter: settled at the first input, as a
-    whole-record simulation has them.
+    """Return the initial states of the model's own lags in a filter: settled at the first input, as
+    a whole-record simulation has them.
     """
     lags = [effect for effect in model.effects if isinstance(effect, ActuatorLag)]
     first = {effect.signal: float(record[effect.signal].values[0]) for effect in lags}
@@ -495,8 +499,8 @@ def _settled_actuators(model: Model, record: Record) -> list[Parameter]:
 
 
 def _near_fit(model: Model, fit: Estimate) -> Model:
-    """The model for a filter's first pass, which only gives a point to linearise at: derivatives
-    near those of an output-error fit.
+    """Return the model for a filter's first pass, which only gives a point to linearise at:
+    derivatives near those of an output-error fit.
 
     Where there is no fit they start as declared, with priors that keep the points of an unscented
     filter (sqrt(n) sigmas out, n unknowns) from turning a sign.
@@ -505,7 +509,7 @@ def _near_fit(model: Model, fit: Estimate) -> Model:
     biases = {f"bias_{output}" for output in model.biases}
     values = _values_of(fit)
     std = {
-        name: NEAR * float(sigma)
+        name: FILTER_AGREEMENT_SIGMAS * float(sigma)
         for name, sigma in zip(fit.names, fit.std, strict=True)
         if name in values
     }
@@ -522,17 +526,20 @@ def _near_fit(model: Model, fit: Estimate) -> Model:
 
 
 def _about_fit(model: Model, fit: Estimate) -> Model:
-    """The model with priors about an output-error fit, so wide that they add next to nothing to
-    what the record says.
+    """Return the model with priors about an output-error fit, so wide that they add next to nothing
+    to what the record says.
     """
     values = _values_of(fit)
     sigma = dict(zip(fit.names, fit.std.tolist(), strict=True))
-    prior = {name: max(model.parameters[name].prior_std, WIDE * sigma[name]) for name in values}
+    prior = {
+        name: max(model.parameters[name].prior_std, FILTER_PRIOR_SIGMAS * sigma[name])
+        for name in values
+    }
     return model.with_parameters(model.parameters.with_values(values).with_prior(prior))
 
 
 def _values_of(fit: Estimate) -> dict[str, float]:
-    """Values of a fit that has settled, by name; empty for one that has not."""
+    """Return the values of a fit that has settled, by name; empty for one that has not."""
     sound = fit.outcome in (Outcome.CONVERGED, Outcome.DEGENERATE) and bool(
         np.all(np.isfinite([*fit.values, *fit.std]))
     )

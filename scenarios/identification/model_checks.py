@@ -35,15 +35,15 @@ from sim.propagation import rk4_step
 
 # ---- An example of a motion
 
-ANGLE = 0.05  # rad, of a doublet on an angle; one unit at most on any other input
+DOUBLET_ANGLE = 0.05  # rad, of a doublet on an angle; one unit at most on any other input
 # of a state's value at the start, by which a pulse may move it: a tank must not run dry
-MODEST = 0.02
-PULSE = 1.5  # over a root's size: half the doublet's length
-BETWEEN = 8.0  # pulses from one doublet to the next
-FINE = 20.0  # steps in a pulse, and within the quickest root's time
-MOST = 4000  # steps
-FAR = 1e6  # growth beyond which a motion has run away
-STEEPEST = 1e20  # of a slope by any unknown
+PULSE_STATE_SHARE = 0.02
+PULSE_LENGTH_FACTOR = 1.5  # over a root's size: half the doublet's length
+PULSES_BETWEEN_DOUBLETS = 8.0  # pulses from one doublet to the next
+STEPS_PER_PULSE = 20.0  # steps in a pulse, and within the quickest root's time
+MOST_STEPS = 4000
+RUNAWAY_GROWTH = 1e6  # growth beyond which a motion has run away
+LARGEST_SLOPE = 1e20  # of a slope by any unknown
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,18 +65,23 @@ class Motion:
 
 
 def doublet_motion(model: Model) -> Motion:
-    """The motion from the model's initial state, doublets as long as its roots ask for."""
+    """Return the motion from the model's initial state, doublets as long as its roots ask for."""
     system = compile_model(model)
     rest = inputs_at_rest(model)
     sizes = root_sizes(system, rest)
-    pulse = PULSE / float(np.exp(np.mean(np.log(sizes)))) if len(sizes) else 1.0
-    step = min(pulse, PULSE / float(np.max(sizes)) if len(sizes) else pulse) / FINE
-    end = BETWEEN * pulse * max(1, len(system.inputs)) + 2.0 * pulse
-    count = min(int(np.ceil(end / step)), MOST)
+    pulse = PULSE_LENGTH_FACTOR / float(np.exp(np.mean(np.log(sizes)))) if len(sizes) else 1.0
+    step = (
+        min(pulse, PULSE_LENGTH_FACTOR / float(np.max(sizes)) if len(sizes) else pulse)
+        / STEPS_PER_PULSE
+    )
+    end = PULSES_BETWEEN_DOUBLETS * pulse * max(1, len(system.inputs)) + 2.0 * pulse
+    count = min(int(np.ceil(end / step)), MOST_STEPS)
     amplitudes = _amplitudes(system, rest, pulse)
 
     def inputs(t: float) -> list[float]:
-        along = [(t - (1.0 + BETWEEN * i) * pulse) / pulse for i in range(len(rest))]
+        along = [
+            (t - (1.0 + PULSES_BETWEEN_DOUBLETS * i) * pulse) / pulse for i in range(len(rest))
+        ]
         return [
             each + size * ((0.0 <= at < 1.0) - (1.0 <= at < 2.0))
             for each, size, at in zip(rest, amplitudes.values(), along, strict=True)
@@ -90,7 +95,7 @@ def doublet_motion(model: Model) -> Motion:
     x = np.array(
         [_stepped(value, len(free) + i, unknown) for i, value in enumerate(system.initial.values())]
     )
-    outputs, largest = [], FAR * max(1.0, float(np.max(np.abs(x))))
+    outputs, largest = [], RUNAWAY_GROWTH * max(1.0, float(np.max(np.abs(x))))
     with np.errstate(all="ignore"):
         for k in range(count):
             t = k * step
@@ -102,7 +107,7 @@ def doublet_motion(model: Model) -> Motion:
             if not (
                 np.all(np.isfinite(read))
                 and np.max(np.abs(x.real)) < largest
-                and np.max(np.abs(x.imag)) < STEEPEST * COMPLEX_STEP
+                and np.max(np.abs(x.imag)) < LARGEST_SLOPE * COMPLEX_STEP
             ):
                 break
             outputs.append(read)
@@ -142,11 +147,11 @@ def _amplitudes(system: System, rest: list[float], pulse: float) -> dict[str, fl
     out = {}
     for i, signal in enumerate(system.inputs):
         limits = [
-            MODEST * abs(value) / (gain * pulse)
+            PULSE_STATE_SHARE * abs(value) / (gain * pulse)
             for value, gain in zip(x, gains[:, i], strict=True)
             if value and gain > 0.0
         ]
-        out[signal.name] = min([ANGLE if signal.unit == "rad" else 1.0, *limits])
+        out[signal.name] = min([DOUBLET_ANGLE if signal.unit == "rad" else 1.0, *limits])
     return out
 
 
@@ -159,12 +164,13 @@ def _stepped(value: float, column: int, count: int) -> np.ndarray:
 # ---- What a model's own file can be asked before there is a record
 
 SHAPE = (3, 5)
-ASIDE = 0.01  # of a value, or of one: how far the points are apart at which functions are compared
-STEP = 1e-6  # of a value, or of ``ASIDE``: step of central differences
-SIZE = 0.01  # of an output's largest value: the noise in which the parameters are sought
+# of a value, or of one: how far the points are apart at which functions are compared
+TRIAL_OFFSET = 0.01
+DIFFERENCE_STEP_SHARE = 1e-6  # of a value, or of ``TRIAL_OFFSET``: step of central differences
+NOISE_SHARE = 0.01  # of an output's largest value: the noise in which the parameters are sought
 # of the largest eigenvalue of the scaled information, below which a direction is not in the data
-UNDETERMINED = 1e-10
-SHARE = 1e-3  # of such a direction that makes a parameter part of it
+UNDETERMINED_EIGENVALUE_SHARE = 1e-10
+LEAST_DIRECTION_SHARE = 1e-3  # of such a direction that makes a parameter part of it
 
 
 @dataclass(frozen=True)
@@ -190,8 +196,8 @@ def unknown_units(model: Model) -> list[str]:
 
 
 def one_by_one(model: Model) -> float:
-    """Largest relative difference between a call with arrays of ``SHAPE`` and calls with single
-    numbers, over all rates and readings.
+    """Return the largest relative difference between a call with arrays of ``SHAPE`` and calls with
+    single numbers, over all rates and readings.
     """
     system = compile_model(model)
     points = _points(model, system, int(np.prod(SHAPE)))
@@ -205,15 +211,15 @@ def one_by_one(model: Model) -> float:
 
 
 def steps_against_differences(model: Model) -> float:
-    """Largest difference between complex steps and central differences over all rates and readings,
-    relative to the largest slope of each.
+    """Return the largest difference between complex steps and central differences over all rates
+    and readings, relative to the largest slope of each.
     """
     system = compile_model(model)
     point = _points(model, system, 2)[:, 1].tolist()
     exact = complex_step_jacobian(lambda at: _answers(system, at), point)
     found = np.zeros_like(exact)
     for k, value in enumerate(point):
-        step = STEP * (abs(value) or ASIDE)
+        step = DIFFERENCE_STEP_SHARE * (abs(value) or TRIAL_OFFSET)
         above, below = (
             np.array(
                 _answers(system, [*point[:k], value + sign * step, *point[k + 1 :]]), dtype=float
@@ -221,20 +227,20 @@ def steps_against_differences(model: Model) -> float:
             for sign in (1.0, -1.0)
         )
         found[:, k] = (above - below) / (2.0 * step)
-    sizes = np.abs(np.array(point)) + ASIDE
+    sizes = np.abs(np.array(point)) + TRIAL_OFFSET
     return _apart((exact * sizes).T, (found * sizes).T)
 
 
 def excited(model: Model) -> tuple[Motion, list[Excited]]:
-    """The motion that a doublet on each input makes, and how well it tells the free parameters
-    beside initial states and biases.
+    """Return the motion that a doublet on each input makes, and how well it tells the free
+    parameters beside initial states and biases.
 
-    Cramer-Rao bounds for white noise of ``SIZE`` on each output; an output that does not move says
-    nothing.
+    Cramer-Rao bounds for white noise of ``NOISE_SHARE`` on each output; an output that does not
+    move says nothing.
     """
     motion = doublet_motion(model)
     rows = [
-        slopes / (SIZE * size)
+        slopes / (NOISE_SHARE * size)
         for slopes, size in zip(motion.slopes, motion.sizes, strict=True)
         if size > 0.0
     ]
@@ -246,9 +252,9 @@ def excited(model: Model) -> tuple[Motion, list[Excited]]:
     seen = np.flatnonzero(lengths > 0.0)
     scaled = jacobian[:, seen] / lengths[seen]
     values, vectors = np.linalg.eigh(scaled.T @ scaled)
-    dark = values < UNDETERMINED * values[-1]
+    dark = values < UNDETERMINED_EIGENVALUE_SHARE * values[-1]
     variance = np.sum(vectors[:, ~dark] ** 2 / values[~dark], axis=1)
-    untold = vectors[:, dark] ** 2 > SHARE
+    untold = vectors[:, dark] ** 2 > LEAST_DIRECTION_SHARE
     out = []
     for i, name in enumerate(names):
         value, place = model.parameters[name].value, np.flatnonzero(seen == i)
@@ -273,7 +279,7 @@ def _points(model: Model, system: System, count: int) -> np.ndarray:
     )
     sides = np.sin(np.outer(1.0 + np.arange(len(start)), 1.0 + np.arange(count)))
     return np.asarray(
-        start[:, None] + ASIDE * sides * np.where(start == 0.0, 1.0, np.abs(start))[:, None]
+        start[:, None] + TRIAL_OFFSET * sides * np.where(start == 0.0, 1.0, np.abs(start))[:, None]
     )
 
 
@@ -284,7 +290,7 @@ def _answers(system: System, point: Sequence[Any]) -> list[Any]:
 
 
 def _apart(one: np.ndarray, other: np.ndarray) -> float:
-    """Largest difference relative to the largest number of each column."""
+    """Return the largest difference relative to the largest number of each column."""
     sizes = np.maximum(
         np.max(np.abs(np.atleast_2d(one)), axis=0), np.max(np.abs(np.atleast_2d(other)), axis=0)
     )
@@ -335,7 +341,7 @@ class Considered:
         return variance / np.where(whole > 0.0, whole, 1.0)
 
     def dominant(self, name: str) -> str:
-        """The constant with the largest share of a parameter's variance, or ``"data"``."""
+        """Return the constant with the largest share of a parameter's variance, or ``"data"``."""
         place = int(np.argmax(self.shares[:, self.names.index(name)]))
         return (DATA, *self.constants)[place]
 
@@ -346,7 +352,7 @@ def consider(
     estimate: Estimate,
     estimated: Callable[[Model], Estimate],
 ) -> tuple[Estimate, Considered | None]:
-    """An estimate with the uncertainty of constants in its covariance, and what contributes.
+    """Return an estimate with the uncertainty of constants in its covariance, and what contributes.
 
     Parameters
     ----------
@@ -397,7 +403,7 @@ def _alike(estimate: Estimate, ends: list[Estimate]) -> bool:
 
 
 def considered_sentences(considered: Considered | None) -> list[str]:
-    """Cautions about constants whose uncertainty could not be counted."""
+    """Return the cautions about constants whose uncertainty could not be counted."""
     if considered is None or not considered.failed:
         return []
     names = ", ".join(considered.failed)
@@ -433,7 +439,7 @@ def _sigma(value: float) -> Cell:
 
 
 def considered_content(considered: Considered | None) -> dict[str, Any]:
-    """The contributions for comparison.json; empty where no constant is uncertain."""
+    """Return the contributions for comparison.json; empty where no constant is uncertain."""
     if considered is None:
         return {}
     return {

@@ -93,7 +93,7 @@ from sim.record import extent
 def constraints_content(
     constraints: Constraints, tied: Sequence[Row], at_bounds: Sequence[AtBound]
 ) -> dict[str, Any]:
-    """What the vehicle file lays down and what came of it; empty where nothing is."""
+    """Return the constraints of the vehicle file and their results; empty if there are none."""
     out: dict[str, Any] = {}
     if constraints.fixed:
         out["held"] = list(constraints.fixed)
@@ -132,7 +132,7 @@ def intervals_content(intervals: Sequence[ProfileInterval]) -> dict[str, Any]:
 
 
 def fits_content(fits: Sequence[RecordFit]) -> dict[str, Any]:
-    """Errors of the free simulations, record by record."""
+    """Return the errors of the free simulations, record by record."""
     return {"records_fitted": [_fit(each) for each in fits]} if fits else {}
 
 
@@ -173,11 +173,11 @@ SIMULATED = (
     "simulation with the estimated parameters held fixed; only initial states and biases are "
     "fitted to each record"
 )
-LIKELIER = 0.1  # of log likelihood, by which a refit must beat the estimate to be worth a word
+NOTABLE_REFIT_GAIN = 0.1  # log likelihood by which a refit must beat the estimate to be told
 
 
 def bound_lines(at_bounds: Sequence[AtBound], tied: Sequence[Row]) -> list[str]:
-    """A line for each parameter at a bound and each that follows others."""
+    """Return a line for each parameter at a bound and each that follows others."""
     # What follows only what is held has no sigma of its own.
     sigmas = [f" +- {number_text(row.std, row.std)}" if row.std > 0.0 else "" for row in tied]
     followed = [
@@ -188,7 +188,7 @@ def bound_lines(at_bounds: Sequence[AtBound], tied: Sequence[Row]) -> list[str]:
 
 
 def intervals_table(intervals: Sequence[ProfileInterval], units: Mapping[str, str]) -> Table:
-    """The ends of the intervals, and how they compare with two sigmas."""
+    """Return the ends of the intervals, and how they compare with two sigmas."""
     shown = [shown_in(units.get(each.name, ""), each.name) for each in intervals]
     pairs = list(zip(intervals, (unit.factor for unit in shown), strict=True))
     return table(
@@ -203,26 +203,26 @@ def intervals_table(intervals: Sequence[ProfileInterval], units: Mapping[str, st
 
 
 def interval_sentences(intervals: Sequence[ProfileInterval]) -> list[str]:
-    """What a sigma does not tell of them."""
-    said: list[str] = []
+    """Return sentences on open ends and asymmetry of intervals, and on likelier values in them."""
+    sentences: list[str] = []
     odd = [each for each in intervals if not each.agrees]
     open_ends = [f"{each.name} is open {' and '.join(_open(each))}" for each in odd if _open(each)]
     if open_ends:
-        said.append(f"not determined on that side by these data: {'; '.join(open_ends)}")
+        sentences.append(f"not determined on that side by these data: {'; '.join(open_ends)}")
     skewed = [each.name for each in odd if not _open(each)]
     if skewed:
-        said.append(f"the interval is not +- 2 sigma: {', '.join(skewed)}; quote the interval")
-    better = [each.name for each in intervals if each.better > LIKELIER]
+        sentences.append(f"the interval is not +- 2 sigma: {', '.join(skewed)}; quote the interval")
+    better = [each.name for each in intervals if each.better > NOTABLE_REFIT_GAIN]
     if better:
-        said.append(
+        sentences.append(
             f"likelier values than the estimate were found along {', '.join(better)}: the fit was "
             "not at its best"
         )
-    return said
+    return sentences
 
 
 def fits_table(fits: Sequence[RecordFit]) -> Table:
-    """Errors of the free simulations, a row for each record and channel."""
+    """Return the errors of the free simulations, a row for each record and channel."""
     rows: list[list[Cell]] = []
     for each in fits:
         head: list[Cell] = [each.record.name, "held out" if each.held_out else "fitted"]
@@ -275,8 +275,8 @@ def estimated_noise(found: IdentificationResult) -> dict[str, float]:
 
 
 def _levels(found: IdentificationResult) -> dict[str, float | None]:
-    """The same, None for short records and for samples smoother than a sensor's; never below the
-    rounding of a converter.
+    """Return the same, None for short records and for samples smoother than a sensor's; never below
+    the rounding of a converter.
     """
     coloured = {test.channel.partition(",")[0] for test in found.tests if not test.passed}
     out: dict[str, float | None] = {}
@@ -324,7 +324,7 @@ def noise_phrase(found: IdentificationResult) -> str:
 
 
 def kept_identification(found: IdentificationResult, plan: Plan) -> KeptModel | None:
-    """The model of an identification; None if its numbers are not finite."""
+    """Return the model of an identification; None if its numbers are not finite."""
     trained, vehicle, first = found.trained, found.vehicle, found.record
     if trained is None or not np.all(
         np.isfinite([*trained.shared.values(), *trained.own[0].values()])
@@ -384,11 +384,11 @@ def print_identification(
         )
     if found.engine:
         print_paragraph(out, f"engine: {found.engine['sentence']}", 0)
-    said = [
+    sentences = [
         *(f"warning: {doubt}" for doubt in found.doubts),
         *(f"caution: {caution}" for caution in found.cautions),
     ]
-    for line in (*said, *record_lines(found.look), *bound_lines(found.at_bounds, found.tied)):
+    for line in (*sentences, *record_lines(found.look), *bound_lines(found.at_bounds, found.tied)):
         print_caution(out, line)
     show_table(out, _estimates("", found, (*found.rows, *found.biases)))
     show_blocks(out, [*_considered(found), *_intervals(found)])
@@ -414,7 +414,7 @@ def print_identification(
 
 
 def identification_summary(found: IdentificationResult, details: str = BELOW) -> Summary:
-    """Records, model and method; the outcome; what matters most; what the fit leaves."""
+    """Return the records, model and method; the outcome; what matters most; what the fit leaves."""
     records = (found.record, *found.others)
     named = found.record.name + (f" and {len(found.others)} more" if found.others else "")
     samples = sum(len(record) for record in records)
@@ -445,7 +445,7 @@ def _estimates(caption: str, found: IdentificationResult, rows: Sequence[Row]) -
 
 
 def _considered(found: IdentificationResult) -> list[Block]:
-    """What uncertain constants add to the sigmas; nothing where no constant is uncertain."""
+    """Return the contribution of uncertain constants to the sigmas; empty if there is none."""
     if found.considered is None or not found.considered.constants:
         return []
     return [considered_table(found.considered, tuple(row.name for row in found.rows))]
@@ -584,7 +584,7 @@ def _model(found: IdentificationResult) -> str:
 
 
 def _command(found: IdentificationResult, files: Sequence[InputFile]) -> list[str]:
-    """What would be typed for this, as far as the result tells."""
+    """Return the command line of this identification, as far as the result tells."""
     vehicle = found.vehicle.identity
     given = ["--vehicle", os.fspath(vehicle.name)] if vehicle is not None else []
     return [

@@ -55,10 +55,11 @@ from sim.declaration.proposal import RangedCurve, Traceable
 from sim.effects.library import find_effect
 from sim.errors import DeclarationError, ModelError
 
-ATTEMPTS = 16  # most amplitudes tried
-USUALLY = 4  # attempts with a correction in proportion
-STUBBORN = 3.0  # exponent of the corrections after these: at a rate limit the peak hardly changes
-INSIDE = 0.999  # of a limit: a finer simulation differs by less
+MOST_ATTEMPTS = 16  # most amplitudes tried
+PROPORTIONAL_ATTEMPTS = 4  # attempts with a correction in proportion
+# exponent of the corrections after these: at a rate limit the peak hardly changes
+LATER_CORRECTION_EXPONENT = 3.0
+LIMIT_SHARE = 0.999  # of a limit: a finer simulation differs by less
 TOO_WILD = 0.2  # by which a maneuver whose simulation leaves all measure is made smaller
 
 
@@ -88,8 +89,8 @@ def within_limits(
     start: float = 1.0,
     bound_by: str = "",
 ) -> LimitedManeuver:
-    """The maneuver of ``shapes (inputs, N)``, peaks of one, at the amplitude of the limits, or
-    scaled down until the response stays inside.
+    """Return the maneuver of ``shapes (inputs, N)``, peaks of one, at the amplitude of the limits,
+    or scaled down until the response stays inside.
 
     ``start`` : the scale to begin with, and ``bound_by`` what made it so. Raises DeclarationError
     where the limits leave nothing.
@@ -97,7 +98,7 @@ def within_limits(
     amplitude = np.array([*setting.limits.amplitude.values()])[:, None]
     rate = np.array([setting.limits.rate.get(name, np.inf) for name in setting.limits.amplitude])
     scale = min(1.0, start)
-    for attempt in range(ATTEMPTS):
+    for attempt in range(MOST_ATTEMPTS):
         rows = no_faster(scale * amplitude * shapes, rate, setting.maneuver_limits.interval)
         planned = setting.planned(rows, quick=quick)
         try:
@@ -113,7 +114,12 @@ def within_limits(
             return LimitedManeuver(
                 rows, scale, planned, simulated(planned), extremes, bound_by, margins
             )
-        scale, bound_by = scale * INSIDE / worst ** (1.0 if attempt < USUALLY else STUBBORN), name
+        scale, bound_by = (
+            scale
+            * LIMIT_SHARE
+            / worst ** (1.0 if attempt < PROPORTIONAL_ATTEMPTS else LATER_CORRECTION_EXPONENT),
+            name,
+        )
     raise DeclarationError(
         f"no maneuver stays within {bound_by or 'the limits'}",
         where="--limits",
@@ -122,7 +128,7 @@ def within_limits(
 
 
 def _extremes(setting: Setting, motion: FittedModel) -> dict[str, tuple[float, float]]:
-    """Lowest and highest reading by output, load factors as totals."""
+    """Return the lowest and highest reading by output, load factors as totals."""
     rows = zip(motion.system.output_names, motion.fit.lines[0].y, strict=True)
     return {
         name: (
@@ -149,8 +155,8 @@ def used_shares(setting: Setting, extremes: Mapping[str, tuple[float, float]]) -
     return shares
 
 
-DRAWS = 8  # of the noise
-NEED = 0.5  # random error from which a response says nothing
+NOISE_DRAWS = 8
+USELESS_RANDOM_ERROR = 0.5  # random error from which a response says nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,11 +186,11 @@ class PredictedResponses:
     @property
     def criterion(self) -> float:
         """Geometric mean of the random errors, each 50 % at most: the lower, the better."""
-        return float(np.exp(np.mean(np.log(np.minimum(self.random_error, NEED)))))
+        return float(np.exp(np.mean(np.log(np.minimum(self.random_error, USELESS_RANDOM_ERROR)))))
 
 
 def predicted_responses(setting: Setting, flight: LimitedManeuver) -> PredictedResponses:
-    """The responses that a flight of a maneuver over the setting's band would give."""
+    """Return the responses that a flight of a maneuver over the setting's band would give."""
     assert setting.maneuver_limits.band is not None
     low, high = (omega / (2.0 * math.pi) for omega in setting.maneuver_limits.band)
     names = tuple(flight.motion.system.output_names)
@@ -196,7 +202,7 @@ def predicted_responses(setting: Setting, flight: LimitedManeuver) -> PredictedR
     noise = np.array([setting.noise[name] for name in names])[:, None]
     rng = np.random.default_rng(1)
     coherence, errors = [], []
-    for _ in range(DRAWS):
+    for _ in range(NOISE_DRAWS):
         measured = clean + noise * rng.standard_normal(clean.shape)
         records, _ = decimated(
             [EvenSignals(setting.maneuver_limits.interval, flight.rows, measured)], high
@@ -212,13 +218,13 @@ def predicted_responses(setting: Setting, flight: LimitedManeuver) -> PredictedR
 
 # ---- The effects that are to be told apart
 
-MOST = 3  # effects at once: a diagnosis names two alternatives at most
+MOST_EFFECTS = 3  # effects at once: a diagnosis names two alternatives at most
 RANGE = ("low", "high")  # of a curve
-HALVINGS = 24
+MOST_HALVINGS = 24
 
 
 def rivals_of(request: DesignRequest, model: Model) -> tuple[Traceable, ...]:
-    """Effects named by ``--tell``.
+    """Return the effects named by ``--tell``.
 
     Raises
     ------
@@ -228,11 +234,11 @@ def rivals_of(request: DesignRequest, model: Model) -> tuple[Traceable, ...]:
     names = list(request.tell)
     if not names:
         return ()
-    if not 2 <= len(names) <= MOST or len(set(names)) < len(names):
+    if not 2 <= len(names) <= MOST_EFFECTS or len(set(names)) < len(names):
         raise DeclarationError(
             f"{len(names)} effects",
             where="--tell",
-            remedy=f"name two different effects, {MOST} at most: --tell A,B",
+            remedy=f"name two different effects, {MOST_EFFECTS} at most: --tell A,B",
         )
     rivals = []
     for name in names:
@@ -258,8 +264,8 @@ def rivals_of(request: DesignRequest, model: Model) -> tuple[Traceable, ...]:
 
 
 def sized(request: DesignRequest, effect: Traceable, reference: Planned) -> Acting:
-    """The first effect as it acts: at the values of ``--size``, at typical ones, or where the
-    reference maneuver just finds it.
+    """Return the first effect as it acts: at the values of ``--size``, at typical ones, or where
+    the reference maneuver just finds it.
     """
     typical = {item.name: item.value for item in effect.parameters}
     if request.size == TYPICAL:
@@ -276,8 +282,8 @@ def sized(request: DesignRequest, effect: Traceable, reference: Planned) -> Acti
 
 
 def barely_detectable(effect: Traceable, reference: Planned) -> Acting:
-    """The effect between absence and its typical values, where its expected gain is what the loop
-    asks of an addition.
+    """Return the effect between absence and its typical values, where its expected gain is what the
+    loop asks of an addition.
 
     Raises DeclarationError where even twice the typical values are not found in the reference
     maneuver.
@@ -302,7 +308,7 @@ def barely_detectable(effect: Traceable, reference: Planned) -> Acting:
             where="--size found",
             remedy="give it a size",
         )
-    for _ in range(HALVINGS):
+    for _ in range(MOST_HALVINGS):
         middle = 0.5 * (low + high)
         low, high = (
             (low, middle)
@@ -315,8 +321,8 @@ def barely_detectable(effect: Traceable, reference: Planned) -> Acting:
 
 
 def mimicking(reference: Planned, true: Acting, rival: Traceable) -> Acting:
-    """The rival at the values with which it looks most like the true effect; typical ones where it
-    cannot.
+    """Return the rival at the values with which it looks most like the true effect; typical ones
+    where it cannot.
     """
     result = contest(reference, true, rival)
     if result.gain - result.left < 0.5 * ODDS_COST:
@@ -325,7 +331,7 @@ def mimicking(reference: Planned, true: Acting, rival: Traceable) -> Acting:
 
 
 def contests(planned: Planned, acting: Sequence[Acting]) -> tuple[Contest, ...]:
-    """The first effect against each other one, and each of these against the first."""
+    """Return the first effect against each other one, and each of these against the first."""
     first, *others = acting
     out = []
     for other in others:
@@ -337,7 +343,7 @@ def contests(planned: Planned, acting: Sequence[Acting]) -> tuple[Contest, ...]:
 
 
 def _unit(effect: Traceable) -> str:
-    """Unit of a curve's argument: an angle, or that of a stick."""
+    """Return the unit of a curve's argument: an angle, or that of a stick."""
     return (
         "1" if getattr(effect, "unit", "rad") == "1" and getattr(effect, "control", "") else "rad"
     )
@@ -448,7 +454,7 @@ def _rank(maneuver: DesignedManeuver) -> tuple[float, float, float]:
 
 
 def _reference(setting: Setting) -> LimitedManeuver:
-    """A 3-2-1-1 with the pace of the eigenvalues, which defines equal sizes of effects."""
+    """Return a 3-2-1-1 with the pace of the eigenvalues, which defines equal sizes of effects."""
     for share in (1.0, 0.63, 0.4, 0.25):
         shapes = KINDS[REFERENCE](setting.maneuver_limits, _sampled(setting, share))
         if shapes is not None:
@@ -473,7 +479,7 @@ def _acting(
 
 
 def _sampled(setting: Setting, share: float) -> float:
-    """A pace that is a whole number of samples and not too short to fly, s."""
+    """Return a pace that is a whole number of samples and not too short to fly, s."""
     interval = setting.maneuver_limits.interval
     least = math.ceil(setting.flyer.shortest_step / interval - 1e-9)
     return max(1, least, round(share * setting.maneuver_limits.pulse / interval)) * interval

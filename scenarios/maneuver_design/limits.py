@@ -82,10 +82,10 @@ USUAL: Mapping[str, tuple[float, float]] = {
     },
 }
 ANGLE_OF_ATTACK = 8.0 * DEGREE  # rad, on either side of the trim
-PITCH = 20.0 * DEGREE  # rad, on either side of the trim
-SPEED = 0.1  # share of the airspeed, on either side
-DEFLECTION = 5.0 * DEGREE
-THRUST = 0.05  # of the weight
+PITCH_LIMIT = 20.0 * DEGREE  # rad, on either side of the trim
+AIRSPEED_LIMIT_SHARE = 0.1  # share of the airspeed, on either side
+DEFLECTION_LIMIT = 5.0 * DEGREE
+THRUST_LIMIT_SHARE = 0.05  # of the weight
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class Limits:
 
 
 def offset_of(model: Model, output: str) -> float:
-    """Difference of the total from the model's output: the weight for a load factor of
+    """Return the difference of the total from the model's output: the weight for a load factor of
     perturbations.
     """
     return 1.0 if output == "nz" and not of_totals(model) else 0.0
@@ -117,9 +117,9 @@ def usual_limits(model: Model, rest: Mapping[str, float]) -> Limits:
         if name == "alpha" and signal.unit == "rad":
             outputs[name] = (at - ANGLE_OF_ATTACK, at + ANGLE_OF_ATTACK)
         elif name == "theta" and signal.unit == "rad":
-            outputs[name] = (at - PITCH, at + PITCH)
+            outputs[name] = (at - PITCH_LIMIT, at + PITCH_LIMIT)
         elif name == "airspeed" and at > 0.0:
-            outputs[name] = ((1.0 - SPEED) * at, (1.0 + SPEED) * at)
+            outputs[name] = ((1.0 - AIRSPEED_LIMIT_SHARE) * at, (1.0 + AIRSPEED_LIMIT_SHARE) * at)
         elif name in USUAL and (not is_own(model) or signal.unit in ("rad", "rad/s")):
             outputs[name] = USUAL[name]
     return Limits(
@@ -133,7 +133,7 @@ def usual_limits(model: Model, rest: Mapping[str, float]) -> Limits:
 
 
 def limits_of(given: Path | Mapping[str, Any] | None, model: Model, usual: Limits) -> Limits:
-    """The usual limits with those of a file, or of its content, in their place.
+    """Return the usual limits with those of a file, or of its content, in their place.
 
     Keys: ``OUTPUT_max`` (alone it holds to both sides of zero, but of a load factor),
     ``OUTPUT_min``, ``INPUT_amplitude``, ``INPUT_rate``.
@@ -198,16 +198,16 @@ def _keys(model: Model) -> dict[str, tuple[str, str, str]]:
 
 
 def _usual_amplitude(model: Model, name: str, unit: str) -> float:
-    """An angle of some degrees; thrust of a share of the weight; one of any other unit."""
+    """Return an angle of some degrees; thrust of a share of the weight; one of any other unit."""
     if unit == "rad":
-        return DEFLECTION
+        return DEFLECTION_LIMIT
     if name == "thrust" and "mass" in model.parameters:
-        return THRUST * model.parameters["mass"].value * G0
+        return THRUST_LIMIT_SHARE * model.parameters["mass"].value * G0
     return 1.0
 
 
 def with_usual_rates(limits: Limits, model: Model, flyer: Flyer) -> Limits:
-    """The limits with a rate for each input that has none: of the actuator or of the hand,
+    """Return the limits with a rate for each input that has none: of the actuator or of the hand,
     whichever is lower; none of an input that neither limits.
     """
     rates = dict(limits.rate)
@@ -226,8 +226,8 @@ def with_usual_rates(limits: Limits, model: Model, flyer: Flyer) -> Limits:
 
 
 def no_faster(rows: np.ndarray, rate: np.ndarray, interval: float) -> np.ndarray:
-    """Samples ``(inputs, N)`` that follow ``rows`` with a rate of at most ``rate (inputs,)`` per
-    second.
+    """Return the samples ``(inputs, N)`` that follow ``rows`` with a rate of at most ``rate
+    (inputs,)`` per second.
     """
     out = rows.copy()
     if not np.any(np.isfinite(rate)):

@@ -57,11 +57,11 @@ if TYPE_CHECKING:
 
 # ---- A design in lines for the terminal
 
-LEAST = 0.05  # chance, below which no maneuver is said to decide
+LEAST_DECIDING_PROBABILITY = 0.05  # chance, below which no maneuver is said to decide
 
 
 def design_text(design: DesignResult, width: int = WIDTH, details: str = BELOW) -> str:
-    """Text of the design for a terminal of this width."""
+    """Return the text of the design for a terminal of this width."""
     lines = [*summary_lines(summary_of(design, details), width), ""]
     lines += table_as_lines(replace(maneuvers_table(design), caption=_title(design)), width)
     if design.setting.limits.outputs:
@@ -103,11 +103,11 @@ def summary_of(design: DesignResult, details: str = BELOW) -> Summary:
 
 
 def verdict_of(design: DesignResult) -> str:
-    """The best maneuver in a sentence."""
+    """Return the best maneuver in a sentence."""
     best, names = design.best, " or ".join(each.effect.name for each in design.acting)
     if not names:
         return f"FLY: {maneuver_text(design, best)}"
-    if best.chance < LEAST:
+    if best.chance < LEAST_DECIDING_PROBABILITY:
         return f"NONE DECIDES: within these limits no maneuver tells {names}"
     return (
         f"FLY: {maneuver_text(design, best)} tells {names} with a chance of {percent(best.chance)}"
@@ -150,7 +150,7 @@ SCHEMA = "flightid/design/1"
 
 
 def design_content(design: DesignResult) -> dict[str, Any]:
-    """Everything of a design but its time series."""
+    """Return everything of a design but its time series."""
     setting = design.setting
     files = {"vehicle": setting.vehicle.identity, "model": setting.vehicle.own_file}
     return {
@@ -262,7 +262,7 @@ def _contest(contest: Contest) -> dict[str, Any]:
 
 
 def design_figures(design: DesignResult) -> Iterator[Named]:
-    """The figure of a design: inputs and responses of all kinds with the limits."""
+    """Yield the figure of a design: inputs and responses of all kinds with the limits."""
     from scenarios.plots.maneuvers import ManeuverCourse, figure_coherence, figure_maneuvers
 
     setting = design.setting
@@ -316,7 +316,7 @@ RULE = (
 
 
 def design_page(design: DesignResult, figure_files: Sequence[Drawn] = ()) -> Page:
-    """The page of a design with the figures ``figure_files``."""
+    """Return the page of a design with the figures ``figure_files``."""
     setting, with_rivals = design.setting, bool(design.acting)
     word, _, rest = verdict_of(design).partition(": ")
     inputs = [
@@ -332,7 +332,7 @@ def design_page(design: DesignResult, figure_files: Sequence[Drawn] = ()) -> Pag
         kind=f"{setting.model.name} model, {setting.maneuver_limits.time[-1]:g} s at "
         f"{setting.rate:g} Hz",
         verdict=capital(word.lower()),
-        tone="open" if with_rivals and design.best.chance < LEAST else "good",
+        tone="open" if with_rivals and design.best.chance < LEAST_DECIDING_PROBABILITY else "good",
         sentence=as_sentence(rest),
         summary=(),
         warnings=(),
@@ -393,7 +393,7 @@ def write_design(design: DesignResult, folder: str | Path, *, figures: Formats =
 
 
 def input_of(maneuver: DesignedManeuver) -> Record:
-    """The maneuver alone, as a record without outputs."""
+    """Return the maneuver alone, as a record without outputs."""
     return replace(maneuver.flight.planned.record, outputs=(), name=f"{maneuver.kind}, designed")
 
 

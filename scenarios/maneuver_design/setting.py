@@ -19,7 +19,7 @@ from scenarios.files.schemas import number_in
 from scenarios.files.sources import Source
 from scenarios.files.user_models import OwnModel, channel_units, inputs_at_rest, is_own, unit_in
 from scenarios.files.vehicles import VehicleFile, read_vehicle
-from scenarios.identification.model_checks import PULSE, doublet_motion
+from scenarios.identification.model_checks import PULSE_LENGTH_FACTOR, doublet_motion
 from scenarios.maneuver_design.limits import (
     COMPUTER,
     PILOT,
@@ -108,14 +108,14 @@ class DesignRequest:
 
     @property
     def flown(self) -> Flyer:
-        """Who moves the controls."""
+        """Pilot or computer that moves the controls."""
         return COMPUTER if self.computer else PILOT
 
 
 # ---- Maneuvers of equal peak amplitude and equal length
 
 TAPER = 0.05  # of a sweep's length
-SLOWEST = 0.3  # of the roots' frequency, where a sweep begins if its length allows
+SWEEP_START_SHARE = 0.3  # of the roots' frequency, where a sweep begins if its length allows
 MOST_HARMONICS = 60  # of all inputs together
 
 
@@ -138,7 +138,7 @@ class ManeuverLimits:
     rest: float = 0.0
 
     def corner(self, one: int) -> float:
-        """The corner of an input, rad/s; infinite where its rate is not limited."""
+        """Return the corner of an input, rad/s; infinite where its rate is not limited."""
         return self.corners[one] if self.corners else math.inf
 
     def slow_enough(self, one: int, row: np.ndarray) -> np.ndarray:
@@ -171,7 +171,7 @@ def steps_in_turn(
     single: Callable[[float, float, float], Maneuver],
     units: float,
 ) -> Shapes:
-    """A maneuver of ``units`` paces on each input in turn, with alternating sign."""
+    """Return a maneuver of ``units`` paces on each input in turn, with alternating sign."""
     length, gap = units * pace, max(2.0 * limits.pulse, pace, limits.rest)
     out = np.zeros((limits.inputs, len(limits.time)))
     at, count = limits.lead, 0
@@ -184,12 +184,12 @@ def steps_in_turn(
 
 
 def sweeps(limits: ManeuverLimits, pace: float) -> Shapes:
-    """A logarithmic sweep on each input in turn, up to half a period of ``pace``.
+    """Return a logarithmic sweep on each input in turn, up to half a period of ``pace``.
 
     Its amplitude falls with the frequency where the rate limit requires it.
     """
     each = min(limits.active / limits.inputs, limits.longest_sweep)
-    low, high = max(2.0 * math.pi / each, SLOWEST * 1.5 / limits.pulse), math.pi / pace
+    low, high = max(2.0 * math.pi / each, SWEEP_START_SHARE * 1.5 / limits.pulse), math.pi / pace
     low, high = limits.band or (low, high)
     if high < 1.5 * low:
         return None
@@ -261,14 +261,14 @@ INSTRUMENTS: Mapping[str, float] = {
     },
     **{"airspeed": 0.2, "theta": 0.0015, "nx": 0.004},
 }
-SHARE = 0.01  # of an output's largest move under doublets, of a user's own model
-RATE = 50.0  # samples a second
+NOISE_SHARE = 0.01  # of an output's largest move under doublets, of a user's own model
+SAMPLE_RATE = 50.0  # samples a second
 DURATION = 20.0  # s
-SAMPLES = 20.0  # of a user model: samples in a pulse
+SAMPLES_PER_PULSE = 20.0  # of a user model: samples in a pulse
 PULSES = 40.0  # of a user model: pulses in its flight
-SLOW = 0.1  # of the quickest root: a slower one sets no step
+SLOW_ROOT_SHARE = 0.1  # of the quickest root: a slower one sets no step
 PER_PERIOD = 10.0  # samples in a period of the highest frequency of a band
-CYCLES = 5.0  # periods of its lowest frequency for each input
+SWEEP_PERIODS = 5.0  # periods of its lowest frequency for each input
 MOST_SAMPLES = 20_000  # a design simulates hundreds of flights
 
 
@@ -295,7 +295,7 @@ class Setting:
         return 1.0 / self.maneuver_limits.interval
 
     def planned(self, rows: np.ndarray, *, quick: bool = False) -> Planned:
-        """A flight of inputs ``(inputs, N)`` from rest; ``quick``: with larger steps, for
+        """Return a flight of inputs ``(inputs, N)`` from rest; ``quick``: with larger steps, for
         comparisons.
         """
         units = channel_units(self.model)
@@ -357,7 +357,7 @@ def setting_of(request: DesignRequest) -> Setting:
     )
     model, rest = in_trim(model)
     still = _outputs_at(model, rest)
-    pulse = max(PULSE / _frequency(model, rest), request.flown.shortest_step)
+    pulse = max(PULSE_LENGTH_FACTOR / _frequency(model, rest), request.flown.shortest_step)
     _refuse_band(request)
     room = _limits_of(request, model, pulse)
     noise = _noise(request, model)
@@ -377,7 +377,7 @@ def setting_of(request: DesignRequest) -> Setting:
 
 
 def in_trim(model: Model) -> tuple[Model, dict[str, float]]:
-    """The model in trim, and its inputs there.
+    """Return the model in trim, and its inputs there.
 
     Perturbation models and user models stay as they are; others are trimmed in level flight by
     Newton's method. Raises DeclarationError without such a flight at the reference airspeed.
@@ -441,7 +441,7 @@ def _outputs_at(model: Model, rest: Mapping[str, float]) -> dict[str, float]:
 def _frequency(model: Model, rest: Mapping[str, float]) -> float:
     """Geometric mean of the quicker roots, rad/s; one where there is none."""
     sizes = root_sizes(compile_model(model), list(rest.values()))
-    quick = sizes[sizes > SLOW * np.max(sizes, initial=0.0)]
+    quick = sizes[sizes > SLOW_ROOT_SHARE * np.max(sizes, initial=0.0)]
     return float(np.exp(np.mean(np.log(quick)))) if len(quick) else 1.0
 
 
@@ -458,9 +458,9 @@ def _refuse_band(request: DesignRequest) -> None:
         what = f"{flyer.name} does not follow a sweep to {high:g} Hz by hand"
         remedy = f"give {flyer.fastest:g} Hz at most, or --computer for a flight computer"
         raise DeclarationError(what, where="--band", remedy=remedy)
-    if CYCLES / low > flyer.longest_sweep:
+    if SWEEP_PERIODS / low > flyer.longest_sweep:
         what = f"five periods of {low:g} Hz are longer than a sweep by hand"
-        least = math.ceil(1e3 * CYCLES / flyer.longest_sweep) / 1e3
+        least = math.ceil(1e3 * SWEEP_PERIODS / flyer.longest_sweep) / 1e3
         remedy = f"give {least:g} Hz or more, or --computer for a flight computer"
         raise DeclarationError(what, where="--band", remedy=remedy)
     if request.tell:
@@ -475,7 +475,7 @@ def _limits_of(request: DesignRequest, model: Model, pulse: float) -> ManeuverLi
                 f"{value:g} is not above 0", where=option, remedy="give a positive number"
             )
     own = is_own(model)
-    rate = request.rate or (_rounded(SAMPLES / pulse) if own else RATE)
+    rate = request.rate or (_rounded(SAMPLES_PER_PULSE / pulse) if own else SAMPLE_RATE)
     least = pulse * (4.0 * len(model.equations.inputs) + 5.0)
     duration = request.duration or (
         math.ceil(PULSES * pulse * rate) / rate if own else max(DURATION, math.ceil(1.5 * least))
@@ -490,7 +490,7 @@ def _limits_of(request: DesignRequest, model: Model, pulse: float) -> ManeuverLi
             raise DeclarationError(
                 what, where="--rate", remedy=f"give {PER_PERIOD * high:g} or more"
             )
-        needed = CYCLES / low * len(model.equations.inputs) + 4.0 * pulse + 2.0 / rate
+        needed = SWEEP_PERIODS / low * len(model.equations.inputs) + 4.0 * pulse + 2.0 / rate
         duration = request.duration or math.ceil(max(duration, needed))
         if duration < 0.8 * needed:
             what = f"{duration:g} s are too short for {low:g} Hz"
@@ -531,7 +531,7 @@ def _noise(request: DesignRequest, model: Model) -> dict[str, float]:
         return {name: INSTRUMENTS[name] for name in units}
     sizes = doublet_motion(model).sizes
     result = {
-        name: float(f"{SHARE * size:.2g}")
+        name: float(f"{NOISE_SHARE * size:.2g}")
         for name, size in zip(units, sizes, strict=True)
         if size > 0.0
     }
@@ -583,7 +583,7 @@ def _positive(numbers: dict[str, float], option: str) -> dict[str, float]:
 
 
 def _rounded(value: float) -> float:
-    """The next of 1, 2, 5, 10, 20 ... that is not below."""
+    """Return the next of 1, 2, 5, 10, 20 ... that is not below."""
     decade = 10.0 ** math.floor(math.log10(value))
     return next(
         decade * digit for digit in (1.0, 2.0, 5.0, 10.0) if decade * digit >= value * (1.0 - 1e-9)

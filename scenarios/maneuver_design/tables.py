@@ -36,14 +36,14 @@ def maneuver_text(design: DesignResult, maneuver: DesignedManeuver) -> str:
 
 
 def pace_text(maneuver: DesignedManeuver) -> str:
-    """The step of steps, the highest frequency of the others."""
+    """Return the step of steps, the highest frequency of the others."""
     if PACE_IS[maneuver.kind] == "step":
         return f"step {maneuver.pace:.3g} s"
     return f"up to {0.5 / maneuver.pace:.3g} Hz"
 
 
 def peaks_of(design: DesignResult, maneuver: DesignedManeuver) -> dict[str, float]:
-    """Largest deflection from rest by input."""
+    """Return the largest deflection from rest by input."""
     return {
         name: float(np.max(np.abs(row)))
         for name, row in zip(design.setting.rest, maneuver.flight.rows, strict=True)
@@ -76,7 +76,7 @@ def notes_of(design: DesignResult) -> list[str]:
 
 
 def acting_text(acting: Acting) -> str:
-    """An effect with its values."""
+    """Return an effect with its values."""
     units = {item.name: item.unit for item in acting.effect.parameters}
     sentences = []
     for name, value in acting.values.items():
@@ -86,7 +86,7 @@ def acting_text(acting: Acting) -> str:
 
 
 def percent(chance: float) -> str:
-    """A probability in per cent; none is said to be sure."""
+    """Return a probability in per cent; none is said to be sure."""
     return "more than 99 %" if chance > 0.995 else f"{100.0 * chance:.0f} %"
 
 
@@ -98,7 +98,7 @@ def extremes_text(design: DesignResult, maneuver: DesignedManeuver) -> str:
 
 
 def who_flies_text(design: DesignResult) -> str:
-    """Sentence on pilot or computer, and on the margins."""
+    """Return the sentence on pilot or computer, and on the margins."""
     flown = design.setting.flyer
     text = (
         f"flown by {flown.name} (--computer for a flight computer): {flown.text}"
@@ -133,7 +133,7 @@ def _shown(design: DesignResult, name: str, value: float) -> str:
 
 
 def units_shown(design: DesignResult) -> Mapping[str, str]:
-    """Unit inside of every channel."""
+    """Return the unit inside of every channel."""
     return {
         name: unit_in(design.setting.model, name)
         for name in (*design.setting.rest, *design.setting.noise)
@@ -147,7 +147,7 @@ SHOWN = ("nz", "alpha", "q", "beta", "p", "r", "phi", "ny", "airspeed")
 
 
 def maneuvers_table(design: DesignResult) -> Table:
-    """The maneuvers at equal amplitude and time, the best first."""
+    """Return the maneuvers at equal amplitude and time, the best first."""
     setting, some, with_rivals = design.setting, design.maneuvers, bool(design.acting)
     outputs = [name for name in SHOWN if name in setting.noise] or list(setting.noise)[:3]
     columns: list[tuple[Column, list[Cell]]] = [
@@ -172,7 +172,7 @@ def maneuvers_table(design: DesignResult) -> Table:
 
 
 def contest_table(design: DesignResult, caption: str) -> Table:
-    """Table of the effects of the best maneuver: each against its rival."""
+    """Return the table of the effects of the best maneuver: each against its rival."""
     some = [(each, each.decision) for each in design.best.contests]
 
     def percent(heading: str) -> Column:
@@ -211,7 +211,7 @@ def sigmas_table(design: DesignResult, caption: str) -> Table:
 
 
 def responses_table(design: DesignResult, caption: str) -> Table:
-    """Table of expected responses over the band, for each maneuver."""
+    """Return the table of expected responses over the band, for each maneuver."""
     kinds = [(each.kind, each.responses) for each in design.maneuvers if each.responses is not None]
     first = kinds[0][1]
     places = [
@@ -236,7 +236,7 @@ def responses_table(design: DesignResult, caption: str) -> Table:
 
 
 def margins_table(design: DesignResult, caption: str) -> Table:
-    """Table of peaks of the best maneuver, their limits, and the margins."""
+    """Return the table of peaks of the best maneuver, their limits, and the margins."""
     setting, best = design.setting, design.best
     names = [name for name in best.flight.margins if name in setting.limits.outputs]
     ends = {name: setting.limits.outputs[name] for name in names}

@@ -84,7 +84,7 @@ _FACTORS = {
 
 
 def display_unit(unit: str, name: str = "") -> DisplayUnit:
-    """How a unit of ours is shown, as in every table, with typeset powers; ``name`` tells a
+    """Return the display unit of a unit, as in every table, with typeset powers; ``name`` tells a
     frequency from a rate.
 
     A label of an unknown kind (that of a stick) is kept.
@@ -106,8 +106,8 @@ def axis_label(name: str, unit: DisplayUnit) -> str:
 
 
 def symbol(name: str) -> str:
-    """The textbook symbol of a signal or parameter in mathtext; a name that has none stays as it
-    is.
+    """Return the textbook symbol of a signal or parameter in mathtext; a name that has none stays
+    as it is.
     """
     if name in _SIGNALS or name in _SYMBOLS:
         return _SIGNALS.get(name) or _SYMBOLS[name]
@@ -127,8 +127,8 @@ def symbol(name: str) -> str:
 
 
 def scaled_unit(unit: DisplayUnit, size: float) -> DisplayUnit:
-    """The unit with a power of a thousand in front, so that values of this size (in ``unit``) need
-    few digits at an axis.
+    """Return the unit with a power of a thousand in front, so that values of this size (in
+    ``unit``) need few digits at an axis.
     """
     if not (size > 0.0 and math.isfinite(size)) or 0.02 <= size < 2e4:
         return unit
@@ -140,14 +140,14 @@ def scaled_unit(unit: DisplayUnit, size: float) -> DisplayUnit:
 
 
 def signed(value: float, form: str) -> str:
-    """A number with its sign, with a typographic minus; ``form``: format after the sign, e.g.
-    ``".3g"``.
+    """Return a number with its sign, with a typographic minus; ``form``: format after the sign,
+    e.g. ``".3g"``.
     """
     return format(value, f"+{form}").replace("-", "−")
 
 
 def escaped_dollars(text: str) -> str:
-    """A text with its dollar signs escaped."""
+    """Return a text with its dollar signs escaped."""
     return text.replace("$", r"\$")
 
 
@@ -200,8 +200,8 @@ def course(history: FilterHistory, name: str, factor: float = 1.0) -> StateHisto
 
 
 def sound_samples(history: FilterHistory) -> int:
-    """Number of samples before a filter diverged; afterwards its history repeats the last finite
-    sample.
+    """Return the number of samples before a filter diverged; afterwards its history repeats the
+    last finite sample.
 
     A repeated sample has no measurement and an identity for a transition.
     """
@@ -253,12 +253,12 @@ class NamedEffects:
         )
 
     def complete(self, within: tuple[str, ...]) -> bool:
-        """Whether a model with these effects needs no further one."""
+        """Return whether a model with these effects needs no further one."""
         return self.noise_left and set(self.claimed) <= set(within)
 
 
 def is_alternative(c: Candidate, standing: NamedEffects) -> bool:
-    """Whether a candidate could replace a claim beside all others."""
+    """Return whether a candidate could replace a claim beside all others."""
     return any(
         c.name in names and set(standing.claimed) - {claim} <= set(c.within)
         for claim, names in standing.alternatives.items()

@@ -32,8 +32,8 @@ from scenarios.plots.style import bold_title, hide_bold_title
 from scenarios.report.figure_formats import PDF, PNG, SVG, USUAL, Drawn, Formats, caption_of
 from scenarios.report.plot_data import BAND, HELD, LINE, POINTS, Curve, Panel, PlotData, as_kept
 
-MOST = 4000  # samples of a curve; of more the extremes of each interval are kept
-CURVES = 40  # of one figure that zooms
+MOST_CURVE_SAMPLES = 4000  # samples of a curve; of more the extremes of each interval are kept
+MOST_ZOOMING_CURVES = 40  # of one figure that zooms
 # Of words in a panel that a figure that zooms does without: a table beside it has them.
 ORNAMENT = "ornament"
 _SCALES = ("linear", "log")
@@ -53,10 +53,11 @@ _GREEK = {
 
 
 def plot_data(figure: Figure) -> PlotData | None:
-    """The panels of a finished figure with their curves, or None where something in it cannot be
-    drawn from curves over a rising abscissa: bars, error bars, maps, words in a panel.
+    """Return the panels of a finished figure with their curves, or None where something in it
+    cannot be drawn from curves over a rising abscissa: bars, error bars, maps, words in a panel.
 
-    Curves of more than ``MOST`` samples keep the smallest and the largest value of each interval.
+    Curves of more than ``MOST_CURVE_SAMPLES`` samples keep the smallest and the largest value of
+    each interval.
     """
     panels = [panel for panel in figure.axes if panel.get_visible()]
     if not panels or not all(map(_plain_panel, panels)):
@@ -88,7 +89,7 @@ def plot_data(figure: Figure) -> PlotData | None:
                 panel.get_yscale() == "log",
             )
         )
-    if sum(len(panel.curves) for panel in out) > CURVES * len(out):
+    if sum(len(panel.curves) for panel in out) > MOST_ZOOMING_CURVES * len(out):
         return None
     return as_kept(PlotData(tuple(out)))
 
@@ -104,7 +105,7 @@ def words(label: str) -> str:
 
 
 def _plain_panel(panel: Axes) -> bool:
-    """Whether a panel has only lines, points, bands and spans."""
+    """Return whether a panel has only lines, points, bands and spans."""
     spans = [patch for patch in panel.patches if _span(panel, patch) is not None]
     bands = [each for each in panel.collections if _is_band(each)]
     drawable = all(line.get_marker() in _MARKS for line in panel.lines)
@@ -124,7 +125,7 @@ _MARKS = ("None", "none", None, "", " ", ".", "o")
 
 
 def _is_band(each: object) -> bool:
-    """An area between two curves (``fill_between``), by the shape of its outlines."""
+    """Return an area between two curves (``fill_between``), by the shape of its outlines."""
     if not isinstance(each, PolyCollection):
         return False
     return all(_is_outline(np.asarray(path.vertices)) for path in each.get_paths())
@@ -154,13 +155,13 @@ def _curves(panel: Axes) -> Iterator[Curve]:
 
 
 def _label(text: object) -> str:
-    """The name in a legend; matplotlib's own names begin with an underscore."""
+    """Return the name in a legend; matplotlib's own names begin with an underscore."""
     name = str(text or "")
     return "" if name.startswith("_") else words(name)
 
 
 def _span(panel: Axes, patch: object) -> Curve | None:
-    """A span along the whole panel as a band; None for any other patch."""
+    """Return a span along the whole panel as a band; None for any other patch."""
     if not isinstance(patch, Rectangle | Polygon):
         return None
     points = np.asarray(patch.get_path().vertices)
@@ -219,8 +220,8 @@ def _curve(panel: Axes, line: Line2D) -> Curve | None:
 
 
 def _nearly_upright(x: np.ndarray, panel: Axes) -> np.ndarray:
-    """The two abscissas of an upright line, less than a pixel apart: a page joins all curves over
-    one abscissa, and would keep one of two ends at the same place.
+    """Return the two abscissas of an upright line, less than a pixel apart: a page joins all curves
+    over one abscissa, and would keep one of two ends at the same place.
     """
     if x.size != 2 or x[0] != x[1]:
         return x
@@ -229,7 +230,7 @@ def _nearly_upright(x: np.ndarray, panel: Axes) -> np.ndarray:
 
 
 def _dash(line: Line2D) -> tuple[float, ...]:
-    """Lengths of stroke and gap in points of print."""
+    """Return the lengths of stroke and gap in points of print."""
     if not line.is_dashed():
         return ()
     lengths = getattr(line, "_dash_pattern", (0, None))[1]  # matplotlib has no other way to ask
@@ -237,10 +238,12 @@ def _dash(line: Line2D) -> tuple[float, ...]:
 
 
 def _thinned(curve: Curve) -> Curve:
-    """The curve with ``MOST`` samples at most: of each interval the smallest and the largest."""
-    if len(curve.x) <= MOST:
+    """Return the curve with ``MOST_CURVE_SAMPLES`` samples at most: of each interval the smallest
+    and the largest.
+    """
+    if len(curve.x) <= MOST_CURVE_SAMPLES:
         return curve
-    edges = np.linspace(0, len(curve.x), MOST // 2 + 1).astype(int)
+    edges = np.linspace(0, len(curve.x), MOST_CURVE_SAMPLES // 2 + 1).astype(int)
     chosen: list[int] = []
     for start, stop in pairwise(edges.tolist()):
         part = curve.y[start:stop]
@@ -273,7 +276,7 @@ def save_figure(figure: Figure, folder: Path, stem: str, formats: Formats = USUA
 
 
 def figure_png(figure: Figure) -> bytes:
-    """The figure as a PNG at its own size and resolution."""
+    """Return the figure as a PNG at its own size and resolution."""
     buffer = io.BytesIO()
     # None takes the entry out that names matplotlib's version.
     FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": None})
@@ -281,7 +284,7 @@ def figure_png(figure: Figure) -> bytes:
 
 
 def figure_svg(figure: Figure) -> bytes:
-    """The figure as an SVG file at its own size."""
+    """Return the figure as an SVG file at its own size."""
     buffer = io.BytesIO()
     with rc_context(_VECTOR):
         FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
@@ -289,7 +292,7 @@ def figure_svg(figure: Figure) -> bytes:
 
 
 def figure_pdf(figure: Figure) -> bytes:
-    """The figure as a PDF of one page at its own size."""
+    """Return the figure as a PDF of one page at its own size."""
     # it loads a library of fonts, which takes as long as a figure
     from matplotlib.backends.backend_pdf import FigureCanvasPdf
 
@@ -311,18 +314,22 @@ _WRITERS: Mapping[str, Callable[[Figure], bytes]] = {
 # ---- A figure as an <svg> element of a page, with a description for screen readers
 
 POINTS_PER_INCH = 72.0
-SCALE = 1.75  # pixels a point, where there is room
+PIXELS_PER_POINT = 1.75  # pixels a point, where there is room
 # points: a wider figure is moved sideways on a small screen rather than made too small to read
-FULL = 400.0
-LONG = 128  # vertices from which the outline of an area is simplified
-TOLERANCE = 0.25  # points by which a simplified line may be off, a quarter of its width
-ARCS = 8  # curves of matplotlib's disc
-DOT = 2  # cells in the diameter of a dot: of several dots in one cell a single one is drawn
+WIDEST_SCALED_FIGURE = 400.0
+LONG_OUTLINE = 128  # vertices from which the outline of an area is simplified
+OUTLINE_TOLERANCE = 0.25  # points by which a simplified line may be off, a quarter of its width
+DISC_ARCS = 8  # curves of matplotlib's disc
+# cells in the diameter of a dot: of several dots in one cell a single one is drawn
+CELLS_PER_DOT = 2
 
-TALLEST = 1.15  # height over width of a drawing that is printed
-LOWEST = 0.5  # height of a printed panel over that on the screen
+TALLEST_ASPECT = 1.15  # height over width of a drawing that is printed
+PRINTED_HEIGHT_SHARE = 0.5  # height of a printed panel over that on the screen
 # Letters stay text, in the font of the page.
-_PAGE: dict[Any, Any] = _VECTOR | {"svg.fonttype": "none", "path.simplify_threshold": TOLERANCE}
+_PAGE: dict[Any, Any] = _VECTOR | {
+    "svg.fonttype": "none",
+    "path.simplify_threshold": OUTLINE_TOLERANCE,
+}
 _OF_FILE = re.compile(r"<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->", re.DOTALL)
 _STYLE = re.compile(r' style="([^"]*)"')
 _PATH = re.compile(r' d="([^"]*)"')
@@ -362,16 +369,16 @@ def draw_for_page(
 
 
 def _for_a_sheet(figure: Figure, stem: str, left_out: float) -> str:
-    """The drawing of a figure that is live on the screen, for paper: one that is tall has lower
-    panels, so that it fits a sheet at its full width.
+    """Return the drawing of a figure that is live on the screen, for paper: one that is tall has
+    lower panels, so that it fits a sheet at its full width.
 
     Panels keep half of their height: with more of them all is drawn smaller instead, since labels
     would stand upon each other.
     """
     width, height = figure.get_size_inches()
-    if height > TALLEST * width:
-        wide = max(width, LOWEST * height / TALLEST)
-        figure.set_size_inches(wide, TALLEST * wide)
+    if height > TALLEST_ASPECT * width:
+        wide = max(width, PRINTED_HEIGHT_SHARE * height / TALLEST_ASPECT)
+        figure.set_size_inches(wide, TALLEST_ASPECT * wide)
     try:
         return page_svg(figure, stem, left_out * figure.get_figheight() / height)
     finally:
@@ -379,8 +386,8 @@ def _for_a_sheet(figure: Figure, stem: str, left_out: float) -> str:
 
 
 def figure_document(figure: Figure, words: str) -> str:
-    """A figure as an HTML document of its own that zooms and shows values under the pointer, with
-    the drawing alone where its curves cannot be taken from it. ``words``: what it shows.
+    """Return a figure as an HTML document of its own that zooms and shows values under the pointer,
+    with the drawing alone where its curves cannot be taken from it. ``words``: what it shows.
     """
     from scenarios.report.document import Figure as Block
     from scenarios.report.html import figure_html
@@ -390,7 +397,7 @@ def figure_document(figure: Figure, words: str) -> str:
 
 
 def figure_frame(document: str, words: str, height: int) -> str:
-    """An HTML document as a frame of a notebook's page, as wide as its place.
+    """Return an HTML document as a frame of a notebook's page, as wide as its place.
 
     Parameters
     ----------
@@ -410,8 +417,8 @@ def figure_frame(document: str, words: str, height: int) -> str:
 
 
 def page_svg(figure: Figure, stem: str, left_out: float = 0.0) -> str:
-    """The figure as an ``<svg>`` element of a page, as wide as its place; the same bytes for the
-    same figure.
+    """Return the figure as an ``<svg>`` element of a page, as wide as its place; the same bytes for
+    the same figure.
 
     Matplotlib's SVG with its styles as attributes, which the policy of a page allows and its
     rules for a dark ground replace, and with shorter numbers. ``stem`` begins the identifiers:
@@ -439,13 +446,13 @@ def page_svg(figure: Figure, stem: str, left_out: float = 0.0) -> str:
     body = _IDENTIFIER.sub(rf"\g<1>figure-{stem}-", body).replace("xlink:href", "href")
     body = re.sub(r">\s+<", "><", body).strip()
     mapped = bool(figure.findobj(QuadMesh))  # colours that stand for numbers stay as they are
-    kinds = [*(["full"] if width > FULL else []), *(["mapped"] if mapped else [])]
+    kinds = [*(["full"] if width > WIDEST_SCALED_FIGURE else []), *(["mapped"] if mapped else [])]
     wide = f' class="{" ".join(kinds)}"' if kinds else ""
     top = left_out * POINTS_PER_INCH
     seen = height - top
     return (
-        f'<svg viewBox="0 {top:g} {width:g} {seen:g}" width="{SCALE * width:.0f}" '
-        f'height="{SCALE * seen:.0f}"{wide} role="img" '
+        f'<svg viewBox="0 {top:g} {width:g} {seen:g}" width="{PIXELS_PER_POINT * width:.0f}" '
+        f'height="{PIXELS_PER_POINT * seen:.0f}"{wide} role="img" '
         f'aria-label="{escape(description(figure), quote=True)}">{body}'
     )
 
@@ -455,7 +462,7 @@ def _short_numbers(tag: re.Match[str]) -> str:
 
 
 def _decimal(value: float) -> str:
-    """A number with at most two decimals."""
+    """Return a number with at most two decimals."""
     return f"{value:.2f}".rstrip("0").rstrip(".")
 
 
@@ -465,7 +472,7 @@ def _declarations(style: str) -> dict[str, str]:
 
 
 def _attributes(match: re.Match[str]) -> str:
-    """A style as attributes; the font is that of the page."""
+    """Return a style as attributes; the font is that of the page."""
     known = _declarations(match[1])
     if font := _FONT.search(known.pop("font", "")):  # of matplotlib before 3.11
         known |= {key: value for key, value in font.groupdict().items() if value}
@@ -480,10 +487,10 @@ def _attributes(match: re.Match[str]) -> str:
 def _path_data(match: re.Match[str]) -> str:
     """Path data with one decimal; a long outline without curves simplified as lines are."""
     data = match[1]
-    if data.count("L") >= LONG and data.count("M") == 1 and data.rstrip().endswith("z"):
+    if data.count("L") >= LONG_OUTLINE and data.count("M") == 1 and data.rstrip().endswith("z"):
         numbers = np.array(re.findall(r"-?[\d.]+", data), dtype=float).reshape(-1, 2)
         line = Outline(numbers)
-        line.should_simplify, line.simplify_threshold = True, TOLERANCE
+        line.should_simplify, line.simplify_threshold = True, OUTLINE_TOLERANCE
         clean = line.cleaned(simplify=True)
         points = np.asarray(clean.vertices)[np.asarray(clean.codes) != Outline.STOP].tolist()
         data = "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points) + "z"
@@ -495,7 +502,7 @@ def _path_data(match: re.Match[str]) -> str:
 
 class PageRenderer(RendererSVG):
     """Matplotlib's SVG with the discs of a line as one path of strokes without length, where it has
-    an element for each; of discs that cover each other to a part of ``DOT`` one is drawn.
+    an element for each; of discs that cover each other to a part of ``CELLS_PER_DOT`` one is drawn.
     """
 
     def draw_markers(
@@ -515,7 +522,9 @@ class PageRenderer(RendererSVG):
             return
         points = np.asarray(trans.transform(path.vertices))
         points = points[np.all(np.isfinite(points), axis=1)]
-        _, first = np.unique(np.round(points * (DOT / (size + edge))), axis=0, return_index=True)
+        _, first = np.unique(
+            np.round(points * (CELLS_PER_DOT / (size + edge))), axis=0, return_index=True
+        )
         strokes = np.repeat(points[np.sort(first)], 2, axis=0)
         codes = np.tile([Outline.MOVETO, Outline.LINETO], len(first))
         look = self.new_gc()
@@ -530,8 +539,8 @@ class PageRenderer(RendererSVG):
 
 
 def _diameter(mark: Outline, transform: Transform) -> float:
-    """The diameter of a mark that is a disc, zero of any other."""
-    if mark.codes is None or np.count_nonzero(mark.codes == Outline.CURVE4) < 3 * ARCS:
+    """Return the diameter of a mark that is a disc, zero of any other."""
+    if mark.codes is None or np.count_nonzero(mark.codes == Outline.CURVE4) < 3 * DISC_ARCS:
         return 0.0
     width, height = np.ptp(mark.get_extents(transform).get_points(), axis=0).tolist()
     return float(width) if abs(width - height) < 1e-6 * width else 0.0
@@ -564,7 +573,7 @@ def description(figure: Figure) -> str:
 
 
 def _without_math(text: str) -> str:
-    """A label without the marks of mathematics."""
+    """Return a label without the marks of mathematics."""
     return " ".join(
         text.replace("\\mathrm", "")
         .replace("\\dot", "")

@@ -209,7 +209,7 @@ def figure_poles(poles: np.ndarray, draws: np.ndarray, title: str = "") -> Figur
 
 
 def _unit(history: FilterHistory, name: str, unit: str, true: float) -> DisplayUnit:
-    """Unit whose power of a thousand suits true value, later estimates and bands."""
+    """Return the unit whose power of a thousand suits true value, later estimates and bands."""
     base, path = display_unit(unit, name), course(history, name)
     later = slice(len(history.time) // 2, None)
     reached = np.abs(path.mean[later]) + 2.0 * path.std[later]
@@ -298,10 +298,10 @@ def _mark(
 
 # ---- Correlations of estimated parameters as a map
 
-LARGE = 0.9  # absolute correlation above which a pair is framed
-_PRINTED = 0.5  # absolute correlation from which the number is printed
-_RIGHT = 1.0  # inches, for the colour scale
-_COUNT = 0.28  # inches, for a line of text
+FRAMED_CORRELATION = 0.9  # absolute correlation above which a pair is framed
+_PRINTED_CORRELATION = 0.5  # absolute correlation from which the number is printed
+_COLOUR_SCALE_WIDTH = 1.0  # inches, for the colour scale
+_COUNT_LINE_HEIGHT = 0.28  # inches, for a line of text
 
 
 def _square(column: int, row: int, side: float, **style: Any) -> Rectangle:
@@ -309,11 +309,9 @@ def _square(column: int, row: int, side: float, **style: Any) -> Rectangle:
     return Rectangle((column - side / 2.0, row - side / 2.0), side, side, **style)
 
 
-def figure_correlation(
-    names: Sequence[str], correlation: np.ndarray, title: str = "", large: float = LARGE
-) -> Figure:
+def figure_correlation(names: Sequence[str], correlation: np.ndarray, title: str = "") -> Figure:
     """Heat map of a correlation matrix ``(n, n)``, lower triangle; correlations of at
-    least ``_PRINTED`` are printed, those above ``large`` framed.
+    least ``_PRINTED_CORRELATION`` are printed, those above ``FRAMED_CORRELATION`` framed.
 
     Entries that are not finite (a parameter of no variance) are left grey. Raises ModelError for
     fewer than two parameters.
@@ -337,10 +335,10 @@ def figure_correlation(
         max([0.6, *(text_width(label, size) + 0.2 for label in some)])
         for some in (labels[1:], labels[:-1])
     )
-    cell = min(max(0.42, min(0.8, 2.0 / n)), (WIDTH - left - _RIGHT) / n)
-    width = max(n * cell + left + _RIGHT, 5.0)
+    cell = min(max(0.42, min(0.8, 2.0 / n)), (WIDTH - left - _COLOUR_SCALE_WIDTH) / n)
+    width = max(n * cell + left + _COLOUR_SCALE_WIDTH, 5.0)
     head = title_space(title, width)
-    height = max(n * cell, 1.2) + head + _COUNT + bottom
+    height = max(n * cell, 1.2) + head + _COUNT_LINE_HEIGHT + bottom
     figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
     panel = figure.add_axes((left / width, bottom / height, n * cell / width, n * cell / height))
     image = cells(panel, shown, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
@@ -349,8 +347,8 @@ def figure_correlation(
         value = matrix[row, column]
         if not np.isfinite(value):
             panel.add_patch(_square(column, row, 1.0, facecolor=GREY, lw=0, antialiased=False))
-        elif abs(value) >= _PRINTED:
-            if abs(value) > large:
+        elif abs(value) >= _PRINTED_CORRELATION:
+            if abs(value) > FRAMED_CORRELATION:
                 panel.add_patch(_square(column, row, 0.92, fill=False, edgecolor=BLACK, lw=1.3))
             colour = "white" if abs(value) > 0.65 else BLACK
             panel.text(
@@ -378,15 +376,15 @@ def figure_correlation(
     bar.set_ticks([-1.0, -0.5, 0.0, 0.5, 1.0])
     bar.set_label("correlation (–)", fontsize=LABEL_SIZE)
     bar.ax.tick_params(labelsize=TICK_SIZE)
-    pairs = int(np.count_nonzero(below & (np.abs(np.nan_to_num(matrix)) > large)))
-    counted = f"{pairs} of {n * (n + 1) // 2} pairs above {large:g} in size (framed)"
+    pairs = int(np.count_nonzero(below & (np.abs(np.nan_to_num(matrix)) > FRAMED_CORRELATION)))
+    counted = f"{pairs} of {n * (n + 1) // 2} pairs above {FRAMED_CORRELATION:g} in size (framed)"
     draw_title(figure, title, width, height)
     figure.text(0.15 / width, 1.0 - (head + 0.04) / height, counted, fontsize=TICK_SIZE, va="top")
     return figure
 
 
 def _short(value: float) -> str:
-    """A correlation in few characters: ``.87``, ``−.95``."""
+    """Return a correlation in few characters: ``.87``, ``−.95``."""
     return f"{value:.2f}".replace("-", "−").replace("0.", ".")
 
 
@@ -394,7 +392,7 @@ def _short(value: float) -> str:
 
 EXPECTED_OUTSIDE = math.erfc(math.sqrt(2.0))  # of a Gaussian, outside two standard deviations
 OF_PRIOR = 5.0  # bounds so many times as wide as nine in ten others are the prior's
-_FEWEST = 8  # samples from which an autocorrelation says anything
+_FEWEST_SAMPLES = 8  # samples from which an autocorrelation says anything
 
 
 def figure_innovations(
@@ -404,9 +402,9 @@ def figure_innovations(
     title: str = "",
     lags: int = 50,
 ) -> Figure:
-    """Innovations with bounds of two standard deviations, 2 sqrt((H P H' + R)_ii) (eq. 23 of NASA
-    TM-101722), beside each the autocorrelation of the normalised innovations with the band that
-    holds 95 % of those of white noise.
+    """Return the innovations with bounds of two standard deviations, 2 sqrt((H P H' + R)_ii) (eq.
+    23 of NASA TM-101722), beside each the autocorrelation of the normalised innovations with the
+    band that holds 95 % of those of white noise.
 
     ``output_names`` and ``units`` are those of the ``m`` outputs in order. Missing samples and
     those after a breakdown are left out; an output without any is not drawn. The share of samples
@@ -495,7 +493,7 @@ def _autocorrelation(panel: Axes, normalised: np.ndarray, valid: np.ndarray, lag
     n, used = len(normalised), int(np.count_nonzero(valid))
     last = min(lags, used // 4)
     power = float(np.sum(normalised**2))
-    if used < _FEWEST or power == 0.0:
+    if used < _FEWEST_SAMPLES or power == 0.0:
         caption(panel, "too few samples")
         return
     lag = np.arange(1, last + 1)

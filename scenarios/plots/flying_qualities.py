@@ -36,7 +36,7 @@ from scenarios.plots.style import (
 )
 from sim.errors import DeclarationError
 
-_MOST = 60.0  # dB and degrees of a band's half that is drawn
+_LARGEST_DRAWN_HALF_WIDTH = 60.0  # dB and degrees of a band's half that is drawn
 
 
 class SignalNames(Protocol):
@@ -84,7 +84,7 @@ def figure_response(estimate: EstimatedResponses, row: int = 0, column: int = 0)
     size.fill_between(f, low, high, color=SKY, alpha=0.45, linewidth=0.0, label="95 % band")
     size.plot(f, decibel, color=BLUE, linewidth=1.2, label="joint" if result.joint else "estimate")
     phase = np.degrees(result.phase()[row, column])
-    turn = np.minimum(np.degrees(result.phase_half_width()[row, column]), _MOST)
+    turn = np.minimum(np.degrees(result.phase_half_width()[row, column]), _LARGEST_DRAWN_HALF_WIDTH)
     angle.fill_between(f, phase - turn, phase + turn, color=SKY, alpha=0.45, linewidth=0.0)
     angle.plot(f, phase, color=BLUE, linewidth=1.2)
     if estimate.direct is not None:
@@ -149,7 +149,7 @@ def figure_mismatch(estimate: EstimatedResponses, row: int = 0, column: int = 0)
         (mismatch.phase, mismatch.phase_error, limits.low_phase, limits.high_phase, "phase (deg)"),
     )
     for panel, (value, error, low, high, label) in zip(sheet.panels, rows, strict=True):
-        error = np.minimum(error, _MOST)
+        error = np.minimum(error, _LARGEST_DRAWN_HALF_WIDTH)
         panel.fill_between(f, value - error, value + error, color=SKY, alpha=0.45, linewidth=0.0)
         panel.plot(f, value, color=BLUE, linewidth=1.2, label="estimate over fitted")
         for n, limit in enumerate((low, high)):
@@ -187,7 +187,7 @@ def figure_bandwidth(estimate: EstimatedResponses, number: int = 0) -> Figure:
         (size, curve.gain, curve.gain_std),
         (angle, curve.phase, curve.phase_std),
     ):
-        half = np.minimum(1.96 * std, _MOST)
+        half = np.minimum(1.96 * std, _LARGEST_DRAWN_HALF_WIDTH)
         panel.fill_between(
             curve.omega, value - half, value + half, color=SKY, alpha=0.45, linewidth=0
         )
@@ -248,7 +248,7 @@ def figure_margins(estimate: EstimatedLoop) -> Figure:
         (curve.distance, curve.distance_std, "distance (dB)", (), 0.0),
     )
     for panel, (value, std, label, marks, sign) in zip(sheet.panels, rows, strict=True):
-        half = np.minimum(1.96 * std, _MOST)
+        half = np.minimum(1.96 * std, _LARGEST_DRAWN_HALF_WIDTH)
         panel.fill_between(
             curve.omega, value - half, value + half, color=SKY, alpha=0.45, linewidth=0
         )
@@ -285,7 +285,9 @@ def figure_margins(estimate: EstimatedLoop) -> Figure:
 def _decibels(response: np.ndarray, half: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     size = np.abs(response)
     decibel = 20.0 * np.log10(np.maximum(size, 1e-300))
-    low = 20.0 * np.log10(np.maximum(size - half, 10.0 ** (-_MOST / 20.0) * size))
+    low = 20.0 * np.log10(
+        np.maximum(size - half, 10.0 ** (-_LARGEST_DRAWN_HALF_WIDTH / 20.0) * size)
+    )
     return decibel, low, 20.0 * np.log10(np.maximum(size + half, 1e-300))
 
 
@@ -326,7 +328,7 @@ _ROWS = (
 
 
 def figure_margin_history(points: Sequence[TimedMargins], name: str = "") -> Figure:
-    """The margins of a loop after each second of a stream, with their 95 % intervals.
+    """Return the margins of a loop after each second of a stream, with their 95 % intervals.
 
     The dashed lines are the margins of MIL-F-9490D. A margin that is nowhere known has no panel.
     """
@@ -367,7 +369,7 @@ def figure_margin_history(points: Sequence[TimedMargins], name: str = "") -> Fig
 
 # ---- Flying qualities on the charts of their criteria, with levels
 
-_REGION = 2.4477  # deviations of the ellipse that holds 95 % of two normal errors
+_REGION_SIGMAS = 2.4477  # deviations of the ellipse that holds 95 % of two normal errors
 _LEVEL_COLOURS = (GREEN, ORANGE)
 
 
@@ -396,7 +398,7 @@ def figure_qualities(estimate: Any, number: int = 0) -> Figure:
 
 
 def charts_of(one: Any) -> list[Callable[[Any, Any], None]]:
-    """The charts that the qualities of a response have numbers for."""
+    """Return the charts that the qualities of a response have numbers for."""
     known = one.numbers
     out: list[Callable[[Any, Any], None]] = []
     if {"damping_ratio", "control_anticipation"} <= set(known):
@@ -495,9 +497,9 @@ def _mark(
 ) -> None:
     """A point with the ellipse that holds both quantities with 95 %."""
     turn = np.linspace(0.0, 2.0 * np.pi, 101)
-    across = x[0] + _REGION * x[1] * np.cos(turn)
+    across = x[0] + _REGION_SIGMAS * x[1] * np.cos(turn)
     mixed = correlation * np.cos(turn) + np.sqrt(max(1.0 - correlation**2, 0.0)) * np.sin(turn)
-    panel.fill(across, y[0] + _REGION * y[1] * mixed, color=SKY, alpha=0.5, linewidth=0.0)
+    panel.fill(across, y[0] + _REGION_SIGMAS * y[1] * mixed, color=SKY, alpha=0.5, linewidth=0.0)
     panel.plot([x[0]], [y[0]], color=BLUE, marker="o", markersize=4.5)
 
 

@@ -37,7 +37,7 @@ from scenarios.plots.style import (
 
 # ---- Figures of low-order equivalents and of the closed loop behind them
 
-_DEEPEST = 1e4  # largest drawn difference of a log-likelihood from the maximum
+_LARGEST_DRAWN_DIFFERENCE = 1e4  # largest drawn difference of a log-likelihood from the maximum
 _LABEL_WIDTH = 2.6  # inches, of the names beside bars
 _VALUE_LABEL_WIDTH = 2.1  # inches, of the names of open values beside bars
 _LEAST_MISFIT = 1e-16  # a smaller misfit is drawn at this value, since the axis is logarithmic
@@ -168,7 +168,9 @@ def figure_delays(curve: LikelihoodCurve, title: str = "") -> Figure:
     """
     sheet = make_sheet([2.0], right=0.3)
     panel = sheet.panels[0]
-    below = np.clip(np.max(curve.log_likelihood) - curve.log_likelihood, 0.0, _DEEPEST)
+    below = np.clip(
+        np.max(curve.log_likelihood) - curve.log_likelihood, 0.0, _LARGEST_DRAWN_DIFFERENCE
+    )
     panel.plot(
         1e3 * curve.delays,
         below,

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ident.maneuver_detection import AXES, PAUSE, DetectedManeuver
+from ident.maneuver_detection import AXES, LONGEST_GAP, DetectedManeuver
 from scenarios.plots.display import (
     MEASURED_DATA,
     SIMULATED_DATA,
@@ -53,8 +53,8 @@ COLOURS: Mapping[str, str] = {
 SHOWN = ("nz", "phi", "airspeed", "height", "altitude")  # of the motion
 LONG_PAUSE = 0.3  # of the recorded time, from which on a pause is cut out
 MOST_COLUMNS = 4  # columns of panels in a figure
-NARROWEST = 0.2  # width of the narrowest panel, share of the widest
-BINS = 1500  # along a panel, more than it has pixels
+NARROWEST_PANEL_SHARE = 0.2  # width of the narrowest panel, share of the widest
+ENVELOPE_BINS = 1500  # along a panel, more than it has pixels
 
 
 class Numbered(Protocol):
@@ -89,7 +89,7 @@ def figure_flight(search: Searched, title: str = "") -> Figure:
     names = [name for name in (*AXES, *SHOWN) if name in record.output_names]
     parts = _parts(record.time)
     lengths = [last - first for first, last in parts]
-    widths = [max(length, NARROWEST * max(lengths)) for length in lengths]
+    widths = [max(length, NARROWEST_PANEL_SHARE * max(lengths)) for length in lengths]
     sheet = make_sheet([0.95] * len(names), widths, row_gap=0.2, column_gap=0.12)
     for name, panels in zip(names, sheet.axes, strict=True):
         unit = display_unit(record[name].unit, name)
@@ -161,7 +161,7 @@ def _parts(time: np.ndarray) -> list[tuple[float, float]]:
     """
     steps = np.diff(time)
     usual = float(np.median(steps)) if steps.size else 0.0
-    pauses = np.flatnonzero(steps > max(PAUSE, 5.0 * usual))
+    pauses = np.flatnonzero(steps > max(LONGEST_GAP, 5.0 * usual))
     recorded = float(time[-1] - time[0] - np.sum(steps[pauses]))
     long = pauses[steps[pauses] > LONG_PAUSE * recorded]
     cuts = np.sort(long[np.argsort(steps[long])[::-1][: MOST_COLUMNS - 1]])
@@ -170,10 +170,10 @@ def _parts(time: np.ndarray) -> list[tuple[float, float]]:
 
 
 def _parted(time: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The band with a hole at each pause in the rows."""
+    """Return the band with a hole at each pause in the rows."""
     steps = np.diff(time)
     pauses = (
-        np.flatnonzero(steps > max(PAUSE, 5.0 * float(np.median(steps)))) + 1
+        np.flatnonzero(steps > max(LONGEST_GAP, 5.0 * float(np.median(steps)))) + 1
         if steps.size
         else np.array([], dtype=int)
     )
@@ -181,8 +181,8 @@ def _parted(time: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.nda
 
 
 def _filled(time: np.ndarray) -> np.ndarray:
-    """Times with the holes at the moment after them, so that a line over them is rising and its
-    values alone have holes.
+    """Return the times with the holes at the moment after them, so that a line over them is rising
+    and its values alone have holes.
     """
     holes = np.flatnonzero(np.isnan(time))
     filled = time.copy()
@@ -190,19 +190,17 @@ def _filled(time: np.ndarray) -> np.ndarray:
     return filled
 
 
-def envelope(
-    time: np.ndarray, values: np.ndarray, bins: int = BINS
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Middle, least and largest value of at most ``bins`` successive blocks of samples; blocks
-    without a sample are left out.
+def envelope(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Middle, least and largest value of at most ``ENVELOPE_BINS`` successive blocks of samples;
+    blocks without a sample are left out.
 
     Neighbouring blocks share a sample, so that the band has no holes.
     """
     finite = np.isfinite(values)
     time, values = time[finite], values[finite]
-    if values.size <= 2 * bins:
+    if values.size <= 2 * ENVELOPE_BINS:
         return time, values, values
-    edges = np.linspace(0, values.size, bins + 1).astype(int)
+    edges = np.linspace(0, values.size, ENVELOPE_BINS + 1).astype(int)
     first = edges[:-1]
     low, high = np.minimum.reduceat(values, first), np.maximum.reduceat(values, first)
     before = values[np.maximum(first - 1, 0)]
@@ -235,8 +233,8 @@ def figure_maneuvers(
     units: Mapping[str, str],
     title: str = "",
 ) -> Figure:
-    """A column a maneuver, the first the best; a row an input, held between samples, and an output;
-    angles in degrees.
+    """Return a column a maneuver, the first the best; a row an input, held between samples, and an
+    output; angles in degrees.
 
     ``limits``: lowest and highest by name, drawn where they are near what is flown.
     """
@@ -327,11 +325,12 @@ def figure_coherence(kinds: Sequence[tuple[str, Any]], title: str = "") -> Figur
 
 # ---- Figures of a fleet of flights
 
-_PANEL = 1.15  # inches, height of a panel
-_ROW = 0.3  # inches, height of a row
-_SHOWN = 5.0  # inner spreads of the values, beyond which an error bar that tells nothing is cut
-_FLIGHTS = 45  # most names at an axis without overlap
-_LONGEST = 12  # letters of a name at an axis
+_PANEL_HEIGHT = 1.15  # inches, height of a panel
+_ROW_HEIGHT = 0.3  # inches, height of a row
+# inner spreads of the values, beyond which an error bar that tells nothing is cut
+_LARGEST_DRAWN_SPREADS = 5.0
+_MOST_FLIGHT_NAMES = 45  # most names at an axis without overlap
+_LONGEST_AXIS_NAME = 12  # letters of a name at an axis
 
 
 @dataclass(frozen=True, eq=False)
@@ -380,11 +379,11 @@ class Shared:
 def figure_over_condition(
     rows: Sequence[OverCondition], condition: str, unit: str, title: str = ""
 ) -> Figure:
-    """A panel a derivative: each flight with two sigmas, the pooled line with its band, and the
-    scatter of the flights about it.
+    """Return a panel a derivative: each flight with two sigmas, the pooled line with its band, and
+    the scatter of the flights about it.
     """
     sheet = make_sheet(
-        [_PANEL] * (-(-len(rows) // 2)),
+        [_PANEL_HEIGHT] * (-(-len(rows) // 2)),
         (1.0, 1.0) if len(rows) > 1 else (1.0,),
         count=len(rows),
         row_gap=0.16,
@@ -441,8 +440,8 @@ def figure_over_condition(
 
 
 def figure_shared(rows: Sequence[Shared], condition: str, unit: str, title: str = "") -> Figure:
-    """A panel an effect: the value of each flight by itself over the condition, and the common one
-    of the flights that have it.
+    """Return a panel an effect: the value of each flight by itself over the condition, and the
+    common one of the flights that have it.
     """
     sheet = make_sheet([1.35] * len(rows), row_gap=0.2)
     across = display_unit(unit, condition)
@@ -483,9 +482,9 @@ def figure_effects(
     half if undecided.
     """
     names = list(probabilities)
-    named = len(flights) <= _FLIGHTS and max(map(len, flights)) <= _LONGEST
+    named = len(flights) <= _MOST_FLIGHT_NAMES and max(map(len, flights)) <= _LONGEST_AXIS_NAME
     sheet = make_sheet(
-        [_ROW * len(names) + 0.15],
+        [_ROW_HEIGHT * len(names) + 0.15],
         left=max(0.72, *(text_width(escaped_dollars(name)) + 0.25 for name in names)),
     )
     panel = sheet.panels[0]

@@ -47,10 +47,10 @@ from scenarios.plots.style import (
     y_label,
 )
 
-CLIP = 8.0  # standard deviations; an error beyond becomes an arrow with its size
-_LABEL = 2.0  # inches, where a label is folded
-_OURS = 0.17  # offset of our residuals within a row
-_PUBLISHED = -0.17  # offset of published ones within a row
+CLIPPED_SIGMAS = 8.0  # standard deviations; an error beyond becomes an arrow with its size
+_LABEL_WIDTH = 2.0  # inches, where a label is folded
+_OWN_OFFSET = 0.17  # offset of our residuals within a row
+_PUBLISHED_OFFSET = -0.17  # offset of published ones within a row
 
 
 @dataclass(frozen=True)
@@ -101,11 +101,11 @@ class ErrorCloud:
 
 
 def figure_repeated(clouds: Sequence[ErrorCloud], title: str = "") -> Figure:
-    """Errors of all runs in reported sigmas, a panel a method: of each derivative a column of dots
-    for each flight, its root mean square a bar.
+    """Return the errors of all runs in reported sigmas, a panel a method: of each derivative a
+    column of dots for each flight, its root mean square a bar.
 
-    The band of two is shaded; errors beyond ``CLIP`` stand at the edge. Above a panel how many runs
-    settled.
+    The band of two is shaded; errors beyond ``CLIPPED_SIGMAS`` stand at the edge. Above a panel how
+    many runs settled.
     """
     methods, flights = (
         list(dict.fromkeys(each.method for each in clouds)),
@@ -128,12 +128,12 @@ def figure_repeated(clouds: Sequence[ErrorCloud], title: str = "") -> Figure:
             offset = (place - 0.5 * (len(flights) - 1)) * 0.8 / len(flights)
             for i, errors in enumerate(each.sigmas):
                 spread = np.linspace(-0.06, 0.06, max(len(errors), 1))[: len(errors)]
-                shown = np.clip(errors, -CLIP, CLIP)
+                shown = np.clip(errors, -CLIPPED_SIGMAS, CLIPPED_SIGMAS)
                 panel.plot(
                     i + offset + spread, shown, ".", markersize=2.5, markeredgewidth=0.0, **style
                 )
                 if len(errors):
-                    size = min(float(np.sqrt(np.mean(errors**2))), CLIP)
+                    size = min(float(np.sqrt(np.mean(errors**2))), CLIPPED_SIGMAS)
                     panel.plot(
                         [i + offset] * 2, [-size, size], "-", linewidth=1.4, color=style["color"]
                     )
@@ -143,15 +143,15 @@ def figure_repeated(clouds: Sequence[ErrorCloud], title: str = "") -> Figure:
         widest = max(
             (float(np.max(np.abs(each.sigmas), initial=0.0)) for each in mine), default=0.0
         )
-        panel.set_ylim(*(np.array([-1.05, 1.05]) * min(max(widest, 3.5), CLIP)))
+        panel.set_ylim(*(np.array([-1.05, 1.05]) * min(max(widest, 3.5), CLIPPED_SIGMAS)))
         panel.grid(False, axis="x")
         y_label(panel, "error (σ)")
     return finish(sheet, title, bottom=0.3, head=0.24)
 
 
 def figure_comparison(rows: Sequence[ComparisonRow], title: str = "") -> Figure:
-    """The error of each parameter, estimate minus true, in the standard deviations that its method
-    itself states.
+    """Return the error of each parameter, estimate minus true, in the standard deviations that its
+    method itself states.
 
     The band of two is shaded. Errors in per cent stand at the right: a method that states a large
     deviation is not near the truth for being within it. A published value without a deviation has
@@ -159,7 +159,7 @@ def figure_comparison(rows: Sequence[ComparisonRow], title: str = "") -> Figure:
     """
     n, has_published = len(rows), any(row.published is not None for row in rows)
     lines = [
-        folded(escaped_dollars(row.label), _LABEL) if row.label else [symbol(row.name)]
+        folded(escaped_dollars(row.label), _LABEL_WIDTH) if row.label else [symbol(row.name)]
         for row in rows
     ]
     labels = ["\n".join(some) for some in lines]
@@ -191,7 +191,7 @@ def figure_comparison(rows: Sequence[ComparisonRow], title: str = "") -> Figure:
             )
     for place, row in enumerate(rows):
         y = float(n - 1 - place)
-        offset = _OURS if has_published else 0.0
+        offset = _OWN_OFFSET if has_published else 0.0
         if row.std > 0:
             _point(panel, (row.estimate - row.true) / row.std, y + offset, "o", BLUE, "this study")
         _percent(panel, first, y, row.estimate, row.true, BLUE)
@@ -200,7 +200,7 @@ def figure_comparison(rows: Sequence[ComparisonRow], title: str = "") -> Figure:
                 _point(
                     panel,
                     (row.published - row.true) / row.published_std,
-                    y + _PUBLISHED,
+                    y + _PUBLISHED_OFFSET,
                     "s",
                     VERMILION,
                     "published",
@@ -209,8 +209,8 @@ def figure_comparison(rows: Sequence[ComparisonRow], title: str = "") -> Figure:
     panel.set_yticks(range(n), labels[::-1])
     panel.tick_params(axis="y", labelsize=LABEL_SIZE, length=0)
     panel.set_ylim(-0.55, n - 0.45)
-    panel.set_xlim(-CLIP - 1.0, CLIP + 1.0)
-    panel.set_xticks(np.arange(-CLIP, CLIP + 1.0, 2.0))
+    panel.set_xlim(-CLIPPED_SIGMAS - 1.0, CLIPPED_SIGMAS + 1.0)
+    panel.set_xticks(np.arange(-CLIPPED_SIGMAS, CLIPPED_SIGMAS + 1.0, 2.0))
     panel.set_xlabel("error in its own standard deviations (σ)", fontsize=LABEL_SIZE)
     return finish(sheet, title, head=0.22)
 
@@ -269,14 +269,14 @@ def figure_equivalents(rows: Sequence[EquivalentRow], title: str = "") -> Figure
 
 def _point(panel: Axes, error: float, y: float, marker: str, colour: str, label: str) -> None:
     """A mark at the error, or an arrow at the edge with the error's size."""
-    if abs(error) <= CLIP:
+    if abs(error) <= CLIPPED_SIGMAS:
         panel.plot(
             [error], [y], marker=marker, color=colour, markersize=5.5, linestyle="none", label=label
         )
         return
     side = float(np.sign(error))
     panel.plot(
-        [side * (CLIP + 0.6)],
+        [side * (CLIPPED_SIGMAS + 0.6)],
         [y],
         marker=">" if side > 0 else "<",
         color=colour,
@@ -286,7 +286,7 @@ def _point(panel: Axes, error: float, y: float, marker: str, colour: str, label:
     panel.plot([], [], marker=marker, color=colour, markersize=5.5, linestyle="none", label=label)
     text = f"{signed(error, '.0f' if abs(error) < 1e4 else '.0e')} σ"
     panel.text(
-        side * (CLIP + 0.15),
+        side * (CLIPPED_SIGMAS + 0.15),
         y,
         text,
         ha="right" if side > 0 else "left",
@@ -340,8 +340,8 @@ _BAND = "±2σ of the sensor noise"
 
 
 def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: str = "") -> Figure:
-    """Residuals of the fitted record against time, left with the declared model, right with the
-    effects, one scale for both.
+    """Return the residuals of the fitted record against time, left with the declared model, right
+    with the effects, one scale for both.
 
     Where nothing was added there is one column. ``noise`` is the noise's standard deviation by
     channel. Samples that were set aside are ringed; angles in degrees.
@@ -408,9 +408,9 @@ def figure_residuals(fitted: FittedRecord, noise: Mapping[str, float], title: st
 def figure_held_out(
     prediction: Prediction, noise: Mapping[str, float], title: str = "", data: str = MEASURED_DATA
 ) -> Figure:
-    """The predicted record: its inputs and what no model predicts, such as the airspeed; then its
-    samples, called ``data``, predicted with and without the effects, and below what each leaves;
-    angles in degrees.
+    """Return the predicted record: its inputs and what no model predicts, such as the airspeed;
+    then its samples, called ``data``, predicted with and without the effects, and below what each
+    leaves; angles in degrees.
 
     One prediction where nothing was added.
     """
@@ -429,12 +429,12 @@ def figure_held_out(
     return figure
 
 
-SEGMENTS = 15  # that overlap by half, of a coherence
+COHERENCE_SEGMENTS = 15  # that overlap by half, of a coherence
 
 
 def figure_spectra(fitted: FittedRecord, noise: Mapping[str, float], title: str = "") -> Figure:
-    """Power spectra of the residuals before and after over that of the noise: white noise of the
-    right size lies at one. One where nothing was added.
+    """Return the power spectra of the residuals before and after over that of the noise: white
+    noise of the right size lies at one. One where nothing was added.
 
     Periodograms under a Hann window, averaged over neighbouring frequencies; below each its
     coherence with the inputs, with the level that noise alone exceeds once in twenty. Samples
@@ -442,7 +442,7 @@ def figure_spectra(fitted: FittedRecord, noise: Mapping[str, float], title: str 
     """
     shown = _measured(fitted)
     inputs = np.array([each.values for each in fitted.record.inputs if np.ptp(each.values) > 0.0])
-    coherent = len(inputs) > 0 and len(fitted.record) >= 16 * SEGMENTS
+    coherent = len(inputs) > 0 and len(fitted.record) >= 16 * COHERENCE_SEGMENTS
     sheet = make_sheet([1.25, *([0.7] if coherent else [])] * len(shown), row_gap=0.3)
     same = _same(fitted, [row for row, _ in shown])
     interval = float(fitted.record.time[-1] - fitted.record.time[0]) / (len(fitted.record) - 1)
@@ -487,11 +487,11 @@ def figure_spectra(fitted: FittedRecord, noise: Mapping[str, float], title: str 
 def input_coherence(
     residual: np.ndarray, inputs: np.ndarray, interval: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (Hz) and multiple coherence of a residual ``(N,)`` with inputs ``(q, N)``: the
-    share of its power that follows the inputs linearly (Bendat and Piersol, *Random Data*, 4th
-    edition, 2010, chapter 7).
+    """Return the frequencies (Hz) and multiple coherence of a residual ``(N,)`` with inputs ``(q,
+    N)``: the share of its power that follows the inputs linearly (Bendat and Piersol, *Random
+    Data*, 4th edition, 2010, chapter 7).
     """
-    length = 2 * residual.size // (SEGMENTS + 1)
+    length = 2 * residual.size // (COHERENCE_SEGMENTS + 1)
     starts = range(0, residual.size - length + 1, max(length // 2, 1))
     # SciPy's signal package takes longer to load than this to compute.
     rows = np.array([[row[at : at + length] for at in starts] for row in (*inputs, residual)])
@@ -506,15 +506,17 @@ def input_coherence(
 
 
 def coherence_level(inputs: int) -> float:
-    """Multiple coherence that noise alone exceeds once in twenty, of ``SEGMENTS`` segments."""
+    """Multiple coherence that noise alone exceeds once in twenty, of ``COHERENCE_SEGMENTS``
+    segments.
+    """
     from scipy.special import betaincinv
 
-    return float(betaincinv(inputs, SEGMENTS - inputs, 0.95))
+    return float(betaincinv(inputs, COHERENCE_SEGMENTS - inputs, 0.95))
 
 
 def spectrum(residual: np.ndarray, interval: float, used: int) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (Hz) and power of a series ``(N,)`` of which ``used`` samples are not zero by
-    default; white noise of variance s2 gives s2.
+    """Return the frequencies (Hz) and power of a series ``(N,)`` of which ``used`` samples are not
+    zero by default; white noise of variance s2 gives s2.
     """
     n = len(residual)
     window = np.hanning(n)
@@ -527,7 +529,7 @@ def spectrum(residual: np.ndarray, interval: float, used: int) -> tuple[np.ndarr
 
 
 def _same(fitted: FittedRecord, rows: Sequence[int]) -> bool:
-    """Whether before and after differ by less than a figure can show."""
+    """Return whether before and after differ by less than a figure can show."""
     change, size = (
         np.abs(fitted.before - fitted.after)[rows].max(axis=1, initial=0.0),
         np.abs(fitted.after)[rows].max(axis=1, initial=0.0),

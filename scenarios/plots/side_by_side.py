@@ -40,9 +40,10 @@ from scenarios.plots.style import (
     y_label,
 )
 
-SIGMAS = 8.0  # largest error that is drawn to scale, standard deviations; larger ones become arrows
-PERCENT = 40.0  # the same for errors in per cent
-_LINE = 0.14  # inches, one mark with its number
+# largest error that is drawn to scale, standard deviations; larger ones become arrows
+CLIPPED_SIGMAS = 8.0
+CLIPPED_PERCENT = 40.0  # the same for errors in per cent
+_LINE_HEIGHT = 0.14  # inches, one mark with its number
 
 
 @dataclass(frozen=True)
@@ -86,8 +87,8 @@ Rows = Mapping[str, Sequence[ParameterColumn | None]]
 def figure_studies_estimates(
     rows: Rows, units: Mapping[str, str], labels: Sequence[str], title: str = ""
 ) -> Figure:
-    """A panel a parameter: estimate and published value of each study with bars of two standard
-    deviations, true and condensed value.
+    """Return a panel a parameter: estimate and published value of each study with bars of two
+    standard deviations, true and condensed value.
 
     ``rows``: by parameter one entry a study, None where it says nothing. Studies with names too
     long for the axis are numbered there and named under the title.
@@ -114,8 +115,8 @@ def figure_studies_estimates(
 
 
 def figure_studies_errors(rows: Rows, labels: Sequence[str], title: str = "") -> Figure:
-    """Errors of each parameter in every study: in % at the left, in the study's own standard
-    deviations at the right.
+    """Return the errors of each parameter in every study: in % at the left, in the study's own
+    standard deviations at the right.
 
     Against the condensed value where a study has one, else the true one. Published values are open
     squares of their study's colour.
@@ -127,7 +128,7 @@ def figure_studies_errors(rows: Rows, labels: Sequence[str], title: str = "") ->
     lines = studies * (2 if printed else 1)
     left = max(0.75, *(text_width(symbol(name)) + 0.25 for name in rows))
     sheet = make_sheet(
-        [n * (lines + 0.8) * _LINE], (1.0, 1.0), left=left, column_gap=0.3, share_x=False
+        [n * (lines + 0.8) * _LINE_HEIGHT], (1.0, 1.0), left=left, column_gap=0.3, share_x=False
     )
     percent, sigmas = sheet.panels
     sigmas.axvspan(-2.0, 2.0, color=LIGHT, alpha=0.55, linewidth=0, label="within ±2σ")
@@ -159,8 +160,8 @@ def figure_studies_errors(rows: Rows, labels: Sequence[str], title: str = "") ->
             [], [], "s", color=BLACK, markerfacecolor="white", markersize=5.0, label="published"
         )
     for panel, limit, text in (
-        (percent, PERCENT, "error (%)"),
-        (sigmas, SIGMAS, "error in own standard deviations (σ)"),
+        (percent, CLIPPED_PERCENT, "error (%)"),
+        (sigmas, CLIPPED_SIGMAS, "error in own standard deviations (σ)"),
     ):
         panel.axvline(0.0, **ZERO)
         panel.set_xlim(-1.12 * limit, 1.12 * limit)
@@ -276,13 +277,13 @@ def _draw_errors(
         _mark(
             percent,
             100.0 * (each.estimate - each.reference) / abs(each.reference),
-            PERCENT,
+            CLIPPED_PERCENT,
             y,
             look,
             "%",
         )
     if each.std > 0.0 and each.reference is not None:
-        _mark(sigmas, (each.estimate - each.reference) / each.std, SIGMAS, y, look, "σ")
+        _mark(sigmas, (each.estimate - each.reference) / each.std, CLIPPED_SIGMAS, y, look, "σ")
 
 
 def _mark(panel: Axes, error: float, limit: float, y: float, look: Mapping, unit: str) -> None:

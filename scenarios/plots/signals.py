@@ -62,7 +62,7 @@ class MethodOutputs:
 
 
 def response_of(estimate: Estimate, label: str = "", record: int = 0) -> MethodOutputs:
-    """The response that an estimate carries for its record number ``record``.
+    """Return the response that an estimate carries for its record number ``record``.
 
     Of a filter it is the prediction one sample ahead, NaN where a sample was missing or the filter
     had broken down.
@@ -78,7 +78,7 @@ def response_of(estimate: Estimate, label: str = "", record: int = 0) -> MethodO
 
 
 def units_of(record: Record, names: Sequence[str]) -> list[str]:
-    """The units of a record's channels, in the order of ``names``."""
+    """Return the units of a record's channels, in the order of ``names``."""
     return [record[name].unit for name in names]
 
 
@@ -124,8 +124,8 @@ def figure_fit(
     data: str = MEASURED_DATA,
     above: Sequence[Channel] = (),
 ) -> Figure:
-    """The outputs of a record (dots, called ``data``) against the estimated ones, and below each
-    the residual, record minus estimate.
+    """Return the outputs of a record (dots, called ``data``) against the estimated ones, and below
+    each the residual, record minus estimate.
 
     Parameters
     ----------
@@ -274,16 +274,16 @@ def figure_trajectory(
 def figure_ballistic_coefficient(
     histories: Mapping[str, FilterHistory],
     true: float | np.ndarray | None = None,
-    unit: DisplayUnit = POUNDS_PER_SQUARE_FOOT,
     title: str = "",
 ) -> Figure:
-    """The ballistic coefficient over time by each method, two side by side, and with the truth its
-    error below.
+    """Return the ballistic coefficient over time by each method, two side by side, and with the
+    truth its error below.
 
     ``true`` is in kg/m2, like the histories' ``beta``, one number or ``(N,)`` if it drifted;
-    ``unit`` is what the figure shows. Bands and bounds are two standard deviations. The axis of the
+    the figure shows lb/ft^2. Bands and bounds are two standard deviations. The axis of the
     error is that of the later half of the flight: the first errors may lie outside.
     """
+    unit = POUNDS_PER_SQUARE_FOOT
     count, per_row = len(histories), 1 if true is None else 2
     blocks = -(-count // 2)
     sheet = make_sheet(

@@ -35,10 +35,10 @@ from scenarios.plots.style import (
 
 # ---- Errors of many runs in the sigmas that each run reports
 
-_ROW = 0.42  # inches, height of a parameter's row
-_SPREAD = 0.3  # half the height of its dots, share of the row
-_CLIP = 5.0  # standard deviations, where the axis ends
-EXPECTED = 95.45  # % of a Gaussian within two standard deviations
+_ROW_HEIGHT = 0.42  # inches, height of a parameter's row
+_DOT_SPREAD_SHARE = 0.3  # half the height of its dots, share of the row
+_CLIPPED_SIGMAS = 5.0  # standard deviations, where the axis ends
+EXPECTED_PERCENT = 95.45  # % of a Gaussian within two standard deviations
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +54,8 @@ class Coverage:
 
 
 def figure_campaign(rows: Sequence[Coverage], title: str = "") -> Figure:
-    """A row a parameter: at the left the error of each run, mean and root mean square; at the right
-    the share within two sigmas.
+    """Return a row a parameter: at the left the error of each run, mean and root mean square; at
+    the right the share within two sigmas.
 
     Sigmas that are right give a bar from -1 to 1 and a share on the line. Errors beyond the axis
     stand at its edge.
@@ -63,18 +63,22 @@ def figure_campaign(rows: Sequence[Coverage], title: str = "") -> Figure:
     n = len(rows)
     labels = [symbol(row.name) for row in rows]
     left = max([0.75, *(text_width(label) + 0.25 for label in labels)])
-    sheet = make_sheet([_ROW * n + 0.1], (1.9, 1.0), left=left, column_gap=0.3, share_x=False)
+    sheet = make_sheet(
+        [_ROW_HEIGHT * n + 0.1], (1.9, 1.0), left=left, column_gap=0.3, share_x=False
+    )
     errors, share = sheet.panels
     errors.axvspan(-2.0, 2.0, color=LIGHT, alpha=0.55, linewidth=0, label="within ±2σ")
     errors.axvline(0.0, **ZERO)
-    share.axvline(EXPECTED, label=escaped_dollars(f"{EXPECTED:g} % of a Gaussian"), **TRUE)
+    share.axvline(
+        EXPECTED_PERCENT, label=escaped_dollars(f"{EXPECTED_PERCENT:g} % of a Gaussian"), **TRUE
+    )
     for y, row in zip(range(n - 1, -1, -1), rows, strict=True):
         # Spread over the row by a sequence that fills it evenly, the same for every parameter.
-        heights = y + _SPREAD * (
+        heights = y + _DOT_SPREAD_SHARE * (
             2.0 * np.mod(0.5 + 0.618033988749895 * np.arange(len(row.sigmas)), 1.0) - 1.0
         )
         errors.plot(
-            np.clip(row.sigmas, -_CLIP, _CLIP),
+            np.clip(row.sigmas, -_CLIPPED_SIGMAS, _CLIPPED_SIGMAS),
             heights,
             ".",
             color=GREY,
@@ -83,8 +87,8 @@ def figure_campaign(rows: Sequence[Coverage], title: str = "") -> Figure:
             label="one run",
         )
         size, mean = (
-            min(float(np.sqrt(np.mean(row.sigmas**2))), _CLIP),
-            float(np.clip(np.mean(row.sigmas), -_CLIP, _CLIP)),
+            min(float(np.sqrt(np.mean(row.sigmas**2))), _CLIPPED_SIGMAS),
+            float(np.clip(np.mean(row.sigmas), -_CLIPPED_SIGMAS, _CLIPPED_SIGMAS)),
         )
         errors.plot(
             [-size, size], [y, y], "-", color=BLUE, linewidth=2.0, label="± root mean square"
@@ -104,7 +108,7 @@ def figure_campaign(rows: Sequence[Coverage], title: str = "") -> Figure:
     for panel in sheet.panels:
         panel.tick_params(axis="y", labelsize=LABEL_SIZE, length=0)
         panel.set_ylim(-0.55, n - 0.45)
-    errors.set_xlim(-1.04 * _CLIP, 1.04 * _CLIP)
+    errors.set_xlim(-1.04 * _CLIPPED_SIGMAS, 1.04 * _CLIPPED_SIGMAS)
     share.set_xlim(min(89.0, *(row.interval[0] - 1.0 for row in rows)), 100.5)
     errors.set_xlabel("error in the run's own standard deviations (σ)", fontsize=LABEL_SIZE)
     share.set_xlabel("within two of them (%)", fontsize=LABEL_SIZE)
@@ -115,7 +119,7 @@ def figure_campaign(rows: Sequence[Coverage], title: str = "") -> Figure:
 
 _consistency_ROW = 0.3  # inches a parameter
 _consistency_CLIP = 5.0  # sigmas, where the axes end
-MOST = 12  # parameters with a line of their own among the quantiles
+MOST_QUANTILE_LINES = 12  # parameters with a line of their own among the quantiles
 MOST_ROWS = 40  # parameters of one figure
 
 
@@ -141,7 +145,7 @@ class SquaresPanel:
 def figure_coverage(
     rows: Sequence[CoverageRow], nominal: Sequence[float], title: str = ""
 ) -> Figure:
-    """A row a parameter, a panel for one, two and three sigmas: share of the runs with its
+    """Return a row a parameter, a panel for one, two and three sigmas: share of the runs with its
     interval, the normal distribution's as a line.
     """
     rows = rows[:MOST_ROWS]
@@ -187,8 +191,8 @@ def figure_coverage(
 
 
 def figure_errors(names: Sequence[str], sigmas: np.ndarray, title: str = "") -> Figure:
-    """Errors ``(n, N)`` in the runs' own sigmas: at the left all of them beside the normal density,
-    at the right quantiles beside its own.
+    """Return the errors ``(n, N)`` in the runs' own sigmas: at the left all of them beside the
+    normal density, at the right quantiles beside its own.
 
     Sigmas that are too small make the lines steeper than the diagonal, a bias moves them.
     """
@@ -207,7 +211,7 @@ def figure_errors(names: Sequence[str], sigmas: np.ndarray, title: str = "") -> 
     count = sigmas.shape[1]
     expected = _normal_quantiles((np.arange(count) + 0.5) / count)
     shown = np.unique(np.round(np.linspace(0, count - 1, 300)).astype(int))
-    for at, name in enumerate(names[:MOST]):
+    for at, name in enumerate(names[:MOST_QUANTILE_LINES]):
         ordered = np.clip(np.sort(sigmas[at]), -_consistency_CLIP, _consistency_CLIP)
         quantiles.plot(
             expected[shown], ordered[shown], label=symbol(name), **method_style(at, alone=True)
@@ -292,7 +296,7 @@ def _normal_quantiles(share: np.ndarray) -> np.ndarray:
 
 _determination_ROW = 0.235  # inches a parameter
 # of the prior's deviation: parameters above it with every method are counted, not drawn
-KEPT = 0.95
+UNINFORMED_SHARE = 0.95
 _MARKS = ("o", "^", "x", "D")
 
 
@@ -317,7 +321,9 @@ def figure_determination(methods: Sequence[DeterminedBy], title: str = "") -> Fi
     """
     everything = sorted(methods[0].ratio, key=lambda name: methods[0].ratio[name])
     names = [
-        name for name in everything if any(each.ratio.get(name, 1.0) <= KEPT for each in methods)
+        name
+        for name in everything
+        if any(each.ratio.get(name, 1.0) <= UNINFORMED_SHARE for each in methods)
     ] or everything[:1]
     n, rest = len(names), len(everything) - len(names)
     left = max(0.75, *(text_width(symbol(name)) + 0.2 for name in names))
@@ -362,7 +368,7 @@ def figure_determination(methods: Sequence[DeterminedBy], title: str = "") -> Fi
         panel.tick_params(axis="y", labelsize=LABEL_SIZE, length=0)
         panel.grid(True, axis="y", color=LIGHT, linewidth=0.4)
     if rest:
-        caption(ratio, f"{rest} further parameters keep > {KEPT:g} of their prior's σ")
+        caption(ratio, f"{rest} further parameters keep > {UNINFORMED_SHARE:g} of their prior's σ")
     ratio.set_xlim(-0.02, 1.05)
     share.set_xlim(-2.0, 105.0)
     return finish(sheet, title, head=0.24)
@@ -425,8 +431,8 @@ def figure_flexibility(
     marks: Mapping[str, float],
     title: str = "",
 ) -> Figure:
-    """A panel for each derivative over the degree of flexibility and one for each criterion below;
-    where a criterion fails, a line through all.
+    """Return a panel for each derivative over the degree of flexibility and one for each criterion
+    below; where a criterion fails, a line through all.
 
     ``marks``: degrees of the structures that have a name.
     """

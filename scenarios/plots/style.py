@@ -61,14 +61,14 @@ TRUE: dict[str, Any] = {"color": BLACK, "linestyle": (0, (4, 2)), "linewidth": 0
 ZERO: dict[str, Any] = {"color": BLACK, "linewidth": 0.6}
 
 _UNSEEN = str.maketrans("", "", "${}_^")
-_SMALL = 4.0  # points; a mark below it is enlarged in the legend
+_SMALLEST_MARK = 4.0  # points; a mark below it is enlarged in the legend
 _TITLE_ROW = 0.17  # inches
 _LEGEND_ROW = 0.16  # inches
-_CHARACTER = 0.066  # inches, width of a character
-_HANDLE = 0.55  # inches, width of a line in the legend
-_SMALLEST = 6.0  # points, of a label that has little room
+_CHARACTER_WIDTH = 0.066  # inches, width of a character
+_HANDLE_WIDTH = 0.55  # inches, width of a line in the legend
+_SMALLEST_LABEL = 6.0  # points, of a label that has little room
 _MOST = 8, 5  # numbers at an axis, along and up
-_BOLD = 1.1  # how much wider bold letters are
+_BOLD_WIDTH_RATIO = 1.1  # how much wider bold letters are
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +203,7 @@ def finish(
             columnspacing=1.6,
         )
         for handle in drawn.legend_handles:
-            if isinstance(handle, Line2D) and handle.get_markersize() < _SMALL:
+            if isinstance(handle, Line2D) and handle.get_markersize() < _SMALLEST_MARK:
                 handle.set_markersize(2.5 * handle.get_markersize())
     return figure
 
@@ -231,7 +231,7 @@ def draw_title(figure: Figure, title: str, width: float, height: float) -> None:
 
 
 def bold_title(figure: Figure) -> str:
-    """The bold lines of a figure's title in one; empty where it has none."""
+    """Return the bold lines of a figure's title in one; empty where it has none."""
     return " ".join(text.get_text() for text in figure.texts if text.get_gid() == TITLE)
 
 
@@ -244,16 +244,21 @@ def hide_bold_title(figure: Figure) -> float:
 
 
 def folded(text: str, width: float, points: float = LABEL_SIZE) -> list[str]:
-    """A text in lines that fit ``width`` inches, broken at words."""
+    """Return a text in lines that fit ``width`` inches, broken at words."""
     return textwrap.wrap(
-        text, max(8, int(width * TICK_SIZE / (_CHARACTER * points))), break_long_words=False
+        text, max(8, int(width * TICK_SIZE / (_CHARACTER_WIDTH * points))), break_long_words=False
     )
 
 
 def text_width(text: str, points: float = LABEL_SIZE) -> float:
-    """About how wide a text is, inches; the commands of mathtext count as one character each."""
+    """Return the approximate width of a text, inches; the commands of mathtext count as one
+    character each.
+    """
     return (
-        _CHARACTER * points / TICK_SIZE * len(re.sub(r"\\[a-zA-Z]+", "x", text).translate(_UNSEEN))
+        _CHARACTER_WIDTH
+        * points
+        / TICK_SIZE
+        * len(re.sub(r"\\[a-zA-Z]+", "x", text).translate(_UNSEEN))
     )
 
 
@@ -298,7 +303,7 @@ class PanelsOverNames:
         return cls(sheet, names, kind, title, numbered)
 
     def finished(self, head: float) -> Figure:
-        """The figure, its axes labelled; ``head``: inches above the first row."""
+        """Return the figure, its axes labelled; ``head``: inches above the first row."""
         labels = [
             str(i + 1) if self.numbered else escaped_dollars(n) for i, n in enumerate(self.names)
         ]
@@ -330,8 +335,8 @@ def caption(panel: Axes, text: str, size: float = TICK_SIZE) -> None:
 
 
 def cells(panel: Axes, values: np.ndarray, **look: Any) -> QuadMesh:
-    """A square for each of ``values (rows, columns)``, centred on whole numbers, the first row on
-    top; masked ones stay open.
+    """Return a square for each of ``values (rows, columns)``, centred on whole numbers, the first
+    row on top; masked ones stay open.
     """
     rows, columns = values.shape
     edges = (np.arange(columns + 1) - 0.5, np.arange(rows + 1) - 0.5)
@@ -383,16 +388,16 @@ def _fitted_label(panel: Axes, available_width: float) -> None:
     points = float(panel.yaxis.label.get_fontsize())
     wide = text_width(panel.get_ylabel(), points)
     if wide > available_width:
-        panel.yaxis.label.set_fontsize(max(_SMALLEST, points * available_width / wide))
+        panel.yaxis.label.set_fontsize(max(_SMALLEST_LABEL, points * available_width / wide))
 
 
 def _title_lines(title: str, width: float) -> list[tuple[str, bool]]:
     """Folded lines, and whether each is bold."""
     first, *rest = title.split("\n")
     available_width = width - 0.3
-    return [(line, True) for line in folded(first, available_width / _BOLD, TITLE_SIZE)] + [
-        (line, False) for text in rest for line in folded(text, available_width)
-    ]
+    return [
+        (line, True) for line in folded(first, available_width / _BOLD_WIDTH_RATIO, TITLE_SIZE)
+    ] + [(line, False) for text in rest for line in folded(text, available_width)]
 
 
 def _labelled(sheet: Sheet) -> dict[str, Any]:
@@ -407,5 +412,5 @@ def _legend_columns(labels: Sequence[str], width: float) -> int:
     """Number of columns that fit beside each other, from the estimated length of the labels."""
     if not labels:
         return 1
-    widths = [text_width(label, TICK_SIZE) + _HANDLE for label in labels]
+    widths = [text_width(label, TICK_SIZE) + _HANDLE_WIDTH for label in labels]
     return len(labels) if sum(widths) <= width else max(1, int(width / max(widths)))

@@ -48,8 +48,8 @@ from scenarios.report.quantities import displayed, value_text
 def figure_derivatives(
     before: Mapping[str, Quantity], after: Mapping[str, Quantity], title: str = ""
 ) -> Figure:
-    """Derivatives with the declared model and with the effects, in per cent of the former; bars are
-    two standard deviations.
+    """Return the derivatives with the declared model and with the effects, in per cent of the
+    former; bars are two standard deviations.
 
     Where nothing changed there is one of them. One that was not determined before, by three
     standard deviations, is shown in per cent of these three.
@@ -131,11 +131,11 @@ def figure_derivatives(
 # ---- Why the winner won
 
 ROWS = {1: 12, 2: 8}  # candidates of a round, by the number of rounds; 6 of more
-SPARE = 4  # candidates drawn of a round that added no effect
-PANELS = 3  # rounds at most
-_ROW = 0.2  # inches, height of a candidate
-_NUMBER = 0.56  # inches, width of a number
-_SMALL = TICK_SIZE - 0.5  # points, size of small text
+CANDIDATES_OF_LAST_ROUND = 4  # candidates drawn of a round that added no effect
+MOST_PANELS = 3  # rounds at most
+_ROW_HEIGHT = 0.2  # inches, height of a candidate
+_NUMBER_WIDTH = 0.56  # inches, width of a number
+_SMALL_TEXT_SIZE = TICK_SIZE - 0.5  # points, size of small text
 _TITLE_LEFT = 0.15  # inches
 NOTHING = NamedEffects()
 
@@ -153,11 +153,11 @@ class _Round:
 def figure_evidence(
     candidates: Sequence[Candidate], standing: NamedEffects = NOTHING, title: str = ""
 ) -> Figure:
-    """A panel a round: the log posterior odds of each candidate against the model of the round, as
-    a bar and a number, and why it was not chosen.
+    """Return a panel a round: the log posterior odds of each candidate against the model of the
+    round, as a bar and a number, and why it was not chosen.
 
     Filled bars were fitted, open ones are linearised. The rounds are those that led to what stands,
-    ``PANELS`` at most.
+    ``MOST_PANELS`` at most.
     """
     rounds = _rounds(candidates, standing)
     if not rounds:
@@ -171,7 +171,7 @@ def figure_evidence(
             [
                 1.0,
                 *(
-                    text_width(escaped_dollars(c.name), _SMALL) + 0.25
+                    text_width(escaped_dollars(c.name), _SMALL_TEXT_SIZE) + 0.25
                     for each in rounds
                     for c in each.shown
                 ),
@@ -179,9 +179,11 @@ def figure_evidence(
         ),
     )
     right = (
-        max([0.7, *(text_width(text, _SMALL) for some in words for text in some)]) + 0.1 + _NUMBER
+        max([0.7, *(text_width(text, _SMALL_TEXT_SIZE) for some in words for text in some)])
+        + 0.1
+        + _NUMBER_WIDTH
     )
-    heights = [_ROW * (len(each.shown) + bool(each.others)) + 0.1 for each in rounds]
+    heights = [_ROW_HEIGHT * (len(each.shown) + bool(each.others)) + 0.1 for each in rounds]
     sheet = make_sheet(heights, row_gap=0.42, left=left, right=right, share_x=False)
     scale = WIDTH - left - right
     for panel, each, some in zip(sheet.panels, rounds, words, strict=True):
@@ -194,7 +196,7 @@ def figure_evidence(
             panel.annotate(
                 text,
                 (1.0, y),
-                **_at(_NUMBER + 0.08, "left"),
+                **_at(_NUMBER_WIDTH + 0.08, "left"),
                 va="center",
                 color=BLUE if c.name in standing.claimed else BLACK,
             )
@@ -206,11 +208,11 @@ def _rounds(candidates: Sequence[Candidate], standing: NamedEffects) -> list[_Ro
     """Rounds of the search that led to the final effects; without any the first ones."""
     nodes = list(dict.fromkeys((len(c.within), c.within) for c in candidates))
     path = [node for node in nodes if set(node[1]) <= set(standing.named)] or nodes
-    chosen = sorted(path, key=lambda node: node[0])[:PANELS]
+    chosen = sorted(path, key=lambda node: node[0])[:MOST_PANELS]
     most = ROWS.get(len(chosen), 6)
 
     def rows(within: tuple[str, ...]) -> int:
-        return SPARE if standing.complete(within) else most
+        return CANDIDATES_OF_LAST_ROUND if standing.complete(within) else most
 
     return [
         _round([c for c in candidates if c.within == within], standing, rows(within))
@@ -277,7 +279,9 @@ def _draw_odds(panel: Axes, each: _Round, standing: NamedEffects) -> None:
     span = (most - low) or 1.0
     panel.set_xlim(low - 0.02 * span, most + 0.04 * span)
     panel.xaxis.set_major_locator(MaxNLocator(5))
-    panel.set_yticks(_places(each), [escaped_dollars(c.name) for c in each.shown], fontsize=_SMALL)
+    panel.set_yticks(
+        _places(each), [escaped_dollars(c.name) for c in each.shown], fontsize=_SMALL_TEXT_SIZE
+    )
 
 
 def _head(panel: Axes, each: _Round, standing: NamedEffects, x: float) -> None:
@@ -311,19 +315,19 @@ def _head(panel: Axes, each: _Round, standing: NamedEffects, x: float) -> None:
 def _column(panel: Axes, texts: Sequence[str], heading: str) -> None:
     """Numbers at the right of a panel, one a row from the top, with a heading."""
     for place, text in enumerate(reversed(texts)):
-        panel.annotate(text, (1.0, place), **_at(_NUMBER), va="center")
+        panel.annotate(text, (1.0, place), **_at(_NUMBER_WIDTH), va="center")
     if any(texts):
-        panel.annotate(heading, (1.0, len(texts) - 0.45), **_at(_NUMBER), va="bottom")
+        panel.annotate(heading, (1.0, len(texts) - 0.45), **_at(_NUMBER_WIDTH), va="bottom")
 
 
 def _at(inches: float, side: str = "right") -> dict[str, Any]:
-    """A small text in a row of a panel, so many inches right of its edge."""
+    """Return a small text in a row of a panel, so many inches right of its edge."""
     place = {
         "xycoords": ("axes fraction", "data"),
         "xytext": (72.0 * inches, 0.0),
         "textcoords": "offset points",
     }
-    return {**place, "ha": side, "fontsize": _SMALL, "annotation_clip": False}
+    return {**place, "ha": side, "fontsize": _SMALL_TEXT_SIZE, "annotation_clip": False}
 
 
 def _labels(sheet: Sheet, rounds: Sequence[_Round]) -> None:
@@ -342,17 +346,19 @@ def _odds(c: Candidate) -> str:
 
 # ---- The parameters of effects from each record by itself
 
-PARAMETERS = 4  # of one effect that are drawn
+MOST_DRAWN_PARAMETERS = 4  # of one effect that are drawn
 
 
 def figure_replication(effects: Sequence[Replicated], title: str = "") -> Figure:
-    """A panel for each parameter of each effect: its value from each record with two standard
-    deviations, and from all fitted ones as a band.
+    """Return a panel for each parameter of each effect: its value from each record with two
+    standard deviations, and from all fitted ones as a band.
 
     Angles in degrees. A record without the parameter has no point.
     """
     shown = [
-        (effect, name) for effect in effects for name in list(effect.by_record[0])[:PARAMETERS]
+        (effect, name)
+        for effect in effects
+        for name in list(effect.by_record[0])[:MOST_DRAWN_PARAMETERS]
     ]
     sheet = make_sheet([1.2] * len(shown), row_gap=0.32, left=0.8)
     for panel, (effect, name) in zip(sheet.panels, shown, strict=True):

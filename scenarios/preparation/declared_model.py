@@ -33,14 +33,15 @@ from sim.vehicles.factory import MODE_CONSTANTS, model_from_constants
 
 # The vehicle file speaks of frequency and damping; the equations of omega and zeta.
 FILE_NAMES = {"frequency": "omega", "damping": "zeta", "generalized_mass": "generalized_mass"}
-SLOW = 1e-9  # rad/s, below which a root is an integrator
-RESOLVED = 0.15  # of a root's time: a Runge-Kutta step of that length is good to a millionth
-FINEST = 200.0  # sub-steps between samples: what is quicker still does not show
-RARE = 10.0  # usual sub-steps: samples that lie farther apart are of a slower motion
+INTEGRATOR_ROOT = 1e-9  # rad/s, below which a root is an integrator
+# of a root's time: a Runge-Kutta step of that length is good to a millionth
+RESOLVED_STEP_SHARE = 0.15
+MOST_SUB_STEPS = 200.0  # sub-steps between samples: what is quicker still does not show
+RARE_SAMPLE_STEPS = 10.0  # usual sub-steps: samples that lie farther apart are of a slower motion
 
 
 def model_of_file(vehicle: VehicleFile) -> Model:
-    """The declared model of a vehicle file for one of ``MODELS``.
+    """Return the declared model of a vehicle file for one of ``MODELS``.
 
     Each free parameter gets a prior standard deviation of half its starting value (files may be 30
     % wrong), for filters, which need one; whole-record fits use priors only where the data alone
@@ -81,8 +82,8 @@ def outputs_with_bias(model: Model, outputs: Sequence[str]) -> list[str]:
 
 
 def step_for(model: Model, records: Sequence[Record], usual: float) -> float:
-    """Longest integration sub-step, s: ``usual`` but for an own model, whose motion may be a
-    thousand times slower or faster than an aircraft's.
+    """Return the longest integration sub-step, s: ``usual`` but for an own model, whose motion may
+    be a thousand times slower or faster than an aircraft's.
 
     A share of the quickest root's time, never longer than the usual one or, where samples are
     rarer, than the sampling interval.
@@ -95,24 +96,27 @@ def step_for(model: Model, records: Sequence[Record], usual: float) -> float:
 def step_of(model: Model, interval: float, usual: float) -> float:
     """Sub-step of a user model for samples ``interval`` apart, s."""
     sizes = root_sizes(compile_model(model), inputs_at_rest(model))
-    quick = RESOLVED / float(np.max(sizes)) if len(sizes) else math.inf
-    return min(max(quick, interval / FINEST), usual if interval <= RARE * usual else interval)
+    quick = RESOLVED_STEP_SHARE / float(np.max(sizes)) if len(sizes) else math.inf
+    return min(
+        max(quick, interval / MOST_SUB_STEPS),
+        usual if interval <= RARE_SAMPLE_STEPS * usual else interval,
+    )
 
 
 def root_sizes(system: System, u: list[float]) -> np.ndarray:
-    """Sizes of the roots about the initial state, rad/s, integrators left out; none where the
-    slopes are not finite.
+    """Return the sizes of the roots about the initial state, rad/s, integrators left out; none
+    where the slopes are not finite.
     """
     p = system.parameters.values().tolist()
     slopes = complex_step_jacobian(
         lambda x: system.f(0.0, x, u, p), system.initial.values().tolist()
     )
     sizes = np.abs(np.linalg.eigvals(slopes)) if np.all(np.isfinite(slopes)) else np.zeros(0)
-    return np.asarray(sizes[sizes > SLOW])
+    return np.asarray(sizes[sizes > INTEGRATOR_ROOT])
 
 
 def _coupling(name: str, modes: int) -> bool:
-    """Whether a parameter is a constant of a mode or couples two modes; these are fixed."""
+    """Return whether a parameter is a constant of a mode or couples two modes; these are fixed."""
     return any(
         name in (f"Ceta{i}_eta{j}", f"Ceta{i}_etadot{j}")
         for i in range(1, modes + 1)
@@ -125,13 +129,14 @@ def _coupling(name: str, modes: int) -> bool:
 
 # of twice the log likelihood, in samples that count as independent, from which a reading is no
 # chance
-BETTER = 10.0
-AGAINST = 2.0  # the same of one record, beyond which it contradicts
+DECISIVE_LOG_LIKELIHOOD_RATIO = 10.0
+CONTRADICTING_LOG_LIKELIHOOD_RATIO = 2.0  # the same of one record, beyond which it contradicts
 # within a half of the log likelihood of the minimum
-SETTINGS = FitSettings(max_step=0.02, iterations=60, enough=0.5, coloured=False)
-BEYOND = 1e50
-LARGEST = 3000  # samples that the comparison looks at
-UNMOVED = 0.7  # of an input's steps: where so many are nothing at all, a computer may have held it
+COMPARISON_SETTINGS = FitSettings(max_step=0.02, iterations=60, enough=0.5, coloured=False)
+LARGEST_NUMBER = 1e50
+MOST_COMPARED_SAMPLES = 3000  # samples that the comparison looks at
+# of an input's steps: where so many are nothing at all, a computer may have held it
+UNMOVED_STEP_SHARE = 0.7
 # of the other steps: where so many follow one another, a hand or an actuator moved it through them
 IN_PASSING = 0.5
 Reading = tuple[Model, list[Record]]
@@ -156,8 +161,8 @@ def better_by(
     least: float = 0.0,
     local: Collection[str] = (),
 ) -> Compared:
-    """Twice the log likelihood by which the second reading fits better than the first, in effective
-    samples.
+    """Return twice the log likelihood by which the second reading fits better than the first, in
+    effective samples.
 
     The question is left open where a fit has not converged or has a bias that no sensor and no trim
     has (``implausible_bias``): what such a fit leaves says nothing of its reading. It is left open
@@ -169,7 +174,7 @@ def better_by(
     Controls count from their trim (``from_trim``).
     """
     if any(
-        np.max(np.abs(channel.values)) > BEYOND
+        np.max(np.abs(channel.values)) > LARGEST_NUMBER
         for record in first[1]
         for channel in record.channels
     ):
@@ -209,8 +214,8 @@ def better_by(
 
 
 def from_trim(record: Record, model: Model) -> Record:
-    """The record with its controls counted from their trim, or from their mean where no rest at the
-    beginning tells it.
+    """Return the record with its controls counted from their trim, or from their mean where no rest
+    at the beginning tells it.
 
     Derivatives of equations of perturbations do not notice; biases do, which else stand for the
     motion that the trim deflection would make. Equations of totals keep their inputs.
@@ -228,8 +233,8 @@ def from_trim(record: Record, model: Model) -> Record:
 
 
 def implausible_bias(value: float, measured: np.ndarray) -> bool:
-    """Whether the bias of an output of perturbations cannot be its reading at trim, ``measured
-    (N,)`` being its samples.
+    """Return whether the bias of an output of perturbations cannot be its reading at trim,
+    ``measured (N,)`` being its samples.
 
     With controls about their trim an aircraft moves about its trim: that lies between the channel's
     extremes, or beyond them by no more than the motion between them where the record shows one side
@@ -304,7 +309,7 @@ def _without(record: Record, outputs: Sequence[str], wrong: np.ndarray) -> Recor
 def likelier_by(
     before: Sequence[np.ndarray], after: Sequence[np.ndarray], known: Sequence[np.ndarray]
 ) -> float:
-    """Twice the log likelihood by which the second residuals are likelier than the first, in
+    """Return twice the log likelihood by which the second residuals are likelier than the first, in
     effective samples; zero where records contradict.
 
     Residuals and their validity are ``(m, N)`` a record; each output has one noise level.
@@ -324,35 +329,35 @@ def likelier_by(
             if count and old > 0.0 and new > 0.0:
                 total[k] += share * count * np.log(old / new)
     result = float(np.sum(total))
-    return 0.0 if np.min(total * np.sign(result)) < -AGAINST else result
+    return 0.0 if np.min(total * np.sign(result)) < -CONTRADICTING_LOG_LIKELIHOOD_RATIO else result
 
 
 def with_hold(records: Sequence[Record], hold: Hold) -> list[Record]:
-    """The records with inputs held or linear between samples."""
+    """Return the records with inputs held or linear between samples."""
     return [record if record.hold is hold else replace(record, hold=hold) for record in records]
 
 
 def held_by_computer(record: Record) -> bool:
-    """Whether every input is constant most of the time to the last digit and changes in steps, as a
-    computer's.
+    """Return whether every input is constant most of the time to the last digit and changes in
+    steps, as a computer's.
     """
     return all(_leaps(np.diff(channel.values)) for channel in record.inputs)
 
 
 def _leaps(steps: np.ndarray) -> bool:
-    """Whether an input that rests most of the time moves in single steps: a surface passes through
-    several samples on its way.
+    """Return whether an input that rests most of the time moves in single steps: a surface passes
+    through several samples on its way.
     """
     moves = steps != 0.0
     onward = moves[1:] & moves[:-1] & (np.sign(steps[1:]) == np.sign(steps[:-1]))
     passing = float(np.sum(onward)) / max(1.0, float(np.sum(moves)))
-    return bool(np.mean(moves) < 1.0 - UNMOVED and passing < IN_PASSING)
+    return bool(np.mean(moves) < 1.0 - UNMOVED_STEP_SHARE and passing < IN_PASSING)
 
 
 def linear_by(
     records: Sequence[Record], model: Model, read: Callable[[Model, list[Record]], Reading]
 ) -> float:
-    """Gain of linear inputs over held ones; zero if undecided."""
+    """Return the gain of linear inputs over held ones; zero if undecided."""
     if not model.equations.inputs or all(held_by_computer(record) for record in records):
         return 0.0
     some = _some(records)
@@ -371,7 +376,9 @@ def linear_by(
 def _layout(reading: Reading, outputs: Sequence[str], local: Collection[str]) -> FitLayout:
     model, records = reading
     biased = model.with_biases(outputs_with_bias(model, outputs))
-    settings = replace(SETTINGS, max_step=step_for(model, records, SETTINGS.max_step))
+    settings = replace(
+        COMPARISON_SETTINGS, max_step=step_for(model, records, COMPARISON_SETTINGS.max_step)
+    )
     return lay_out(records, compile_model(biased, list(outputs)), settings, local=local)
 
 
@@ -384,19 +391,19 @@ def _outputs(records: Sequence[Record], model: Model) -> list[str]:
 
 
 def _some(records: Sequence[Record]) -> list[Record]:
-    """The first records, up to ``LARGEST`` samples."""
+    """Return the first records, up to ``MOST_COMPARED_SAMPLES`` samples."""
     some, count = [], 0
     for record in records:
         some.append(record)
         count += len(record)
-        if count >= LARGEST:
+        if count >= MOST_COMPARED_SAMPLES:
             break
     return some
 
 
 def vehicle_text(draft: Draft) -> str:
-    """A draft of the vehicle file for the model that the channels fit; the numbers that the record
-    does not have stand as comments.
+    """Return a draft of the vehicle file for the model that the channels fit; the numbers that the
+    record does not have stand as comments.
     """
     model = draft.nearest or "rigid"
     if model == "ballistic":

@@ -30,8 +30,7 @@ COMMANDS = ("roll_command", "pitch_command", "yaw_command", "thrust_command")
 INPUTS = (*SURFACES, *COMMANDS)
 # Columns in which PX4 says what flies, and the number that means a multirotor.
 ROTARY_WING = {"vehicle_status.vehicle_type": 1.0, "vehicle_status.is_rotary_wing": 1.0}
-# Units as they stand behind a name without brackets.
-SPELT = {
+SPELT = {  # Units as they stand behind a name without brackets.
     "deg": "deg", "rad": "rad", "ktas": "kt", "kts": "kt", "ft": "ft", "ftmsl": "ft", "degs": "deg/s", "rads": "rad/s", "g": "g",  # noqa: E501
     "dps": "deg/s", "rps": "rad/s", "fps": "ft/s", "fps2": "ft/s2", "mps": "m/s", "mps2": "m/s2", "psf": "lbf/ft2",  # noqa: E501
 }  # fmt: skip
@@ -41,8 +40,8 @@ BEYOND = {"rad": 1.6, "rad/s": 8.0}
 NEVER = {"rad": BEYOND["rad"], "rad/s": 20.0}
 MOST_UNUSED = 60  # columns of a log that are listed without a channel
 COMMENT_WIDTH = 100  # characters of a line of a draft
-EVEN = 1e-3  # of the step, by which the steps of a clock may differ
-GAPS = 0.02  # share of the steps of a clock that may be gaps
+EVEN_CLOCK_TOLERANCE = 1e-3  # of the step, by which the steps of a clock may differ
+MOST_GAP_SHARE = 0.02  # share of the steps of a clock that may be gaps
 # topics that hold no measured motion
 NO_MEASUREMENT = re.compile(r"setpoint|_sp\b|status|innov|target|reference|command")
 
@@ -160,7 +159,7 @@ def drafted(file: RecordFile, rate: float | None = None) -> Draft:
 
 
 def recognised(file: RecordFile, channels: Iterable[str]) -> Mapping[str, str]:
-    """The columns of a file that a draft of a channel map would take for channels.
+    """Return the columns of a file that a draft of a channel map would take for channels.
 
     Parameters
     ----------
@@ -178,7 +177,7 @@ def recognised(file: RecordFile, channels: Iterable[str]) -> Mapping[str, str]:
 
 
 def map_text(draft: Draft) -> str:
-    """The draft as a channel map in TOML, with a reason beside each line."""
+    """Return the draft as a channel map in TOML, with a reason beside each line."""
     lines = [
         f"# Draft of a channel map for {draft.file.path.name}. Check every line: names do not say "
         "signs, and seldom units."
@@ -256,8 +255,8 @@ def _recorder_names() -> Mapping[str, Any]:
 
 
 def _is_multirotor(topics: Sequence[Topic]) -> bool:
-    """Whether a log says that a multirotor made it, or has the outputs of its rate controller
-    alone; of a table, whether a column is a command.
+    """Return whether a log says that a multirotor made it, or has the outputs of its rate
+    controller alone; of a table, whether a column is a command.
     """
     for path, number in ROTARY_WING.items():
         name, _, field = path.rpartition(".")
@@ -276,22 +275,22 @@ def _is_multirotor(topics: Sequence[Topic]) -> bool:
 
 
 def _topics_of(file: RecordFile) -> Sequence[Topic]:
-    """The topics of a log; a table is one without a name."""
+    """Return the topics of a log; a table is one without a name."""
     return file.topics or (Topic("", file.table),)
 
 
 def _guesses(
     channels: Iterable[str], topics: Sequence[Topic], degrees: Collection[str]
 ) -> list[Guess]:
-    """The best columns for the channels that the vehicle can have."""
+    """Return the best columns for the channels that the vehicle can have."""
     absent = (*SURFACES, "airspeed") if _is_multirotor(topics) else COMMANDS
     result = (_guess(channel, topics, degrees) for channel in channels if channel not in absent)
     return [guess for guess in result if guess is not None]
 
 
 def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> Guess | None:
-    """The best column of a channel, None where no name recalls one that moves; ``degrees``: topics
-    whose unlabelled angles are in degrees.
+    """Return the best column of a channel, None where no name recalls one that moves; ``degrees``:
+    topics whose unlabelled angles are in degrees.
     """
     words = _recorder_names().get(channel, {})
     if len(topics) > 1:
@@ -331,13 +330,13 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
 
 
 def _says_unit(topic: Topic, index: int, channel: str) -> bool:
-    """Whether the file states a unit that suits the channel; any unit suits a clock."""
+    """Return whether the file states a unit that suits the channel; any unit suits a clock."""
     said = stated_unit(topic.table, index)
     return channel == TIME or (said is not None and _converts(said, CHANNEL_UNITS[channel]))
 
 
 def _clock(topic: Topic) -> Guess | None:
-    """The column that every command takes for the clock; else one of dates; else one of even
+    """Return the column that every command takes for the clock; else one of dates; else one of even
     steps.
     """
     table = topic.table
@@ -352,7 +351,7 @@ def _clock(topic: Topic) -> Guess | None:
 
 
 def _even_column(topic: Topic) -> Guess | None:
-    """The first column that increases in even steps, as a clock does; a clock may have gaps.
+    """Return the first column that increases in even steps, as a clock does; a clock may have gaps.
 
     A column that counts 0, 1, 2 ... numbers the rows and says nothing of time.
     """
@@ -368,8 +367,8 @@ def _even_column(topic: Topic) -> Guess | None:
         usual = float(np.median(steps))
         if values[0] in (0.0, 1.0) and np.all(steps == 1.0):
             continue
-        odd = np.abs(steps - usual) >= EVEN * usual
-        if (np.all(steps[odd] > usual) and np.mean(odd) < GAPS) or grid_of_coarse_stamps(
+        odd = np.abs(steps - usual) >= EVEN_CLOCK_TOLERANCE * usual
+        if (np.all(steps[odd] > usual) and np.mean(odd) < MOST_GAP_SHARE) or grid_of_coarse_stamps(
             values
         ) is not None:
             return Guess(TIME, ColumnChoice(index + 1), "increases in even steps, as a clock does")
@@ -444,8 +443,8 @@ def _of_column(channel: str, topic: Topic, index: int, degrees: Collection[str])
 
 
 def _tried(file: RecordFile, guesses: Sequence[Guess], rate: float | None) -> list[Guess]:
-    """The guesses with the ranges of their values, or with the faults that keep them from being
-    read.
+    """Return the guesses with the ranges of their values, or with the faults that keep them from
+    being read.
 
     Channels of one clock are read together, so that it is read once; each by itself only where one
     of them has a fault.
@@ -524,7 +523,7 @@ def _model_for(channels: set[str]) -> str:
 
 
 def _path(topic: Topic, cell: str) -> str:
-    """A column as a channel map names it: with its topic, where that has a name."""
+    """Return a column as a channel map names it: with its topic, where that has a name."""
     return f"{topic.name}.{cell}" if topic.name else cell
 
 
@@ -563,7 +562,7 @@ def _letters_and_digits(name: str) -> str:
 
 
 def _suffix(cell: str) -> str | None:
-    """A unit at the end of a header behind an underscore or a comma: ``alpha,__deg``,
+    """Return a unit at the end of a header behind an underscore or a comma: ``alpha,__deg``,
     ``pitch_deg``.
     """
     word = re.split(r"[,_ ]+", split_header(cell)[0].strip())[-1]

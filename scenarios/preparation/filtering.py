@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from scenarios.files.sources import LARGEST
+from scenarios.files.sources import LARGEST_NUMBER
 from scenarios.preparation.plan import Plan, Segment
 from sim.errors import RecordError
 from sim.propagation import MOST_STEPS
@@ -16,17 +16,17 @@ from sim.record import Channel, Hold, Record, instant, time_span
 
 # Of 767 simulated records at 10 to 400 Hz, even or with jitter of a quarter of a step, none is
 # split; of 379 that lost up to a tenth of their rows at random one is.
-MANY = 5.0  # shortest gap, in usual steps
-LONG = 0.25  # s, shortest gap; shorter ones are bridged by the input before them
-FEWEST = 30  # samples that a part needs to be used
+SHORTEST_GAP_STEPS = 5.0  # shortest gap, in usual steps
+SHORTEST_GAP = 0.25  # s, shortest gap; shorter ones are bridged by the input before them
+FEWEST_PART_SAMPLES = 30  # samples that a part needs to be used
 
 
 def gaps_of(record: Record) -> np.ndarray:
-    """Positions of the samples before a gap, ``(G,)``: a step longer than five usual ones and a
-    quarter of a second.
+    """Return the positions of the samples before a gap, ``(G,)``: a step longer than five usual
+    ones and a quarter of a second.
     """
     steps = np.diff(record.time)
-    return np.flatnonzero(steps > max(MANY * float(np.median(steps)), LONG))
+    return np.flatnonzero(steps > max(SHORTEST_GAP_STEPS * float(np.median(steps)), SHORTEST_GAP))
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +120,7 @@ def split_at_gaps(
 
     Raises RecordError for an impossible time.
     """
-    wrong = np.flatnonzero(np.abs(record.time) > LARGEST)
+    wrong = np.flatnonzero(np.abs(record.time) > LARGEST_NUMBER)
     if wrong.size:
         what = f"{record.time[wrong[0]]:g} s is no time of a measurement"
         raise RecordError(
@@ -141,14 +141,15 @@ def split_at_gaps(
         for (begin, end), some in zip(pairwise(ends), seen, strict=True)
         if end - begin >= 2 and some
     ]
-    long_spans = [span for span in spans if span[1] - span[0] >= FEWEST] or spans
+    long_spans = [span for span in spans if span[1] - span[0] >= FEWEST_PART_SAMPLES] or spans
     parts = tuple(_rows(record, begin, end) for begin, end in long_spans)
     t = record.time
     shown = [f"{time_span(t[position], t[position + 1], 4)}" for position in after[:3]]
     more = f" and {after.size - 3} more" if after.size > 3 else ""
     dropped = len(ends) - 1 - len(long_spans)
     left = (
-        f"; {dropped} part{'s' * (dropped > 1)} of fewer than {FEWEST} samples left out"
+        f"; {dropped} part{'s' * (dropped > 1)} of fewer than {FEWEST_PART_SAMPLES} samples "
+        "left out"
         if dropped
         else ""
     )
@@ -168,18 +169,19 @@ def _rows(record: Record, begin: int, end: int) -> Record:
     return replace(part, name=f"{record.name}[{instant(part.time[0])}-{instant(part.time[-1])} s]")
 
 
-ORDER = 4
+FILTER_ORDER = 4
 BELOW_HALF = 0.8  # of half the new rate: corner of the filter ahead of resampling
-EVEN = 0.01  # of the interval, by which even samples may be off
-SAME = 1e-6  # of the rate, within which a record has the rate that is asked for already
+EVEN_SAMPLING_TOLERANCE = 0.01  # of the interval, by which even samples may be off
+# of the rate, within which a record has the rate that is asked for already
+SAME_RATE_TOLERANCE = 1e-6
 FILTERING_FEWEST = 40  # samples that a filter needs to be of use
 # periods of the corner, about a gap, in which a filtered sample rests on what was filled in
-REACH = 0.5
+GAP_REACH_PERIODS = 0.5
 
 
 def filtered(record: Record, plan: Plan) -> tuple[Record, str]:
-    """The record behind the plan's filter and at its rate, and a sentence on it; the same object
-    where the plan asks for neither.
+    """Return the record behind the plan's filter and at its rate, and a sentence on it; the same
+    object where the plan asks for neither.
 
     Uneven samples are laid on an even grid first. A held input is taken at the middle of each
     interval, where its samples stand for the signal; afterwards inputs are linear. A sample near a
@@ -192,7 +194,8 @@ def filtered(record: Record, plan: Plan) -> tuple[Record, str]:
     """
     step = float(np.median(np.diff(record.time)))
     if plan.lowpass is None and (
-        plan.rate is None or (abs(plan.rate * step - 1.0) < SAME and _is_even(record.time, step))
+        plan.rate is None
+        or (abs(plan.rate * step - 1.0) < SAME_RATE_TOLERANCE and _is_even(record.time, step))
     ):
         return record, ""
     corner, said = _corner(record, plan, 1.0 / step)
@@ -206,11 +209,11 @@ def filtered(record: Record, plan: Plan) -> tuple[Record, str]:
         )
     from scipy.signal import butter, sosfiltfilt
 
-    sections = butter(ORDER, corner, fs=1.0 / step, output="sos")
+    sections = butter(FILTER_ORDER, corner, fs=1.0 / step, output="sos")
     pad = min(len(time) - 1, round(3.0 / (corner * step)))
     smooth = {name: sosfiltfilt(sections, values, padlen=pad) for name, (values, _) in rows.items()}
     near = {
-        name: _near_gaps(valid, int(np.ceil(REACH / (corner * step))))
+        name: _near_gaps(valid, int(np.ceil(GAP_REACH_PERIODS / (corner * step))))
         for name, (_, valid) in rows.items()
     }
     new = (
@@ -242,7 +245,7 @@ def filtered(record: Record, plan: Plan) -> tuple[Record, str]:
 def _corner(record: Record, plan: Plan, rate: float) -> tuple[float, str]:
     corners, said = [], ""
     if plan.rate is not None:
-        if plan.rate > rate * (1.0 + EVEN):
+        if plan.rate > rate * (1.0 + EVEN_SAMPLING_TOLERANCE):
             remedy = "give a lower rate: more samples than were taken tell nothing"
             raise RecordError(
                 f"--rate {plan.rate:g} Hz is above the record's {rate:.4g} Hz",
@@ -262,7 +265,7 @@ def _corner(record: Record, plan: Plan, rate: float) -> tuple[float, str]:
             )
         said = f"resampled from {rate:.4g} to {plan.rate:g} Hz, "
     if plan.lowpass is not None:
-        if plan.lowpass > 0.5 * rate * (1.0 - EVEN):
+        if plan.lowpass > 0.5 * rate * (1.0 - EVEN_SAMPLING_TOLERANCE):
             remedy = "give a lower corner, or leave the option out"
             raise RecordError(
                 f"--lowpass {plan.lowpass:g} Hz is not below half the record's {rate:.4g} Hz",
@@ -309,11 +312,11 @@ def _even(time: np.ndarray, step: float) -> np.ndarray:
 
 
 def _is_even(time: np.ndarray, step: float) -> bool:
-    return bool(np.all(np.abs(np.diff(time) - step) <= EVEN * step))
+    return bool(np.all(np.abs(np.diff(time) - step) <= EVEN_SAMPLING_TOLERANCE * step))
 
 
 def _on(time: np.ndarray, record: Record, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
-    """A channel at ``time``, gaps bridged, and where its samples on both sides are there."""
+    """Return a channel at ``time``, gaps bridged, and where its samples on both sides are there."""
     t, valid = record.time, channel.valid
     if channel.name in record.input_names and record.hold is Hold.PREVIOUS:
         from scipy.interpolate import CubicSpline
@@ -328,8 +331,8 @@ def _on(time: np.ndarray, record: Record, channel: Channel) -> tuple[np.ndarray,
 
 
 def _for_lines(time: np.ndarray, values: np.ndarray, new: np.ndarray) -> np.ndarray:
-    """Values at ``new`` whose straight lines come nearest to the signal by least squares: its own
-    samples would cut its peaks.
+    """Return the values at ``new`` whose straight lines come nearest to the signal by least
+    squares: its own samples would cut its peaks.
     """
     from scipy.linalg import solveh_banded
 

@@ -31,25 +31,25 @@ from sim.record import Channel, Hold, Record, instant
 
 # ---- What a measured record needs before it is fitted: inputs about their trim
 
-REST = 0.05  # of an input's span, within which it rests
-LEAST = 0.3  # s of rest at the beginning, without which nothing is known of the trim
-OFF = 0.1  # of an input's span, that its middle is from zero where a zero is no trim
+REST_SHARE = 0.05  # of an input's span, within which it rests
+SHORTEST_REST = 0.3  # s of rest at the beginning, without which nothing is known of the trim
+OFFSET_SHARE = 0.1  # of an input's span, that its middle is from zero where a zero is no trim
 # channels in which a motion shows at once
 QUICK = ("alpha", "q", "nz", "az", "beta", "p", "r", "ny", "ay")
 # of a channel's scatter over the record, by which it may change while the aircraft rests
-STILL = 0.3
+STILL_SHARE = 0.3
 
 
 def of_totals(model: Model) -> bool:
-    """Whether the equations describe total motion, not perturbations about a trim."""
+    """Return whether the equations describe total motion, not perturbations about a trim."""
     if isinstance(model.equations, OfTotals):
         return model.equations.totals
     return is_own(model) or any(state.name == "airspeed" for state in model.equations.states)
 
 
 def about_trim(record: Record) -> tuple[Record, dict[str, float]]:
-    """The record with each input measured from its trim, and the trims taken off, by input and in
-    its unit.
+    """Return the record with each input measured from its trim, and the trims taken off, by input
+    and in its unit.
 
     The trim is the mean of the input before it first moves. A derivative does not notice where the
     zero of an input lies, since biases and initial states take it up; break-out, saturation and
@@ -68,10 +68,10 @@ def about_trim(record: Record) -> tuple[Record, dict[str, float]]:
 
 
 def trim_sentence(record: Record, name: str) -> str:
-    """Sentence if no trim of an input was found although it is not zero; else empty."""
+    """Return the sentence if no trim of an input was found although it is not zero; else empty."""
     values, unit = record[name].values, record[name].unit
     middle = float(np.median(values))
-    if abs(middle) <= OFF * float(np.ptp(values)):
+    if abs(middle) <= OFFSET_SHARE * float(np.ptp(values)):
         return ""
     shown = f"{np.degrees(middle):.3g} deg" if unit == "rad" else f"{middle:.3g} {unit}"
     taken = (
@@ -85,17 +85,17 @@ def trim_sentence(record: Record, name: str) -> str:
 
 
 def _trim(record: Record, values: np.ndarray) -> float:
-    """Mean of an input before it first leaves the neighbourhood of its beginning; zero where it or
-    the aircraft does not rest there.
+    """Return the mean of an input before it first leaves the neighbourhood of its beginning; zero
+    where it or the aircraft does not rest there.
     """
     time = record.time
     span = float(np.ptp(values))
     if span == 0.0:
         return 0.0
-    start = float(np.median(values[: max(1, int(np.searchsorted(time, time[0] + LEAST)))]))
-    away = np.abs(values - start) > REST * span
+    start = float(np.median(values[: max(1, int(np.searchsorted(time, time[0] + SHORTEST_REST)))]))
+    away = np.abs(values - start) > REST_SHARE * span
     until = int(np.argmax(away)) if np.any(away) else len(values)
-    if until < 2 or time[until - 1] - time[0] < LEAST:
+    if until < 2 or time[until - 1] - time[0] < SHORTEST_REST:
         return 0.0
     # The last sample before the move may already be on its way.
     until = max(2, until - 1)
@@ -103,9 +103,9 @@ def _trim(record: Record, values: np.ndarray) -> float:
     # time, and at the end.
     usual = max(
         abs(float(np.median(some)) - start)
-        for some in (values, values[int(np.searchsorted(time, time[-1] - LEAST)) :])
+        for some in (values, values[int(np.searchsorted(time, time[-1] - SHORTEST_REST)) :])
     )
-    if usual > REST * span and any(
+    if usual > REST_SHARE * span and any(
         _moves(channel, until) for channel in record.outputs if channel.name in QUICK
     ):
         return 0.0
@@ -116,8 +116,8 @@ def _trim(record: Record, values: np.ndarray) -> float:
 
 
 def _scatter_of_mean(values: np.ndarray) -> float:
-    """Standard deviation of the mean: noise counts sample by sample, a smooth motion, as a sum of
-    sines begins with, as one value.
+    """Return the standard deviation of the mean: noise counts sample by sample, a smooth motion, as
+    a sum of sines begins with, as one value.
 
     The share of noise is von Neumann's ratio of the steps' mean square to twice the variance.
     """
@@ -129,19 +129,19 @@ def _scatter_of_mean(values: np.ndarray) -> float:
 
 
 def _moves(channel: Channel, until: int) -> bool:
-    """Whether a channel moves in its first samples, its noise left out: a maneuver that begins with
-    a held step starts with the record.
+    """Return whether a channel moves in its first samples, its noise left out: a maneuver that
+    begins with a held step starts with the record.
     """
     first, every = channel.values[:until][channel.valid[:until]], channel.values[channel.valid]
     half = len(first) // 2
-    return half > 0 and abs(float(np.mean(first[half:]) - np.mean(first[:half]))) > STILL * float(
-        np.std(every)
-    )
+    return half > 0 and abs(
+        float(np.mean(first[half:]) - np.mean(first[:half]))
+    ) > STILL_SHARE * float(np.std(every))
 
 
 # ---- Load factors from accelerometers
 
-MIDDLE = 1.5  # largest plausible ratio of a signal that stands still to one g
+LARGEST_REST_LOAD = 1.5  # largest plausible ratio of a signal that stands still to one g
 # Load factor -> the accelerometer that serves in its place, and the sign between them.
 ACCELEROMETERS: Mapping[str, tuple[str, float]] = MappingProxyType(
     {"nz": ("az", -1.0), "ny": ("ay", 1.0), "nx": ("ax", 1.0)}
@@ -156,8 +156,8 @@ def instead_of(outputs: Collection[str]) -> dict[str, str]:
 
 
 def with_load_factors(record: Record, kept: Collection[str] = ()) -> tuple[Record, tuple[str, ...]]:
-    """The record with load factors (g) in the place of accelerometers, and a sentence on each; of
-    two channels for one the load factor counts.
+    """Return the record with load factors (g) in the place of accelerometers, and a sentence on
+    each; of two channels for one the load factor counts.
 
     ``kept``: outputs of a model, whose accelerometers stay as they are.
 
@@ -173,7 +173,7 @@ def with_load_factors(record: Record, kept: Collection[str] = ()) -> tuple[Recor
         factor = Channel.of(name, "g", np.where(force.valid, sign * force.values / G0, np.nan))
         outputs = tuple(factor if each.name == channel else each for each in record.outputs)
         level = float(np.median(factor.values[factor.valid]))
-        if name == "nz" and level < -1.0 / MIDDLE:
+        if name == "nz" and level < -1.0 / LARGEST_REST_LOAD:
             what = (
                 f"the middle of az is {-G0 * level:+.3g} m/s2, but az is positive down: {-G0:.3g} "
                 "m/s2 in level flight"
@@ -192,10 +192,10 @@ def with_load_factors(record: Record, kept: Collection[str] = ()) -> tuple[Recor
 
 MEASURED = ("airspeed", "dynamic_pressure")
 # s, of the weights that smooth a measured speed: the short period is faster, the speed slower
-WINDOW = 1.0
-DESPIKED = 9.0  # medians of the distance from the neighbours' median
-BEGINNING = 0.5  # s, over which the trim's pressure is the mean
-APART = 0.1  # of the declared airspeed or density, from which a word is due
+SPEED_SMOOTHING_TIME = 1.0
+SPIKE_MEDIANS = 9.0  # medians of the distance from the neighbours' median
+TRIM_AVERAGING_TIME = 0.5  # s, over which the trim's pressure is the mean
+NOTABLE_DIFFERENCE_SHARE = 0.1  # of the declared airspeed or density, from which a word is due
 
 
 @dataclass(frozen=True)
@@ -230,7 +230,7 @@ def without_flow(record: Record) -> Record:
 def with_flow(
     model: Model, records: Sequence[Record], *, weight: bool = True
 ) -> tuple[Model, list[Record]]:
-    """The model with the measured flow as further inputs, and the records that carry them;
+    """Return the model with the measured flow as further inputs, and the records that carry them;
     unchanged where no record measures one.
 
     A record without flies at the declared speed. With ``weight`` the lift that carries the weight
@@ -301,8 +301,8 @@ def flow_sentence(record: Record, model: Model) -> str:
 
 
 def flow_doubts(records: Sequence[Record], model: Model) -> list[str]:
-    """Records whose measured airspeed or air density is far from the vehicle file's, and the
-    remedy.
+    """Return the records whose measured airspeed or air density is far from the vehicle file's, and
+    the remedy.
     """
     flows = [
         (record.name, flow)
@@ -342,13 +342,17 @@ def flow_doubts(records: Sequence[Record], model: Model) -> list[str]:
 
 
 def _far(means: Mapping[str, float], model: Model, name: str) -> tuple[str, str, str] | None:
-    """Records whose mean is more than ``APART`` off the declared value, their means, and the
-    declared one; None where all are near.
+    """Return the records whose mean is more than ``NOTABLE_DIFFERENCE_SHARE`` off the declared
+    value, their means, and the declared one; None where all are near.
     """
     if not means:
         return None
     declared = model.parameters[name].value
-    result = {record: mean for record, mean in means.items() if abs(mean / declared - 1.0) > APART}
+    result = {
+        record: mean
+        for record, mean in means.items()
+        if abs(mean / declared - 1.0) > NOTABLE_DIFFERENCE_SHARE
+    }
     if not result:
         return None
     shown = list(
@@ -371,7 +375,8 @@ def pressure_at_rest(time: np.ndarray, flow: Flow, model: Model) -> float:
     """Mean dynamic pressure (Pa) at the beginning, where the lift carries the weight; with a model
     without an air density divided by that.
     """
-    resting = _pressure(flow, model)[: max(1, int(np.searchsorted(time, time[0] + BEGINNING)))]
+    count = max(1, int(np.searchsorted(time, time[0] + TRIM_AVERAGING_TIME)))
+    resting = _pressure(flow, model)[:count]
     return float(np.mean(resting))
 
 
@@ -403,8 +408,8 @@ def flow_rows(flow: Flow, model: Model, level: float) -> dict[str, np.ndarray]:
 
 
 def interval_means(values: np.ndarray, hold: Hold) -> np.ndarray:
-    """Samples that stand for straight lines between ``values``; of held inputs the mean over each
-    interval.
+    """Return the samples that stand for straight lines between ``values``; of held inputs the mean
+    over each interval.
     """
     return (
         values if hold is Hold.LINEAR else np.append(0.5 * (values[:-1] + values[1:]), values[-1])
@@ -417,7 +422,7 @@ def _smooth(record: Record, channel: Channel) -> np.ndarray:
     time, step = record.time, float(np.median(np.diff(record.time)))
     grid = np.linspace(time[0], time[-1], max(2, 1 + round((time[-1] - time[0]) / step)))
     even = np.interp(grid, time[usable], channel.values[usable])
-    half = min(round(0.5 * WINDOW / step), len(even) - 1)
+    half = min(round(0.5 * SPEED_SMOOTHING_TIME / step), len(even) - 1)
     if half > 0:
         # Beyond its ends the signal goes on as the line through its first and its last window does.
         before, behind = np.arange(-half, 0), np.arange(1, half + 1)
@@ -451,27 +456,27 @@ def _spikes(values: np.ndarray) -> np.ndarray:
     padded = np.concatenate([values[2:0:-1], values, values[-2:-4:-1]])
     away = np.abs(values - np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1))
     return np.asarray(
-        away > max(DESPIKED * float(np.median(away)), 1e-3 * float(np.median(np.abs(values))))
+        away > max(SPIKE_MEDIANS * float(np.median(away)), 1e-3 * float(np.median(np.abs(values))))
     )
 
 
 # ---- A measured pitch attitude as a recorded input of the equations
 
 PARTLY = "the pitch attitude is not measured in all records: a phugoid keeps its own"
-FEWEST = 0.5  # of the samples, without which a channel with gaps tells no motion
+LEAST_SAMPLE_SHARE = 0.5  # of the samples, without which a channel with gaps tells no motion
 
 
 def wants_attitude(model: Model) -> bool:
-    """Whether an effect on the model's equations can use an attitude: a phugoid, whose speed is not
-    recorded.
+    """Return whether an effect on the model's equations can use an attitude: a phugoid, whose speed
+    is not recorded.
     """
     recorded = {signal.name for signal in model.equations.inputs}
     return not is_own(model) and applies(Phugoid(), model.equations) and SPEED not in recorded
 
 
 def with_attitude(model: Model, records: Sequence[Record]) -> tuple[Model, list[Record], str]:
-    """The model with ``theta`` (rad, from its value at each record's begin) as a further input,
-    records that carry it, and a sentence.
+    """Return the model with ``theta`` (rad, from its value at each record's begin) as a further
+    input, records that carry it, and a sentence.
 
     Where the model has no use for it, or a record lacks it, the records come back without it; the
     sentence is empty but where others have it.
@@ -502,12 +507,15 @@ def without_attitude(record: Record) -> Record:
 
 
 def _tells(record: Record) -> bool:
-    return ATTITUDE in record.output_names and float(np.mean(record[ATTITUDE].valid)) > FEWEST
+    return (
+        ATTITUDE in record.output_names
+        and float(np.mean(record[ATTITUDE].valid)) > LEAST_SAMPLE_SHARE
+    )
 
 
 def _from_begin(record: Record) -> Channel:
-    """The attitude from the mean of its beginning, wrong samples and gaps bridged, as the inputs
-    are held.
+    """Return the attitude from the mean of its beginning, wrong samples and gaps bridged, as the
+    inputs are held.
     """
     time, channel = record.time, record[ATTITUDE]
     # Not as an airspeed is despiked: attitude turns within a few samples, and its turning points
@@ -515,5 +523,7 @@ def _from_begin(record: Record) -> Channel:
     finite_rows = np.flatnonzero(channel.valid)
     finite_rows = np.delete(finite_rows, input_spikes(channel.values[finite_rows]))
     values = np.interp(time, time[finite_rows], channel.values[finite_rows])
-    level = float(np.mean(values[: max(1, int(np.searchsorted(time, time[0] + BEGINNING)))]))
+    level = float(
+        np.mean(values[: max(1, int(np.searchsorted(time, time[0] + TRIM_AVERAGING_TIME)))])
+    )
     return Channel.of(ATTITUDE, "rad", interval_means(values - level, record.hold))

@@ -326,7 +326,7 @@ def read_parts(path: str | Path) -> DeclaredParts:
 
 
 def chosen_parts(parts: DeclaredParts, requested: Sequence[str | int]) -> tuple[Part, ...]:
-    """The parts with the given numbers or names, in the order of their times.
+    """Return the parts with the given numbers or names, in the order of their times.
 
     Raises
     ------
@@ -375,8 +375,8 @@ def with_maneuvers(
     requested: Sequence[str | int] | None,
     file: Path | DeclaredParts | None = None,
 ) -> Plan:
-    """The plan with the parts of maneuvers as its segments, as ``--from`` and ``--to`` of each
-    would give it, and a sentence on each.
+    """Return the plan with the parts of maneuvers as its segments, as ``--from`` and ``--to`` of
+    each would give it, and a sentence on each.
 
     ``requested`` : numbers or names; None or empty leaves the plan alone. ``file`` : None takes
     ``maneuvers.toml`` beside the record.

@@ -19,16 +19,17 @@ from sim.record import Channel, Record, instant
 
 # ---- Long records that are almost all cruise
 
-LONG = 120.0  # s, of all records together; a shorter one is a maneuver with its rest
+# s, of all records together; a shorter one is a maneuver with its rest
+LONGEST_MANEUVER_RECORD = 120.0
 # Share of the time with moving inputs, below which a record is called almost all cruise. Of 40
 # simulated flights of 20 minutes with a maneuver every one to two minutes, which move for 0.27 to
 # 0.72 of their time, none is; nor is a measured one.
-CRUISE = 0.1
+LEAST_MOVING_SHARE = 0.1
 
 
 def cruise_caution(records: Sequence[Record], name: str, opening: Sequence[str] = ()) -> str:
-    """One sentence where long records are almost all cruise: the share of their time in which an
-    input moves; empty elsewhere.
+    """Return one sentence where long records are almost all cruise: the share of their time in
+    which an input moves; empty elsewhere.
 
     ``name`` : of the first file, for the command that finds the maneuvers in it; ``opening`` : the
     options that open it.
@@ -40,12 +41,12 @@ def cruise_caution(records: Sequence[Record], name: str, opening: Sequence[str] 
         for each in records
     ]
     spans = [float(each.time[-1] - each.time[0]) for each in records]
-    if sum(spans) < LONG or not any(each.inputs for each in signals):
+    if sum(spans) < LONGEST_MANEUVER_RECORD or not any(each.inputs for each in signals):
         return ""
     share = sum(span * active_share(each) for span, each in zip(spans, signals, strict=True)) / sum(
         spans
     )
-    if share >= CRUISE:
+    if share >= LEAST_MOVING_SHARE:
         return ""
     moved = (
         f"an input moves beyond its noise in {100.0 * share:.1f} % of {sum(spans):.0f} s: the "
@@ -62,10 +63,10 @@ def cruise_caution(records: Sequence[Record], name: str, opening: Sequence[str] 
 # A prediction fits the initial states and the biases: k numbers from N samples lower its error by
 # sqrt(1 - k/N), here by a twentieth at most.
 PER_UNKNOWN = 10
-FIVE = 5  # samples, whose median no single wrong one moves
+MEDIAN_SAMPLES = 5  # samples, whose median no single wrong one moves
 MANEUVER = "give a record with a maneuver, or more of this one"
 # sigmas of a channel's noise, which medians of five samples of noise alone do not reach
-ABOVE = 4.0
+MOTION_SIGMAS = 4.0
 
 
 def refuse_still(records: Sequence[Record], model: Model) -> None:
@@ -211,15 +212,15 @@ def why_unpredictable(record: Record, model: Model) -> str:
 
 
 def moves(channel: Channel) -> bool:
-    """Whether a channel moves above its noise: a median of five samples leaves the middle by
-    ``ABOVE`` sigmas, taken from the median step.
+    """Return whether a channel moves above its noise: a median of five samples leaves the middle by
+    ``MOTION_SIGMAS`` sigmas, taken from the median step.
     """
     values = channel.values[channel.valid]
-    if len(values) < 2 * FIVE:
+    if len(values) < 2 * MEDIAN_SAMPLES:
         return len(values) > 1 and float(np.ptp(values)) > 0.0
     noise = robust_sigma_about_zero(np.diff(values)) / math.sqrt(2.0)
-    smooth = np.median(np.lib.stride_tricks.sliding_window_view(values, FIVE), axis=1)
-    return float(np.max(np.abs(smooth - np.median(values)))) > ABOVE * noise
+    smooth = np.median(np.lib.stride_tricks.sliding_window_view(values, MEDIAN_SAMPLES), axis=1)
+    return float(np.max(np.abs(smooth - np.median(values)))) > MOTION_SIGMAS * noise
 
 
 def _names(records: Sequence[Record]) -> str:
@@ -233,17 +234,18 @@ def _still(channel: Channel) -> bool:
 
 # ---- What is kept out of the fit when the user names no record for that
 
-SHARE = 0.3  # of the excitation
-EARLIEST = 0.1  # earliest cut, share of the duration
-LATEST = 0.8  # latest cut, share of the duration
-LEAST = 0.1  # of the excitation, for the held-out part
-FEWEST = 20  # samples in either part
-REMAINS = 0.3  # of all samples, that the other records must hold where the last is kept out whole
-FIRST = 5  # fewest samples that show the trim
-BEGINNING = 0.02  # share of the samples that show the trim
-_REST = 0.02  # of the input's largest movement
+LEAST_EXCITATION_SHARE = 0.3
+EARLIEST_CUT_SHARE = 0.1  # earliest cut, share of the duration
+LATEST_CUT_SHARE = 0.8  # latest cut, share of the duration
+LEAST_HELD_OUT_EXCITATION = 0.1  # of the excitation, for the held-out part
+FEWEST_PART_SAMPLES = 20  # samples in either part
+# of all samples, that the other records must hold where the last is kept out whole
+LEAST_REMAINING_SHARE = 0.3
+FEWEST_TRIM_SAMPLES = 5  # fewest samples that show the trim
+TRIM_SAMPLE_SHARE = 0.02  # share of the samples that show the trim
+_REST_SHARE = 0.02  # of the input's largest movement
 _REST_TIME = 0.5  # s
-_NOISE = 4.0  # sigmas of the noise on a recorded input that a resting one stays within
+_REST_NOISE_SIGMAS = 4.0  # sigmas of the noise on a recorded input that a resting one stays within
 _REMEDY = "give another record with --validate, or use more of this one"
 
 
@@ -296,8 +298,8 @@ def split_off(records: Sequence[Record], model: Model) -> Split:
 
 
 def _stand_for(others: Sequence[Record], last: Record) -> bool:
-    """Whether the fit of some records knows all that another one shows."""
-    enough = sum(len(record) for record in others) >= REMAINS * sum(
+    """Return whether the fit of some records knows all that another one shows."""
+    enough = sum(len(record) for record in others) >= LEAST_REMAINING_SHARE * sum(
         len(record) for record in (*others, last)
     )
     measured = {
@@ -328,11 +330,11 @@ def hold_out(record: Record) -> tuple[Record, Record]:
     RecordError : fewer than 40 rows (either part gets 20 at least), a part without a sample of a
         channel, or a fitted part in which no control moves.
     """
-    if len(record) < 2 * FEWEST:
+    if len(record) < 2 * FEWEST_PART_SAMPLES:
         raise RecordError(
             f"{len(record)} rows are too few to hold a part out", where=record.name, remedy=_REMEDY
         )
-    cut = min(max(_cut(record), FEWEST), len(record) - FEWEST)
+    cut = min(max(_cut(record), FEWEST_PART_SAMPLES), len(record) - FEWEST_PART_SAMPLES)
     first = _part(record, slice(0, cut), "fitted")
     held_out = _part(record, slice(cut, len(record)), "held-out")
     steered = [
@@ -350,13 +352,15 @@ def hold_out(record: Record) -> tuple[Record, Record]:
 
 
 def _cut(record: Record) -> int:
-    """First row of the held-out part."""
+    """Return the first row of the held-out part."""
     time = record.time
     span = time[-1] - time[0]
-    inside = np.flatnonzero((time >= time[0] + EARLIEST * span) & (time <= time[0] + LATEST * span))
+    inside = np.flatnonzero(
+        (time >= time[0] + EARLIEST_CUT_SHARE * span) & (time <= time[0] + LATEST_CUT_SHARE * span)
+    )
     if inside.size == 0:  # all samples at the ends
         return len(record) // 2
-    wanted = 1.0 - SHARE
+    wanted = 1.0 - LEAST_EXCITATION_SHARE
     weight = np.gradient(time)
     moved = np.zeros(len(record))
     resting = np.ones(len(record), dtype=bool)
@@ -368,13 +372,15 @@ def _cut(record: Record) -> int:
         peak = float(away.max())
         if peak > 0.0:
             moved += (away / peak) ** 2 * weight
-            resting &= away <= max(_REST * peak, _NOISE * _scatter(channel.values))
+            resting &= away <= max(
+                _REST_SHARE * peak, _REST_NOISE_SIGMAS * _scatter(channel.values)
+            )
     if not np.any(moved > 0.0):
         return int(inside[np.argmin(np.abs(time[inside] - time[0] - wanted * span))])
     over = np.concatenate([[0.0], np.cumsum(moved)[:-1]]) / moved.sum()
     last_moved = np.maximum.accumulate(np.where(resting, -np.inf, time))
     rested = inside[resting[inside] & (time[inside] - last_moved[inside] >= _REST_TIME)]
-    rested = rested[(1.0 - over[rested] >= LEAST) & (over[rested] >= 0.5)]
+    rested = rested[(1.0 - over[rested] >= LEAST_HELD_OUT_EXCITATION) & (over[rested] >= 0.5)]
     chosen = rested if rested.size else inside
     distance = np.abs(over[chosen] - wanted)
     # At rest the share stands still: of equal moments the one nearest 70 % of the duration.
@@ -383,15 +389,17 @@ def _cut(record: Record) -> int:
 
 
 def _trim(values: np.ndarray) -> float:
-    """Value of a control at the begin of the record; the median would be the step itself if held
-    for most of it.
+    """Return the value of a control at the begin of the record; the median would be the step itself
+    if held for most of it.
     """
-    return float(np.median(values[: max(FIRST, round(BEGINNING * len(values)))]))
+    return float(
+        np.median(values[: max(FEWEST_TRIM_SAMPLES, round(TRIM_SAMPLE_SHARE * len(values)))])
+    )
 
 
 def _scatter(values: np.ndarray) -> float:
-    """Standard deviation of the noise on an input, from the median of its steps; zero for one that
-    is held.
+    """Return the standard deviation of the noise on an input, from the median of its steps; zero
+    for one that is held.
     """
     return float(robust_sigma_about_zero(np.diff(values)) / np.sqrt(2.0))
 

@@ -18,7 +18,12 @@ from ident.recording.kinematic_relations import LENGTHS
 from scenarios.files.declarations import ColumnChoice
 from scenarios.files.measured.columns import RecordFile, with_names
 from scenarios.files.user_models import channel_units, is_own
-from scenarios.preparation.declared_model import BETTER, better_by, linear_by, with_hold
+from scenarios.preparation.declared_model import (
+    DECISIVE_LOG_LIKELIHOOD_RATIO,
+    better_by,
+    linear_by,
+    with_hold,
+)
 from scenarios.preparation.drafting import NEVER
 from scenarios.preparation.filtering import (
     Parted,
@@ -57,17 +62,18 @@ from sim.maths import G0
 from sim.record import Channel, Hold, Record
 from sim.vehicles.aircraft import Aircraft, declaration_of
 
-# Bank is told from -pi to pi. A heading may count turns.
-LARGEST = {
+LARGEST = {  # Bank is told from -pi to pi. A heading may count turns.
     **dict.fromkeys(("alpha", "beta", "theta"), NEVER["rad"]),
     "phi": 1.01 * pi,
     **dict.fromkeys(("p", "q", "r"), NEVER["rad/s"]),
 }
-COMMON = 97.0  # percentile that has to exceed a limit: single wrong samples say nothing of the unit
+# percentile that has to exceed a limit: single wrong samples say nothing of the unit
+LIMIT_PERCENTILE = 97.0
 # Median specific force of a flight, m/s2: one g unless most of the record is a turn or a dive.
 IN_G = (0.7, 1.6)  # range if it is in g
 IN_FEET = (0.9 * G0 / LENGTHS["ft"], 1.1 * G0 / LENGTHS["ft"])  # range if it is in ft/s2
-TOGETHER = 1e-6  # of a surface's motion, that another does not share: recorded surfaces have noise
+# of a surface's motion, that another does not share: recorded surfaces have noise
+LEAST_UNSHARED_MOTION = 1e-6
 
 
 def refuse_unfit_records(records: Sequence[Record], model: Model) -> None:
@@ -150,7 +156,7 @@ def refuse_moving_together(
         if (
             np.any(a)
             and np.any(b)
-            and np.linalg.norm(b - shared * a) < TOGETHER * np.linalg.norm(b)
+            and np.linalg.norm(b - shared * a) < LEAST_UNSHARED_MOTION * np.linalg.norm(b)
         ):
             raise RecordError(
                 f"{one} and {other} move together in all records: no fit tells their effects apart",
@@ -202,16 +208,16 @@ def _surfaces_of(term: Term, aircraft: Aircraft) -> set[str]:
 
 def _common(channel: Channel) -> float:
     values = np.abs(channel.values[channel.valid])
-    return float(np.percentile(values, COMMON)) if len(values) else 0.0
+    return float(np.percentile(values, LIMIT_PERCENTILE)) if len(values) else 0.0
 
 
 Read = tuple[Record, bool]  # a record, and whether its file says how its inputs are to be read
 # of a residual, by which a record without trim lift shows itself; other effects that a model lacks
 # do less
-PLAIN = 0.15
+MISSING_TRIM_LIFT_SHARE = 0.15
 THRUST = "thrust_command"
 IN_PARTS = "predicted in {count} part{s}; initial states and biases are fitted to each"
-STEADY = 0.01  # of the pressure, within which its change is no evidence of anything
+STEADY_PRESSURE_SHARE = 0.01  # of the pressure, within which its change is no evidence of anything
 
 
 @dataclass(frozen=True)
@@ -281,8 +287,8 @@ def prepare(
     decided: Decided | None = None,
     part: Segment = WHOLE[0],
 ) -> PreparedData:
-    """A model's channels out of files, prepared: the plan's segments of ``files``, that ``part`` of
-    those of ``validate``.
+    """Return a model's channels out of files, prepared: the plan's segments of ``files``, that
+    ``part`` of those of ``validate``.
 
     A measured speed is used with ``flow``, a measured pitch attitude with ``attitude``, which only
     effects can use. ``decided``: how to read what the files do not say; None: as the declared model
@@ -333,8 +339,8 @@ def for_model(
     validation: Sequence[Read] = (),
     decided: Decided | None = None,
 ) -> PreparedData:
-    """Records as read, prepared for a model; those to be predicted are read as those that are
-    fitted.
+    """Return the records as read, prepared for a model; those to be predicted are read as those
+    that are fitted.
     """
     plan, split = plan or Plan(), len(fitted)
     read = [*fitted, *validation]
@@ -389,8 +395,8 @@ def for_model(
 
 
 def _idle_motors(records: Sequence[Record]) -> list[str]:
-    """A sentence on each record of a multirotor whose motors had no thrust: its commands answer a
-    motion that something else makes.
+    """Return a sentence on each record of a multirotor whose motors had no thrust: its commands
+    answer a motion that something else makes.
     """
     idle = [
         record.name
@@ -428,8 +434,8 @@ def _read(
     channels: Mapping[str, ColumnChoice] | None,
     plan: Plan,
 ) -> tuple[Read, tuple[str, ...]]:
-    """A part of a file with whether a sidecar says how its inputs are to be read, and sentences on
-    how the file was understood.
+    """Return a part of a file with whether a sidecar says how its inputs are to be read, and
+    sentences on how the file was understood.
     """
     from scenarios.files.records import read_with_notes
 
@@ -470,7 +476,7 @@ def _readings(
         weight, of_weight = _weight(with_hold(fitted, plan.hold), model)
         return plan.hold, weight, [f"inputs {word} between samples: {BY_HAND}", *of_weight]
     gain = 0.0 if all_stated else linear_by(fitted, model, partial(with_flow, weight=weight))
-    if gain < BETTER:
+    if gain < DECISIVE_LOG_LIKELIHOOD_RATIO:
         return None, weight, of_weight
     weight, of_weight = _weight(with_hold(fitted, Hold.LINEAR), model)
     said = (
@@ -481,8 +487,8 @@ def _readings(
 
 
 def _weight(fitted: Sequence[Record], model: Model) -> tuple[bool, list[str]]:
-    """Whether the lift that carries the weight follows the measured pressure, as it does in flight,
-    or the record is of perturbations alone.
+    """Return whether the lift that carries the weight follows the measured pressure, as it does in
+    flight, or the record is of perturbations alone.
     """
     flows = [measured_flow(record, model) for record in fitted]
     if not any(flow is not None and _varies(flow) for flow in flows):
@@ -493,9 +499,12 @@ def _weight(fitted: Sequence[Record], model: Model) -> tuple[bool, list[str]]:
         if any(signal.name in record.output_names for record in fitted)
     ]
     result = better_by(
-        with_flow(model, fitted), with_flow(model, fitted, weight=False), outputs, PLAIN
+        with_flow(model, fitted),
+        with_flow(model, fitted, weight=False),
+        outputs,
+        MISSING_TRIM_LIFT_SHARE,
     )
-    if result.gain < BETTER:
+    if result.gain < DECISIVE_LOG_LIKELIHOOD_RATIO:
         undecided = (
             f" (as in flight; fits do not decide it: {result.why_open})" if result.why_open else ""
         )
@@ -508,4 +517,4 @@ def _weight(fitted: Sequence[Record], model: Model) -> tuple[bool, list[str]]:
 
 def _varies(flow: Flow) -> bool:
     pressure = flow.speed**2 * (1.0 if flow.density is None else flow.density)
-    return bool(pressure.max() > (1.0 + STEADY) * pressure.min())
+    return bool(pressure.max() > (1.0 + STEADY_PRESSURE_SHARE) * pressure.min())

@@ -25,7 +25,7 @@ from sim.record import Channel, Record, instant, time_span
 
 TRUST = "--trust-record"
 WARNED, NOTED = "a warning", "only noted"
-BEYOND = 1e50  # squares of larger numbers leave the range of finite ones
+LARGEST_NUMBER = 1e50  # squares of larger numbers leave the range of finite ones
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ def expectations_of(model: Model) -> Expectations:
 
 
 def joined(looks: Sequence[RecordCheck], *, trusted: bool) -> RecordCheck:
-    """The findings of records that were checked one by one."""
+    """Return the findings of records that were checked one by one."""
     return RecordCheck(
         tuple(dict.fromkeys(name for look in looks for name in look.records)),
         tuple(one for look in looks for one in look.seen),
@@ -115,8 +115,8 @@ def joined(looks: Sequence[RecordCheck], *, trusted: bool) -> RecordCheck:
 def checked_records(
     records: Sequence[Record], expected: Expectations, plan: Plan
 ) -> tuple[list[Record], RecordCheck]:
-    """Records without samples that carry no information, and the findings; a record without masked
-    samples is returned as it is.
+    """Return the records without samples that carry no information, and the findings; a record
+    without masked samples is returned as it is.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def checked_records(
     out, seen = [], []
     for record in records:
         _refuse_endless(record)
-        if any(np.max(np.abs(channel.values)) > BEYOND for channel in record.channels):
+        if any(np.max(np.abs(channel.values)) > LARGEST_NUMBER for channel in record.channels):
             out.append(record)  # no measurement; whoever fits it says so
             continue
         for finding in inspect(record, expected):
@@ -201,11 +201,11 @@ def _with_remedy(one: HandledFinding) -> str:
 
 # ---- The raw look in words and for the JSON files
 
-SHOWN = 3  # places of one finding that a table has room for
+MOST_NAMED_PLACES = 3  # places of one finding that a table has room for
 
 
 def record_content(look: RecordCheck) -> dict[str, Any]:
-    """The entry ``record`` of a study: names of the records, findings, and masked samples by
+    """Return the entry ``record`` of a study: names of the records, findings, and masked samples by
     channel.
     """
     masked: dict[str, dict[str, int]] = {}
@@ -222,12 +222,12 @@ def record_content(look: RecordCheck) -> dict[str, Any]:
 
 
 def record_lines(look: RecordCheck) -> list[str]:
-    """Lines of a terminal beside the warnings: masked samples and notes."""
+    """Return the lines of a terminal beside the warnings: masked samples and notes."""
     return [f"record: {line}" for line in look.lines]
 
 
 def record_rows(look: RecordCheck) -> list[tuple[str, str, str, str, str]]:
-    """Rows of a page's table: record, channel, finding, time, handling."""
+    """Return the rows of a page's table: record, channel, finding, time, handling."""
     return [
         (
             one.record,
@@ -241,7 +241,7 @@ def record_rows(look: RecordCheck) -> list[tuple[str, str, str, str, str]]:
 
 
 def record_table(look: RecordCheck) -> Table:
-    """The findings as a table of a page."""
+    """Return the findings as a table of a page."""
     columns = tuple(map(Column, ("record", "channel", "seen", "when", "done")))
     caption = (
         "What the raw columns show, before any fit; samples that were set aside count in no fit "
@@ -273,8 +273,10 @@ def _content(one: HandledFinding) -> dict[str, Any]:
 def _when(finding: RecordFinding) -> str:
     if not finding.times:
         return "throughout"
-    return ", ".join(_span(finding.times[:SHOWN])) + (
-        f" and {len(finding.times) - SHOWN} more" if len(finding.times) > SHOWN else ""
+    return ", ".join(_span(finding.times[:MOST_NAMED_PLACES])) + (
+        f" and {len(finding.times) - MOST_NAMED_PLACES} more"
+        if len(finding.times) > MOST_NAMED_PLACES
+        else ""
     )
 
 

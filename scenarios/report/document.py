@@ -110,7 +110,7 @@ MISSING = "–"  # of a quantity that there is not
 
 
 def estimate(value: float, sigma: float | None, unit: str = "") -> Cell:
-    """An estimate, or in words that these data do not determine it."""
+    """Return an estimate, or in words that these data do not determine it."""
     if not math.isfinite(value) or (sigma is not None and not math.isfinite(sigma)):
         return UNDETERMINED
     if sigma is not None and sigma > 0.0 and not determined(value, sigma):
@@ -128,22 +128,20 @@ def brief_estimate(value: float, sigma: float, mark: str = "") -> Cell:
     return Number(value, sigma, shown=shown, shown_sigma=f"{spread}{mark}")
 
 
-def known(
-    value: float | None, digits: int | None = None, *, signed: bool = False, unit: str = ""
-) -> Cell:
-    """A number where there is one, else a dash."""
+def known(value: float | None, digits: int | None = None, *, signed: bool = False) -> Cell:
+    """Return a number where there is one, else a dash."""
     if value is None or not math.isfinite(value):
         return MISSING
-    return Number(value, None, unit, digits, signed)
+    return Number(value, digits=digits, signed=signed)
 
 
 def counted(value: int) -> Number:
-    """A whole number."""
+    """Return a whole number."""
     return Number(value, digits=0)
 
 
 def formatted(value: float | None, form: str, unit: str = "") -> Cell:
-    """A number shown by a format such as ``+.2f``; a dash where there is none."""
+    """Return a number shown by a format such as ``+.2f``; a dash where there is none."""
     if value is None or not math.isfinite(value):
         return MISSING
     return Number(value, None, unit, shown=format(value, form))
@@ -163,25 +161,25 @@ def signs(text: str) -> str:
 
 
 def as_sentence(text: str) -> str:
-    """With a large first letter and an end."""
+    """Return the text with a capital letter and a full stop."""
     return capital(text) + ("" if text.endswith((".", ":", "?", "!")) else ".")
 
 
 def as_warning(text: str) -> str:
-    """The same, without an end where a command to copy stands last, behind ``NEXT``."""
+    """Return the same, without an end where a command to copy stands last, behind ``NEXT``."""
     return capital(text) if NEXT in text else as_sentence(text)
 
 
 def summary_sentences(summary: Summary) -> tuple[str, ...]:
-    """What matters most and what the fit leaves, of the five lines that a terminal shows; study and
-    outcome stand above them.
+    """Return the main results and the residual from the five lines that a terminal shows; study and
+    outcome precede them.
     """
     residual = f"residual: {summary.residual}" if summary.residual else ""
     return tuple(as_sentence(line) for line in (summary.result, residual) if line)
 
 
 def capital(text: str) -> str:
-    """The first letter large, but for names of parameters, effects and files."""
+    """Return the first letter large, but for names of parameters, effects and files."""
     first = text.split(" ", 1)[0]
     return (
         text if any(mark in first.rstrip(".:") for mark in "_.:-/") else text[:1].upper() + text[1:]
@@ -379,10 +377,10 @@ class Page:
 
 
 def section(
-    title: str, *blocks: Block | None, parts: tuple[Section, ...] = (), card: str = ""
+    title: str, *blocks: Block | None, parts: tuple[Section, ...] = ()
 ) -> tuple[Section, ...]:
-    """A section with what there is of its blocks; none where there is nothing in it, so that calls
-    can be strung together.
+    """Return a section with what there is of its blocks; none where there is nothing in it, so that
+    calls can be strung together.
     """
     there = tuple(
         block
@@ -390,7 +388,7 @@ def section(
         if block is not None and not (isinstance(block, Table) and not block.rows)
     )
     there = tuple(block for block in there if not (isinstance(block, Bullets) and not block.items))
-    return (Section(title, there, parts, card),) if there or parts else ()
+    return (Section(title, there, parts),) if there or parts else ()
 
 
 def _is_number(text: str) -> bool:
@@ -424,15 +422,15 @@ _PACKAGES = ("scenarios", PROGRAM)  # python -m
 def reproduction(
     usual: Sequence[str], seed: str = "", inputs: Sequence[tuple[str, str, str]] = ()
 ) -> Reproduction:
-    """The command that was typed, or ``usual`` (its words) where none was; ``seed`` in a sentence;
-    use, name and SHA-256 of each input.
+    """Return the command that was typed, or ``usual`` (its words) where none was; ``seed`` in a
+    sentence; use, name and SHA-256 of each input.
     """
     return Reproduction((shlex.join(typed() or usual),), versions(), seed, tuple(inputs))
 
 
 def typed() -> list[str]:
-    """The words of this process's command line, beginning with the program's name; none where
-    another program uses the library.
+    """Return the words of this process's command line, beginning with the program's name; none
+    where another program uses the library.
     """
     program, *words = sys.argv or [""]
     path = Path(program)
@@ -441,5 +439,5 @@ def typed() -> list[str]:
 
 
 def now() -> str:
-    """The time stamp of a page, UTC."""
+    """Return the time stamp of a page, UTC."""
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -24,8 +24,8 @@ USUAL: Formats = (PNG,)
 
 
 def formats_wanted(figures: bool | str | Sequence[str]) -> Formats:
-    """The same from Python: True for the usual format, False for none, or names of formats. Raises
-    DeclarationError as ``formats_of``.
+    """Return the same from Python: True for the usual format, False for none, or names of formats.
+    Raises DeclarationError as ``formats_of``.
     """
     if isinstance(figures, bool):
         return USUAL if figures else ()
@@ -33,8 +33,8 @@ def formats_wanted(figures: bool | str | Sequence[str]) -> Formats:
 
 
 def formats_of(asked: Sequence[str] | None, none: bool = False) -> Formats:
-    """The formats that are asked for, in the order of ``FORMATS``: each text names one or several
-    with commas between; None is ``USUAL``.
+    """Return the formats that are asked for, in the order of ``FORMATS``: each text names one or
+    several with commas between; None is ``USUAL``.
 
     ``none``, in the texts or as the second argument, asks for no figure. Raises DeclarationError
     for another name, for ``none`` beside a format and for no name at all.
@@ -226,7 +226,7 @@ def caption_of(
     """The caption of ``fit``, ``fit_2`` and ``fit_METHOD`` alike, with the number of the record, or
     the label that ``methods`` gives the method; the stem in words where there is none.
     """
-    known = [name for name in captions if stem == name or stem.startswith(f"{name}_")]
+    known = [name for name in CAPTIONS if stem == name or stem.startswith(f"{name}_")]
     if not known:
         words = stem.replace("_", " ")
         return words[:1].upper() + words[1:]

@@ -41,8 +41,7 @@ _LATEX = {
     "^": r"\textasciicircum{}",
     **{mark: f"\\{mark}" for mark in "&%$#_{}"},
 }
-# Signs beyond ASCII that tables contain; what is not here is left to the LaTeX engine.
-_SIGNS = {
+_SIGNS = {  # Signs beyond ASCII that tables contain; what is not here is left to the LaTeX engine.
     "σ": r"$\sigma$",
     "±": r"$\pm$",
     "−": "$-$",
@@ -64,7 +63,7 @@ _SUBSCRIPTS = {
 
 
 def estimates(caption: str, rows: Sequence[tuple[str, str, float, float]]) -> Table:
-    """A table of estimates.
+    """Return a table of estimates.
 
     Parameters
     ----------
@@ -130,7 +129,7 @@ def to_latex(shown: Table) -> str:
 
 
 def _heading(column: TableColumn) -> str:
-    """The heading, without the sigma that has a column of its own."""
+    """Return the heading, without the sigma that has a column of its own."""
     return column.heading.strip().removesuffix(" ± σ")
 
 
@@ -170,7 +169,7 @@ def _escaped(text: str) -> str:
 # ---- XLSX: full precision
 
 _SHEET = re.compile(r"[\[\]:*?/\\']")
-_LONGEST = 31  # letters of a sheet's name in XLSX
+_LONGEST_SHEET_NAME = 31  # letters of a sheet's name in XLSX
 
 
 def write_workbook(tables: Sequence[Table], path: Path) -> Path:
@@ -218,16 +217,16 @@ def write_workbook(tables: Sequence[Table], path: Path) -> Path:
 
 
 def _sheet_name(caption: str, there: Sequence[str]) -> str:
-    plain = " ".join(_SHEET.sub(" ", caption).split())[:_LONGEST].strip() or "table"
+    plain = " ".join(_SHEET.sub(" ", caption).split())[:_LONGEST_SHEET_NAME].strip() or "table"
     name, number = plain, 2
     while name.lower() in {each.lower() for each in there}:
         suffix = f" {number}"
-        name, number = plain[: _LONGEST - len(suffix)] + suffix, number + 1
+        name, number = plain[: _LONGEST_SHEET_NAME - len(suffix)] + suffix, number + 1
     return name
 
 
 def _sheet_rows(shown: Table) -> list[list[str | float | None]]:
-    """Headings, then the rows; a sigma in the column behind its value."""
+    """Return the headings, then the rows; a sigma in the column behind its value."""
     sigmas = [
         any(isinstance(row[at], Number) and row[at].sigma for row in shown.rows)  # type: ignore[union-attr]
         for at in range(len(shown.columns))
@@ -264,7 +263,7 @@ TABLES = "tables.md", "tables.tex", "tables.xlsx"
 
 
 def tables_of(page: Page) -> tuple[Table, ...]:
-    """The tables of a page, in the order in which it shows them."""
+    """Return the tables of a page, in the order in which it shows them."""
 
     def within(parts: Sequence[Section]) -> list[Table]:
         found: list[Table] = []
@@ -297,7 +296,7 @@ def write_tables(page: Page, folder: Path) -> tuple[Path, ...]:
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 PDF = "report.pdf"
-PATIENCE = 60.0  # s
+BROWSER_TIMEOUT = 60.0  # s
 
 
 def browser() -> str | None:
@@ -343,7 +342,7 @@ def write_pdf(folder: Path) -> Path:
             (folder / PAGE).resolve().as_uri(),
         ]
         try:
-            subprocess.run(words, check=True, capture_output=True, timeout=PATIENCE)
+            subprocess.run(words, check=True, capture_output=True, timeout=BROWSER_TIMEOUT)
             content = made.read_bytes()
         except (OSError, subprocess.SubprocessError):
             raise FlightidError(
@@ -398,7 +397,7 @@ def rebuilt(folder: str | Path) -> Path:
 
 
 def stored_page(folder: Path) -> Page:
-    """The page that ``report.json`` of a folder describes.
+    """Return the page that ``report.json`` of a folder describes.
 
     Raises
     ------
@@ -432,8 +431,8 @@ def figures(drawn: Sequence[Drawn]) -> tuple[Figure, ...]:
 
 
 def first_figure(drawn: Sequence[Drawn]) -> tuple[tuple[Figure, ...], tuple[Figure, ...]]:
-    """The figure with which a page begins, inputs above outputs with their residuals, and the
-    others; without the one of the record alone, which shows the same.
+    """Return the figure with which a page begins, inputs above outputs with their residuals, and
+    the others; without the one of the record alone, which shows the same.
     """
     fit = [each for each in drawn if each.stem == "fit"]
     others = [each for each in drawn if each not in fit and not (fit and each.stem == "record")]
@@ -445,7 +444,7 @@ def _older(folder: Path) -> str:
 
 
 def _again(folder: Path) -> str:
-    """What to run, as far as the folder's own document tells."""
+    """Return the command to run, as far as the folder's own document tells."""
     document = _document(folder)
     name = document.get("scenario")
     if not document:

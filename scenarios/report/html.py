@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from jinja2 import Template
 
 SCHEMA = "flightid/report/1"
-_MOST = 1_000_000  # of digits and rows that a page may ask for
+_LARGEST_REQUEST = 1_000_000  # of digits and rows that a page may ask for
 _TAG = "svg|g|defs|clipPath|rect|path|text|tspan|use"
 _ATTRIBUTE = (
     r'\s(?:href="#[\w-]+"|'
@@ -53,7 +53,7 @@ Kind = TypeVar("Kind")
 
 
 def page_content(page: Page) -> dict[str, Any]:
-    """Content of ``report.json``; what has its usual value is left out."""
+    """Return the content of ``report.json``; what has its usual value is left out."""
     return {
         "schema": SCHEMA,
         "title": page.title,
@@ -76,8 +76,8 @@ def page_content(page: Page) -> dict[str, Any]:
 
 
 def page_of(content: Mapping[str, Any]) -> Page:
-    """The page that ``page_content`` describes; a study may be somebody else's, so that every value
-    is of its kind and figures only draw.
+    """Return the page that ``page_content`` describes; a study may be somebody else's, so that
+    every value is of its kind and figures only draw.
 
     Raises KeyError, TypeError or ValueError for a content that describes none.
     """
@@ -235,14 +235,14 @@ def _number(value: Any) -> float:
 
 
 def _count(value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= _MOST:
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= _LARGEST_REQUEST:
         raise TypeError(f"{value!r:.40} is no count")
     return value
 
 
 def _drawing(value: Any) -> str:
-    """The ``<svg>`` of a figure as our renderer writes it: elements that draw, and no attribute
-    that runs or loads anything.
+    """Return the ``<svg>`` of a figure as our renderer writes it: elements that draw, and no
+    attribute that runs or loads anything.
     """
     text = _text(value)
     parts = text.split("<")
@@ -255,7 +255,8 @@ def _drawing(value: Any) -> str:
     return text
 
 
-PLOTS = 2_500_000  # characters of drawings and their data on one page, which stays below 3 MB
+# characters of drawings and their data on one page, which stays below 3 MB
+MOST_DRAWING_CHARACTERS = 2_500_000
 _DARK = {
     **{
         "paper": "#14171b",
@@ -297,7 +298,7 @@ _FIGURES = {
 
 
 def page_html(page: Page) -> str:
-    """The page; the same for the same content.
+    """Return the page; the same for the same content.
 
     Its policy allows the one style and the one script that are in it, by their hashes, and nothing
     from anywhere.
@@ -363,7 +364,7 @@ def figure_html(figure: Figure) -> str:
 
 
 def _policy(style: str, script: str) -> str:
-    """What a page may load: its one style and its one script, by their hashes."""
+    """Return the content policy of a page: its one style and its one script, by their hashes."""
     return (
         f"default-src 'none'; style-src '{_digest(style)}'; script-src '{_digest(script)}'; "
         "base-uri 'none'; form-action 'none'"
@@ -371,10 +372,13 @@ def _policy(style: str, script: str) -> str:
 
 
 def _plots(page: Page) -> dict[str, str]:
-    """The data of figures by name, as many of them from the first as keep the page short; none of
-    figures whose name is there twice.
+    """Return the data of figures by name, as many of them from the first as keep the page short;
+    none of figures whose name is there twice.
     """
-    found, room = {}, PLOTS - sum(len(each.svg) for each in _figures(page.sections))
+    found, room = (
+        {},
+        MOST_DRAWING_CHARACTERS - sum(len(each.svg) for each in _figures(page.sections)),
+    )
     for each in _figures(page.sections):
         if each.plot is None or each.name in found:
             continue
@@ -393,7 +397,7 @@ def _figures(sections: tuple[Section, ...]) -> Iterator[Figure]:
 
 @cache
 def _with_plots(script: str) -> str:
-    """The page's script with the library that draws figures, and what uses it."""
+    """Return the page's script with the library that draws figures, and what uses it."""
     colours = ", ".join(f'"{colour}": "{name}"' for colour, name in _FIGURES.items())
     drawing = _resource("plots.js").replace("/*COLOURS*/", colours)
     return "\n".join((script.rstrip(), _resource("uplot.min.js").rstrip(), drawing))
@@ -445,7 +449,7 @@ def _rows(table: Table) -> list[tuple[tuple[Cell, ...], str]]:
 
 
 def _numeric(table: Table, at: int) -> bool:
-    """Whether a column holds numbers, so that its heading stands at the right."""
+    """Return whether a column holds numbers, so that its heading stands at the right."""
     return any(isinstance(row[at], Number) for row in table.rows)
 
 

@@ -19,10 +19,10 @@ from sim.errors import ModelError
 
 LINE, HELD, POINTS, BAND = "line", "held", "points", "band"
 KINDS = (LINE, HELD, POINTS, BAND)
-STEPS = 65534  # levels between the smallest and the largest value of a curve
-GAP = 65535  # the code of a sample that is missing
+CURVE_LEVELS = 65534  # levels between the smallest and the largest value of a curve
+GAP_CODE = 65535  # the code of a sample that is missing
 MOST_SAMPLES, MOST_PANELS, MOST_CURVES = 100_000, 400, 400
-FINE = 12  # digits of abscissas: a second of a GPS week, 6e5 s, in microseconds
+ABSCISSA_DIGITS = 12  # digits of abscissas: a second of a GPS week, 6e5 s, in microseconds
 _COLOUR = re.compile(r"#[0-9a-f]{6}", re.ASCII)
 
 
@@ -121,12 +121,12 @@ class PlotData:
 
 
 def plot_content(data: PlotData) -> dict[str, Any]:
-    """The data as JSON; ``plot_of`` reads it."""
+    """Return the data as JSON; ``plot_of`` reads it."""
     return {"panels": [_panel(each) for each in data.panels]}
 
 
 def plot_text(content: Mapping[str, Any]) -> str:
-    """The content in one line for an attribute of a page; the same for the same content."""
+    """Return the content in one line for an attribute of a page; the same for the same content."""
     return json.dumps(content, separators=(",", ":"), allow_nan=False)
 
 
@@ -136,7 +136,7 @@ def as_kept(data: PlotData) -> PlotData:
 
 
 def plot_of(content: Any) -> PlotData:
-    """The data that ``plot_content`` wrote; every value is checked.
+    """Return the data that ``plot_content`` wrote; every value is checked.
 
     Raises KeyError, TypeError, ValueError or ModelError for a content that holds none.
     """
@@ -151,7 +151,7 @@ def _panel(panel: Panel) -> dict[str, Any]:
         "caption": panel.caption,
         "place": [panel.group, panel.row, panel.column],
         "height": _short(panel.height),
-        "xRange": [_short(value, FINE) for value in panel.x_range],
+        "xRange": [_short(value, ABSCISSA_DIGITS) for value in panel.x_range],
         "yRange": [_short(value) for value in panel.y_range],
         "curves": [_curve(each) for each in panel.curves],
     }
@@ -210,7 +210,7 @@ def _abscissas(x: np.ndarray) -> Any:
     even = np.linspace(x[0], x[-1], len(x))
     if len(x) > 2 and np.max(np.abs(x - even)) <= 1e-6 * (x[-1] - x[0]):
         return {"from": float(x[0]), "to": float(x[-1]), "count": len(x)}
-    return [_short(value, FINE) for value in x.tolist()]
+    return [_short(value, ABSCISSA_DIGITS) for value in x.tolist()]
 
 
 def _abscissas_of(content: Any) -> np.ndarray:
@@ -223,12 +223,14 @@ def _abscissas_of(content: Any) -> np.ndarray:
 
 
 def _ordinates(y: np.ndarray) -> dict[str, Any]:
-    """Smallest and largest value, and each value between them in 16 bits."""
+    """Return the smallest and largest value, and each value between them in 16 bits."""
     sound = np.isfinite(y)
     low = _short(float(np.min(y[sound])), 9) if np.any(sound) else 0.0
     high = _short(float(np.max(y[sound])), 9) if np.any(sound) else 0.0
     scaled = np.zeros(len(y)) if high == low else (np.where(sound, y, low) - low) / (high - low)
-    codes = np.where(sound, np.round(np.clip(scaled, 0.0, 1.0) * STEPS), GAP).astype("<u2")
+    codes = np.where(sound, np.round(np.clip(scaled, 0.0, 1.0) * CURVE_LEVELS), GAP_CODE).astype(
+        "<u2"
+    )
     return {
         "low": low,
         "high": high,
@@ -245,11 +247,11 @@ def _ordinates_of(content: Any) -> np.ndarray:
         raise ValueError(f"{len(raw)} bytes of values")
     codes = np.frombuffer(raw, dtype="<u2")
     low, high = _finite(content["low"]), _finite(content["high"])
-    return np.where(codes == GAP, np.nan, low + (high - low) * (codes / STEPS))
+    return np.where(codes == GAP_CODE, np.nan, low + (high - low) * (codes / CURVE_LEVELS))
 
 
 def _short(value: float, digits: int = 6) -> float:
-    """The value with as many significant digits as a page shows."""
+    """Return the value with as many significant digits as a page shows."""
     return float(f"{value:.{digits}g}")
 
 

@@ -20,7 +20,7 @@ from typing import NamedTuple
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 
-from ident.statistics.residuals import LEVEL, ResidualTest
+from ident.statistics.residuals import WHITENESS_P_VALUE, ResidualTest
 from ident.tracing.diagnosis import Quantity
 from scenarios.files.sources import escaped, styled_stream
 
@@ -39,8 +39,8 @@ class Shown(NamedTuple):
 
 
 def shown_in(unit: str, name: str = "") -> Shown:
-    """How a quantity of ``unit`` is shown; its ``name`` tells a frequency, which nobody reads in
-    deg/s, from a rate.
+    """Return the display unit of a quantity of ``unit``; its ``name`` tells a frequency, which
+    nobody reads in deg/s, from a rate.
     """
     if unit in DEGREES and name not in LOADS and not is_frequency(name, unit):
         return Shown(180.0 / math.pi, DEGREES[unit])
@@ -48,13 +48,13 @@ def shown_in(unit: str, name: str = "") -> Shown:
 
 
 def quantity_text(value: float, unit: str, name: str = "") -> str:
-    """A number without a sigma as it is shown: ``"0.5 deg"``, ``"12 rad/s (1.91 Hz)"``."""
+    """Return a number without a sigma as it is shown: ``"0.5 deg"``, ``"12 rad/s (1.91 Hz)"``."""
     factor, shown = shown_in(unit, name)
     return f"{factor * value:.5g}{spaced(shown)}{in_hertz(value, name, unit)}"
 
 
 def is_frequency(name: str, unit: str) -> bool:
-    """Whether a quantity of ``unit`` is a frequency by its name: ``frequency``,
+    """Return whether a quantity of ``unit`` is a frequency by its name: ``frequency``,
     ``natural_frequency``, ``omega1``.
     """
     return unit == "rad/s" and (
@@ -68,12 +68,12 @@ def in_hertz(value: float, name: str, unit: str) -> str:
 
 
 def unit_cell(unit: str) -> str:
-    """A unit in a column of units: nothing for a pure number."""
+    """Return a unit in a column of units: nothing for a pure number."""
     return unit if unit not in NO_UNIT else ""
 
 
 def spaced(unit: str) -> str:
-    """A unit behind its number: a blank and the unit, nothing for a pure number."""
+    """Return a unit behind its number: a blank and the unit, nothing for a pure number."""
     return f" {unit}" if unit not in NO_UNIT else ""
 
 
@@ -98,8 +98,7 @@ CHANNELS = {
 }
 
 
-# Which equation of motion a channel is measured along.
-AXES = {
+AXES = {  # Which equation of motion a channel is measured along.
     **{
         "airspeed": "speed",
         "nx": "speed",
@@ -142,7 +141,7 @@ def value_text(value: float, std: float, unit: str = "") -> str:
 
 
 def value_parts(value: float, std: float) -> tuple[str, str]:
-    """Value and sigma by themselves, with two digits of the sigma."""
+    """Return the value and sigma by themselves, with two digits of the sigma."""
     digits = _digits(std)
     if digits < 7:
         return f"{value:.{digits}f}", f"{std:.{digits}f}"
@@ -150,15 +149,15 @@ def value_parts(value: float, std: float) -> tuple[str, str]:
 
 
 def displayed(quantity: Quantity, name: str = "") -> tuple[float, float, str]:
-    """Value, standard deviation and unit as people read them: plain angles and their rates in
-    degrees, frequencies in rad/s.
+    """Return the value, standard deviation and unit as people read them: plain angles and their
+    rates in degrees, frequencies in rad/s.
     """
     factor, unit = shown_in(quantity.unit, name)
     return factor * quantity.value, factor * quantity.std, unit
 
 
 def _number(value: float, std: float) -> str:
-    """The value with the digits that its sigma leaves, three at most."""
+    """Return the value with the digits that its sigma leaves, three at most."""
     if not determined(value, std):
         return f"{value:.2g}"
     digits = max(0, -math.floor(math.log10(std)))
@@ -171,8 +170,8 @@ def _digits(std: float) -> int:
 
 
 def determined(value: float, std: float) -> bool:
-    """Whether a sigma leaves anything of a value: a hundred times the angle that a limit has is no
-    knowledge of it.
+    """Return whether a sigma leaves anything of a value: a hundred times the angle that a limit has
+    is no knowledge of it.
     """
     return 0.0 < std < math.inf and (std < 1e3 * abs(value) or (abs(value) < 1e-3 and std < 1.0))
 
@@ -188,7 +187,7 @@ def span_text(low: float, high: float) -> str:
 
 # ---- Numbers and single lines as the terminal shows them
 
-GROWING = 2.0  # sigmas of a time constant below zero, from which a mode is said to grow
+GROWING_MODE_SIGMAS = 2.0  # sigmas of a time constant below zero, from which a mode is said to grow
 
 
 class EscapingConsole(Console):
@@ -199,26 +198,26 @@ class EscapingConsole(Console):
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None
     ) -> Iterable[Segment]:
-        """The segments of what is printed, their texts escaped."""
+        """Yield the segments of what is printed, their texts escaped."""
         for segment in super().render(renderable, options):
             yield segment if segment.control else segment._replace(text=escaped(segment.text))
 
 
-def console(width: int | None = None) -> Console:
-    """A console that never folds numbers, 120 columns where the output is not a terminal; brackets
-    in texts stay as they are.
+def console() -> Console:
+    """Return a console that never folds numbers, 120 columns where the output is not a terminal;
+    brackets in texts stay as they are.
     """
     plain = EscapingConsole(file=styled_stream(sys.stdout), markup=False)
     return (
         plain
         if plain.is_terminal
-        else Console(width=width or 120, no_color=True, highlight=False, markup=False)
+        else Console(width=120, no_color=True, highlight=False, markup=False)
     )
 
 
 def as_text(show: Callable[[Console], None]) -> str:
-    """What ``show`` prints, as it stands where the output is not a terminal, without blanks at the
-    ends of lines.
+    """Return the text that ``show`` prints where the output is not a terminal, without blanks at
+    the ends of lines.
     """
     out = Console(file=io.StringIO(), width=120, no_color=True, highlight=False, markup=False)
     show(out)
@@ -226,8 +225,8 @@ def as_text(show: Callable[[Console], None]) -> str:
 
 
 def number_text(value: float, std: float | None = None) -> str:
-    """A number with the digits that its standard deviation makes sensible: two of the deviation,
-    else five.
+    """Return a number with the digits that its standard deviation makes sensible: two of the
+    deviation, else five.
     """
     if not math.isfinite(value):
         return "unknown"
@@ -253,7 +252,7 @@ def _derived_text(key: str, value: float, std: float) -> str:
     unit = "" if "damping" in key else " s" if key.endswith(("delay", "constant")) else " rad/s"
     grows = (
         f" (grows, doubled after {-value * math.log(2.0):.3g} s)"
-        if key.endswith("time_constant") and value < -GROWING * std
+        if key.endswith("time_constant") and value < -GROWING_MODE_SIGMAS * std
         else ""
     )
     words = key.replace("_", " ").replace("dutch", "Dutch")
@@ -266,15 +265,15 @@ def _derived_text(key: str, value: float, std: float) -> str:
 
 
 def test_line(tests: Sequence[ResidualTest]) -> str:
-    """What the residual tests say, in one line: which outputs fail, in which axis where there are
-    several, and which axes are sound.
+    """Return the results of the residual tests in one line: which outputs fail, in which axis where
+    there are several, and which axes are sound.
     """
     failed = [test for test in tests if not test.passed]
     if not failed:
         return (
             "residual: consistent with noise ("
             + "; ".join(f"{t.channel} p = {t.p_value:.2g}" for t in tests)
-            + f"; a test fails below p = {LEVEL:g})"
+            + f"; a test fails below p = {WHITENESS_P_VALUE:g})"
             if tests
             else ""
         )

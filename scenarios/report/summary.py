@@ -13,7 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from ident.flying_qualities.levels import STANDARD, WORST, FlightPhase, ModeLevel
+from ident.flying_qualities.levels import STANDARD, WORST_LEVEL, FlightPhase, ModeLevel
 from ident.statistics.residuals import ResidualTest
 from scenarios.report.quantities import (
     derived_line,
@@ -40,7 +40,7 @@ _JOINED = re.compile(
 
 
 def terminal_width() -> int:
-    """Columns that a print may use."""
+    """Return the columns that a print may use."""
     return (
         min(WIDTH, shutil.get_terminal_size((WIDTH, 24)).columns - 1)
         if sys.stdout.isatty()
@@ -49,8 +49,8 @@ def terminal_width() -> int:
 
 
 def folded(text: str, width: int, first: str = "", further: str = "") -> list[str]:
-    """A text on lines of ``width`` characters; what is longer than a line and cannot be folded
-    stands on one of its own, whole.
+    """Return a text on lines of ``width`` characters; what is longer than a line and cannot be
+    folded stands on one of its own, whole.
     """
     lines = textwrap.wrap(
         _JOINED.sub(_FIXED, text),
@@ -64,15 +64,15 @@ def folded(text: str, width: int, first: str = "", further: str = "") -> list[st
 
 
 def wrapped(text: str, width: int = WIDTH, indent: str = "") -> list[str]:
-    """A paragraph folded at words; its further lines are moved in. Nothing where there is no
+    """Return a paragraph folded at words; its further lines are moved in. Nothing where there is no
     text.
     """
     return folded(text, width, indent, indent + "  ") if text else []
 
 
 def shortened(text: str, width: int, label: str = "") -> str:
-    """One line of ``width`` characters behind ``label``, with dots for what has no room: whole
-    clauses if they fill most of it, else whole words.
+    """Return one line of ``width`` characters behind ``label``, with dots for what has no room:
+    whole clauses if they fill most of it, else whole words.
     """
     limit = max(width - len(label), 1)
     clause = text.rfind("; ", 0, limit - 3)
@@ -145,8 +145,8 @@ class TableColumn:
 def columns_of(
     headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, words: Sequence[str] = ()
 ) -> list[TableColumn]:
-    """Columns of a table that is given by rows: the first ``left`` and those headed by ``words``
-    stand at the left.
+    """Return the columns of a table that is given by rows: the first ``left`` and those headed by
+    ``words`` stand at the left.
     """
     return [
         TableColumn(head, [row[i] for row in rows], left=i < left or head in words)
@@ -157,8 +157,8 @@ def columns_of(
 def table_lines(
     columns: Sequence[TableColumn], *, title: str = "", width: int = WIDTH, keys: int = 1
 ) -> list[str]:
-    """A table as lines no longer than ``width`` characters if that can be; nothing where there is
-    no row.
+    """Return a table as lines no longer than ``width`` characters if that can be; nothing where
+    there is no row.
 
     ``keys``: how many of the first columns begin every block.
     """
@@ -170,9 +170,9 @@ def table_lines(
     return lines
 
 
-def print_table(out: Console, title: str, columns: Sequence[TableColumn], keys: int = 1) -> None:
+def print_table(out: Console, title: str, columns: Sequence[TableColumn]) -> None:
     """Print a table on a console, as wide as that is, its title bold."""
-    lines = table_lines(columns, width=out.width, keys=keys)
+    lines = table_lines(columns, width=out.width)
     for line in wrapped(title, out.width) if title and lines else ():
         out.print(line, style="bold", highlight=False, markup=False, soft_wrap=True)
     print_lines(out, lines)
@@ -253,8 +253,8 @@ def _total(sizes: Sequence[int]) -> int:
 
 
 def _least(column: TableColumn) -> int:
-    """The narrowest that a column can be: no word of its heading is parted, no number, and of words
-    only what is longer than ``LEAST_WIDTH``.
+    """Return the narrowest that a column can be: no word of its heading is parted, no number, and
+    of words only what is longer than ``LEAST_WIDTH``.
     """
     heading = _widest_word(column.heading)
     if not column.left:
@@ -274,8 +274,8 @@ def _widest_word(heading: str) -> int:
 
 
 def _cell(text: str, size: int) -> list[str]:
-    """A cell of words on as many lines as it takes; a name too long for its column is parted behind
-    a colon or a hyphen.
+    """Return a cell of words on as many lines as it takes; a name too long for its column is parted
+    behind a colon or a hyphen.
     """
     if len(text) <= size:
         return [text]
@@ -294,7 +294,7 @@ def _parted(word: str, size: int) -> str:
 
 # ---- Levels of flying qualities in words, and as they stand in the JSON files
 
-LEAST = 0.01  # probability from which a level is named among several
+LEAST_NAMED_PROBABILITY = 0.01  # probability from which a level is named among several
 QUANTITIES: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
         "damping_ratio": ("damping ratio", ""),
@@ -322,7 +322,7 @@ def level_text(level: ModeLevel) -> str:
         (
             (share, number)
             for number, share in enumerate(level.probabilities, start=1)
-            if share >= LEAST
+            if share >= LEAST_NAMED_PROBABILITY
         ),
         reverse=True,
     )
@@ -333,13 +333,13 @@ def level_text(level: ModeLevel) -> str:
 
 
 def level_sentence(level: ModeLevel) -> str:
-    """The mode, its level, and what keeps it from the next better one."""
+    """Return the mode, its level, and what keeps it from the next better one."""
     why = limit_text(level)
     return f"{level.mode} {level_text(level)}{f': {why}' if why else ''}"
 
 
 def limit_text(level: ModeLevel) -> str:
-    """What keeps the estimate from the next better level; empty at level 1."""
+    """Return the reason why the estimate does not reach the next better level; empty at level 1."""
     if not level.decided_by:
         return ""
     words, unit = QUANTITIES[level.decided_by]
@@ -352,7 +352,7 @@ def limit_text(level: ModeLevel) -> str:
 
 
 def levels_heading(flown: FlightPhase) -> str:
-    """Standard, class and category, and what of them nobody declared."""
+    """Return the standard, class and category, and what of them nobody declared."""
     classes = (
         f"; class {flown.aircraft_class} is for medium weight: I is light, III large, IV a fighter"
         if "class" in flown.assumed
@@ -370,7 +370,7 @@ def levels_heading(flown: FlightPhase) -> str:
 def levels_line(
     levels: Sequence[ModeLevel], flown: FlightPhase, tests: Sequence[ResidualTest]
 ) -> str:
-    """All levels in one line; empty where the model has no mode that the standard speaks of.
+    """Return all levels in one line; empty where the model has no mode that the standard speaks of.
 
     Probabilities are those of the sigmas: where a residual test fails, what the model lacks is not
     in them, and the line says so.
@@ -386,7 +386,7 @@ def levels_line(
 
 
 def levels_content(levels: Sequence[ModeLevel], flown: FlightPhase) -> dict[str, Any]:
-    """For a JSON file: level and probability of each mode, finite numbers only."""
+    """Return level and probability of each mode for a JSON file, finite numbers only."""
     return {
         "standard": STANDARD,
         "class": flown.aircraft_class,
@@ -410,7 +410,7 @@ def changes(before: Sequence[ModeLevel], after: Sequence[ModeLevel]) -> list[str
 
 
 def _named(number: int) -> str:
-    return "below level 3" if number == WORST else f"level {number}"
+    return "below level 3" if number == WORST_LEVEL else f"level {number}"
 
 
 def _percent(share: float) -> str:
@@ -440,7 +440,7 @@ def _content(level: ModeLevel) -> dict[str, Any]:
 
 # ---- The summary that every study begins with
 
-SHOWN = 3  # numbers that a summary names
+MOST_NAMED_NUMBERS = 3  # numbers that a summary names
 BELOW = "below; --out FOLDER keeps them"
 PAGE = "report.html"  # in the folder of every study
 TEXT = "study.txt"  # what its command printed, or more
@@ -461,8 +461,8 @@ class Summary:
 
 
 def summary_lines(summary: Summary, width: int = WIDTH) -> list[str]:
-    """A line for each part that says something; what is too long ends in dots between two words and
-    stands in full below.
+    """Return a line for each part that says something; what is too long ends in dots between two
+    words and stands in full below.
     """
     return [shortened(text, width, f"{label:10}") for label, text in vars(summary).items() if text]
 
@@ -473,12 +473,12 @@ def print_summary(out: Console, summary: Summary) -> None:
 
 
 def details_in(folder: Path | None) -> str:
-    """Where more is to be read: below, and in the study's folder, beginning with its page."""
+    """Return where more details are: below, and in the study's folder, beginning with its page."""
     return BELOW if folder is None else f"below; in {folder / PAGE}"
 
 
 def written_to(folder: Path) -> str:
-    """The last line of a command that wrote a study."""
+    """Return the last line of a command that wrote a study."""
     return f"written to {folder}; begin with {folder / PAGE}"
 
 
@@ -497,11 +497,11 @@ def value_phrase(name: str, value: float, std: float, unit: str) -> str:
 def result_phrase(
     values: Sequence[tuple[str, float, float, str]], derived: Mapping[str, tuple[float, float]]
 ) -> str:
-    """What follows from the parameters where anything does, and the first of them (name, value,
-    sigma, unit), ``SHOWN`` in all.
+    """Return the quantities that follow from the parameters, if any, and the first parameters
+    (name, value, sigma, unit), ``MOST_NAMED_NUMBERS`` in all.
     """
-    follows = derived_line(dict(list(derived.items())[:SHOWN]))
-    room = SHOWN - min(len(derived), SHOWN)
+    follows = derived_line(dict(list(derived.items())[:MOST_NAMED_NUMBERS]))
+    room = MOST_NAMED_NUMBERS - min(len(derived), MOST_NAMED_NUMBERS)
     named = [value_phrase(*each) for each in values[:room]]
     more = f"; {len(values) - room} more" if named and len(values) > room else ""
     return "; ".join([*([follows] if follows else []), *named]) + more

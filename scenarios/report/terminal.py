@@ -68,24 +68,22 @@ def show_blocks(out: Console, blocks: Sequence[Block], *, apart: bool = False) -
                 pass
 
 
-def show_table(out: Console, table: Table, keys: int = 1) -> None:
-    """Print a table on a console, as wide as that is, its caption bold; nothing where there is no
-    row. ``keys``: how many of the first columns begin every block of a table that is too wide.
-    """
-    print_table(out, table.caption, printed_columns(table), keys)
+def show_table(out: Console, table: Table) -> None:
+    """Print a table as wide as the console, with a bold caption; print nothing if it has no row."""
+    print_table(out, table.caption, printed_columns(table))
 
 
 def table_as_lines(
     table: Table, width: int = WIDTH, keys: int = 1, *, titled: bool = True
 ) -> list[str]:
-    """The same as lines of text, below their caption unless ``titled`` is False."""
+    """Return the same as lines of text, below their caption unless ``titled`` is False."""
     title = table.caption if titled else ""
     return table_lines(printed_columns(table), title=title, width=width, keys=keys)
 
 
 def printed_columns(table: Table) -> list[TableColumn]:
-    """The columns of a table as a terminal shows them: rows' units behind the first column, sigmas
-    behind their values.
+    """Return the columns of a table as a terminal shows them: rows' units behind the first column,
+    sigmas behind their values.
     """
     out: list[TableColumn] = []
     for at, column in enumerate(table.columns):
@@ -107,7 +105,7 @@ def printed_columns(table: Table) -> list[TableColumn]:
 
 
 def heading_text(column: Column) -> str:
-    """A heading with the unit of its column."""
+    """Return a heading with the unit of its column."""
     if column.printed:
         return column.printed
     if column.unit in (None, PURE, BY_ROW):
@@ -116,7 +114,7 @@ def heading_text(column: Column) -> str:
 
 
 def cell_text(cell: Cell, apart: bool = False) -> str:
-    """A cell as a terminal shows it; ``apart``: without its sigma."""
+    """Return a cell as a terminal shows it; ``apart``: without its sigma."""
     if isinstance(cell, Number):
         return cell.value_text if apart else cell.plain
     return "-" if cell == MISSING else cell if isinstance(cell, str) else cell.text
@@ -124,10 +122,11 @@ def cell_text(cell: Cell, apart: bool = False) -> str:
 
 Advance = Callable[[str, float], None]
 
-SHORT = 2.0  # s, before which nothing is shown
-EVERY = 10.0  # s, between plain lines
-LOOK = 0.2  # s, between looks at what was told
-EARLY = 0.02  # of the work, before which nothing is known of the time that is left
+QUIET_START_TIME = 2.0  # s, before which nothing is shown
+PLAIN_LINE_INTERVAL = 10.0  # s, between plain lines
+POLL_INTERVAL = 0.2  # s, between looks at what was told
+# of the work, before which nothing is known of the time that is left
+LEAST_SHARE_FOR_ESTIMATE = 0.02
 
 
 @dataclass
@@ -143,7 +142,11 @@ class LastProgress:
     def line(self, now: float) -> str:
         """``"37 of 100 flights, 24 s, about 41 s left"``."""
         passed = now - self.since
-        left = passed * (1.0 - self.share) / self.share if EARLY < self.share < 1.0 else 0.0
+        left = (
+            passed * (1.0 - self.share) / self.share
+            if LEAST_SHARE_FOR_ESTIMATE < self.share < 1.0
+            else 0.0
+        )
         return ", ".join(
             [
                 *([self.stage] if self.stage else []),
@@ -198,8 +201,8 @@ def time_text(seconds: float) -> str:
 
 
 def _lines(told: LastProgress, ended: threading.Event) -> None:
-    """A plain line every ``EVERY`` seconds until the work has ended."""
-    while not ended.wait(EVERY):
+    """A plain line every ``PLAIN_LINE_INTERVAL`` seconds until the work has ended."""
+    while not ended.wait(PLAIN_LINE_INTERVAL):
         with contextlib.suppress(OSError, ValueError):  # stderr may be closed
             print(f"flightid: {told.line(time.monotonic())}", file=sys.stderr, flush=True)
 
@@ -208,7 +211,7 @@ def _bar(told: LastProgress, ended: threading.Event) -> None:
     """A bar that is taken away when the work has ended; one that only moves where no share is
     known.
     """
-    if ended.wait(SHORT):
+    if ended.wait(QUIET_START_TIME):
         return
     from rich.progress import BarColumn, Progress, TextColumn
 
@@ -228,7 +231,7 @@ def _bar(told: LastProgress, ended: threading.Event) -> None:
                 total=1.0 if told.share else None,
                 completed=told.share,
             )
-            if ended.wait(LOOK):
+            if ended.wait(POLL_INTERVAL):
                 return
 
 
@@ -344,7 +347,7 @@ FITS = (
 
 
 def rows_table(caption: str, columns: Sequence[Column], rows: Sequence[Sequence[Cell]]) -> Table:
-    """A table that is given by rows of cells."""
+    """Return a table that is given by rows of cells."""
     return Table(caption, tuple(columns), tuple(map(tuple, rows)))
 
 
@@ -364,7 +367,7 @@ NO_FIT: list[Cell] = [MISSING, "no finite simulation", "", "", ""]
 
 
 def derived_table(caption: str, derived: Mapping[str, tuple[float, float]]) -> Table:
-    """Frequencies, dampings, time constants and delays with their sigmas."""
+    """Return the frequencies, dampings, time constants and delays with their sigmas."""
     names = {name: name.replace("_", " ").replace("dutch", "Dutch") for name in derived}
     rows = tuple((names[name], estimate(value, std)) for name, (value, std) in derived.items())
     units = tuple({**MODAL_UNITS, "delay": "s"}.get(name, PURE) for name in derived)
@@ -372,7 +375,7 @@ def derived_table(caption: str, derived: Mapping[str, tuple[float, float]]) -> T
 
 
 def tests_table(caption: str, tests: Sequence[ResidualTest]) -> Table:
-    """What the residual tests say of each channel."""
+    """Return a table with the residual tests of each channel."""
     columns = (Column("test"), Column("channel"), Column("p", PURE), Column("result"))
     return Table(
         caption,
@@ -384,12 +387,12 @@ def tests_table(caption: str, tests: Sequence[ResidualTest]) -> Table:
 
 
 def p_value(value: float) -> Number:
-    """A probability with two digits."""
+    """Return a probability with two digits."""
     return Number(value, shown=f"{value:.2g}" if value > 0.0 else "<1e-300")
 
 
 def fixed_table(caption: str, fixed: Mapping[str, tuple[float, str]]) -> Table:
-    """What was held, with units."""
+    """Return a table of the fixed parameters, with units."""
     rows = tuple((name, _exact(value)) for name, (value, _) in fixed.items())
     return Table(
         caption,
@@ -400,12 +403,12 @@ def fixed_table(caption: str, fixed: Mapping[str, tuple[float, str]]) -> Table:
 
 
 def _exact(value: float) -> Cell:
-    """A constant with the digits that it was given with, as a mass of six."""
+    """Return a constant with the digits that it was given with, as a mass of six."""
     return Number(value, shown=f"{value:.7g}") if math.isfinite(value) else known(value)
 
 
 def levels_of_noise(caption: str, noise: Mapping[str, tuple[float, str]]) -> Table:
-    """Standard deviations by channel, with units."""
+    """Return the standard deviations by channel, with units."""
     shown = {name: shown_in(unit, name) for name, (_, unit) in noise.items()}
     values = {name: shown[name].factor * value for name, (value, _) in noise.items()}
     rows = tuple((name, Number(value, shown=f"{value:.3g}")) for name, value in values.items())

@@ -54,10 +54,13 @@ if TYPE_CHECKING:
     import control
 
 NO_MODEL = ModelOptions()
-PROPORTIONAL = 0.9999  # median coherence of an input with the others, above which nothing is left
-LEAKED = 0.1  # of the frequencies, above which a caution is due
-CORRELATED = 0.5  # mean coherence of an input with the others, from which a caution says so
-DISAGREE = 0.1  # share of the usable band in which direct and joint estimate differ beyond 95 %
+# median coherence of an input with the others, above which nothing is left
+PROPORTIONAL_COHERENCE = 0.9999
+LEAKED_FREQUENCY_SHARE = 0.1  # of the frequencies, above which a caution is due
+# mean coherence of an input with the others, from which a caution says so
+CORRELATED_COHERENCE = 0.5
+# share of the usable band in which direct and joint estimate differ beyond 95 %
+DISAGREEING_BAND_SHARE = 0.1
 # Of the joint estimate's variance, what that of the difference has at least. Measured over 87
 # records without feedback: 2 false cautions; with noise of a third under a gain of a half: found in
 # 60 of 60.
@@ -238,8 +241,8 @@ def responses_of(
 def _of_a_part(
     options: ResponseOptions, whole: FrequencyResponses, part: ReadSignals
 ) -> FrequencyResponses:
-    """The responses of one part, in the band of all parts together as far as the part resolves
-    it.
+    """Return the responses of one part, in the band of all parts together as far as the part
+    resolves it.
     """
     low, high = float(whole.frequency[0]), float(whole.frequency[-1])
     _, lowest = _windows(part.durations, replace(options, band=(low, high)))
@@ -266,7 +269,7 @@ def _refuse_proportional(estimated_responses: FrequencyResponses, names: Names) 
     if estimated_responses.joint or len(names.inputs) < 2:
         return
     for one, coherence in zip(names.inputs, estimated_responses.input_coherence, strict=True):
-        if float(np.median(coherence)) > PROPORTIONAL:
+        if float(np.median(coherence)) > PROPORTIONAL_COHERENCE:
             what = f"{one} follows from the other inputs at every frequency"
             remedy = "leave one of them out; their responses cannot be separated"
             raise RecordError(what, where="--input", remedy=remedy)
@@ -275,7 +278,7 @@ def _refuse_proportional(estimated_responses: FrequencyResponses, names: Names) 
 def estimated(
     read: ReadSignals, options: ResponseOptions
 ) -> tuple[FrequencyResponses, FrequencyResponses | None, float, list[str]]:
-    """The estimate, the direct one where it is a joint one, the step used, s, and notes."""
+    """Return the estimate, the direct one where it is a joint one, the step used, s, and notes."""
     rate = 1.0 / read.step
     windows, lowest = _windows(read.durations, options)
     low, high = options.band or input_band(read.signals, lowest)
@@ -319,7 +322,7 @@ def estimated(
 
 
 def _hold_response(angle: np.ndarray) -> np.ndarray:
-    """Response of a hold over one step at ``angle``, rad a sample."""
+    """Return the response of a hold over one step at ``angle``, rad a sample."""
     return (1.0 - np.exp(-1j * angle)) / (1j * angle)
 
 
@@ -332,7 +335,7 @@ def _without(responses: FrequencyResponses, between: np.ndarray) -> FrequencyRes
 def cautions_of(
     estimated_responses: FrequencyResponses, direct: FrequencyResponses | None, names: Names
 ) -> tuple[str, ...]:
-    """Cautions on an estimate, one sentence each."""
+    """Return the cautions on an estimate, one sentence each."""
     out = []
     for row, output in enumerate(names.outputs):
         for column, one in enumerate(names.inputs):
@@ -349,7 +352,7 @@ def cautions_of(
     if not estimated_responses.joint and len(names.inputs) > 1:
         for column, one in enumerate(names.inputs):
             mean = float(estimated_responses.input_coherence[column].mean())
-            if mean > CORRELATED:
+            if mean > CORRELATED_COHERENCE:
                 said = f"input {one} has a mean coherence of {mean:.2f} with the other inputs"
                 out.append(f"{said}: their responses are hard to separate, see their errors")
     return tuple(out)
@@ -361,7 +364,7 @@ def _leaks(responses: FrequencyResponses, names: Names) -> list[str]:
     excitations = names.references if responses.joint else names.inputs
     for column, leaked in enumerate(responses.leaked):
         places = responses.frequency[leaked]
-        if places.size > LEAKED * leaked.size:
+        if places.size > LEAKED_FREQUENCY_SHARE * leaked.size:
             usable = int(np.count_nonzero(leaked & responses.usable[:, column].any(axis=0)))
             said = f"{excitations[column]} has hardly any power between {places[0]:.3g} and"
             remark = f"{usable} of them count as usable" if usable else "none of them is usable"
@@ -375,7 +378,7 @@ def _leaks(responses: FrequencyResponses, names: Names) -> list[str]:
 def _bias_of_direct(
     responses: FrequencyResponses, direct: FrequencyResponses, row: int, column: int, name: str
 ) -> list[str]:
-    """A sentence where the direct estimate contradicts the joint one."""
+    """Return a sentence where the direct estimate contradicts the joint one."""
     band = responses.usable[row, column]
     difference = np.abs(direct.response - responses.response)[row, column, band]
     # Without feedback the difference has the joint one's variance less the direct one's (Hausman,
@@ -383,7 +386,7 @@ def _bias_of_direct(
     left = 1.0 - (direct.std / responses.std)[row, column, band] ** 2
     allowed = responses.radius()[row, column, band] * np.sqrt(np.maximum(left, LEAST_APART))
     share = float(np.mean(difference > allowed))
-    if share <= DISAGREE:
+    if share <= DISAGREEING_BAND_SHARE:
         return []
     ratio = direct.response[row, column, band] / responses.response[row, column, band]
     decibel = float(np.max(np.abs(20.0 * np.log10(np.abs(ratio)))))

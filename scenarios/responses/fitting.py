@@ -15,9 +15,9 @@ from ident.flying_qualities.modes import level_flight, state_space
 from ident.frequency_response import FrequencyResponses
 from ident.frequency_response.model_fit import ModelFit, fit_model
 from ident.frequency_response.transfer_function import (
-    BEST,
+    ACCEPTABLE_COST,
     FORMS,
-    GOOD,
+    NEARLY_PERFECT_COST,
     PILOTED,
     FittedResponse,
     ResponseTarget,
@@ -44,8 +44,10 @@ from sim.errors import DeclarationError, ModelError, RecordError
 # ---- Transfer functions fitted to the estimated responses
 
 NO_DELAY = 1e-9  # s, below which a delay is rounding
-UNCERTAIN = 0.2  # limit of the Cramer-Rao bound, share of a value (Tischler and Remple)
-INSENSITIVE = 0.1  # limit of the insensitivity, share of a value (Tischler and Remple)
+# limit of the Cramer-Rao bound, share of a value (Tischler and Remple)
+LARGEST_CRAMER_RAO_SHARE = 0.2
+# limit of the insensitivity, share of a value (Tischler and Remple)
+LARGEST_INSENSITIVITY_SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -136,7 +138,7 @@ class Fits:
     mismatches: tuple[Mismatch, ...]
 
     def of(self, row: int, column: int) -> tuple[FittedResponse, Mismatch] | None:
-        """The function of a response and its mismatch; None where none was fitted."""
+        """Return the function of a response and its mismatch; None where none was fitted."""
         if (row, column) not in self.places:
             return None
         at = self.places.index((row, column))
@@ -178,7 +180,7 @@ def fits_of(responses: FrequencyResponses, names: Names, options: FitOptions) ->
 
 
 def target_of(responses: FrequencyResponses, place: tuple[int, int], name: str) -> ResponseTarget:
-    """The usable band of a response, as it is fitted."""
+    """Return the usable band of a response, as it is fitted."""
     usable = responses.usable[place]
     likeness = (
         responses.coherence[place[0]] if responses.joint else responses.partial_coherence[place]
@@ -235,12 +237,12 @@ def _mismatch(
 def cost_sentence(function: FittedResponse) -> str:
     """``"cost 12.3: hardly to be told from the data (below 50)"``."""
     cost = function.cost
-    if cost <= BEST:
-        said = f"close to the data (below {BEST:g})"
-    elif cost <= GOOD:
-        said = f"acceptable (below {GOOD:g})"
+    if cost <= NEARLY_PERFECT_COST:
+        said = f"close to the data (below {NEARLY_PERFECT_COST:g})"
+    elif cost <= ACCEPTABLE_COST:
+        said = f"acceptable (below {ACCEPTABLE_COST:g})"
     else:
-        said = f"the form does not describe the response (above {GOOD:g})"
+        said = f"the form does not describe the response (above {ACCEPTABLE_COST:g})"
     return f"cost {cost:.3g}: {said}"
 
 
@@ -282,12 +284,12 @@ def _polynomial(coefficients: np.ndarray) -> str:
 
 
 def fit_cautions(fits: Fits | None) -> tuple[str, ...]:
-    """Cautions on the fits, one sentence each."""
+    """Return the cautions on the fits, one sentence each."""
     if fits is None:
         return ()
     out = [] if fits.fit.converged else ["the search for the transfer functions did not end"]
     for function, mismatch in zip(fits.fit.functions, fits.mismatches, strict=True):
-        if function.cost > GOOD:
+        if function.cost > ACCEPTABLE_COST:
             out.append(f"{function.name}, {function.form.name}: {cost_sentence(function)}")
         out += _outside_band(function, mismatch)
         uncertain = [name for name in function.std if _hardly_determined(function, name)]
@@ -300,15 +302,19 @@ def fit_cautions(fits: Fits | None) -> tuple[str, ...]:
             )
             uncertain = [name for name in uncertain if name != "delay"]
         if uncertain:
-            limits = f"deviation above {100 * UNCERTAIN:.0f} % or {100 * INSENSITIVE:.0f} % alone"
+            limits = (
+                f"deviation above {100 * LARGEST_CRAMER_RAO_SHARE:.0f} % or "
+                f"{100 * LARGEST_INSENSITIVITY_SHARE:.0f} % alone"
+            )
             said = f"{function.name}: {', '.join(uncertain)} hardly determined ({limits})"
             out.append(f"{said}; fix one of them with --fix, or take a lower order")
     return tuple(out)
 
 
 def _outside_band(function: FittedResponse, mismatch: Mismatch) -> list[str]:
-    """That a fitted mode lies where the response was not used: a dip of the coherence at a lightly
-    damped mode ends the usable band there."""
+    """Return a caution if a fitted mode lies outside the band that was used: a dip of the coherence
+    at a lightly damped mode ends the usable band there.
+    """
     low, high = (2.0 * math.pi * float(mismatch.frequency[end]) for end in (0, -1))
     mode = function.values.get("frequency")
     if mode is None or low <= mode <= high:
@@ -321,15 +327,16 @@ def _outside_band(function: FittedResponse, mismatch: Mismatch) -> list[str]:
 
 
 def _hardly_determined(function: FittedResponse, name: str) -> bool:
-    """Whether one of the two deviations of a free parameter exceeds its limit."""
+    """Return whether one of the two deviations of a free parameter exceeds its limit."""
     size = abs(function.values[name])
     return (
-        function.std[name] > UNCERTAIN * size or function.insensitivity[name] > INSENSITIVE * size
+        function.std[name] > LARGEST_CRAMER_RAO_SHARE * size
+        or function.insensitivity[name] > LARGEST_INSENSITIVITY_SHARE * size
     )
 
 
 def _may_be_none(function: FittedResponse) -> bool:
-    """Whether a free delay differs from zero by less than two standard deviations."""
+    """Return whether a free delay differs from zero by less than two standard deviations."""
     return "delay" in function.std and function.values["delay"] < 2.0 * function.std["delay"]
 
 
@@ -377,14 +384,19 @@ class FittedResponseModel:
         if not fit.converged:
             out.append(f"the search for the parameters of {self.model} did not end")
         for name, cost in zip(self.pairs, fit.costs, strict=True):
-            if cost > GOOD:
-                said = f"above {GOOD:g}: it does not fit"
+            if cost > ACCEPTABLE_COST:
+                said = f"above {ACCEPTABLE_COST:g}: it does not fit"
                 out.append(f"{name}: cost {cost:.3g} of {self.model}, {said}")
         size = np.maximum(np.abs(fit.values), 1e-300)
-        weak = (fit.cramer_rao > UNCERTAIN * size) | (fit.insensitivity > INSENSITIVE * size)
+        weak = (fit.cramer_rao > LARGEST_CRAMER_RAO_SHARE * size) | (
+            fit.insensitivity > LARGEST_INSENSITIVITY_SHARE * size
+        )
         named = [name for name, each in zip(fit.names, weak.tolist(), strict=True) if each]
         if named:
-            limits = f"{100 * UNCERTAIN:.0f} % and insensitivity {100 * INSENSITIVE:.0f} %"
+            limits = (
+                f"{100 * LARGEST_CRAMER_RAO_SHARE:.0f} % and insensitivity "
+                f"{100 * LARGEST_INSENSITIVITY_SHARE:.0f} %"
+            )
             out.append(
                 f"{', '.join(named)} hardly determined (Cramer-Rao bound {limits}); hold one of "
                 "them with --fix"
@@ -511,16 +523,22 @@ def _refuse_other_signals(system: System, names: Names) -> None:
 
 
 def model_lines(fitted: FittedResponseModel) -> list[str]:
-    """The costs of the fitted model, one sentence each."""
+    """Return the costs of the fitted model, one sentence each."""
     lines = list(fitted.sentences)
     for name, cost in zip(fitted.pairs, fitted.fit.costs, strict=True):
-        said = "close to the data" if cost <= BEST else "acceptable" if cost <= GOOD else "poor"
+        said = (
+            "close to the data"
+            if cost <= NEARLY_PERFECT_COST
+            else "acceptable"
+            if cost <= ACCEPTABLE_COST
+            else "poor"
+        )
         lines.append(f"{name}: cost {cost:.3g}, {said}")
     return [*lines, f"mean cost {fitted.fit.cost:.3g}"]
 
 
 def model_table(fitted: FittedResponseModel, caption: str = "") -> Table:
-    """The parameters of a fitted model; those that were fixed come last."""
+    """Return the parameters of a fitted model; those that were fixed come last."""
     fit = fitted.fit
     names, fixed = list(fit.names), list(fit.fixed)
     none = [MISSING] * len(fixed)
@@ -555,7 +573,7 @@ def _share(part: float, value: float) -> Cell:
 
 
 def model_content(fitted: FittedResponseModel) -> dict[str, Any]:
-    """The fitted model for ``responses.json``."""
+    """Return the fitted model for ``responses.json``."""
     fit = fitted.fit
     return {
         "model": fitted.model,

@@ -29,7 +29,7 @@ from scenarios.responses.reading import Names, ReadSignals
 from sim.errors import DeclarationError, FlightidError
 
 MINUS, PLUS = "minus", "plus"
-DIFFER = 0.05  # chance below which maneuvers are said to differ
+DIFFERING_P_VALUE = 0.05  # chance below which maneuvers are said to differ
 UNITS = {"gain": "dB", "phase": "deg", "delay": "s", "distance": "-"}
 WORDS = {
     "gain_increase": "gain increase",
@@ -89,7 +89,7 @@ def loop_margins_of(
     read: ReadSignals,
     again: Callable[[ReadSignals], FrequencyResponses],
 ) -> LoopMargins | None:
-    """Margins of a loop; None without a ``sign``.
+    """Return the margins of a loop; None without a ``sign``.
 
     ``again`` : estimates the response of one part in the same way.
     """
@@ -149,7 +149,7 @@ def _cautions(
     elif contradicted:
         out.append(sign_caution(names.references[0], names.inputs[0], names.outputs[0], sign))
     for one in worst:
-        if one.p_value < DIFFER:
+        if one.p_value < DIFFERING_P_VALUE:
             out.append(
                 f"{WORDS[one.name]}: the maneuvers differ by more than chance (p = "
                 f"{one.p_value:.2g}); go by the worst one"
@@ -165,8 +165,8 @@ def _products(read: ReadSignals) -> np.ndarray:
 
 
 def fitting_sign(products: np.ndarray) -> str | None:
-    """The sign by which command and returned signal make up the reference; None where they do not
-    decide it.
+    """Return the sign by which command and returned signal make up the reference; None where they
+    do not decide it.
 
     A loop that subtracts has reference = command + returned, by which the two have regression
     coefficients of one sign.
@@ -180,7 +180,7 @@ def fitting_sign(products: np.ndarray) -> str | None:
 
 
 def sign_caution(reference: str, command: str, returned: str, sign: str) -> str:
-    """That the signals contradict the ``sign`` that was named."""
+    """Return a caution that the signals contradict the ``sign`` that was given."""
     other = PLUS if sign == MINUS else MINUS
     return (
         f"{reference} is closer to {command} {'+' if other == MINUS else '-'} {returned}: "
@@ -263,7 +263,7 @@ def margin_lines(loop: LoopMargins) -> list[str]:
 
 
 def margins_content(loop: LoopMargins) -> dict[str, object]:
-    """The margins for ``responses.json``."""
+    """Return the margins for ``responses.json``."""
     content: dict[str, object] = {
         "response": loop.name,
         "sign": loop.sign,

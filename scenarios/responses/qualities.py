@@ -9,7 +9,7 @@ from itertools import product
 from typing import Any
 
 from ident.flying_qualities.attitude_criteria import (
-    DROOP,
+    LARGEST_DROOP,
     PILOT_DELAY,
     PITCH_SOURCE,
     AttitudeCurve,
@@ -32,7 +32,7 @@ from ident.flying_qualities.levels import (
     form_levels,
     form_qualities,
 )
-from ident.flying_qualities.stability_margins import NORMAL
+from ident.flying_qualities.stability_margins import NORMAL_HALF_WIDTH
 from ident.frequency_response import FrequencyResponses
 from ident.frequency_response.transfer_function import FORMS
 from scenarios.report.document import BY_ROW, Column, Table, formatted, table
@@ -40,8 +40,7 @@ from scenarios.responses.fitting import Fits, target_of
 from scenarios.responses.reading import Names
 from sim.errors import DeclarationError
 
-# Kinds of an output.
-RATE = "rate"
+RATE = "rate"  # Kinds of an output.
 ATTITUDE = "attitude"
 PITCH = "pitch"  # the fitted form whose levels depend on the airspeed
 
@@ -234,7 +233,7 @@ def chart_levels(one: Qualities) -> list[ChartLevel]:
         level = pitch_bandwidth_level(width.value, delay.value)
         out.append(ChartLevel("bandwidth_and_phase_delay", words, level, best, worst, PITCH_SOURCE))
     result = one.pilot
-    if isinstance(result, NealSmith) and result.droop >= DROOP - 0.05:
+    if isinstance(result, NealSmith) and result.droop >= LARGEST_DROOP - 0.05:
         words = f"resonance at {result.demand.bandwidth:g} rad/s, delay {result.demand.delay:g} s"
         source = "MIL-STD-1797A, 4.2.1.2, closed-loop criterion"
         out.append(
@@ -244,7 +243,7 @@ def chart_levels(one: Qualities) -> list[ChartLevel]:
 
 
 def _chart_lines(one: Qualities) -> list[str]:
-    """Levels of criteria with two quantities, and the pilot's compensation."""
+    """Return the levels of criteria with two quantities, and the pilot's compensation."""
     out = [
         f"{each.words}: {level_text(each.level, each.best, each.worst)} ({each.source})"
         for each in chart_levels(one)
@@ -332,7 +331,7 @@ def qualities_of(
 
 
 def quality_table(one: Qualities) -> Table | None:
-    """The numbers of one response with their 95 % intervals; None where there are none."""
+    """Return the numbers of one response with their 95 % intervals; None where there are none."""
     if not one.numbers:
         return None
     rows = [(quality_name(name), each, unit) for name, (each, unit) in one.numbers.items()]
@@ -346,7 +345,7 @@ def quality_table(one: Qualities) -> Table | None:
         (Column("value", BY_ROW), [formatted(each.value, ".3g") for _, each, _ in rows]),
         (
             Column("+-", BY_ROW, beside=True),
-            [formatted(NORMAL * each.std, ".2g") for _, each, _ in rows],
+            [formatted(NORMAL_HALF_WIDTH * each.std, ".2g") for _, each, _ in rows],
         ),
         (Column("frequency", "Hz"), hertz) if any(hertz) else None,
         units=["" if unit == "1" else unit for _, _, unit in rows],
@@ -359,7 +358,7 @@ def quality_tables(qualities: Sequence[Qualities]) -> list[Table]:
 
 
 def quality_lines(qualities: Sequence[Qualities]) -> list[str]:
-    """Levels and undetermined flying qualities, one sentence each."""
+    """Return the levels and undetermined flying qualities, one sentence each."""
     return [line for each in qualities for line in each.lines]
 
 
@@ -376,7 +375,7 @@ def levels_by_name(qualities: Sequence[Qualities]) -> dict[str, dict[str, tuple[
 
 
 def levels_content(one: Qualities) -> list[dict[str, Any]]:
-    """Levels of quantities and of charts for ``responses.json``."""
+    """Return the levels of quantities and of charts for ``responses.json``."""
     return [
         *(
             _level_row(each.quality.name, each, each.criterion.source)

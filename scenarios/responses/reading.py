@@ -18,14 +18,14 @@ from scenarios.files.formats.cells import CellTable
 from scenarios.files.measured.columns import RecordFile, with_names
 from scenarios.files.measured.grid import stated_unit
 from scenarios.files.records import read_with_notes
-from scenarios.preparation.filtering import LONG, filtered, split_at_gaps
+from scenarios.preparation.filtering import SHORTEST_GAP, filtered, split_at_gaps
 from scenarios.preparation.plan import Plan
 from sim.errors import DeclarationError, RecordError
 from sim.record import Channel, Hold, Record
 
-EVEN = 0.01  # of the step, by which even samples may be off
+EVEN_SAMPLING_TOLERANCE = 0.01  # of the step, by which even samples may be off
 MOST_MISSING = 0.1  # share of an output's samples that may be joined by lines
-FEWEST = 64  # samples of a record
+FEWEST_SAMPLES = 64  # samples of a record
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def _refuse_other_kinds(records: Sequence[Record], step: float) -> None:
     """Raise RecordError where records have another rate or other units than the first."""
     for record in records[1:]:
         own = float(np.median(np.diff(record.time)))
-        if abs(own / step - 1.0) > EVEN:
+        if abs(own / step - 1.0) > EVEN_SAMPLING_TOLERANCE:
             what = f"{1.0 / own:.4g} samples a second, and {1.0 / step:.4g} in {records[0].name}"
             remedy = "resample all records with --rate HZ"
             raise RecordError(what, where=record.name, remedy=remedy)
@@ -203,7 +203,7 @@ def _rows_with_outputs(record: Record) -> tuple[Record, list[str]]:
     rate than the rows, their own rows are kept.
     """
     valid = np.all([channel.valid for channel in record.outputs], axis=0)
-    if valid.all() or np.count_nonzero(valid) < FEWEST:
+    if valid.all() or np.count_nonzero(valid) < FEWEST_SAMPLES:
         return record, []
     step = float(np.median(np.diff(record.time)))
     own = float(np.median(np.diff(record.time[valid])))
@@ -214,7 +214,7 @@ def _rows_with_outputs(record: Record) -> tuple[Record, list[str]]:
     edges = np.flatnonzero(np.diff(np.concatenate([[True], valid, [True]]).astype(int)))
     keep = np.ones(len(record), dtype=bool)
     for begin, end in zip(edges[::2], edges[1::2], strict=True):
-        keep[begin:end] = record.time[end - 1] - record.time[begin] + 2.0 * step <= LONG
+        keep[begin:end] = record.time[end - 1] - record.time[begin] + 2.0 * step <= SHORTEST_GAP
     return record.rows(keep), []
 
 
@@ -231,7 +231,7 @@ def _unit(file: RecordFile, name: str) -> str | None:
 
 
 def _even(record: Record, step: float) -> tuple[Record, list[str]]:
-    """The record at even steps of ``step`` without missing samples, and a sentence on the
+    """Return the record at even steps of ``step`` without missing samples, and a sentence on the
     changes.
     """
     notes = []
@@ -245,7 +245,7 @@ def _even(record: Record, step: float) -> tuple[Record, list[str]]:
         if missing > 0.0:
             share = f"{100.0 * missing:.2g} % of its samples are missing and joined by lines"
             notes.append(f"{record.name}: {channel.name}: {share}")
-    even = bool(np.all(np.abs(np.diff(time) - step) <= EVEN * step))
+    even = bool(np.all(np.abs(np.diff(time) - step) <= EVEN_SAMPLING_TOLERANCE * step))
     if even and not notes:
         return record, notes
     grid = time if even else time[0] + step * np.arange(int((time[-1] - time[0]) / step + 1e-6) + 1)
@@ -262,9 +262,11 @@ def _even(record: Record, step: float) -> tuple[Record, list[str]]:
 
 
 def _signals(record: Record, names: Names, step: float) -> EvenSignals:
-    if len(record) < FEWEST:
+    if len(record) < FEWEST_SAMPLES:
         what = f"{len(record)} samples are too few for a frequency response"
-        raise RecordError(what, where=record.name, remedy=f"give a part of {FEWEST} or more")
+        raise RecordError(
+            what, where=record.name, remedy=f"give a part of {FEWEST_SAMPLES} or more"
+        )
     for name in (*names.inputs, *names.references, *names.outputs):
         values = record[name].values
         if not np.ptp(values) > 0.0:

@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 
 # ---- Frequency responses in the terminal: a summary, notes, and a table for each response
 
-ROWS = 12  # frequencies of a printed table
+PRINTED_FREQUENCIES = 12  # frequencies of a printed table
 
 
 def print_responses(
@@ -117,7 +117,7 @@ def responses_summary(estimates: ResponseEstimates, details: str = BELOW) -> Sum
 
 
 def fit_lines(estimates: ResponseEstimates, row: int, column: int) -> list[str]:
-    """The transfer function of a response, its cost and how its mismatch is judged."""
+    """Return the transfer function of a response, its cost and how its mismatch is judged."""
     fitted = estimates.fits.of(row, column) if estimates.fits is not None else None
     if fitted is None:
         return []
@@ -130,7 +130,7 @@ def fit_lines(estimates: ResponseEstimates, row: int, column: int) -> list[str]:
 def fit_tables(
     estimates: ResponseEstimates, row: int, column: int, caption: str = ""
 ) -> list[Table]:
-    """The parameters of a fitted transfer function; no table where none was fitted."""
+    """Return the parameters of a fitted transfer function; no table where none was fitted."""
     fitted = estimates.fits.of(row, column) if estimates.fits is not None else None
     if fitted is None or estimates.fits is None:
         return []
@@ -177,9 +177,9 @@ def band_sentence(estimates: ResponseEstimates, row: int, column: int) -> str:
     return f"usable from {band[0]:.3g} to {band[1]:.3g} Hz ({limit})"
 
 
-def shown_rows(count: int, most: int = ROWS) -> np.ndarray:
-    """Positions of at most ``most`` frequencies, evenly spread."""
-    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+def shown_rows(count: int) -> np.ndarray:
+    """Return the positions of at most ``PRINTED_FREQUENCIES`` frequencies, evenly spread."""
+    return np.unique(np.linspace(0, count - 1, min(count, PRINTED_FREQUENCIES)).round().astype(int))
 
 
 def response_table(
@@ -238,7 +238,7 @@ READING = (
 
 
 def responses_page(estimates: ResponseEstimates, figure_files: Sequence[Drawn] = ()) -> Page:
-    """The page of an estimate with the figures ``figure_files``."""
+    """Return the page of an estimate with the figures ``figure_files``."""
     names, summary = estimates.names, responses_summary(estimates)
     files = [each.name for each in estimates.identities]
     tables: list[Block] = []
@@ -369,7 +369,7 @@ def write_responses(
 
 
 def model_blocks(estimates: ResponseEstimates) -> list[Block]:
-    """The fitted model on the page; none where none was fitted."""
+    """Return the fitted model on the page; none where none was fitted."""
     if estimates.model is None:
         return []
     title = f"Parameters of {estimates.model.model}"
@@ -407,7 +407,7 @@ def quality_figures(estimates: ResponseEstimates) -> list[tuple[str, partial[Fig
 
 
 def response_columns(estimates: ResponseEstimates, row: int, column: int) -> dict[str, np.ndarray]:
-    """The numbers of one response by the names of their columns, each ``(F,)``.
+    """Return the numbers of one response by the names of their columns, each ``(F,)``.
 
     ``magnitude`` in the unit of output over input, phases in degrees without jumps, bands of 95 %;
     the lower bound of a magnitude that is not determined is zero.
@@ -442,7 +442,7 @@ def response_columns(estimates: ResponseEstimates, row: int, column: int) -> dic
 
 
 def responses_csv(estimates: ResponseEstimates) -> str:
-    """Content of ``responses.csv``: a row for each output, input and frequency."""
+    """Return the content of ``responses.csv``: a row for each output, input and frequency."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     for number, (row, column, _) in enumerate(pairs(estimates)):

@@ -83,8 +83,8 @@ def read_responses(folder: Path, method: str = "") -> StudyResponses | None:
 
 
 def _channel_units(folder: Path) -> tuple[dict[str, str], bool]:
-    """Units of the channels, from the folder's record if it states them, and whether that record is
-    simulated.
+    """Return the units of the channels, from the folder's record if it states them, and whether
+    that record is simulated.
     """
     result = json_or_none(folder / "record.json")
     content = result if isinstance(result, dict) else {}
@@ -156,7 +156,7 @@ class Value:
         )
 
     def in_unit(self, factor: float, unit: str) -> Value:
-        """All numbers times ``factor``, in another ``unit``."""
+        """Return all numbers times ``factor``, in another ``unit``."""
         true, condensed = (
             factor * each if each is not None else None for each in (self.true, self.condensed)
         )
@@ -210,8 +210,8 @@ class StudyColumn:
 
 # ---- Which parameters studies share, in which order, and in which unit
 
-MODES = 9  # as many elastic modes have an order of their own
-FEWEST = 2
+MOST_ORDERED_MODES = 9  # as many elastic modes have an order of their own
+FEWEST_STUDIES = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,7 +231,7 @@ class SideBySide:
     apart: tuple[str, ...]
 
     def value(self, name: str, column: StudyColumn) -> Value | None:
-        """Value of a parameter or derived quantity in a column; None if missing."""
+        """Return the value of a parameter or derived quantity in a column; None if missing."""
         return column.values.get(name) if name in self.names else column.derived.get(name)
 
     @property
@@ -256,11 +256,11 @@ class SideBySide:
         return told
 
     def words(self, name: str) -> str:
-        """Heading of a row: name of a parameter, words for a derived quantity."""
+        """Return the heading of a row: name of a parameter, words for a derived quantity."""
         return name if name in self.names else name.replace("_", " ")
 
     def unit(self, name: str) -> str:
-        """Unit of a parameter or derived quantity."""
+        """Return the unit of a parameter or derived quantity."""
         return next(
             value.unit for column in self.columns if (value := self.value(name, column)) is not None
         )
@@ -273,7 +273,7 @@ def compare_columns(columns: Sequence[StudyColumn]) -> SideBySide:
     ------
     DeclarationError : fewer than two of them, or no parameter that two of them estimate.
     """
-    if len(columns) < FEWEST:
+    if len(columns) < FEWEST_STUDIES:
         raise DeclarationError(
             "one study has nothing beside it",
             where=columns[0].label if columns else "compare",
@@ -291,7 +291,11 @@ def compare_columns(columns: Sequence[StudyColumn]) -> SideBySide:
         for name in values
     }
     names = _ordered(
-        {name for name, count in counted.items() if count >= FEWEST and name not in separate}
+        {
+            name
+            for name, count in counted.items()
+            if count >= FEWEST_STUDIES and name not in separate
+        }
     )
     if not names:
         what = f"{', '.join(column.label for column in columns)} share no parameter"
@@ -313,7 +317,8 @@ def compare_columns(columns: Sequence[StudyColumn]) -> SideBySide:
         name
         for values in derived
         for name in values
-        if sum(name in other for other in derived) >= FEWEST and len(_units(name, derived)) == 1
+        if sum(name in other for other in derived) >= FEWEST_STUDIES
+        and len(_units(name, derived)) == 1
     }
     return SideBySide(tuple(columns), names, _ordered(both - set(names)), single, separate)
 
@@ -328,12 +333,12 @@ def _few(names: Sequence[str]) -> str:
 
 
 def _ordered(names: set[str]) -> tuple[str, ...]:
-    """Names in the order of the equations; other names after them, numbers in names sorted as
-    numbers.
+    """Return the names in the order of the equations; other names after them, numbers in names
+    sorted as numbers.
     """
     known = [
         *RIGID_DERIVATIVES,
-        *(name for name, _, _ in mode_units(MODES)),
+        *(name for name, _, _ in mode_units(MOST_ORDERED_MODES)),
         *BALLISTIC_DERIVATIVES,
         *LOES_DERIVATIVES,
         *LOES_OFFSETS,
@@ -385,7 +390,7 @@ def read_columns(studies: Sequence[str], every: bool = False) -> tuple[StudyColu
 
 
 def _reading_columns(text: str, every: bool) -> list[StudyColumn]:
-    """Columns of one argument of the command."""
+    """Return the columns of one argument of the command."""
     path, method = Path(text), ""
     if not path.exists() and ":" in text:
         before, _, method = text.rpartition(":")
@@ -433,7 +438,7 @@ def _study_file(path: Path, text: str) -> Path:
 
 
 def _content(file: Path) -> dict[str, Any]:
-    """Content of a study's JSON file."""
+    """Return the content of a study's JSON file."""
     content = read_json(file, wanted=WRITERS.removeprefix("name "))
     if not isinstance(content, dict) or content.get("schema") != STUDIES[file.name]:
         raise DeclarationError(f"it is no {STUDIES[file.name]}", where=str(file), remedy=WRITERS)
@@ -489,7 +494,7 @@ def _column(
 
 
 def _values(table: Any, where: str) -> dict[str, Value]:
-    """Values by name of a table of a study; entries without an estimate are left out."""
+    """Return the values by name of a table of a study; entries without an estimate are left out."""
     if table is None:
         return {}
     if not isinstance(table, dict):
@@ -520,7 +525,7 @@ def _value(entry: Mapping[str, Any]) -> Value | None:
 
 
 def _number(value: Any) -> float | None:
-    """A finite number, or None."""
+    """Return a finite number, or None."""
     return (
         float(value)
         if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

@@ -12,8 +12,6 @@ from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-
 from scenarios.files.sources import versions
 from scenarios.files.writing import study_folder, write_json, write_text
 from scenarios.plots import draw_into
@@ -226,7 +224,7 @@ ESTIMATES = "estimate +- sigma"
 REFERENCE = "what the study's model should find: true, or condensed where it lacks modes"
 ERRORS = "error in % (in standard deviations)"
 PUBLISHED_ERRORS = "error of the published value in % (in its own standard deviations)"
-LIMIT = 3.0  # combined sigmas from which two studies are said to disagree
+DISAGREEING_SIGMAS = 3.0  # combined sigmas from which two studies are said to disagree
 
 
 def compared_page(compared: SideBySide, figure_files: Sequence[Drawn] = ()) -> Page:
@@ -239,8 +237,8 @@ def compared_page(compared: SideBySide, figure_files: Sequence[Drawn] = ()) -> P
     return Page(
         title="Studies side by side",
         kind=", ".join(labels),
-        verdict="" if sigmas is None else "apart" if sigmas > LIMIT else "alike",
-        tone="plain" if sigmas is None else "fair" if sigmas > LIMIT else "good",
+        verdict="" if sigmas is None else "apart" if sigmas > DISAGREEING_SIGMAS else "alike",
+        tone="plain" if sigmas is None else "fair" if sigmas > DISAGREEING_SIGMAS else "good",
         sentence=as_sentence(told) if told else "",
         summary=(as_sentence(shared), *map(as_sentence, compared.cautions)),
         warnings=tuple(
@@ -310,7 +308,7 @@ def _table_of(
     *,
     true: bool = False,
 ) -> Table:
-    """A table without empty rows and columns; ``true`` adds the true value common to all
+    """Return a table without empty rows and columns; ``true`` adds the true value common to all
     studies.
     """
 
@@ -338,13 +336,13 @@ def _table_of(
 
 
 def _shown(compared: SideBySide, name: str, study: StudyColumn) -> Value | None:
-    """Value of a parameter in a study, in the unit that is shown."""
+    """Return the value of a parameter in a study, in the unit that is shown."""
     value = compared.value(name, study)
     return value.in_unit(*shown_in(value.unit, name)) if value is not None else None
 
 
 def _common(compared: SideBySide, name: str) -> float | None:
-    """The true value if all studies that state one agree."""
+    """Return the true value if all studies that state one agree."""
     true_values = {
         value.true
         for column in compared.columns
@@ -354,7 +352,7 @@ def _common(compared: SideBySide, name: str) -> float | None:
 
 
 def _differs(compared: SideBySide, name: str) -> bool:
-    """Whether the reference value differs between studies, or from the true one."""
+    """Return whether the reference value differs between studies, or from the true one."""
     result = [
         value
         for study in compared.columns
@@ -391,7 +389,7 @@ def _published_error(value: Value) -> Cell:
 
 
 def _farthest(compared: SideBySide) -> tuple[float | None, str]:
-    """The two studies that differ most in one parameter, in combined sigmas; None without
+    """Return the two studies that differ most in one parameter, in combined sigmas; None without
     sigmas.
     """
     best: tuple[float, str, str, str] | None = None
@@ -421,16 +419,16 @@ def _named(column: Study) -> str:
 
 # ---- Studies side by side in the terminal
 
-CELL = 17  # terminal columns of an estimate with its sigma
-FIXED = 40  # terminal columns of parameter, unit and true value
+ESTIMATE_COLUMNS = 17  # terminal columns of an estimate with its sigma
+FIXED_COLUMNS = 40  # terminal columns of parameter, unit and true value
 
 
-def print_compared(compared: SideBySide, out: Console | None = None) -> None:
+def print_compared(compared: SideBySide) -> None:
     """Print the studies, then tables of estimates, errors and published values."""
-    out = out or console()
+    out = console()
     numbered = (
-        sum(len(GAP) + max(len(column.label), CELL) for column in compared.columns)
-        > out.width - FIXED
+        sum(len(GAP) + max(len(column.label), ESTIMATE_COLUMNS) for column in compared.columns)
+        > out.width - FIXED_COLUMNS
     )
     for place, column in enumerate(compared.columns, start=1):
         headings = [

@@ -47,11 +47,11 @@ if TYPE_CHECKING:
 MAIN = "structure.json"
 SCHEMA = "flightid/structure/1"
 VEHICLE = "vehicle.toml"
-TOGETHER = 0.98  # correlation of two surfaces: a variance inflation of 25
+COLLINEAR_CORRELATION = 0.98  # correlation of two surfaces: a variance inflation of 25
 
 
 def structure_text(found: FoundStructure, width: int = WIDTH, details: str = BELOW) -> str:
-    """What was found, for the terminal; ``details``: where the rest is kept."""
+    """Return the results for the terminal; ``details`` says where the rest is kept."""
     lines = [*summary_lines(structure_summary(found, details), width), ""]
     lines += wrapped(
         f"bandwidth of angular accelerations {found.histories[0].bandwidth:.2g} Hz; "
@@ -92,13 +92,13 @@ def structure_summary(found: FoundStructure, details: str = BELOW) -> Summary:
 
 
 def _method(found: FoundStructure) -> str:
-    """The method in words."""
+    """Return the method in words."""
     words = {STEPWISE: "stepwise regression", ORTHOGONAL: "orthogonal functions"}
     return words[found.options.method] + (", hierarchical" if found.options.hierarchical else "")
 
 
 def summary_table(found: FoundStructure) -> Table:
-    """How well each coefficient is described."""
+    """Return a table that shows how well each coefficient is described."""
     rows: list[list[Cell]] = []
     for axis, each in found.selections.items():
         rows.append(
@@ -131,8 +131,8 @@ def prediction_table(found: FoundStructure) -> Table:
 
 
 def terms_table(found: FoundStructure, axis: str) -> Table:
-    """Values of a coefficient's terms, the partial F ratio of each beside all others, what the step
-    reached in which it came, and its variance inflation.
+    """Return the values of a coefficient's terms, the partial F ratio of each beside all others,
+    what the step reached in which it came, and its variance inflation.
     """
     each, together = found.selections[axis], found.collinearity[axis]
     inflation = dict(zip(together.terms, together.inflation.tolist(), strict=True))
@@ -159,12 +159,12 @@ def terms_table(found: FoundStructure, axis: str) -> Table:
 
 
 def _several(found: FoundStructure) -> bool:
-    """Whether there are maneuvers of which one can be left out."""
+    """Return whether there are maneuvers of which one can be left out."""
     return len(found.histories) > 1
 
 
 def _held(value: float, found: FoundStructure) -> tuple[Cell, ...]:
-    """The cell of R2 on maneuvers left out; none of a single maneuver."""
+    """Return the cell of R2 on maneuvers left out; none of a single maneuver."""
     if not _several(found):
         return ()
     return (formatted(value, ".4f", PURE) if math.isfinite(value) else "",)
@@ -218,7 +218,7 @@ def findings(found: FoundStructure) -> list[str]:
 
 
 def _other_model(added: Term | None, removed: Term | None, probability: float) -> str:
-    """Sentences on another model that explains the data as well."""
+    """Return the sentences on another model that explains the data as well."""
     if added is None and removed is not None:
         what = f"a model without {removed.text}"
     elif removed is None and added is not None:
@@ -233,7 +233,7 @@ def _other_model(added: Term | None, removed: Term | None, probability: float) -
 
 
 def _surfaces_together(found: FoundStructure) -> list[str]:
-    """Sentences on surfaces that move together in all records."""
+    """Return the sentences on surfaces that move together in all records."""
     rows = {}
     for name in commanded(found.aircraft):
         parts = [h.samples[name] - np.mean(h.samples[name]) for h in found.histories]
@@ -244,7 +244,7 @@ def _surfaces_together(found: FoundStructure) -> list[str]:
         f"{one} and {other} move together (correlation {float(rows[one] @ rows[other]):.3f}). "
         "Their effects cannot be separated. Move one after the other."
         for one, other in combinations(rows, 2)
-        if abs(float(rows[one] @ rows[other])) > TOGETHER
+        if abs(float(rows[one] @ rows[other])) > COLLINEAR_CORRELATION
     ]
 
 
@@ -259,7 +259,7 @@ def structure_figures(found: FoundStructure) -> Iterator[Named]:
 
 
 def modelled(found: FoundStructure, axis: str, number: int) -> np.ndarray:
-    """A coefficient of a maneuver by the terms found, ``(M,)``."""
+    """Return a coefficient of a maneuver by the terms found, ``(M,)``."""
     each = found.selections[axis]
     return np.asarray(columns_of(found.histories[number], each.terms, axis) @ each.values)
 
@@ -306,7 +306,7 @@ def coefficient_figure(found: FoundStructure, axes: Sequence[str], most: int = 4
 
 
 def structure_page(found: FoundStructure, drawn: Sequence[Drawn] = ()) -> Page:
-    """The page of a structure."""
+    """Return the page of a structure."""
     worst = min(found.selections.values(), key=lambda each: each.r2)
     lacking = [axis for axis, each in found.selections.items() if each.lacking]
     inputs = [
@@ -315,9 +315,9 @@ def structure_page(found: FoundStructure, drawn: Sequence[Drawn] = ()) -> Page:
     ]
     fitted = {each.name for each in found.histories}
     records = [each.name for each in found.files[:-1]]
-    told = ["flightid", "structure", *(name for name in records if name in fitted)]
+    sentences = ["flightid", "structure", *(name for name in records if name in fitted)]
     held = [name for name in records if name not in fitted]
-    told += ["--vehicle", found.files[-1].name, *(["--validate", *held] if held else [])]
+    sentences += ["--vehicle", found.files[-1].name, *(["--validate", *held] if held else [])]
     return Page(
         title=f"{found.aircraft.name}: model structure",
         kind=f"Terms of six coefficients by {_method(found)}",
@@ -334,7 +334,7 @@ def structure_page(found: FoundStructure, drawn: Sequence[Drawn] = ()) -> Page:
             *section("Terms", *(terms_table(found, axis) for axis in found.selections)),
             *section("How it was made", Bullets(found.notes)),
         ),
-        reproduction=reproduction(told, "", inputs),
+        reproduction=reproduction(sentences, "", inputs),
         created=now(),
     )
 
@@ -359,7 +359,7 @@ def write_structure(found: FoundStructure, folder: str | Path, *, figures: Forma
 
 
 def structure_content(found: FoundStructure) -> dict[str, Any]:
-    """Content of ``structure.json``."""
+    """Return the content of ``structure.json``."""
     return {
         "schema": SCHEMA,
         "vehicle": found.aircraft.name,

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ident.structure.coefficients import (
-    BANDWIDTH,
+    DERIVATIVE_BANDWIDTH,
     MOMENTS,
     NEEDED,
     Airframe,
@@ -32,7 +32,7 @@ from scenarios.files.measured.columns import (
 from scenarios.files.sources import InputFile
 from scenarios.files.vehicles import BESIDE, with_plain_terms
 from scenarios.preparation.declared_model import (
-    BETTER,
+    DECISIVE_LOG_LIKELIHOOD_RATIO,
     held_by_computer,
     likelier_by,
     with_hold,
@@ -50,11 +50,11 @@ from sim.record import Hold, Record
 from sim.vehicles.aircraft import SENSORS, Aircraft, aircraft_model
 
 METHODS = (STEPWISE, ORTHOGONAL)
-DEGREE = 2
+MOST_DEGREE = 2
 LARGEST_DEGREE = 4
 MOST_SPLINES = 5
 DRAG = ("CX", "CD")  # a surface adds drag to whichever side it is deflected
-_FEW = 1e-6  # of a signal's spread, below which it did not move
+_UNMOVED_SHARE = 1e-6  # of a signal's spread, below which it did not move
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,8 @@ class StructureOptions:
     """
 
     method: str = STEPWISE
-    bandwidth: float = BANDWIDTH
-    degree: int = DEGREE
+    bandwidth: float = DERIVATIVE_BANDWIDTH
+    degree: int = MOST_DEGREE
     splines: int = 0
     terms: Path | None = None
     baseline: bool = False
@@ -173,7 +173,7 @@ def structure_of_files(request: Request, options: StructureOptions) -> FoundStru
 
 
 def hold_of_inputs(
-    records: Sequence[Record], aircraft: Aircraft, bandwidth: float = BANDWIDTH
+    records: Sequence[Record], aircraft: Aircraft, bandwidth: float = DERIVATIVE_BANDWIDTH
 ) -> tuple[Hold, list[str]]:
     """How surfaces move between samples: held, or linearly.
 
@@ -204,12 +204,12 @@ def hold_of_inputs(
     terms = (Term(), *_products(readings[0], aircraft, 1))
     held, linear = (_linear_residuals(each, terms) for each in readings)
     gain = likelier_by(held, linear, [np.ones(each.shape, dtype=bool) for each in held])
-    if gain >= BETTER:
+    if gain >= DECISIVE_LOG_LIKELIHOOD_RATIO:
         return Hold.LINEAR, [
             "inputs linear between samples: linear terms explain the coefficients better than with "
             f"held ones (twice the log likelihood {gain:.1f}); --hold previous holds them"
         ]
-    if gain <= -BETTER:
+    if gain <= -DECISIVE_LOG_LIKELIHOOD_RATIO:
         return Hold.PREVIOUS, [
             "inputs held between samples: linear terms explain the coefficients better than with "
             f"linear ones (twice the log likelihood {-gain:.1f}); --hold linear joins the samples "
@@ -251,7 +251,7 @@ def structure_of(
     files: Sequence[InputFile] = (),
     notes: Sequence[str] = (),
 ) -> FoundStructure:
-    """The terms of each coefficient that records support.
+    """Return the terms of each coefficient that records support.
 
     Parameters
     ----------
@@ -315,7 +315,7 @@ def structure_of(
 
 
 def predicted_r2(found: FoundStructure, records: Sequence[Record]) -> dict[str, dict[str, float]]:
-    """How well a structure predicts the coefficients of maneuvers that it was not fitted to.
+    """Return R2 of the coefficients of maneuvers that a structure was not fitted to.
 
     Parameters
     ----------
@@ -342,7 +342,9 @@ def predicted_r2(found: FoundStructure, records: Sequence[Record]) -> dict[str, 
     return told
 
 
-def coefficients_of(record: Record, aircraft: Aircraft, bandwidth: float = BANDWIDTH) -> Histories:
+def coefficients_of(
+    record: Record, aircraft: Aircraft, bandwidth: float = DERIVATIVE_BANDWIDTH
+) -> Histories:
     """Coefficient histories of a record.
 
     Raises
@@ -405,7 +407,7 @@ def _sum(first: Mapping[Term, float], second: Mapping[Term, float]) -> dict[Term
 def _offered(
     histories: Sequence[Histories], aircraft: Aircraft, options: StructureOptions
 ) -> dict[str, list[Term]]:
-    """Terms offered to each coefficient, the constant first."""
+    """Return the terms offered to each coefficient, the constant first."""
     axes = (*aircraft.forces, *MOMENTS)
     if options.terms is not None:
         return _of_file(options.terms, aircraft)
@@ -427,7 +429,7 @@ def _offered(
 
 
 def _of_file(path: Path, aircraft: Aircraft) -> dict[str, list[Term]]:
-    """The terms that a file offers."""
+    """Return the terms that a file offers."""
     content = toml_of(read_toml_source(path))
     axes = (*aircraft.forces, *MOMENTS)
     offered: dict[str, list[Term]] = {axis: [Term()] for axis in axes}
@@ -454,7 +456,7 @@ def _moved(histories: Sequence[Histories], aircraft: Aircraft) -> list[str]:
         if name in mixed:
             continue
         values = np.concatenate([h.samples[name] for h in histories])
-        least = 0.03 if name == "mach" else _FEW
+        least = 0.03 if name == "mach" else _UNMOVED_SHARE
         if np.ptp(values) > least:
             moved.append(name)
     if not moved:

@@ -157,8 +157,8 @@ class EstimatorRuns:
         return _Common(model, record, truth, reference)
 
     def run(self, tasks: Sequence[Task]) -> Sequence[Row | str]:
-        """One row a run. Where process noise really acts or measured outputs are fed back every run
-        is flown anew, else measured again.
+        """Return one row a run. Where process noise really acts or measured outputs are fed back
+        every run is flown anew, else measured again.
         """
         found = self.estimated(self.estimation, [self.record_of(task.seed) for task in tasks])
         std = np.sqrt(np.maximum(np.diagonal(found.covariance, axis1=1, axis2=2).T, 0.0))
@@ -185,7 +185,7 @@ class EstimatorRuns:
         return rows
 
     def estimated(self, estimation: Estimation, records: Sequence[Record]) -> Estimates:
-        """Records of this work by its method or by a changed one."""
+        """Return the records of this work by its method or by a changed one."""
         model = self.common.model if estimation is self.estimation else self.declared(estimation)
         return (
             batched(estimation, records, model)
@@ -194,7 +194,7 @@ class EstimatorRuns:
         )
 
     def declared(self, estimation: Estimation) -> Model:
-        """The model that a method starts from."""
+        """Return the model that a method starts from."""
         return declared_model(
             estimation,
             flight_constants(self.seen.flight, estimation),
@@ -202,7 +202,7 @@ class EstimatorRuns:
         )
 
     def record_of(self, seed: int) -> Record:
-        """What a run measured, by its seed."""
+        """Return the record of a run, by its seed."""
         record, truth = self.common.record, self.common.truth
         noise = self.estimation.flown_noise_std
         if self.seen.flight.process_noise or self.seen.flight.feedback:
@@ -261,7 +261,7 @@ def _nees(error: np.ndarray, covariance: np.ndarray) -> float | None:
 
 RESAMPLING_SEED = 1  # of the interval over all parameters: the same runs give the same interval
 ALONE = Execution()
-FEWEST = 2  # runs, of which alone a scatter can be told
+FEWEST_RUNS = 2  # runs, of which alone a scatter can be told
 
 
 @dataclass(frozen=True, eq=False)
@@ -361,7 +361,7 @@ def fly_campaign(
     root = scenario.seed if seed is None else seed
     work = EstimatorRuns(scenario, known[method], again)
     table = run_study(work, manner.asked(runs, root, work.block, "runs"), progress)
-    if not table.whole and len(table) < FEWEST:
+    if not table.whole and len(table) < FEWEST_RUNS:
         raise KeyboardInterrupt(f"{len(table)} of {runs} runs had ended")
     return campaign_of(work, table, root)
 
@@ -375,7 +375,7 @@ def campaign_of(work: EstimatorRuns, table: RowTable, root: int) -> CampaignRuns
     ]
     kept = np.array([way == SOUND for way in ways], dtype=bool)
     failures = dict(Counter(way for way in ways if way != SOUND).most_common())
-    if np.sum(kept) < FEWEST:
+    if np.sum(kept) < FEWEST_RUNS:
         what = f"{np.sum(~kept)} of {len(kept)} runs broke down ({next(iter(failures), '')})"
         raise ModelError(
             what,
@@ -416,7 +416,7 @@ def campaign_of(work: EstimatorRuns, table: RowTable, root: int) -> CampaignRuns
 
 
 def _spread(name: str, unit: str, reference: float, values: np.ndarray, std: np.ndarray) -> Spread:
-    """One parameter over runs ``(N,)``, which are independent of each other."""
+    """Return one parameter over runs ``(N,)``, which are independent of each other."""
     error = values - reference
     hits = int(np.sum(np.abs(error) <= 2.0 * std))
     scatter, reported = float(values.std(ddof=1)), float(np.sqrt(np.mean(std**2)))
@@ -435,8 +435,8 @@ def _spread(name: str, unit: str, reference: float, values: np.ndarray, std: np.
 
 
 def _pooled(errors: np.ndarray) -> Spread:
-    """All parameters together, from errors ``(n, N)`` in reported sigmas; those of one run are
-    correlated.
+    """Return all parameters together, from errors ``(n, N)`` in reported sigmas; those of one run
+    are correlated.
     """
     hits = np.sum(np.abs(errors) <= 2.0, axis=0)
     interval = clustered_share(

@@ -64,8 +64,8 @@ class Wrong:
 
 
 def wrong_sigmas(found: CampaignStatistics) -> tuple[Wrong, ...]:
-    """Parameters whose two-sigma coverage excludes that of a normal distribution; of all together
-    one in twenty right campaigns has some.
+    """Return the parameters whose two-sigma coverage excludes that of a normal distribution; of all
+    together one in twenty right campaigns has some.
 
     The interval of each is that of Clopper and Pearson at a level of one minus 0.05 over the number
     of parameters (Bonferroni).
@@ -85,11 +85,12 @@ def wrong_sigmas(found: CampaignStatistics) -> tuple[Wrong, ...]:
 
 # ---- Why each wrong sigma is wrong, and the right one beside it with its own coverage
 
-NEAR = 0.15  # of a logarithm: as near as a foretold size of the errors has to come to theirs
+# of a logarithm: as near as a foretold size of the errors has to come to theirs
+PREDICTED_SIZE_TOLERANCE = 0.15
 # misfits in units of the noise: below the first none, above the second what process noise by
 # likelihood would stand for
 LITTLE, LARGE = 0.05, 0.3
-GONE = 0.3  # share of a bias at or below which a tenth of the noise has taken it away
+REMOVED_BIAS_SHARE = 0.3  # share of a bias at or below which a tenth of the noise has taken it away
 SOME_BIAS = 0.15  # of the mean square error, from which on it is asked where a bias comes from
 OF_BIAS = 0.5  # of the mean square error from which on a bias is more than half of it
 PRIOR, COLOUR, NOISE, MODEL, OPEN = "prior", "colour", "noise", "model", "open"
@@ -146,8 +147,8 @@ class Judgement:
 
 
 def judge(campaign: CampaignRuns, *, causes: bool = True, levels: bool = False) -> Judgement:
-    """Statistics of a campaign, and where ``causes`` why sigmas are wrong; ``levels``: noise levels
-    by likelihood in any case.
+    """Return the statistics of a campaign, and where ``causes`` why sigmas are wrong; ``levels``:
+    noise levels by likelihood in any case.
     """
     statistics = campaign_statistics(campaign)
     return Judgement(
@@ -193,24 +194,29 @@ def findings_of(
 
 
 def _near(foretold: float, seen: float, runs: int) -> bool:
-    """Whether a foretold size of the errors is that which was seen."""
+    """Return whether a foretold size of the errors is that which was seen."""
     return foretold > 0.0 and abs(math.log(foretold / seen)) <= max(
-        NEAR, 3.0 / math.sqrt(2.0 * runs)
+        PREDICTED_SIZE_TOLERANCE, 3.0 / math.sqrt(2.0 * runs)
     )
 
 
 def _by_prior(wrong: Wrong, bound: Bound | None, statistics: CampaignStatistics) -> Finding | None:
-    """Where the prior is so much of what is stated that it foretells the errors."""
+    """Return a finding if the prior has so large a part in the stated sigma that it predicts the
+    errors.
+    """
     # Where other things are stated, as with process noise, what is right of the bound is not right
     # of the method.
     if (
         bound is None
-        or abs(math.log(wrong.statistics.reported / float(bound.stated[wrong.at]))) > 2.0 * NEAR
+        or abs(math.log(wrong.statistics.reported / float(bound.stated[wrong.at])))
+        > 2.0 * PREDICTED_SIZE_TOLERANCE
     ):
         return None
     foretold, share = predicted_by_prior(bound, wrong.at)
     errors = statistics.sigmas[wrong.at]
-    if (share < 0.2 and foretold < 1.0 + NEAR) or not _near(foretold, wrong.rms, len(errors)):
+    if (share < 0.2 and foretold < 1.0 + PREDICTED_SIZE_TOLERANCE) or not _near(
+        foretold, wrong.rms, len(errors)
+    ):
         return None
     return Finding(
         wrong,
@@ -225,8 +231,8 @@ def _by_prior(wrong: Wrong, bound: Bound | None, statistics: CampaignStatistics)
 def _scale(
     bound: Bound | None, residuals: Residuals | None, campaign: CampaignRuns
 ) -> np.ndarray | None:
-    """By what sigmas ``(n,)`` are too small for coloured noise, of filters that take it for white;
-    None where it is white.
+    """Return the factors ``(n,)`` by which sigmas of filters that take coloured noise for white are
+    too small; None if it is white.
     """
     estimation = campaign.estimation
     if (
@@ -243,7 +249,7 @@ def _scale(
 def _by_colour(
     wrong: Wrong, scale: np.ndarray, residuals: Residuals, statistics: CampaignStatistics
 ) -> Finding | None:
-    """Where the colour of the noise alone foretells the scatter."""
+    """Return a finding if the colour of the noise alone predicts the scatter."""
     errors, factor = statistics.sigmas[wrong.at], float(scale[wrong.at])
     if wrong.mean**2 > OF_BIAS * wrong.rms**2 or not _near(factor, wrong.rms, len(errors)):
         return None
@@ -280,8 +286,8 @@ def _of_trial(wrong: Wrong, trial: Trial, strength: float | None) -> Finding:
 def _left(
     wrong: Wrong, trials: Trials, residuals: Residuals | None, statistics: CampaignStatistics
 ) -> Finding:
-    """Where no change cures: noise that is a bias, or a model that cannot follow the truth; the
-    sigma of half the runs, tried on the others.
+    """Return the finding if no change helps: noise acts as a bias, or the model cannot follow the
+    truth; the sigma of half the runs is tried on the others.
     """
     errors = statistics.sigmas[wrong.at]
     half, others = errors[::2], errors[1::2]
@@ -293,7 +299,8 @@ def _left(
         if (
             first is not None
             and quiet is not None
-            and abs(quiet.errors[wrong.at].mean()) < GONE * abs(first.errors[wrong.at].mean())
+            and abs(quiet.errors[wrong.at].mean())
+            < REMOVED_BIAS_SHARE * abs(first.errors[wrong.at].mean())
         ):
             cause = NOISE
     return Finding(

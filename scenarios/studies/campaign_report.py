@@ -89,7 +89,7 @@ _WORDS = {
 
 
 def cause_word(finding: Finding) -> str:
-    """The causes in a word or two each."""
+    """Return the causes in a word or two each."""
     return " + ".join(_WORDS[each] for each in finding.causes)
 
 
@@ -128,7 +128,7 @@ def findings_blocks(found: Findings) -> list[Block]:
 
 
 def levels_blocks(found: Findings, levels: Levels) -> list[Block]:
-    """A row a level, and whether all are as assumed."""
+    """Return a row a level, and whether all are as assumed."""
     items = levels.items
     shown = table(
         LEVELS_TITLE,
@@ -153,7 +153,7 @@ def _level(item: Level, value: float, spread: float) -> Cell:
 
 
 def level_text(item: Level, value: float) -> str:
-    """A level in the unit in which it is shown; of process noise as a factor on the declared
+    """Return a level in the unit in which it is shown; of process noise as a factor on the declared
     deviations.
     """
     if value == 0.0:
@@ -164,8 +164,8 @@ def level_text(item: Level, value: float) -> str:
 
 
 def levels_sentence(found: Findings) -> str:
-    """Whether the levels that are assumed are those under which the records are most probable;
-    nothing where these were not looked for.
+    """Return whether the levels that are assumed are those under which the records are most
+    probable; nothing where these were not looked for.
     """
     levels = found.levels
     if levels is None:
@@ -212,7 +212,9 @@ def direction(finding: Finding) -> str:
 
 
 def cause_sentences(found: Findings) -> list[str]:
-    """For each set of causes the parameters it concerns, what it is, and how that was told."""
+    """Return, for each set of causes, the parameters it concerns, the cause, and how it was
+    found.
+    """
     groups: dict[tuple[tuple[str, ...], bool], list[Finding]] = {}
     for each in found.found:
         groups.setdefault((each.causes, each.again), []).append(each)
@@ -226,7 +228,7 @@ def cause_sentences(found: Findings) -> list[str]:
 
 
 def _directions(group: list[Finding]) -> str:
-    """By what the sigmas of a group are wrong."""
+    """Return the factors by which the sigmas of a group are wrong."""
     parts = []
     for small, word in ((True, "too small"), (False, "too large")):
         factors = sorted(
@@ -245,7 +247,7 @@ def _directions(group: list[Finding]) -> str:
 
 
 def _how(group: list[Finding], found: Findings) -> str:
-    """From where the right sigma comes."""
+    """Return the source of the right sigma."""
     if group[0].again:
         return (
             f". The table has sigma and coverage of {found.again} runs repeated without this "
@@ -367,8 +369,8 @@ def _factor(value: float) -> str:
 
 
 def findings_content(found: Findings) -> dict[str, Any]:
-    """For ``campaign.json``: wrong sigmas by parameter, in SI, and noise levels where they were
-    looked for.
+    """Return the content of ``campaign.json``: wrong sigmas by parameter, in SI, and noise levels
+    if they were searched.
     """
     content: dict[str, Any] = {
         "wrong_sigmas": {each.name: _content(each) for each in found.found},
@@ -417,7 +419,7 @@ TWO_SIGMA = 0.9545  # of a normal distribution
 def campaign_page(
     campaign: CampaignRuns, judgement: Judgement, drawn: Sequence[Drawn] = ()
 ) -> Page:
-    """The page of a campaign with the figures ``drawn``."""
+    """Return the page of a campaign with the figures ``drawn``."""
     scenario, seeds, pooled = campaign.scenario, campaign.seeds, campaign.pooled
     low, high = pooled.interval
     wrong = judgement.findings.found
@@ -523,7 +525,7 @@ def sizes_table(campaign: CampaignRuns) -> Table:
 
 
 def campaign_title(campaign: CampaignRuns) -> str:
-    """The scenario, how many runs from which seed, and the method."""
+    """Return the scenario, how many runs from which seed, and the method."""
     return (
         f"{campaign.scenario.name}: {len(campaign.seeds)} runs from seed {campaign.root}, "
         f"{campaign.estimation.label}"
@@ -562,13 +564,13 @@ def print_campaign(
 
 
 def broken_words(campaign: CampaignRuns) -> str:
-    """How many runs are left out, and by what they ended."""
+    """Return the number of runs left out, and the reasons."""
     why = "; ".join(f"{count} {way}" for way, count in campaign.failures.items())
     return f"{campaign.broken} of {len(campaign.seeds)} runs broke down and are left out ({why})"
 
 
 def _shown(s: Spread) -> Spread:
-    """The same in the unit in which it is shown."""
+    """Return the same in the unit in which it is shown."""
     factor, unit = shown_in(s.unit, s.name)
     sizes = {key: factor * getattr(s, key) for key in ("reference", "bias", "scatter", "reported")}
     return replace(s, unit=unit, **sizes)

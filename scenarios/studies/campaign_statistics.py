@@ -52,9 +52,11 @@ from sim.truth.flight import Truth
 
 # ---- What the best estimator with a method's priors could do on a campaign's flight
 
-WIDE = 30.0  # priors by which a filter about exact data is told next to nothing
-_STEP = 1e-4  # of differences, as a share of a parameter
-_LEAST = 1e-10  # of the largest singular value: what differences of flights still resolve
+WIDE_PRIOR_FACTOR = 30.0  # priors by which a filter about exact data is told next to nothing
+_DIFFERENCE_STEP_SHARE = 1e-4  # of differences, as a share of a parameter
+_RESOLVED_SINGULAR_VALUE_SHARE = (
+    1e-10  # of the largest singular value: what differences of flights still resolve
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +90,7 @@ class Bound:
 
 
 def bound_of(work: EstimatorRuns) -> Bound | None:
-    """The bound of a campaign's method; None where the model's sensitivities have no finite
+    """Return the bound of a campaign's method; None where the model's sensitivities have no finite
     numbers.
     """
     common, estimation, names = work.common, work.estimation, work.parameters
@@ -121,8 +123,8 @@ def bound_of(work: EstimatorRuns) -> Bound | None:
 def _calm(
     estimation: Estimation, model: Model, record: Record, names: tuple[str, ...]
 ) -> np.ndarray:
-    """Slopes ``(M, n)`` of a record without process noise in units of the noise, states at the
-    start and zeros of sensors taken out.
+    """Return the slopes ``(M, n)`` of a record without process noise in units of the noise, states
+    at the start and zeros of sensors taken out.
     """
     if estimation.method in FILTERS:
         system = compile_model(model, estimation.outputs)
@@ -141,14 +143,14 @@ def _calm(
 def _forced(
     estimation: Estimation, model: Model, record: Record, truth: Truth
 ) -> np.ndarray | None:
-    """Information ``(n, n)`` with process noise: what a Kalman filter with the true levels gains on
-    exact data, which keep it at the reference.
+    """Return the information ``(n, n)`` with process noise: what a Kalman filter with the true
+    levels gains on exact data, which keep it at the reference.
     """
     system = compile_model(model, estimation.outputs)
     if any(name not in system.state_names for name in model.noise.process_density):
         return None  # a parameter that drifts has no one value that could be bounded
     free = model.parameters.free_names
-    prior = {name: WIDE * estimation.start[name].std for name in free}
+    prior = {name: WIDE_PRIOR_FACTOR * estimation.start[name].std for name in free}
     if not all(map(math.isfinite, prior.values())):
         return None
     exact = replace(
@@ -211,8 +213,8 @@ def cramer_rao(
     names: Sequence[str],
     biased: Mapping[str, float],
 ) -> Mapping[str, float]:
-    """The least standard deviation of each of some parameters that any unbiased estimate from one
-    record with white noise can have.
+    """Return the least standard deviation of each of some parameters that any unbiased estimate
+    from one record with white noise can have.
 
     Slopes are central differences of whole flights, nothing of an estimator. Unknown beside the
     parameters are where the states begin and a bias of each output in ``biased``, with what is
@@ -236,11 +238,16 @@ def cramer_rao(
         )
 
     columns = [
-        slope(partial(valued, name=name), _STEP * (abs(model.parameters[name].value) or 1.0))
+        slope(
+            partial(valued, name=name),
+            _DIFFERENCE_STEP_SHARE * (abs(model.parameters[name].value) or 1.0),
+        )
         for name in names
     ]
     columns += [
-        slope(partial(started, name=state.name), _STEP * max(abs(state.value), 1.0))
+        slope(
+            partial(started, name=state.name), _DIFFERENCE_STEP_SHARE * max(abs(state.value), 1.0)
+        )
         for state in model.initial
     ]
     count = len(columns[0]) // len(noise)
@@ -254,7 +261,7 @@ def cramer_rao(
     size = np.linalg.norm(jacobian, axis=0)
     size[size == 0.0] = np.inf  # a state whose start moves nothing
     # Of the slopes themselves, not of their products, which have half the digits.
-    inverse = np.linalg.pinv(jacobian / size, rcond=_LEAST)
+    inverse = np.linalg.pinv(jacobian / size, rcond=_RESOLVED_SINGULAR_VALUE_SHARE)
     return dict(
         zip(names, (np.linalg.norm(inverse, axis=1) / size)[: len(names)].tolist(), strict=True)
     )
@@ -319,7 +326,7 @@ class ParameterStatistics:
 
     @property
     def two(self) -> Within:
-        """Within two sigmas."""
+        """Runs within two sigmas."""
         return self.coverage[1]
 
 
@@ -365,7 +372,7 @@ class CampaignStatistics:
 
 
 def campaign_statistics(campaign: CampaignRuns) -> CampaignStatistics:
-    """Statistics of the sound runs, and the bound at the reference values."""
+    """Return the statistics of the sound runs, and the bound at the reference values."""
     bound = bound_of(campaign.work)
     reference = np.array([[spread.reference] for spread in campaign.spreads])
     parameters = tuple(
@@ -382,7 +389,7 @@ def campaign_statistics(campaign: CampaignRuns) -> CampaignStatistics:
 
 
 def coverage_of(sigmas: np.ndarray) -> tuple[Within, ...]:
-    """Shares of errors ``(M,)`` in sigmas within one, two and three."""
+    """Return the shares of errors ``(M,)`` in sigmas within one, two and three."""
     runs = len(sigmas)
     hits = [int(np.sum(np.abs(sigmas) <= each)) for each in SIGMAS]
     return tuple(
@@ -392,7 +399,7 @@ def coverage_of(sigmas: np.ndarray) -> tuple[Within, ...]:
 
 
 def squares(name: str, values: np.ndarray, degrees: np.ndarray) -> Squares | None:
-    """Of the runs that have such a sum; None where none has."""
+    """Return the statistics of a sum of squares over the runs that have it; None if none has."""
     there = np.isfinite(values) & (degrees > 0)
     if not np.any(there):
         return None
@@ -454,7 +461,7 @@ def _parameter(
 
 
 def statistics_content(found: CampaignStatistics) -> dict[str, Any]:
-    """Of each parameter and of NEES and NIS; what there is not is left out."""
+    """Return the statistics of each parameter and of NEES and NIS; missing ones are left out."""
     content: dict[str, Any] = {
         "parameters": {each.name: _content_parameter(each) for each in found.parameters}
     }
@@ -464,7 +471,7 @@ def statistics_content(found: CampaignStatistics) -> dict[str, Any]:
 
 
 def statistics_csv(found: CampaignStatistics) -> str:
-    """A row a parameter, SI; a cell is empty where there is nothing."""
+    """Return a row a parameter, SI; a cell is empty where there is nothing."""
     rows = [_flat(each) for each in found.parameters]
     cells = (
         [
@@ -537,7 +544,7 @@ MEANINGS = {
 
 
 def squares_sentence(squares: Squares) -> str:
-    """The mean of NEES or NIS over its degrees of freedom beside where it should be."""
+    """Return the mean of NEES or NIS over its degrees of freedom beside where it should be."""
     low, high = squares.interval
     said = (
         "as it should be" if squares.right else "too large" if squares.mean > high else "too small"
@@ -564,7 +571,7 @@ NOTE = (
 
 
 def two_digits(value: float) -> Cell:
-    """A deviation with two digits."""
+    """Return a deviation with two digits."""
     return Number(value, shown=number_text(value, value))
 
 

@@ -36,15 +36,15 @@ from sim.record import Record
 
 RUNS, ALONE = 16, 4  # of which the likelihood is taken: of a batch, of filters one by one
 LEAST, MOST = -7.0, 7.0  # of the logarithm of a factor on a standard deviation
-BETTER = 2.0  # of a log likelihood: what tells one level from another
+BETTER_LOG_LIKELIHOOD = 2.0  # of a log likelihood: what tells one level from another
 # logarithms of factors by which process noise that seemed to be none is tried again
 LITTLE = (-1.5, -3.5)
 # of the search: differences of logarithms, Newton steps, and halvings of one that leads astray
 BESIDE, STEPS, HALVINGS = 0.05, 6, 4
 STATES, PARAMETERS = "process noise of states", "process noise of parameters"
 # of a state's initial deviation in one second: where the search for undeclared process noise begins
-BEGUN = 0.02
-CLOSE = 0.05  # share within which two levels are the same for every purpose
+STARTING_NOISE_SHARE = 0.02
+SAME_LEVEL_SHARE = 0.05  # share within which two levels are the same for every purpose
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Level:
         if self.assumed == 0.0 or self.found == 0.0:
             return self.assumed == self.found
         off = abs(math.log(self.found / self.assumed))
-        return off <= max(2.0 * self.spread, CLOSE)
+        return off <= max(2.0 * self.spread, SAME_LEVEL_SHARE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,17 +119,19 @@ def _searched(work: EstimatorRuns, records: Sequence[Record], many: bool) -> Lev
     for at in range(first, plan.size):
         # Whether there is any process noise is asked, not read off a slope: towards none the
         # likelihood is flat.
-        theta, value = _better(cost, theta, value, at, -math.inf, BETTER if plan.declared else 0.0)
+        theta, value = _better(
+            cost, theta, value, at, -math.inf, BETTER_LOG_LIKELIHOOD if plan.declared else 0.0
+        )
     theta, value, spreads = _newton(cost, theta, value)
     gone = [at for at in range(first, plan.size) if math.isinf(theta[at])]
     for at in gone:
         for little in LITTLE:
-            theta, value = _better(cost, theta, value, at, little, -BETTER)
+            theta, value = _better(cost, theta, value, at, little, -BETTER_LOG_LIKELIHOOD)
     if any(math.isfinite(theta[at]) for at in gone):
         theta, value, spreads = _newton(cost, theta, value)
     for at in range(first, plan.size):
         if math.isfinite(theta[at]):
-            theta, value = _better(cost, theta, value, at, -math.inf, BETTER)
+            theta, value = _better(cost, theta, value, at, -math.inf, BETTER_LOG_LIKELIHOOD)
     return Levels(plan.levels(theta, spreads), len(records), plan.changed(theta))
 
 
@@ -141,8 +143,8 @@ def _better(
     tried: float,
     allowed: float,
 ) -> tuple[np.ndarray, float]:
-    """The logarithms with that of one factor as ``tried``, where that costs at most ``allowed``
-    more.
+    """Return the logarithms with that of one factor as ``tried``, where that costs at most
+    ``allowed`` more.
     """
     other = theta.copy()
     other[at] = tried
@@ -153,8 +155,8 @@ def _better(
 def _newton(
     cost: Callable[[np.ndarray], float], theta: np.ndarray, value: float
 ) -> tuple[np.ndarray, float, np.ndarray]:
-    """The least cost by Newton steps of each logarithm alone, which hardly know of each other; with
-    their deviations by the curvature.
+    """Return the least cost by Newton steps of each logarithm alone, which hardly know of each
+    other; with their deviations by the curvature.
     """
     spreads = np.full(len(theta), math.inf)
     moving = np.flatnonzero(np.isfinite(theta))
@@ -206,7 +208,7 @@ class _Plan:
         outputs = {name: model.noise.measurement_std[name] for name in system.output_names}
         units = {signal.name: signal.unit for signal in model.equations.outputs}
         density = estimation.process_noise or {
-            name: (BEGUN * each.std) ** 2
+            name: (STARTING_NOISE_SHARE * each.std) ** 2
             for name, each in estimation.initial.items()
             if 0.0 < each.std < math.inf
         }
@@ -222,7 +224,7 @@ class _Plan:
         return len(self.outputs) + len(self.groups)
 
     def noise(self, theta: np.ndarray) -> Noise:
-        """Levels at logarithms of factors on standard deviations ``(size,)``."""
+        """Return the levels at logarithms of factors on standard deviations ``(size,)``."""
         factors = np.exp(theta)
         told = {
             name: float(value * factor)
@@ -292,8 +294,8 @@ def _cost_of(
 # ---- What runs leave at the reference values
 
 RESIDUALS_RUNS, RESIDUALS_ALONE = 32, 6  # from which residuals are taken
-HELD = 1e-6  # of a parameter's prior deviation: how far it may go from the reference
-FINE = 4  # steps of a sample
+HELD_PRIOR_SHARE = 1e-6  # of a parameter's prior deviation: how far it may go from the reference
+STEPS_PER_SAMPLE = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,16 +320,16 @@ class Residuals:
 
 
 def residuals_of(work: EstimatorRuns, seeds: Sequence[int]) -> Residuals | None:
-    """From the first runs; None where the model held at the reference leaves all measure."""
+    """Return the residuals of the first runs; None if the model held at the reference diverges."""
     estimation, reference = work.estimation, work.common.reference
     model = work.common.model.with_values({name: reference[name] for name in work.parameters})
-    held = {name: HELD * max(abs(reference[name]), 1e-3) for name in work.parameters}
+    held = {name: HELD_PRIOR_SHARE * max(abs(reference[name]), 1e-3) for name in work.parameters}
     model = replace(model, parameters=model.parameters.with_prior(held)).with_noise(
         replace(model.noise, process_density={})
     )
     filtered = replace(estimation, method="ekf", process_noise={}, passes=1)
     system = compiled(filtered, model)
-    settings = FilterSettings(max_step=1.0 / (FINE * work.seen.flight.rate))
+    settings = FilterSettings(max_step=1.0 / (STEPS_PER_SAMPLE * work.seen.flight.rate))
     many = is_batched(filtered, bool(work.seen.flight.feedback))
     records = [
         work.record_of(seed) for seed in seeds[: RESIDUALS_RUNS if many else RESIDUALS_ALONE]
@@ -392,16 +394,16 @@ def split(normal: np.ndarray, valid: np.ndarray, outputs: Sequence[str]) -> Resi
 
 
 def predicted_by_prior(bound: Bound, at: int) -> tuple[float, float]:
-    """Root mean square error in stated sigmas that the priors alone give a linear estimator, and
-    the prior's share of the stated variance.
+    """Return the root mean square error in stated sigmas that the priors alone give a linear
+    estimator, and the prior's share of the stated variance.
     """
     stated = float(bound.stated[at])
     return float(np.hypot(bound.scatter[at], bound.pull[at])) / stated, float(bound.prior_share[at])
 
 
 def predicted_by_colour(bound: Bound, residuals: Residuals) -> np.ndarray | None:
-    """By what each stated sigma ``(n,)`` is to be multiplied where noise has the runs'
-    autocorrelation; None without sensitivities.
+    """Return the factor ``(n,)`` for each stated sigma if noise has the runs' autocorrelation; None
+    without sensitivities.
 
     The sandwich of Morelli and Klein (J. Guidance 20(1), 1997) with slopes at the reference and the
     mean correlation of the runs.
@@ -426,8 +428,8 @@ def predicted_by_colour(bound: Bound, residuals: Residuals) -> np.ndarray | None
 TRIALS_RUNS, TRIALS_ALONE = 64, 12  # that are computed again: of a batch, of methods one by one
 # passes more, each started at the result of the one before with a spread of so many of its sigmas
 FURTHER, SPREAD = 3, 20.0
-TENTH = 0.1
-PART = 4  # steps of a sample, where a filter's are made finer
+REDUCED_NOISE_SHARE = 0.1
+FILTER_STEPS_PER_SAMPLE = 4  # steps of a sample, where a filter's are made finer
 
 START, TRIALS_STEPS, LEVELS = "start", "steps", "levels"
 
@@ -443,11 +445,11 @@ class Trial:
     std: np.ndarray
 
     def rms(self, at: int) -> float:
-        """Root mean square of a parameter's errors in reported sigmas."""
+        """Return the root mean square of a parameter's errors in reported sigmas."""
         return float(np.sqrt(np.mean((self.errors[at] / self.std[at]) ** 2)))
 
     def right(self, at: int) -> bool:
-        """Whether that is what right sigmas give in 999 of 1000 trials."""
+        """Return whether that is what right sigmas give in 999 of 1000 trials."""
         low, high = mean_square_interval(self.errors.shape[1], 0.999)
         return low <= self.rms(at) ** 2 <= high
 
@@ -472,7 +474,7 @@ class Trials:
     def of(
         cls, campaign: CampaignRuns, levels: Levels | None, scale: np.ndarray | None = None
     ) -> Trials:
-        """Of the first sound runs."""
+        """Try the changes on the first sound runs."""
         work = campaign.work
         many = is_batched(campaign.estimation, bool(campaign.scenario.flight.feedback))
         seeds = tuple(
@@ -497,7 +499,7 @@ class Trials:
             yield from combinations(self.changes, size)
 
     def trial(self, keys: tuple[str, ...]) -> Trial | None:
-        """The runs with these changes; None where fewer than half of them settle."""
+        """Return the runs with these changes; None where fewer than half of them settle."""
         if keys not in self.done:
             self.done[keys] = self._computed(keys)
         return self.done[keys]
@@ -532,7 +534,7 @@ class Trials:
 def _changes(
     work: EstimatorRuns, levels: Levels | None, reference: np.ndarray
 ) -> Mapping[str, Estimation]:
-    """What can be changed of a method, each as the estimation with it."""
+    """Return the possible changes of a method, each as the estimation with it."""
     estimation = work.estimation
     if estimation.method == "equation-error":
         return {}
@@ -541,11 +543,11 @@ def _changes(
         out[START] = replace(
             estimation, passes=estimation.passes + FURTHER, spread=min(estimation.spread, SPREAD)
         )
-        step = 1.0 / (PART * work.seen.flight.rate)
+        step = 1.0 / (FILTER_STEPS_PER_SAMPLE * work.seen.flight.rate)
         if (
             estimation.integration != "rk4"
             or 0 < estimation.terms < 3
-            or min(estimation.max_step, PART * step) > 0.02
+            or min(estimation.max_step, FILTER_STEPS_PER_SAMPLE * step) > 0.02
         ):
             out[TRIALS_STEPS] = replace(
                 estimation, integration="rk4", terms=3, max_step=min(estimation.max_step, step)
@@ -562,7 +564,9 @@ def _changes(
         },
     )
     finer = (
-        min(estimation.max_step, 0.01) / PART if math.isfinite(estimation.max_step) else 0.01 / PART
+        min(estimation.max_step, 0.01) / FILTER_STEPS_PER_SAMPLE
+        if math.isfinite(estimation.max_step)
+        else 0.01 / FILTER_STEPS_PER_SAMPLE
     )
     return (
         out
@@ -572,7 +576,7 @@ def _changes(
 
 
 def _merged(estimation: Estimation, changed: Estimation, key: str) -> Estimation:
-    """An estimation with one change more."""
+    """Return an estimation with one change more."""
     if key == TRIALS_STEPS:
         return replace(
             estimation,
@@ -586,8 +590,8 @@ def _merged(estimation: Estimation, changed: Estimation, key: str) -> Estimation
 
 
 def closest(trials: Trials, at: Sequence[int]) -> dict[int, Trial]:
-    """For each parameter the smallest set of changes that makes its sigma right, where there is
-    one.
+    """Return, for each parameter, the smallest set of changes that makes its sigma right, if there
+    is one.
     """
     out: dict[int, Trial] = {}
     first = trials.trial(())
@@ -606,21 +610,26 @@ def closest(trials: Trials, at: Sequence[int]) -> dict[int, Trial]:
 
 
 def _nearer(trial: Trial, first: Trial | None, at: int) -> bool:
-    """Whether a change takes at least half of what is wrong away: few runs call right what is
-    nearly so.
+    """Return whether a change takes at least half of what is wrong away: few runs call right what
+    is nearly so.
     """
     return first is None or abs(math.log(trial.rms(at))) < 0.5 * abs(math.log(first.rms(at)))
 
 
 def quiet_trial(trials: Trials) -> Trial | None:
-    """The runs with a tenth of the noise, all else as it is: a bias that noise makes is then a
-    tenth in sigmas, any other ten times as large.
+    """Return the runs with a tenth of the noise, all else as it is: a bias that noise makes is then
+    a tenth in sigmas, any other ten times as large.
     """
     work = trials.work
     noise = {
-        name: TENTH * value for name, value in work.common.truth.noise_std.items() if value > 0.0
+        name: REDUCED_NOISE_SHARE * value
+        for name, value in work.common.truth.noise_std.items()
+        if value > 0.0
     }
-    told = {name: TENTH * value for name, value in work.common.model.noise.measurement_std.items()}
+    told = {
+        name: REDUCED_NOISE_SHARE * value
+        for name, value in work.common.model.noise.measurement_std.items()
+    }
     estimation = replace(work.estimation, flown_noise_std=noise, noise_std=told)
     quiet = EstimatorRuns(work.scenario, estimation)
     records = [quiet.record_of(seed) for seed in trials.seeds]

@@ -29,7 +29,7 @@ SURROGATE = "standin"
 
 
 def scenario_names(kind: str | None = None) -> tuple[str, ...]:
-    """Names of the built-in scenarios, sorted: all, or those of one kind."""
+    """Return the names of the built-in scenarios, sorted: all, or those of one kind."""
     entries = files("scenarios").joinpath("catalog").iterdir()
     names = sorted(
         entry.name.removesuffix(".toml") for entry in entries if entry.name.endswith(".toml")
@@ -38,7 +38,7 @@ def scenario_names(kind: str | None = None) -> tuple[str, ...]:
 
 
 def scenario_kind(name: str) -> str:
-    """What a scenario studies, by the key ``kind`` of its file: ``IDENTIFICATION`` where it has
+    """Return the kind of a scenario, by the key ``kind`` of its file: ``IDENTIFICATION`` if it has
     none; a name or a path as ``load_document``.
     """
     document, _, where = load_document(name)
@@ -53,7 +53,7 @@ def scenario_kind(name: str) -> str:
 
 
 def scenario_title(name: str) -> str:
-    """The one line that describes a built-in scenario."""
+    """Return the one line that describes a built-in scenario."""
     return str(
         tomllib.loads(
             files("scenarios").joinpath("catalog", f"{name}.toml").read_text(encoding="utf-8")
@@ -62,20 +62,20 @@ def scenario_title(name: str) -> str:
 
 
 def scenario_text(name: str) -> str:
-    """The file of a built-in scenario, for copying and editing."""
+    """Return the file of a built-in scenario, for copying and editing."""
     _known(name)
     return files("scenarios").joinpath("catalog", f"{name}.toml").read_text(encoding="utf-8")
 
 
 def scenario_file(name: str) -> str:
-    """What messages call the file of a scenario: the path that a user gave, or a built-in name with
-    its ending.
+    """Return the name of a scenario's file in messages: the path that a user gave, or a built-in
+    name with its ending.
     """
     return name if name.endswith(".toml") else f"{name}.toml"
 
 
 def load_scenario(name: str, changes: Sequence[str] = ()) -> Scenario:
-    """A built-in scenario by its name, or a user's by the path of its TOML file.
+    """Return a built-in scenario by its name, or a user's by the path of its TOML file.
 
     Parameters
     ----------
@@ -99,8 +99,8 @@ def load_scenario(name: str, changes: Sequence[str] = ()) -> Scenario:
 
 
 def load_document(name: str, changes: Sequence[str] = ()) -> tuple[dict[str, Any], str, str]:
-    """Content of a scenario's file with the changes made, its short name, and what messages call
-    the file. Errors as ``load_scenario``.
+    """Return the content of a scenario's file with the changes made, its short name, and what
+    messages call the file. Errors as ``load_scenario``.
     """
     where = scenario_file(name)
     if name.endswith(".toml"):
@@ -115,7 +115,7 @@ def load_document(name: str, changes: Sequence[str] = ()) -> tuple[dict[str, Any
 
 
 def _beside(document: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """The document with users' model files that it names found in its own folder."""
+    """Return the document with users' model files that it names found in its own folder."""
     from scenarios.files.user_models import is_model_file
 
     def found(table: Any, key: str) -> Any:
@@ -162,15 +162,15 @@ def _known(name: str) -> None:
 
 
 def with_changes(document: dict[str, Any], changes: Sequence[str]) -> dict[str, Any]:
-    """A scenario's content with each of the changes put in, as ``with_change``."""
+    """Return a scenario's content with each of the changes put in, as ``with_change``."""
     for change in changes:
         document = with_change(document, change)
     return document
 
 
 def with_change(document: dict[str, Any], change: str) -> dict[str, Any]:
-    """A scenario's content with one ``"key=value"`` put in; raises DeclarationError where it cannot
-    be.
+    """Return a scenario's content with one ``"key=value"`` put in; raises DeclarationError where it
+    cannot be.
     """
     key, equals, text = change.partition("=")
     if not equals or not key.strip():
@@ -191,8 +191,8 @@ def with_change(document: dict[str, Any], change: str) -> dict[str, Any]:
 
 
 def _put(table: Any, path: list[str], value: Any, key: str) -> Any:
-    """The same table with one entry replaced; a number in the path counts entries of a list from
-    1.
+    """Return the same table with one entry replaced; a number in the path counts entries of a list
+    from 1.
     """
     first, *rest = path
     if isinstance(table, list):

@@ -37,8 +37,7 @@ CONDENSED = (
     "condensed: the value that the derivative has in the fitted model if all modes that the model "
     "lacks follow their loads at once; errors are against this value"
 )
-# The scenario's key ``distance`` in words.
-DISTANCES = {
+DISTANCES = {  # The scenario's key ``distance`` in words.
     "same equations and step": "same equations, computed with the same steps",
     "same equations, finer step": (
         "same equations; the motion of the flight is computed more exactly than that of the model"
@@ -55,29 +54,31 @@ _MODAL = re.compile(
 
 
 def reference_lines(rows: Sequence[Row], estimation: Estimation) -> list[str]:
-    """What the columns of condensed and of published values are, where a table has them."""
+    """Return explanations of the columns of condensed and of published values, if a table has
+    them.
+    """
     condensed = [CONDENSED] if any(row.condensed is not None for row in rows) else []
     return condensed + ([SEE_PAPERS] if estimation.published is not None else [])
 
 
 def distance_text(distance: str) -> str:
-    """How far the flight is from the model that is fitted, in words."""
+    """Return the difference between the flight and the model that is fitted, in words."""
     return DISTANCES.get(distance, distance)
 
 
 def choice_lines(choices: Sequence[Choice]) -> list[str]:
-    """One line a choice: key, value and reason."""
+    """Return one line a choice: key, value and reason."""
     return [f"{choice.key} = {choice.value}: {choice.reason}" for choice in choices]
 
 
 def choices_content(choices: Sequence[Choice]) -> dict[str, dict[str, str]]:
-    """The same for a JSON file, by key."""
+    """Return the same for a JSON file, by key."""
     return {choice.key: {"value": choice.value, "reason": choice.reason} for choice in choices}
 
 
 def vehicle_origins(flight: FlightPlan) -> dict[str, list[str]]:
-    """Numbers of a built-in vehicle that its source does not print, by what their origin means;
-    those of an elastic mode are counted.
+    """Return the numbers of a built-in vehicle that its source does not print, by what their origin
+    means; those of an elastic mode are counted.
     """
     if flight.own is not None:
         return {}
@@ -104,8 +105,8 @@ def _names(data: VehicleData, origin: Origin, flight: FlightPlan) -> list[str]:
 
 
 def vehicle_line(flight: FlightPlan) -> str:
-    """What is to be said of the vehicle's numbers in one line; empty where its source prints all of
-    them and none as it flies otherwise.
+    """Return one line on the vehicle's numbers; empty if its source prints all of them and none is
+    changed in flight.
     """
     told = [f"{', '.join(names)} ({words})" for words, names in vehicle_origins(flight).items()]
     told += [
@@ -120,8 +121,8 @@ def vehicle_line(flight: FlightPlan) -> str:
 
 
 def misprints(flight: FlightPlan) -> dict[str, tuple[str, str]]:
-    """Numbers of a built-in vehicle that fly otherwise than the paper prints them: both as text, by
-    name.
+    """Return the numbers of a built-in vehicle that fly otherwise than the paper prints them: both
+    as text, by name.
     """
     if flight.own is not None:
         return {}
@@ -138,8 +139,8 @@ def misprints(flight: FlightPlan) -> dict[str, tuple[str, str]]:
 
 
 def other_flight(scenario: Scenario, estimation: Estimation) -> Mapping[str, Any]:
-    """What the flight of an estimation has in the place of the scenario's, by key, SI; empty where
-    it sees the scenario's own.
+    """Return the values of an estimation's flight that replace the scenario's, by key, SI; empty if
+    it uses the scenario's own.
     """
     if estimation.flight is None:
         return {}
@@ -151,8 +152,8 @@ def other_flight(scenario: Scenario, estimation: Estimation) -> Mapping[str, Any
 
 
 def other_flight_line(scenario: Scenario, estimation: Estimation) -> str:
-    """The same in words, with how far that flight is from the model; empty where there is no other
-    flight.
+    """Return the same in words, with how far that flight is from the model; empty where there is no
+    other flight.
     """
     if estimation.flight is None:
         return ""
@@ -184,12 +185,12 @@ HEADINGS = (
     "share_from_prior",
     "claimed_std",
 )
-FEW = 6  # parts of a direction that are written
+MOST_WRITTEN_PARTS = 6  # parts of a direction that are written
 
 
 def determination_content(method: MethodDetermination) -> dict[str, Any]:
-    """Counts, every strength, the directions that the record sees, and of each parameter what comes
-    from where.
+    """Return the counts, every strength, the directions that the record sees, and of each parameter
+    what comes from where.
     """
     found = method.found
     return {
@@ -199,7 +200,10 @@ def determination_content(method: MethodDetermination) -> dict[str, Any]:
         "directions_unseen": found.unseen,
         "strengths": found.strengths.tolist(),
         "directions": [
-            {"strength": float(found.strengths[at]), "parts": dict(found.composition(at, FEW))}
+            {
+                "strength": float(found.strengths[at]),
+                "parts": dict(found.composition(at, MOST_WRITTEN_PARTS)),
+            }
             for at in range(len(found.names) - found.unseen)
         ],
         "parameters": {
@@ -216,7 +220,7 @@ def determination_content(method: MethodDetermination) -> dict[str, Any]:
 
 
 def determination_csv(methods: Sequence[MethodDetermination]) -> str:
-    """The parameters of all methods."""
+    """Return the parameters of all methods."""
     rows = (
         [method.estimation.name, name, *map(repr, map(float, (prior, std, std / prior, *shares)))]
         for method in methods
@@ -247,7 +251,7 @@ UNSCENTED = "filterpy UnscentedKalmanFilter"
 
 
 def engine_label(estimation: Estimation) -> str:
-    """The engine of an estimation in words; empty where its method is no filter."""
+    """Return the engine of an estimation in words; empty where its method is no filter."""
     if estimation.method == "ukf":
         return UNSCENTED
     return ENGINES[estimation.engine].label if estimation.method == "ekf" else ""
@@ -284,7 +288,7 @@ def bank_line(name: str, second: SecondPass | None) -> str:
 
 
 def bank_sentence(name: str, second: SecondPass | None) -> str:
-    """What stands behind ``engine:`` for a bank of delays."""
+    """Return the text after ``engine:`` for a bank of delays."""
     label = ENGINES[name].label
     if second is None:
         return label if name == "filterpy" else f"{label}; no sound filter to compare with filterpy"
@@ -295,8 +299,8 @@ def bank_sentence(name: str, second: SecondPass | None) -> str:
 
 
 def bank_content(name: str, second: SecondPass | None) -> dict[str, Any]:
-    """Content of the key ``engine`` for a bank of delays; differences of means and standard
-    deviations in sigmas.
+    """Return the content of the key ``engine`` for a bank of delays; differences of means and
+    standard deviations in sigmas.
     """
     content: dict[str, Any] = {"name": name, "sentence": bank_sentence(name, second)}
     if second is not None:
@@ -317,8 +321,8 @@ DERIVED_UNITS = {**MODAL_UNITS, "delay": "s"}
 
 
 def comparison(study: StudyResult) -> dict[str, Any]:
-    """Content of ``comparison.json`` for a scenario: the main method's figures, the others under
-    ``methods``.
+    """Return the content of ``comparison.json`` for a scenario: the main method's figures, the
+    others under ``methods``.
     """
     out: dict[str, Any] = {
         "schema": SCHEMA,
@@ -376,7 +380,7 @@ def _departures(study: StudyResult, method: MethodResult) -> dict[str, Any]:
 
 
 def flexibility_content(found: Flexibility) -> dict[str, Any]:
-    """The degree of flexibility, its threshold and what it stands on; frequencies in rad/s,
+    """Return the degree of flexibility, its threshold and what it stands on; frequencies in rad/s,
     derivatives in 1/rad.
     """
     content: dict[str, Any] = {
@@ -395,8 +399,8 @@ def flexibility_content(found: Flexibility) -> dict[str, Any]:
 
 
 def _repeated(each: Scatter) -> dict[str, Any]:
-    """One estimator's errors over the runs of one flight; derivatives are left out where no run
-    settled.
+    """Return one estimator's errors over the runs of one flight; derivatives are left out where no
+    run settled.
     """
     share, interval = each.within_two
     table = zip(each.names, each.units, each.rms, each.rms_sigmas, strict=True)
@@ -415,7 +419,7 @@ def _repeated(each: Scatter) -> dict[str, Any]:
 
 
 def method_content(method: MethodResult) -> dict[str, Any]:
-    """Parameters, derived quantities, outcome and tests of one method."""
+    """Return the parameters, derived quantities, outcome and tests of one method."""
     content = estimate_content(
         method.result.estimate, method.rows, method.derived, method.fixed, method.tests
     )
@@ -436,7 +440,7 @@ def estimate_content(
     fixed: Mapping[str, tuple[float, str]],
     tests: tuple[ResidualTest, ...],
 ) -> dict[str, Any]:
-    """The parts that a scenario's comparison and an identification share."""
+    """Return the parts that a scenario's comparison and an identification share."""
     correlation = estimate.correlation
     return {
         "parameters": {row.name: _row(row) for row in rows},
@@ -466,7 +470,7 @@ def estimate_content(
 
 
 def in_unit(row: Row, unit: str) -> Row:
-    """The same row in another unit, e.g. beta in lb/ft2."""
+    """Return the same row in another unit, e.g. beta in lb/ft2."""
     from scenarios.files.units import to_si
     from sim.errors import DeclarationError
 

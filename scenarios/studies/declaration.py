@@ -223,8 +223,8 @@ class Scenario:
 
 
 def seen_by(scenario: Scenario, estimation: Estimation) -> Scenario:
-    """The scenario with the flight whose record an estimation gets: its own where it has one, of
-    the same vehicle.
+    """Return the scenario with the flight whose record an estimation gets: its own where it has
+    one, of the same vehicle.
     """
     if estimation.flight is None:
         return scenario
@@ -241,8 +241,8 @@ MOST_ENTRIES = 6  # of a list of numbers that is told one by one
 def choices_of(
     own: Mapping[str, Any], document: Mapping[str, Any], where: str
 ) -> tuple[Choice, ...]:
-    """The choices that ``own`` declares of ``document``, whose keys it repeats with a reason in the
-    place of each value.
+    """Return the choices that ``own`` declares of ``document``, whose keys it repeats with a reason
+    in the place of each value.
 
     The value is read from the document, so that a study tells what it really used; ``where`` is the
     key of ``own`` in messages.
@@ -276,7 +276,7 @@ def _choices(own: Mapping[str, Any], found: Any, where: str, above: str) -> Iter
 
 
 def without_gone(own: Mapping[str, Any], before: Any, after: Any) -> dict[str, Any]:
-    """What ``own`` says of values that a change of the document took away is left out."""
+    """Leave out the entries of ``own`` for values that a change of the document removed."""
     out: dict[str, Any] = {}
     for name, reason in own.items():
         old, new = _inside(before, name), _inside(after, name)
@@ -289,8 +289,8 @@ def without_gone(own: Mapping[str, Any], before: Any, after: Any) -> dict[str, A
 
 
 def methods_without_gone(before: Mapping[str, Any], after: dict[str, Any]) -> dict[str, Any]:
-    """A changed document likewise in the table ``own`` of each method; what a method does not
-    declare is the main one's.
+    """Return a changed document likewise in the table ``own`` of each method; what a method does
+    not declare is the main one's.
     """
     were, now = before.get("methods"), after.get("methods")
     if not (isinstance(were, list) and isinstance(now, list) and len(were) == len(now)):
@@ -327,8 +327,8 @@ def _inside(table: Any, name: str) -> Any:
 
 
 def value_text(value: Any) -> str:
-    """A value of a scenario file in one line: ``"100 Hz"``, ``"550 lb/ft2 +- 110 lb/ft2"``, ``"CL_q
-    -11 +- 6, CL_de 0.35 +- 0.2"``.
+    """Return a value of a scenario file in one line: ``"100 Hz"``, ``"550 lb/ft2 +- 110 lb/ft2"``,
+    ``"CL_q -11 +- 6, CL_de 0.35 +- 0.2"``.
     """
     if isinstance(value, Mapping):
         if value.keys() == {"value", "std"}:

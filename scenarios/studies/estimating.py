@@ -19,7 +19,7 @@ import numpy as np
 from ident.banks.bank import BankEstimate, run_bank
 from ident.banks.delays import ENGINES
 from ident.estimate import Estimate, Outcome
-from ident.filters.ekf import SETTLED, FilterSettings, run_ekf
+from ident.filters.ekf import SETTLED_SIGMAS, FilterSettings, run_ekf
 from ident.filters.one_record import Exponential, Taylor
 from scenarios.files.user_models import inputs_at_rest
 from scenarios.studies.declaration import Estimation, FlightPlan, ManeuverPlan, Scenario, Start
@@ -64,7 +64,7 @@ from sim.vehicles.library import VehicleData, read_parameter_set
 # ---- From a scenario's flight to a record and its truth
 
 # s, since when an input has been at rest: before all that a record or an effect looks back to
-EVER = -1e6
+START_OF_REST = -1e6
 SMOOTH = ("sweep", "multisine")
 STEPS = {"rk4": rk4_step, "euler": euler_step}
 
@@ -77,7 +77,7 @@ DISTANCES = {
 
 
 def true_model(flight: FlightPlan) -> Model:
-    """The vehicle that really flies, with its noise."""
+    """Return the vehicle that really flies, with its noise."""
     noise = Noise(flight.noise_std, flight.process_noise)
     if flight.own is not None:
         return flight.own.with_noise(noise)
@@ -108,7 +108,7 @@ def vehicle_model(vehicle: str, modes: int, noise: Noise, frequency_factor: floa
 
 
 def flown_vehicle(flight: FlightPlan) -> VehicleData:
-    """The numbers of the built-in vehicle that flies."""
+    """Return the numbers of the built-in vehicle that flies."""
     return with_frequency_factor(read_parameter_set(flight.vehicle), flight.frequency_factor)
 
 
@@ -155,7 +155,7 @@ def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record
 
 
 def resting(model: Model) -> dict[str, float]:
-    """Where the inputs of an own model rest, by name, where that is not zero."""
+    """Return the rest values of the inputs of a user model, by name, if they are not zero."""
     names = [signal.name for signal in model.equations.inputs]
     return {name: value for name, value in zip(names, inputs_at_rest(model), strict=True) if value}
 
@@ -166,14 +166,14 @@ def maneuvers_by_input(
     place: str,
     rest: Mapping[str, float] = MappingProxyType({}),
 ) -> dict[str, Maneuver]:
-    """What moves each input, about where it rests; several maneuvers on one add up. ``place`` is
-    the key of the flight they belong to.
+    """Return the maneuver of each input about its rest value; several maneuvers on one input add
+    up. ``place`` is the key of the flight they belong to.
 
     Raises
     ------
     DeclarationError : a maneuver lacks a number or moves an input that is not there.
     """
-    by_input = {name: Sum((step(value, EVER),)) for name, value in rest.items()}
+    by_input = {name: Sum((step(value, START_OF_REST),)) for name, value in rest.items()}
     for number, plan in enumerate(plans, start=1):
         if plan.input not in inputs:
             known = ", ".join(sorted(inputs)) or "none"
@@ -192,8 +192,8 @@ def maneuvers_by_input(
 def held_alike(
     by_input: Mapping[str, Maneuver], plans: Sequence[ManeuverPlan], time: np.ndarray
 ) -> dict[str, Maneuver]:
-    """Maneuvers that a record can hold: beside steps on any input a smooth one is fed sample by
-    sample.
+    """Return the maneuvers that a record can hold: beside steps on any input a smooth one is fed
+    sample by sample.
 
     Between the samples ``time`` (s) a record's inputs are all held or all linear, and read the
     other way a step is half a sample late.
@@ -201,7 +201,7 @@ def held_alike(
     smooth = {plan.input for plan in plans if plan.kind in SMOOTH}
     if all(plan.kind in SMOOTH for plan in plans):
         return {**by_input}
-    times = (EVER, *time[1:].tolist(), math.inf)
+    times = (START_OF_REST, *time[1:].tolist(), math.inf)
     return {
         **by_input,
         **{
@@ -214,13 +214,13 @@ def held_alike(
 def measured_again(
     record: Record, truth: Truth, noise_std: Mapping[str, float], seed: int
 ) -> Record:
-    """The same flight with sensors of other noise."""
+    """Return the same flight with sensors of other noise."""
     std = {**truth.noise_std, **noise_std}
     return remeasure(record, replace(truth, noise_std=std), np.random.default_rng(seed))
 
 
 def maneuver_of(plan: ManeuverPlan, where: str) -> Maneuver:
-    """The maneuver that a plan describes.
+    """Return the maneuver that a plan describes.
 
     Raises
     ------
@@ -310,8 +310,8 @@ class Result:
 def declared_model(
     estimation: Estimation, constants: Mapping[str, float], noise_std: Mapping[str, float]
 ) -> Model:
-    """The model an estimator starts from: constants held, ``start`` free with its priors, ``held``
-    fixed.
+    """Return the model an estimator starts from: constants held, ``start`` free with its priors,
+    ``held`` fixed.
 
     Raises
     ------
@@ -364,8 +364,8 @@ def assumed_noise(scenario: Scenario, estimation: Estimation) -> dict[str, float
 def vehicle_constants(
     estimation: Estimation, vehicle: str, frequency_factor: float = 1.0
 ) -> dict[str, float]:
-    """The numbers of a built-in vehicle that an estimator may know: no derivative among them, and
-    none where the model has its own.
+    """Return the numbers of a built-in vehicle that an estimator may know: no derivative among
+    them, and none where the model has its own.
     """
     if estimation.own is not None:
         return {}
@@ -383,7 +383,7 @@ def flight_constants(flight: FlightPlan, estimation: Estimation) -> dict[str, fl
 
 
 def compiled(estimation: Estimation, model: Model) -> System:
-    """The System of a model for the estimation's method and outputs."""
+    """Return the System of a model for the estimation's method and outputs."""
     filtering = estimation.method in ("ekf", "ukf")
     if estimation.method in ("output-error", "filter-error"):
         return biased_system(estimation, model)
@@ -391,14 +391,14 @@ def compiled(estimation: Estimation, model: Model) -> System:
 
 
 def biased_system(estimation: Estimation, model: Model) -> System:
-    """The System of a model for a whole-record fit: with a free bias of each sensor that can have
-    one.
+    """Return the System of a model for a whole-record fit: with a free bias of each sensor that can
+    have one.
     """
     return compile_model(model.with_biases(_biased(estimation, model)), estimation.outputs)
 
 
 def _biased(estimation: Estimation, model: Model) -> list[str]:
-    """The outputs whose sensors have a free bias."""
+    """Return the outputs whose sensors have a free bias."""
     if estimation.own is not None:
         return own_biases(model, estimation.outputs)
     return [
@@ -409,8 +409,8 @@ def _biased(estimation: Estimation, model: Model) -> list[str]:
 
 
 def _longest_step(estimation: Estimation) -> float:
-    """Largest integration step of a whole-record fit, s; an own model may be a thousand times
-    slower than an aircraft: its scenario's word counts.
+    """Return the largest integration step of a whole-record fit, s; an own model may be a thousand
+    times slower than an aircraft: its scenario's word counts.
     """
     told = estimation.own is not None and math.isfinite(estimation.max_step)
     return estimation.max_step if told else min(FIT_STEP, estimation.max_step)
@@ -453,8 +453,8 @@ def estimate_record(estimation: Estimation, record: Record, model: Model) -> Res
 
 
 def narrowed(model: Model, estimate: Estimate, spread: float) -> Model:
-    """The model started at an estimate, each free parameter with at most ``spread`` of its standard
-    deviations.
+    """Return the model started at an estimate, each free parameter with at most ``spread`` of its
+    standard deviations.
     """
     std = {
         name: min(model.parameters[name].prior_std, spread * float(sigma))
@@ -466,7 +466,7 @@ def narrowed(model: Model, estimate: Estimate, spread: float) -> Model:
 
 
 def _filtered(estimation: Estimation, record: Record, model: Model) -> Estimate:
-    """The filter of an estimation, in as many passes as it takes."""
+    """Return the filter of an estimation, in as many passes as it takes."""
     if estimation.method == "ukf":
         from ident.filters.ukf import run_ukf as run
     else:
@@ -484,7 +484,7 @@ def _filtered(estimation: Estimation, record: Record, model: Model) -> Estimate:
         )
         moved = np.max(np.abs(again.values - estimate.values) / estimate.std, initial=0.0)
         estimate = replace(again, iterations=done + 1)
-        if moved < SETTLED:
+        if moved < SETTLED_SIGMAS:
             break
     return estimate
 
@@ -570,7 +570,7 @@ def _initial_states(model: Model, initial: Mapping[str, Start], place: str) -> P
 # ---- Estimates of many records of one flight
 
 # runs, of which a batch has a multiple: linear algebra adds up a single column in another order
-LANES = 8
+BATCH_MULTIPLE = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -591,8 +591,8 @@ class Estimates:
 
 
 def is_batched(estimation: Estimation, feedback: bool) -> bool:
-    """Whether runs go through one batch: a batch has one input, and under feedback no two runs have
-    the same.
+    """Return whether runs go through one batch: a batch has one input, and under feedback no two
+    runs have the same.
     """
     return estimation.method == "ekf" and not feedback
 
@@ -619,7 +619,7 @@ def batched(estimation: Estimation, records: Sequence[Record], model: Model) -> 
     many there are.
     """
     count = len(records)
-    filled = [*records, *[records[0]] * (-count % LANES)]
+    filled = [*records, *[records[0]] * (-count % BATCH_MULTIPLE)]
     system, settings = compiled(estimation, model), filter_settings(estimation)
     z = np.stack([each.output_array(system.output_names)[0] for each in filled], axis=2)
     degrees = int(records[0].output_array(system.output_names)[1].sum())
@@ -642,8 +642,8 @@ def batched(estimation: Estimation, records: Sequence[Record], model: Model) -> 
 def _narrowed_passes(
     estimation: Estimation, record: Record, system: System, bank: BankEstimate, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Means, covariances, soundness and NIS after further passes, each run started and narrowed by
-    its own result, as `studies.estimating` does.
+    """Return the means, covariances, soundness and NIS after further passes, each run started and
+    narrowed by its own result, as `studies.estimating` does.
     """
     settings, n_x = replace(filter_settings(estimation), passes=1), len(system.states)
     declared = np.array(
@@ -659,7 +659,7 @@ def _narrowed_passes(
     for _ in range(1, estimation.passes):
         if active.size == 0:
             break
-        taken = np.concatenate([active, np.full(-active.size % LANES, active[0])])
+        taken = np.concatenate([active, np.full(-active.size % BATCH_MULTIPLE, active[0])])
         std = np.sqrt(np.maximum(np.diagonal(covariance[taken], axis1=1, axis2=2).T[n_x:], 0.0))
         prior = np.repeat(declared[:, None], taken.size, axis=1)
         prior[n_x:] = np.minimum(prior[n_x:], estimation.spread * std)
@@ -678,5 +678,5 @@ def _narrowed_passes(
         ]
         mean[:, active], covariance[active] = again.mean[:, kept], again.covariance[kept]
         sound[active], nis[active] = again.sound[kept], again.nis.sum(axis=0)[kept]
-        active = active[again.sound[kept] & (moved >= SETTLED)]
+        active = active[again.sound[kept] & (moved >= SETTLED_SIGMAS)]
     return mean, covariance, sound, nis

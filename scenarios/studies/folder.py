@@ -33,7 +33,7 @@ from scenarios.studies.page import study_page
 from scenarios.studies.study import MethodDetermination, MethodResult, StudyResult
 from scenarios.studies.sweep import Sweep, criteria_of, sweep_csv
 from scenarios.studies.text import print_study
-from sim.truth.flight import TOLERANCE, Truth
+from sim.truth.flight import INTEGRATION_TOLERANCE, Truth
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -154,7 +154,7 @@ MOST_PANELS = 30  # parameters: more histories, or a larger matrix, on one page 
 
 
 def study_figures(study: StudyResult) -> Iterator[Named]:
-    """A scenario's figures: the stem of each file, and what draws it."""
+    """Yield a scenario's figures: the stem of each file, and what draws it."""
     from scenarios.plots.residuals import (
         ComparisonRow,
         ErrorCloud,
@@ -236,7 +236,7 @@ def study_figures(study: StudyResult) -> Iterator[Named]:
 
 
 def campaign_figures(campaign: CampaignRuns, statistics: CampaignStatistics) -> Iterator[Named]:
-    """The figures of a campaign: errors of all runs and how often their intervals hold the
+    """Yield the figures of a campaign: errors of all runs and how often their intervals hold the
     reference, and those of its statistics.
     """
     from scenarios.plots.studies import figure_campaign
@@ -301,8 +301,8 @@ def _filter_figures(study: StudyResult, method: MethodResult, suffix: str) -> It
 
 
 def _told_apart(study: StudyResult) -> list[MethodResult]:
-    """The main method and those whose residual of the same record differs so much that a figure
-    shows it.
+    """Return the main method and those whose residual of the same record differs so much that a
+    figure shows it.
     """
     z, valid = study.record.output_array(study.main.result.estimate.output_names)
 
@@ -450,7 +450,7 @@ def truth_content(truth: Truth) -> dict[str, Any]:
         "noise_std": dict(truth.noise_std),
         "process_density": dict(truth.process_density),
         "distance": truth.distance.value,
-        **({"tolerance": TOLERANCE} if truth.step is None else {"step": truth.step}),
+        **({"tolerance": INTEGRATION_TOLERANCE} if truth.step is None else {"step": truth.step}),
         "method": truth.method,
     }
 

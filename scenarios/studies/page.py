@@ -46,16 +46,16 @@ from scenarios.studies.text import (
     sweep_blocks,
     with_display,
 )
-from sim.truth.flight import EXACT, TOLERANCE, Truth
+from sim.truth.flight import EXACT, INTEGRATION_TOLERANCE, Truth
 
 # ---- The page of a study
 
 SETTLED = (Outcome.CONVERGED, Outcome.AT_BOUND)
-LIMIT = 2.0  # sigmas within which an estimate is said to hold the truth
+COVERING_SIGMAS = 2.0  # sigmas within which an estimate is said to hold the truth
 
 
 def study_page(study: StudyResult, drawn: Sequence[Drawn] = ()) -> Page:
-    """The page of a study with the figures ``drawn``."""
+    """Return the page of a study with the figures ``drawn``."""
     scenario, main = study.scenario, study.main
     outcome = main.result.estimate.outcome
     white = all(test.passed for test in main.tests)
@@ -95,13 +95,13 @@ def study_page(study: StudyResult, drawn: Sequence[Drawn] = ()) -> Page:
 
 
 def within_line(rows: Sequence[Row], reference: str) -> str:
-    """How many estimates lie within two of their sigmas of what they are held against; empty where
-    nothing is known.
+    """Return the number of estimates within two of their sigmas of the reference; empty if no
+    reference is known.
     """
     known = [row.sigmas for row in rows if row.sigmas is not None and row.std > 0.0]
     if not known:
         return ""
-    inside = sum(abs(error) <= LIMIT for error in known)
+    inside = sum(abs(error) <= COVERING_SIGMAS for error in known)
     worst = max(known, key=abs)
     which = "the estimate lies" if len(known) == 1 else f"{inside} of {len(known)} estimates lie"
     if len(known) == 1:
@@ -176,7 +176,8 @@ def _integrated(truth: Truth) -> str:
         return f"The motion is integrated in steps of {truth.step:g} s."
     if truth.method == EXACT:
         return "The motion is the exact solution of the linear equations of the aircraft."
-    return f"The motion is integrated by {truth.method} to a relative error of {TOLERANCE:g}."
+    error = f"a relative error of {INTEGRATION_TOLERANCE:g}"
+    return f"The motion is integrated by {truth.method} to {error}."
 
 
 def _made(study: StudyResult) -> list[Block]:

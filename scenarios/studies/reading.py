@@ -49,11 +49,11 @@ from sim.errors import DeclarationError, ModelError
 
 # ---- A user's own model in a scenario
 
-WIDEST = 1.0  # of a state at the start where its file gives zero, in the state's unit
+ZERO_START_RANGE = 1.0  # of a state at the start where its file gives zero, in the state's unit
 
 
 def model_files(names: Iterable[str]) -> dict[str, OwnModel]:
-    """The models of those names that are files, each read once. Raises DeclarationError as
+    """Return the models of those names that are files, each read once. Raises DeclarationError as
     ``read_model_file``.
     """
     return {
@@ -62,7 +62,7 @@ def model_files(names: Iterable[str]) -> dict[str, OwnModel]:
 
 
 def truth_of(model: Model, values: Mapping[str, Quantity], where: str) -> Model:
-    """The model with the scenario's true values of parameters and constants.
+    """Return the model with the scenario's true values of parameters and constants.
 
     Raises
     ------
@@ -89,11 +89,11 @@ def truth_of(model: Model, values: Mapping[str, Quantity], where: str) -> Model:
 
 
 def completed(estimation: Estimation, measured: Iterable[str]) -> Estimation:
-    """An estimation of an own model with what its scenario leaves to the file: outputs that are
-    ``measured``, starts, initial states.
+    """Return an estimation of an own model with what its scenario leaves to the file: outputs that
+    are ``measured``, starts, initial states.
 
     A parameter starts where the file says, with half of that as its standard deviation; a state
-    likewise, with at least ``WIDEST`` of its unit.
+    likewise, with at least ``ZERO_START_RANGE`` of its unit.
     """
     model = estimation.own
     assert model is not None
@@ -101,7 +101,10 @@ def completed(estimation: Estimation, measured: Iterable[str]) -> Estimation:
     free = [name for name in model.parameters.free_names if name not in estimation.held]
     prior = with_priors(model, free).parameters
     starts = {name: Start(prior[name].value, prior[name].prior_std) for name in free}
-    begun = {item.name: Start(item.value, max(abs(item.value), WIDEST)) for item in model.initial}
+    begun = {
+        item.name: Start(item.value, max(abs(item.value), ZERO_START_RANGE))
+        for item in model.initial
+    }
     return replace(
         estimation,
         outputs=estimation.outputs
@@ -112,8 +115,8 @@ def completed(estimation: Estimation, measured: Iterable[str]) -> Estimation:
 
 
 def own_declared(estimation: Estimation, noise_std: Mapping[str, float]) -> Model:
-    """The model an estimator starts from: ``start`` free with its priors, ``held`` fixed, constants
-    as the file has them.
+    """Return the model an estimator starts from: ``start`` free with its priors, ``held`` fixed,
+    constants as the file has them.
 
     Raises
     ------
@@ -178,7 +181,7 @@ def own_declared(estimation: Estimation, noise_std: Mapping[str, float]) -> Mode
 
 
 def own_biases(model: Model, outputs: Iterable[str]) -> list[str]:
-    """Those of the outputs whose sensors the file gives a free constant bias."""
+    """Return the outputs whose sensors have a free constant bias in the file."""
     told = model.equations.biased_outputs if isinstance(model.equations, Biased) else ()
     return [name for name in outputs if name in told]
 
@@ -189,7 +192,7 @@ def own_biases(model: Model, outputs: Iterable[str]) -> list[str]:
 def flight_of(
     flight: FlightTable, fitted: str, where: str, files: Mapping[str, OwnModel], key: str = "flight"
 ) -> FlightPlan:
-    """The flight of a checked table, SI; ``key`` is the table's in messages."""
+    """Return the flight of a checked table, SI; ``key`` is the table's in messages."""
     place = f"{where}, key {key}"
     own = own_vehicle_of(flight.vehicle, flight.values, flight.modes, place, files)
     refuse_other_equations(own, fitted, where)
@@ -230,8 +233,8 @@ def other_flight_of(
     key: str,
     files: Mapping[str, OwnModel],
 ) -> FlightPlan | None:
-    """The scenario's flight with what ``other`` gives in the place of its own; None without. Noise
-    of one kind replaces both kinds.
+    """Return the scenario's flight with what ``other`` gives in the place of its own; None without.
+    Noise of one kind replaces both kinds.
     """
     if other is None:
         return None
@@ -248,8 +251,8 @@ def own_vehicle_of(
     place: str,
     files: Mapping[str, OwnModel],
 ) -> Model | None:
-    """The own model that flies, with its true values; None where a built-in vehicle does, which has
-    neither.
+    """Return the own model that flies, with its true values; None where a built-in vehicle does,
+    which has neither.
     """
     if vehicle in files:
         if modes:
@@ -284,8 +287,8 @@ def refuse_other_equations(own: Model | None, fitted: str, where: str) -> None:
 def maneuver_plans(
     maneuvers: Sequence[ManeuverTable], place: str, model: str | Model = ""
 ) -> tuple[ManeuverPlan, ...]:
-    """Maneuvers with their numbers in SI, or in the units of an own ``model``; ``place`` is the key
-    of the flight they belong to.
+    """Return the maneuvers with their numbers in SI, or in the units of an own ``model``; ``place``
+    is the key of the flight they belong to.
     """
     plans = []
     for number, maneuver in enumerate(maneuvers, start=1):
@@ -307,8 +310,8 @@ def maneuver_plans(
 def repeated_of(
     content: ScenarioTable, names: Sequence[str], where: str, files: Mapping[str, OwnModel]
 ) -> Repeated:
-    """The flights to be repeated: each the scenario's own with those tables replaced that it gives
-    itself.
+    """Return the flights to be repeated: each the scenario's own with those tables replaced that it
+    gives itself.
     """
     assert content.repeated is not None
     flights = []
@@ -335,7 +338,7 @@ def repeated_of(
 
 
 def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
-    """A Scenario from the content of its file; ``where`` names the file in messages.
+    """Return a Scenario from the content of its file; ``where`` names the file in messages.
 
     A method under ``[[methods]]`` takes over from ``[estimate]`` whatever it does not say itself;
     its tables ``start``, ``initial`` and ``held`` replace whole entries, not tables. Its ``flight``
@@ -422,7 +425,7 @@ def scenario_of(document: Mapping[str, Any], name: str, where: str) -> Scenario:
 
 
 def _swept(content: ScenarioTable, mains: Sequence[Estimation], where: str) -> SweepPlan | None:
-    """The structures of a sweep, from stiff to soft."""
+    """Return the structures of a sweep, from stiff to soft."""
     if content.sweep is None:
         return None
     place = f"{where}, key sweep"

@@ -44,8 +44,8 @@ OWN_UNITS = {"lateral": {"beta": "rad"}}
 
 
 def unit_of(name: str, model: str | Model = "") -> str:
-    """The SI unit of what a scenario gives under a name, for a model where it has a meaning of its
-    own; 1 for a coefficient.
+    """Return the SI unit of what a scenario gives under a name, for a model where it has a meaning
+    of its own; 1 for a coefficient.
 
     A user's own model (``Model``) declares the units of all its names.
     """
@@ -74,7 +74,7 @@ def standard_deviations(
 
 
 def density(name: str, value: Quantity, where: str, model: str | Model = "") -> float:
-    """A spectral density: a plain number in SI, or e.g. ``"57 (lb/ft2)^2/s"``."""
+    """Return a spectral density: a plain number in SI, or e.g. ``"57 (lb/ft2)^2/s"``."""
     if not isinstance(value, str):
         return _not_negative(float(value), where)
     number, unit = _parts(value, where)
@@ -97,7 +97,7 @@ def density(name: str, value: Quantity, where: str, model: str | Model = "") -> 
 
 
 def _root(unit: str, where: str) -> str:
-    """The unit whose square is given: ``"deg^2"``, ``"(deg/s)^2"``."""
+    """Return the unit whose square is given: ``"deg^2"``, ``"(deg/s)^2"``."""
     text = unit.strip()
     if not text.endswith("^2"):
         raise DeclarationError(
@@ -121,8 +121,8 @@ def _parts(text: str, where: str) -> tuple[float, str]:
 
 
 def si(value: Quantity, target: str, where: str, same: Mapping[str, str] | None = None) -> float:
-    """A number, or a text with a unit, in the unit ``target``; ``same`` are other spellings of
-    units.
+    """Return a number, or a text with a unit, in the unit ``target``; ``same`` are other spellings
+    of units.
     """
     if not isinstance(value, str):
         return float(value)
@@ -132,7 +132,7 @@ def si(value: Quantity, target: str, where: str, same: Mapping[str, str] | None 
 
 
 def positive(value: float, where: str) -> float:
-    """The value, refused where it is not above zero and finite."""
+    """Return the value, refused where it is not above zero and finite."""
     if not (value > 0 and math.isfinite(value)):
         raise DeclarationError(
             f"{value:g} is not above 0", where=where, remedy="give a positive number"
@@ -160,7 +160,7 @@ Distance = Literal[
 
 
 def model_name(*known: str) -> Callable[[str], str]:
-    """A check of what is fitted: one of the ``known`` models, or a user's model file."""
+    """Return a check of what is fitted: one of the ``known`` models, or a user's model file."""
 
     def checked_name(name: str) -> str:
         if name not in known and not is_model_file(name):

@@ -104,8 +104,8 @@ def fly_repeatedly(
     seed: int | None = None,
     progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> tuple[Scatter, ...]:
-    """All repeated flights of a scenario, each estimated by the methods it names; run i has the
-    seed ``seed + i``.
+    """Return all repeated flights of a scenario, each estimated by the methods it names; run i has
+    the seed ``seed + i``.
 
     Raises
     ------
@@ -183,26 +183,26 @@ class MethodDetermination:
 
     @property
     def overclaimed(self) -> tuple[str, ...]:
-        """Parameters with a stated deviation below ``HONEST`` of what record and prior together
-        allow.
+        """Parameters with a stated deviation below ``LEAST_HONEST_RATIO`` of what record and prior
+        together allow.
         """
         ratio = self.claimed / self.found.posterior_std
         return tuple(
             name
             for name, value in zip(self.found.names, ratio.tolist(), strict=True)
-            if value < HONEST
+            if value < LEAST_HONEST_RATIO
         )
 
 
 # the nonlinearity of these records and the noise level found from one change a deviation by a tenth
-HONEST = 0.8
+LEAST_HONEST_RATIO = 0.8
 
 
 def determine(
     estimation: Estimation, record: Record, model: Model, estimate: Estimate
 ) -> MethodDetermination:
-    """What ``record`` and the priors of ``model`` say of the parameters, at the estimate and with
-    the noise that the model declares.
+    """Return how well ``record`` and the priors of ``model`` determine the parameters, at the
+    estimate and with the noise that the model declares.
 
     No process noise: what a filter counts as such can only hide more. Biases of the sensors count
     as unknown, as in whole-record fits.
@@ -225,8 +225,8 @@ LITTLE_LEARNT = 0.5
 
 
 def prior_note(result: Result) -> str:
-    """Which parameters the record hardly determines, those that may wander left out; empty where
-    there is none or the method has no priors.
+    """Return a note on the parameters that the record hardly determines, those that may wander left
+    out; empty if there are none or the method has no priors.
     """
     estimation = result.estimation
     priors = {
@@ -251,8 +251,8 @@ def prior_note(result: Result) -> str:
 
 
 def residual_note(result: Result, model: Model) -> str:
-    """How much of the residual's power lies about the elastic frequencies of ``model``, by output;
-    empty for a rigid one.
+    """Return the share of the residual's power about the elastic frequencies of ``model``, by
+    output; empty for a rigid one.
 
     The periodogram of normalised innovations, or of residuals, under a Hann window; the band runs
     from half the lowest to one and a half times the highest elastic frequency. Where it holds twice
@@ -285,8 +285,8 @@ def residual_note(result: Result, model: Model) -> str:
 
 
 def flexibility_sentences(found: Flexibility, noise_std: Mapping[str, float]) -> tuple[str, ...]:
-    """The degree of flexibility, the threshold it is held against, and on which side of it this
-    aircraft is.
+    """Return the degree of flexibility, the threshold it is held against, and on which side of it
+    this aircraft is.
     """
     degree = (
         f"degree of flexibility {found.degree:.3g}: what a structure that follows its loads at "
@@ -321,8 +321,8 @@ def _frequency(omega: float) -> str:
 
 
 def elastic_frequencies(model: Model) -> list[float]:
-    """Frequencies of a model's oscillations above the short period, rad/s, ascending; empty for a
-    rigid one.
+    """Return the frequencies of a model's oscillations above the short period, rad/s, ascending;
+    empty for a rigid one.
     """
     return sorted(
         abs(root) for root in np.linalg.eigvals(linearise(model).A).tolist() if root.imag > 0
@@ -341,8 +341,8 @@ def residuals_of(result: Result) -> Sequence[np.ndarray]:
 
 
 def periodogram(row: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (rad/s, zero left out) and power of a series under a Hann window, padded to four
-    times its length.
+    """Return the frequencies (rad/s, zero left out) and power of a series under a Hann window,
+    padded to four times its length.
     """
     size = 4 * len(row)
     power = np.abs(np.fft.rfft((row - row.mean()) * np.hanning(len(row)), size)) ** 2
@@ -436,8 +436,8 @@ def run_scenario(scenario: Scenario, seed: int | None = None) -> StudyResult:
 
 
 def references(scenario: Scenario, estimation: Estimation) -> Mapping[str, float]:
-    """What an estimation's model should find where the vehicle has more modes than it: condensed
-    coefficients by name, SI.
+    """Return the values that an estimation's model should find if the vehicle has more modes than
+    it: condensed coefficients by name, SI.
     """
     if not scenario.condensed:
         return EMPTY
@@ -448,8 +448,8 @@ def references(scenario: Scenario, estimation: Estimation) -> Mapping[str, float
 
 
 def _flexibility(scenario: Scenario, record: Record) -> Flexibility | None:
-    """Of a scenario that is compared with condensed coefficients; None too where the condensed
-    aircraft has no short period.
+    """Return the flexibility of a scenario that is compared with condensed coefficients; None too
+    if the condensed aircraft has no short period.
     """
     flight = scenario.flight
     if not scenario.condensed or not flight.modes or "elevator" not in record.input_names:

@@ -96,7 +96,7 @@ class Sweep:
     marks: tuple[tuple[Mark, Mapping[str, Start]], ...]
 
     def point(self, frequency_factor: float) -> SweepPoint:
-        """The structure of a factor that is in the sweep."""
+        """Return the structure of a factor that is in the sweep."""
         return next(point for point in self.points if point.frequency_factor == frequency_factor)
 
 
@@ -162,8 +162,8 @@ def _estimated(
     flights: Sequence[FlightPlan],
     records: Sequence[Record],
 ) -> list[SweptMethod]:
-    """One method on all structures; a filter of a model that they share runs on all records at
-    once.
+    """Return one method on all structures; a filter of a model that they share runs on all records
+    at once.
     """
     condensed = [
         condense_above(flown_vehicle(f).values, f.modes, min(estimation.modes, f.modes))
@@ -204,7 +204,8 @@ def _estimated(
 
 # ---- From which degree of flexibility on a rigid model no longer serves
 
-WHITE = 1e-3  # smallest probability of a white residual: that of `ident.statistics.residuals`
+# smallest probability of a white residual: that of `ident.statistics.residuals`
+WHITENESS_P_VALUE = 1e-3
 # one for each coefficient of the denominator and of two numerators, one initial state
 NUMBERS_PER_STATE = 3 + 1
 FIT = "output-error"
@@ -229,8 +230,8 @@ class Criterion:
 
 
 def criteria_of(points: Sequence[SweepPoint]) -> tuple[Criterion, ...]:
-    """The criteria in the order in which they usually fail; those that the scenario's methods do
-    not allow are left out.
+    """Return the criteria in the order in which they usually fail; those that the scenario's
+    methods do not allow are left out.
     """
     found = [
         _criterion(
@@ -244,7 +245,7 @@ def criteria_of(points: Sequence[SweepPoint]) -> tuple[Criterion, ...]:
         _criterion(
             "whiteness",
             "the residual of the rigid fit is no longer white",
-            math.log10(WHITE),
+            math.log10(WHITENESS_P_VALUE),
             True,
             points,
             _whiteness,
@@ -286,8 +287,8 @@ def _criterion(
 def _begins(
     places: Sequence[float], values: Sequence[float], limit: float, below: bool
 ) -> float | None:
-    """Where a series passes its limit for good, between two points; None where it never does, or
-    has from the first point on.
+    """Return where a series passes its limit for good, between two points; None if it never does,
+    or has from the first point on.
     """
     beyond = [
         (value < limit) is below and value != limit and math.isfinite(value) for value in values
@@ -300,7 +301,7 @@ def _begins(
 
 
 def _fit(point: SweepPoint, elastic: bool) -> SweptMethod | None:
-    """The whole-record fit of the rigid model, or of the one with the fewest modes."""
+    """Return the whole-record fit of the rigid model, or of the one with the fewest modes."""
     fits = [
         each
         for each in point.methods
@@ -310,8 +311,8 @@ def _fit(point: SweepPoint, elastic: bool) -> SweptMethod | None:
 
 
 def _whiteness(point: SweepPoint) -> float:
-    """Logarithm to ten of the probability of the least white channel, for as many channels as there
-    are.
+    """Return the logarithm to ten of the probability of the least white channel, for as many
+    channels as there are.
     """
     fit = _fit(point, False)
     tests = (
@@ -321,7 +322,9 @@ def _whiteness(point: SweepPoint) -> float:
 
 
 def _preference(point: SweepPoint) -> float:
-    """By how much the information criterion prefers the model with modes to the rigid one."""
+    """Return by how much the information criterion prefers the model with modes to the rigid
+    one.
+    """
     rigid, elastic = _fit(point, False), _fit(point, True)
     if rigid is None or elastic is None:
         return math.nan
@@ -349,8 +352,8 @@ HEADINGS = (
 
 
 def sweep_content(sweep: Sweep) -> dict[str, Any]:
-    """Points from stiff to soft, criteria with the degree at which each fails a rigid model, and
-    marks; derivatives in SI.
+    """Return the points from stiff to soft, criteria with the degree at which each fails a rigid
+    model, and marks; derivatives in SI.
     """
     criteria = []
     for each in criteria_of(sweep.points):
@@ -387,7 +390,7 @@ def sweep_content(sweep: Sweep) -> dict[str, Any]:
 
 
 def sweep_csv(sweep: Sweep) -> str:
-    """The estimates of all structures; a cell is empty where there is nothing."""
+    """Return the estimates of all structures; a cell is empty where there is nothing."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(HEADINGS)

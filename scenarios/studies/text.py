@@ -61,13 +61,13 @@ from scenarios.studies.sweep import Criterion, Sweep, SweepPoint, criteria_of
 
 # ---- What records and priors determine, in the terminal
 
-KEPT = 0.95  # of the prior's deviation: above it a record has said nothing to speak of
-SHOWN = 3  # directions of each kind that are named
+UNINFORMED_SHARE = 0.95  # of the prior's deviation, above which a record adds no information
+MOST_NAMED_DIRECTIONS = 3  # directions of each kind that are named
 
 
 def determination_blocks(methods: Sequence[MethodDetermination]) -> list[Block]:
-    """Of each parameter the deviation left of the prior's and the share of its variance that the
-    prior gives, all methods beside each other.
+    """Return, for each parameter, the deviation left of the prior's and the share of its variance
+    that the prior gives, all methods side by side.
     """
     first = methods[0].found
     ratio = [
@@ -75,7 +75,11 @@ def determination_blocks(methods: Sequence[MethodDetermination]) -> list[Block]:
         for m in methods
     ]
     share = [dict(zip(m.found.names, m.found.prior_share.tolist(), strict=True)) for m in methods]
-    shown = [name for name in first.names if any(each.get(name, 1.0) < KEPT for each in ratio)]
+    shown = [
+        name
+        for name in first.names
+        if any(each.get(name, 1.0) < UNINFORMED_SHARE for each in ratio)
+    ]
     shown.sort(key=lambda name: ratio[0][name])
     labels = [method.estimation.name for method in methods]
     blocks: list[Block] = [
@@ -99,8 +103,8 @@ def determination_blocks(methods: Sequence[MethodDetermination]) -> list[Block]:
     if rest:
         blocks.append(
             Prose(
-                f"the other {rest} of {len(first.names)} parameters keep more than {KEPT:g} of "
-                "their prior's sigma with every method"
+                f"the other {rest} of {len(first.names)} parameters keep more than "
+                f"{UNINFORMED_SHARE:g} of their prior's sigma with every method"
             )
         )
     for method in methods:
@@ -109,27 +113,30 @@ def determination_blocks(methods: Sequence[MethodDetermination]) -> list[Block]:
 
 
 def determination_sentences(method: MethodDetermination) -> tuple[str, ...]:
-    """How many numbers the record settles, the directions it knows best and least, and what the
-    method claims beyond it.
+    """Return the number of parameters that the record determines, the directions it determines best
+    and least, and the claims of the method beyond it.
     """
     found, label = method.found, method.estimation.name
     seen = len(found.names) - found.unseen
-    said = [
+    sentences = [
         f"{label}: of {len(found.names)} parameters the record shows {seen} directions and knows "
         f"{found.determined} of them better than the prior "
         f"does ({found.effective:.1f} numbers settled); along {found.unseen} directions the "
         "outputs do not change at all, whatever the noise"
     ]
-    best, least = range(min(SHOWN, seen)), range(max(seen - SHOWN, 0), seen)
-    said.append(f"{label}: known best: {'; '.join(_direction(method, at) for at in best)}")
-    said.append(f"{label}: seen least: {'; '.join(_direction(method, at) for at in least)}")
+    best, least = (
+        range(min(MOST_NAMED_DIRECTIONS, seen)),
+        range(max(seen - MOST_NAMED_DIRECTIONS, 0), seen),
+    )
+    sentences.append(f"{label}: known best: {'; '.join(_direction(method, at) for at in best)}")
+    sentences.append(f"{label}: seen least: {'; '.join(_direction(method, at) for at in least)}")
     if method.overclaimed:
         few = ", ".join(method.overclaimed[:8]) + (", ..." if len(method.overclaimed) > 8 else "")
-        said.append(
+        sentences.append(
             f"{label}: claims {len(method.overclaimed)} parameters better than record and prior "
             f"allow: {few}"
         )
-    return tuple(said)
+    return tuple(sentences)
 
 
 def _direction(method: MethodDetermination, at: int) -> str:
@@ -140,13 +147,13 @@ def _direction(method: MethodDetermination, at: int) -> str:
 
 # ---- A sweep in the terminal
 
-LEAST = -20  # logarithm of a probability below which its size says no more
+LEAST_LOG_PROBABILITY = -20  # decimal logarithm of the smallest probability that is printed
 HEADINGS = {"likelihood": "BIC gain of a mode", "whiteness": "p(white)", "misfit": ""}
 
 
 def sweep_blocks(sweep: Sweep) -> list[Block]:
-    """The structures with the criteria's figures, errors of the six rigid derivatives by each
-    method, and the criteria in words.
+    """Return the structures with the criteria's figures, errors of the six rigid derivatives by
+    each method, and the criteria in words.
     """
     criteria, points = criteria_of(sweep.points), sweep.points
     names = {mark.frequency_factor: mark.label for mark, _ in sweep.marks}
@@ -198,7 +205,9 @@ def sweep_blocks(sweep: Sweep) -> list[Block]:
 
 
 def sweep_phrase(sweep: Sweep) -> str:
-    """From which degree of flexibility on a rigid model fails each criterion, in one line."""
+    """Return the degree of flexibility from which on a rigid model fails each criterion, in one
+    line.
+    """
     told = [
         f"{each.name} from {each.degree:.3g} on"
         if each.degree is not None
@@ -218,7 +227,7 @@ def _everywhere(criterion: Criterion) -> str:
 
 
 def criterion_sentence(criterion: Criterion, sweep: Sweep) -> str:
-    """From where on a rigid model fails the criterion."""
+    """Return the point from which on a rigid model fails the criterion."""
     if criterion.degree is None or criterion.frequency_factor is None:
         fails = (
             criterion.values[0] < criterion.limit
@@ -241,7 +250,10 @@ def _criterion_cell(name: str, value: float) -> Cell:
     if name != "whiteness":
         return Number(value, digits=0)
     share = 10.0**value
-    return Number(share, shown=f"{share:.2g}" if value > LEAST else f"< 1e{LEAST}")
+    return Number(
+        share,
+        shown=f"{share:.2g}" if value > LEAST_LOG_PROBABILITY else f"< 1e{LEAST_LOG_PROBABILITY}",
+    )
 
 
 def _error(point: SweepPoint, method: int, name: str) -> Cell:
@@ -298,8 +310,7 @@ def print_study(study: StudyResult, out: Console | None = None, details: str = B
 
 
 def print_brief(study: StudyResult, out: Console | None = None, details: str = BELOW) -> None:
-    """What a terminal shows of a study: its summary, the estimates of the main method, and where
-    the rest is.
+    """Print the summary of a study, the estimates of the main method, and where the rest is.
 
     ``details`` as ``details_in`` tells it: further methods, published values and choices are in
     ``study.txt`` there.
@@ -315,7 +326,7 @@ def print_brief(study: StudyResult, out: Console | None = None, details: str = B
 
 
 def rest_of(details: str) -> str:
-    """Where the rest of the study is to be read."""
+    """Return where the rest of the study is to be read."""
     if details == BELOW:
         return "--out FOLDER keeps the whole study, with a page to read"
     page = Path(details.removeprefix("below; in "))
@@ -377,8 +388,8 @@ def _print_method(study: StudyResult, method: MethodResult, out: Console) -> Non
 
 
 def repeated_blocks(found: Sequence[Scatter]) -> list[Block]:
-    """Errors over all runs of the repeated flights: shares of intervals that hold the truth, errors
-    in reported sigmas and in the derivatives' units, and the runs left out.
+    """Return the errors over all runs of the repeated flights: shares of intervals that hold the
+    truth, errors in reported sigmas and in the derivatives' units, and the runs left out.
     """
     runs = sum(found[0].outcomes.values())
     labels = [f"{each.flight}: {each.estimation.label}" for each in found]
@@ -436,8 +447,8 @@ def repeated_blocks(found: Sequence[Scatter]) -> list[Block]:
 
 
 def with_display(study: StudyResult, rows: Iterable[Row]) -> list[Row]:
-    """Rows in the units in which they are shown, frequencies in Hz as well, and again in another
-    unit those that the scenario wants shown so.
+    """Return the rows in the units in which they are shown, frequencies in Hz as well, and again in
+    another unit those that the scenario wants shown so.
     """
     from scenarios.studies.comparison import in_unit
 

@@ -27,7 +27,7 @@ from scenarios.report.figure_formats import Drawn, Formats
 from scenarios.report.folder import figures, write_page
 from scenarios.survey.flights import FOLDER
 from scenarios.survey.growing import MAIN
-from scenarios.survey.recurring import LIBRARY, Derivative
+from scenarios.survey.recurring import LIBRARY_SIZE, Derivative
 from scenarios.survey.report import (
     belongs_phrase,
     derivatives_table,
@@ -60,8 +60,8 @@ USUAL = ("airspeed", "reference_airspeed", "mach", "Mach", "mass", "altitude")
 
 
 def survey_figures(survey: SurveyResult) -> Iterator[Named]:
-    """Effects by flight; shared values over the condition; derivatives over the condition with
-    which they change.
+    """Yield the effects by flight; shared values over the condition; derivatives over the condition
+    with which they change.
     """
     from scenarios.plots.maneuvers import (
         Shared,
@@ -136,7 +136,7 @@ def survey_figures(survey: SurveyResult) -> Iterator[Named]:
 
 
 def _condition(each: Derivative, usual: str) -> str:
-    """The condition that a derivative is drawn over: the one with which it changes."""
+    """Return the condition that a derivative is drawn over: the one with which it changes."""
     return each.drifts[0] if each.drifts is not None else usual
 
 
@@ -251,8 +251,8 @@ def _rests(survey: SurveyResult) -> list[str]:
     tried = listed(survey.tried, 10) or "none, since no two flights name the same"
     return [
         f"Effects tested on all flights: {tried}",
-        f"The chance of a false recurrence is corrected for {LIBRARY} candidates (Bonferroni); "
-        "trends and differences are tested at a false discovery rate of 5 %",
+        f"The chance of a false recurrence is corrected for {LIBRARY_SIZE} candidates "
+        "(Bonferroni); trends and differences are tested at a false discovery rate of 5 %",
         "Sigmas of common values and trends include the scatter between flights (restricted "
         "maximum likelihood, Hartung and Knapp)",
         "Flights are combined by their estimates and covariances, which equals a joint fit where "

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def changed(content: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """The content with ``changes`` in the place of its own; tables key by key."""
+    """Return the content with ``changes`` in the place of its own; tables key by key."""
     both = {
         key: {**content[key], **value}
         if isinstance(value, dict) and isinstance(content.get(key), dict)
@@ -314,8 +314,8 @@ def _flight(
 def _with_maneuvers(
     plan: Plan, records: tuple[Path, ...], maneuver: Any, file: Path | None, place: str
 ) -> Plan:
-    """The plan with the maneuvers that a flight names. Raises DeclarationError; a record that is
-    not there fails with its flight.
+    """Return the plan with the maneuvers that a flight names. Raises DeclarationError; a record
+    that is not there fails with its flight.
     """
     from scenarios.preparation.plan import with_maneuvers
 
@@ -369,7 +369,7 @@ def _either(own: Any, shared: Any) -> Any:
 
 
 def _condition(key: str, value: object, place: str) -> tuple[float, str]:
-    """A condition in its unit: ours where we know one, else as it was given."""
+    """Return a condition in its unit: ours where we know one, else as it was given."""
     from scenarios.files.schemas import number_in
 
     unit = CONDITIONS.get(key.lower())
@@ -409,8 +409,8 @@ def _in_one_unit(flights: Sequence[SurveyFlight], where: str) -> tuple[SurveyFli
 
 
 def _digest(flight: SurveyFlight) -> str:
-    """A hash of everything that a flight's results depend on; of a file that is not there, that it
-    is not.
+    """Return a hash of everything that a flight's results depend on; of a file that is not there,
+    that it is not.
     """
     files = [*flight.records, *(each.with_suffix(".json") for each in flight.records)]
     files += [

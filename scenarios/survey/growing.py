@@ -83,7 +83,7 @@ class PooledFits:
         return self.folder / FOLDER / self.flights[number].name / KEPT
 
     def kept(self, number: int) -> Mapping[str, Any] | None:
-        """The fits of a flight as its folder has them; None where it has none of these."""
+        """Return the fits of a flight as its folder has them; None where it has none of these."""
         content = json_or_none(self.path(number))
         return (
             content
@@ -353,7 +353,7 @@ class Sent:
 
 
 def sent(work: Diagnoses | PooledFits) -> Sent:
-    """A survey's work, to be given to a cluster by this process."""
+    """Return a survey's work, to be given to a cluster by this process."""
     files = {path: None for flight in work.flights for path in _inputs(flight) if path.is_file()}
     folder = Path.cwd()
     return Sent(replace(work, folder=folder / work.folder), folder, tuple(sys.argv), tuple(files))
@@ -476,8 +476,8 @@ def run_flights(
     tell: Tell,
     cluster: str | None,
 ) -> RowTable:
-    """The rows of a survey's work of ``count`` flights, whose files are in ``folder`` then. Raises
-    as ``run_study``.
+    """Return the rows of a survey's work of ``count`` flights, whose files are in ``folder`` then.
+    Raises as ``run_study``.
     """
     task_request = TaskRequest(
         count, 0, max(1, min(jobs, count)), cluster=cluster, unit="flights", elsewhere=folder
@@ -489,7 +489,7 @@ def run_flights(
 
 
 def last_survey(folder: Path) -> Mapping[str, Any]:
-    """The document of the last survey in a folder; empty where there is none."""
+    """Return the document of the last survey in a folder; empty where there is none."""
     content = json_or_none(folder / MAIN)
     return (
         content

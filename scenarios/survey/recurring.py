@@ -27,14 +27,14 @@ from ident.pooling import (
 
 # flights that claim an effect or name it as an alternative, from which it may recur
 FEWEST_NAMED = 2
-MOST = 5  # effects that are tried together: 32 sets a flight
+MOST_EFFECTS = 5  # effects that are tried together: 32 sets a flight
 
 DiagnosesByFlight = Mapping[str, Mapping[str, Any]]
 
 
 def candidates(diagnoses: DiagnosesByFlight) -> tuple[str, ...]:
-    """Effects that may recur, the most often named first: claimed somewhere, and named in two
-    flights at least.
+    """Return the effects that may recur, the most often named first: claimed somewhere, and named
+    in two flights at least.
     """
     claimed: Counter[str] = Counter()
     named: Counter[str] = Counter()
@@ -58,7 +58,9 @@ def candidates(diagnoses: DiagnosesByFlight) -> tuple[str, ...]:
         for name in named
         if named[name] >= FEWEST_NAMED and claimed[name] and not is_of_flight(name)
     ]
-    return tuple(sorted(wanted, key=lambda name: (-claimed[name], -named[name], name))[:MOST])
+    return tuple(
+        sorted(wanted, key=lambda name: (-claimed[name], -named[name], name))[:MOST_EFFECTS]
+    )
 
 
 def is_of_flight(name: str) -> bool:
@@ -107,10 +109,10 @@ def starts_of(diagnoses: DiagnosesByFlight, names: Sequence[str]) -> dict[str, f
 # ---- Which effects recur: judged over all flights together
 
 # effects that a search may name, for which the chance of a false recurrence is counted
-LIBRARY = 60
-EQUAL = 3.0  # twice the log likelihood, as in a diagnosis: below it two names are equal
-CLEARLY = 10.0  # of that sum. chosen, as what an addition has to bring in a diagnosis
-PRESENT = 0.5  # probability from which an effect belongs to a flight's model
+LIBRARY_SIZE = 60
+EQUAL_CHI_SQUARE = 3.0  # twice the log likelihood, as in a diagnosis: below it two names are equal
+CLEAR_CHI_SQUARE = 10.0  # of that sum. chosen, as what an addition has to bring in a diagnosis
+PRESENT_PROBABILITY = 0.5  # probability from which an effect belongs to a flight's model
 
 
 @dataclass(frozen=True)
@@ -153,8 +155,8 @@ class Recurring:
 def evidence_of(
     fits: Sequence[Mapping[str, Any]], name: str, beside: Sequence[frozenset[str]]
 ) -> tuple[Evidence, np.ndarray]:
-    """Evidence of each flight for an effect added to the sets ``beside``, and which flights can be
-    used ``(n,)``.
+    """Return the evidence of each flight for an effect added to the sets ``beside``, and which
+    flights can be used ``(n,)``.
     """
     gain: list[float] = []
     value: list[np.ndarray] = []
@@ -193,7 +195,7 @@ def recurring(
     fits: Sequence[Mapping[str, Any]],
     diagnoses: DiagnosesByFlight,
 ) -> tuple[list[Recurring], list[frozenset[str]]]:
-    """The effects that recur, the strongest first, and of each flight those that it has.
+    """Return the effects that recur, the strongest first, and of each flight those that it has.
 
     Forward selection over effects: the one whose recurrence gains most likelihood is added, each
     flight then has it where that is likelier than not; then each that was taken is asked again
@@ -237,7 +239,7 @@ def _preferred(
     sets: Sequence[frozenset[str]],
     diagnoses: DiagnosesByFlight,
 ) -> str:
-    """An effect, or the rival that all flights together prefer in its place.
+    """Return an effect, or the rival that all flights together prefer in its place.
 
     Names that are equal in likelihood are told apart by what they make of the derivatives: one
     aircraft has one value, the wrong name scatters it over the conditions; where that says nothing
@@ -252,7 +254,7 @@ def _preferred(
     }
     if not likely:
         return name
-    equal = [one for one, each in likely.items() if each > max(likely.values()) - EQUAL]
+    equal = [one for one, each in likely.items() if each > max(likely.values()) - EQUAL_CHI_SQUARE]
     if len(equal) == 1:
         return equal[0]
     differ = {
@@ -262,7 +264,7 @@ def _preferred(
         )
         for one in equal
     }
-    steady = [one for one in equal if differ[one] < min(differ.values()) + CLEARLY]
+    steady = [one for one in equal if differ[one] < min(differ.values()) + CLEAR_CHI_SQUARE]
     claims = Counter(
         e["name"] for flight in diagnoses.values() for e in flight["effects"] if e["claimed"]
     )
@@ -270,8 +272,8 @@ def _preferred(
 
 
 def _differences(fits: Sequence[Mapping[str, Any]], sets: Sequence[frozenset[str]]) -> float:
-    """Difference of the derivatives of all flights from common values: the sum of Cochran's
-    statistics.
+    """Return the difference of the derivatives of all flights from common values: the sum of
+    Cochran's statistics.
     """
     seen: dict[str, list[tuple[float, float]]] = {}
     for each, taken in zip(fits, sets, strict=True):
@@ -292,7 +294,7 @@ def recurrence_of_effect(
     evidence, able = evidence_of(fits, name, sets)
     if able.sum() < 2:
         return None
-    result = recurrence(evidence.of(np.flatnonzero(able)), LIBRARY)
+    result = recurrence(evidence.of(np.flatnonzero(able)), LIBRARY_SIZE)
     if able.all():
         return result
     probability = np.full(len(able), result.share)
@@ -313,7 +315,7 @@ def assigned(
             result = recurrence_of_effect(fits, name, now)
             if result is not None:
                 now = [
-                    each | {name} if p > PRESENT else each - {name}
+                    each | {name} if p > PRESENT_PROBABILITY else each - {name}
                     for each, p in zip(now, result.probability, strict=True)
                 ]
         if now == before:
@@ -363,8 +365,8 @@ def _recurring_of(
 
 # twice the log likelihood, of a flight's own effect beside those that recur. chosen, as in a
 # diagnosis
-NEEDED = 10.0
-ROUNDS = 4  # of asking flights for their own effects again; far more than it takes
+NEEDED_CHI_SQUARE = 10.0
+MOST_ROUNDS = 4  # of asking flights for their own effects again; far more than it takes
 
 
 def recurring_with_other_effects(
@@ -373,15 +375,15 @@ def recurring_with_other_effects(
     fits: Sequence[Mapping[str, Any]],
     diagnoses: DiagnosesByFlight,
 ) -> tuple[list[Recurring], list[frozenset[str]], list[Mapping[str, Any]]]:
-    """As ``recurring``, where a flight's own effects have to be needed beside what recurs; with the
-    fits that were taken of each flight.
+    """Find recurring effects as ``recurring`` does, if a flight's own effects must be needed in
+    addition to them; also return the fits of each flight.
 
     A flight alone may name one effect for two that recur, and would then say wrong values of both.
     Its own effects go where without them, with whatever it has of what recurs, it is not clearly
     less likely; then all flights are asked again.
     """
     left = (False,) * len(fits)
-    for _ in range(ROUNDS):
+    for _ in range(MOST_ROUNDS):
         now = [
             {**each, "sets": each["sets_without"]} if without else each
             for each, without in zip(fits, left, strict=True)
@@ -395,7 +397,7 @@ def recurring_with_other_effects(
 
 
 def _needless(fitted: Mapping[str, Any], taken: frozenset[str]) -> bool:
-    """Whether a flight's own effects are unnecessary beside the effects ``taken``."""
+    """Return whether a flight's own effects are unnecessary beside the effects ``taken``."""
 
     def most(sets: Mapping[str, Any]) -> float:
         return max(
@@ -409,7 +411,7 @@ def _needless(fitted: Mapping[str, Any], taken: frozenset[str]) -> bool:
 
     return (
         "sets_without" in fitted
-        and 2.0 * (most(fitted["sets"]) - most(fitted["sets_without"])) < NEEDED
+        and 2.0 * (most(fitted["sets"]) - most(fitted["sets_without"])) < NEEDED_CHI_SQUARE
     )
 
 
@@ -417,7 +419,7 @@ def _needless(fitted: Mapping[str, Any], taken: frozenset[str]) -> bool:
 
 # rate of false discoveries among the trends, and among the derivatives said to differ
 FALSE_DISCOVERY_RATE = 0.05
-UNDETERMINED = 1e6  # sigma over the value, from which a flight says nothing of it
+UNDETERMINED_SIGMA_RATIO = 1e6  # sigma over the value, from which a flight says nothing of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -458,8 +460,8 @@ def estimates(
     recurring_effects: Sequence[Recurring],
     sets: Sequence[frozenset[str]],
 ) -> list[dict[str, tuple[float, float]]]:
-    """Derivatives of each flight with sigmas, once the other flights have told the values that are
-    shared.
+    """Return the derivatives of each flight with sigmas, once the other flights have told the
+    values that are shared.
     """
     out: list[dict[str, tuple[float, float]]] = []
     shared = {each.name: each for each in recurring_effects if each.recurrence.agrees}
@@ -485,7 +487,7 @@ def estimates(
             {
                 n: (float(v), float(s))
                 for n, v, s in zip(each["declared"], value, sigma, strict=False)
-                if 0 < s < UNDETERMINED * max(abs(v), 1e-12)
+                if 0 < s < UNDETERMINED_SIGMA_RATIO * max(abs(v), 1e-12)
             }
         )
     return out
@@ -494,8 +496,8 @@ def estimates(
 def effects_over(
     recurring_effects: Sequence[Recurring], conditions: Mapping[str, Mapping[str, float]]
 ) -> dict[tuple[str, str], tuple[str, Trend]]:
-    """Parameters of effects whose values differ between flights, by effect and name, with the
-    condition with which each changes most surely.
+    """Return the parameters of effects whose values differ between flights, by effect and name,
+    with the condition with which each changes most surely.
     """
     trends_found: list[tuple[tuple[str, str], str, Trend]] = []
     for each in recurring_effects:

@@ -30,7 +30,13 @@ from scenarios.report.summary import BELOW, WIDTH, Summary, summary_lines, wrapp
 from scenarios.report.terminal import table_as_lines
 from scenarios.survey.flights import FOLDER
 from scenarios.survey.growing import GROWING_SCHEMA
-from scenarios.survey.recurring import EQUAL, FALSE_DISCOVERY_RATE, LIBRARY, Derivative, Recurring
+from scenarios.survey.recurring import (
+    EQUAL_CHI_SQUARE,
+    FALSE_DISCOVERY_RATE,
+    LIBRARY_SIZE,
+    Derivative,
+    Recurring,
+)
 from scenarios.survey.survey import SurveyResult
 
 # ---- What a survey found, in sentences and rows that terminal, page and JSON share
@@ -39,12 +45,12 @@ from scenarios.survey.survey import SurveyResult
 # outputs alike.
 AT_THE_INPUT = ("actuator-lag", "actuator-second-order", "input-delay", "input-recorded-late")
 FORCES = ("CL_", "CD_", "CX_", "CY_", "CZ_")
-FAR = 1e-99  # a chance below it is told as one
+LEAST_P_VALUE = 1e-99  # a chance below it is told as one
 HAS, HAS_NOT, UNTOLD = "has it", "does not have it", "undecided"
 
 
 def verdict_of(survey: SurveyResult) -> tuple[str, str]:
-    """A word or two, and the sentence after it."""
+    """Return a word or two, and the sentence after it."""
     diagnoses = survey.survey_files.diagnoses
     if not diagnoses:
         return "NO FLIGHT", "no flight could be used"
@@ -80,7 +86,7 @@ def effect_phrase(each: Recurring) -> str:
 
 
 def values_of(each: Recurring) -> list[str]:
-    """The common values with sigmas, in the units in which they are shown."""
+    """Return the common values with sigmas, in the units in which they are shown."""
     out = []
     sigmas = np.sqrt(np.diag(each.recurrence.covariance))
     for (local, unit), value, sigma in zip(
@@ -95,8 +101,8 @@ def values_of(each: Recurring) -> list[str]:
 
 
 def belongs_phrase(each: Recurring, survey: SurveyResult) -> str:
-    """In which flights an effect is present, and whether its value is constant or changes with a
-    condition.
+    """Return the flights in which an effect is present, and whether its value is constant or
+    changes with a condition.
     """
     text = f"{len(each.has)} have it, {len(each.has_not)} do not, {len(each.untold)} are undecided"
     whose = (
@@ -127,9 +133,9 @@ def _effect_change(survey: SurveyResult, each: Recurring, local: str) -> str:
 
 
 def rivals_phrase(each: Recurring) -> str:
-    """Effects that the evidence excludes, and those that it does not."""
-    equal = [name for name, margin in each.rivals.items() if margin < EQUAL]
-    margins = {name: margin for name, margin in each.rivals.items() if margin >= EQUAL}
+    """Return the effects that the evidence excludes, and those that it does not."""
+    equal = [name for name, margin in each.rivals.items() if margin < EQUAL_CHI_SQUARE]
+    margins = {name: margin for name, margin in each.rivals.items() if margin >= EQUAL_CHI_SQUARE}
     out = []
     if equal:
         out.append(
@@ -175,7 +181,7 @@ def _change(condition: str, line: Trend, per: str, unit: str, factor: float = 1.
 
 
 def drifts(survey: SurveyResult) -> list[str]:
-    """Every derivative that changes with a condition."""
+    """Return every derivative that changes with a condition."""
     return [phrase for each in survey.derivatives if (phrase := drift_phrase(survey, each))]
 
 
@@ -206,7 +212,7 @@ def outlying(survey: SurveyResult) -> list[tuple[str, str, float]]:
 
 
 def news(survey: SurveyResult) -> str:
-    """Counts of this survey: computed, new, failed and removed flights."""
+    """Return the counts of this survey: computed, new, failed and removed flights."""
     grown = survey.survey_files
     parts = [
         f"{len(grown.diagnoses)} flights",
@@ -219,7 +225,7 @@ def news(survey: SurveyResult) -> str:
 
 
 def single_phrases(survey: SurveyResult) -> list[str]:
-    """Effects that flights claim and that do not recur."""
+    """Return the effects that flights claim and that do not recur."""
     out = [
         f"{effect} is named in {listed(flights)} and does not recur"
         for effect, flights in survey.alone.items()
@@ -231,7 +237,7 @@ def single_phrases(survey: SurveyResult) -> list[str]:
 
 
 def fresh(survey: SurveyResult) -> list[str]:
-    """The new flights, each with its own verdict and the recurring effects that it has."""
+    """Return the new flights, each with its own verdict and the recurring effects that it has."""
     out = []
     for name in survey.survey_files.new:
         diagnosis = survey.survey_files.diagnoses[name]
@@ -248,7 +254,7 @@ def fresh(survey: SurveyResult) -> list[str]:
 
 
 def listed(names: Sequence[str], most: int = 6) -> str:
-    """Names with commas, those beyond ``most`` counted."""
+    """Return the names with commas, those beyond ``most`` counted."""
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
@@ -260,8 +266,8 @@ def state(each: Recurring, flight: str) -> str:
 
 
 def newest_first(survey: SurveyResult) -> list[str]:
-    """Names of the flights: new ones first, then by date, the last first, then in the order of the
-    file from its end.
+    """Return the names of the flights: new ones first, then by date, the last first, then in the
+    order of the file from its end.
     """
     order = list(survey.survey_files.diagnoses)
     fresh = set(survey.survey_files.new)
@@ -273,7 +279,7 @@ def newest_first(survey: SurveyResult) -> list[str]:
 
 
 def effects_table(survey: SurveyResult) -> Table:
-    """Table of the recurring effects."""
+    """Return the table of the recurring effects."""
     some = survey.recurs
 
     def counts(flights: Callable[[Recurring], Sequence[str]]) -> list[Cell]:
@@ -281,7 +287,7 @@ def effects_table(survey: SurveyResult) -> Table:
 
     whose = {"aircraft": "the aircraft"}
     chances = [
-        Number(p, shown=f"{p:.1g}" if p > FAR else f"<{FAR:.0e}")
+        Number(p, shown=f"{p:.1g}" if p > LEAST_P_VALUE else f"<{LEAST_P_VALUE:.0e}")
         for p in (each.recurrence.p_value for each in some)
     ]
     return table(
@@ -305,7 +311,7 @@ def effects_table(survey: SurveyResult) -> Table:
 
 
 def derivatives_table(survey: SurveyResult) -> Table:
-    """Derivatives over the flights."""
+    """Return the derivatives over the flights."""
     some = survey.derivatives
     changes = [drift_phrase(survey, each).partition(" changes ")[2] or MISSING for each in some]
     differs = ["yes" if each.differs < FALSE_DISCOVERY_RATE else "no" for each in some]
@@ -327,7 +333,7 @@ def derivatives_table(survey: SurveyResult) -> Table:
 
 
 def outlying_table(survey: SurveyResult) -> Table:
-    """Table of flights that lie outside the scatter of the others."""
+    """Return the table of flights that lie outside the scatter of the others."""
     far = outlying(survey)
     return table(
         "flights that stand out",
@@ -385,7 +391,7 @@ def kinematics(diagnosis: Mapping[str, Any]) -> str:
 
 
 def survey_content(survey: SurveyResult, created: str) -> dict[str, Any]:
-    """Everything of a survey but its flights' own studies, whose folders it names; SI."""
+    """Return everything of a survey but its flights' own studies, whose folders it names; SI."""
     grown, (word, rest) = survey.survey_files, verdict_of(survey)
     return {
         "schema": GROWING_SCHEMA,
@@ -396,7 +402,7 @@ def survey_content(survey: SurveyResult, created: str) -> dict[str, Any]:
         "headline": rest,
         "effects": [effect_content(each, survey) for each in survey.recurs],
         "tried": list(survey.tried),
-        "candidates": LIBRARY,
+        "candidates": LIBRARY_SIZE,
         "alone": {name: list(flights) for name, flights in survey.alone.items()},
         "needless": {name: list(flights) for name, flights in survey.needless.items()},
         "unfitted": dict(survey.unfitted),
@@ -556,7 +562,7 @@ def derivatives_text(survey: SurveyResult) -> str:
 
 
 def survey_text(survey: SurveyResult, width: int = WIDTH, details: str = BELOW) -> str:
-    """Text of the survey for a terminal of this width."""
+    """Return the text of the survey for a terminal of this width."""
     lines = [*summary_lines(summary_of(survey, details), width), ""]
     lines += table_as_lines(effects_table(survey), width)
     for each in survey.recurs:

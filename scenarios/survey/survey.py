@@ -24,7 +24,7 @@ from scenarios.survey.recurring import (
     starts_of,
 )
 
-FITTING = 0.75  # share of the work that is the diagnoses
+DIAGNOSIS_SHARE = 0.75  # share of the work that is the diagnoses
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -113,10 +113,17 @@ def survey_flights(
     survey = read_flights(path)
     tell("reading", 0.0)
     had = survey_files(
-        survey, folder, jobs, figures, lambda stage, share: tell(stage, FITTING * share), cluster
+        survey,
+        folder,
+        jobs,
+        figures,
+        lambda stage, share: tell(stage, DIAGNOSIS_SHARE * share),
+        cluster,
     )
     names = candidates(had.diagnoses)
-    begun = FITTING if had.computed else 0.0  # so that the time that is left follows from the share
+    begun = (
+        DIAGNOSIS_SHARE if had.computed else 0.0
+    )  # so that the time that is left follows from the share
     fits, refitted, unfitted = _fits(
         had,
         names,
@@ -175,8 +182,8 @@ def _fits(
     tell: Tell,
     cluster: str | None,
 ) -> tuple[dict[str, Mapping[str, Any]], int, dict[str, str]]:
-    """The fits of each flight with every set of what may recur, how many flights were fitted for
-    that now, and which could not be.
+    """Return the fits of each flight with every set of what may recur, how many flights were fitted
+    for that now, and which could not be.
     """
     flights = [had.flights[name] for name in had.diagnoses]
     whole = PooledFits(

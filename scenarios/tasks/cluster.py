@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 FLAG = "--cluster"
 INSTALL = 'pip install "flightid[cluster]"'
 START = "start one with dask scheduler, and give the address that it prints"
-REACHED = 6.0  # s in which a scheduler has to answer
-SILENT = 20.0  # s of a busy scheduler's silence, after which it counts as lost
-LOOK = 2.0  # s between looks whether the scheduler lives and how many workers it has
-POLL = 0.01  # s between looks for what has ended
+CONNECTION_TIMEOUT = 6.0  # s in which a scheduler has to answer
+SILENCE_TIMEOUT = 20.0  # s of a busy scheduler's silence, after which it counts as lost
+CHECK_INTERVAL = 2.0  # s between looks whether the scheduler lives and how many workers it has
+POLL_INTERVAL = 0.01  # s between looks for what has ended
 # blocks on their way for each thread of a worker: none waits for work, and memory is bounded
-AHEAD = 3
-FEWEST = 4  # blocks on their way while there are no workers yet
-PARTING = 1.0  # s that taking leave may take
+BLOCKS_PER_THREAD = 3
+BLOCKS_WITHOUT_WORKERS = 4  # blocks on their way while there are no workers yet
+CLOSING_TIMEOUT = 1.0  # s that taking leave may take
 
 
 def run_on_cluster(
@@ -44,8 +44,8 @@ def run_on_cluster(
     longest: float | None = None,
     say: Callable[[str], None] = lambda words: None,
 ) -> Generator[list[Ended], None, None]:
-    """As ``run_blocks``, by the workers of the Dask scheduler at ``address``; ``say`` is told what
-    it waits for.
+    """Run blocks as ``run_blocks`` does, by the workers of the Dask scheduler at ``address``;
+    ``say`` receives what it waits for.
 
     The work is sent once to each worker. A block whose worker dies is run by another, until Dask
     gives it up; then that is recorded.
@@ -129,11 +129,14 @@ def _streamed(
 
     coming: Any = as_completed([], loop=client.loop, with_results=True, raise_errors=False)
     waiting: dict[str, _SentBlock] = {}
-    given, window, looked = 0, FEWEST, -LOOK
+    given, window, looked = 0, BLOCKS_WITHOUT_WORKERS, -CHECK_INTERVAL
     while given < len(blocks) or waiting:
-        if time.monotonic() - looked > LOOK:
+        if time.monotonic() - looked > CHECK_INTERVAL:
             threads = _threads(client, address)
-            window, looked = max(FEWEST, AHEAD * threads), time.monotonic()
+            window, looked = (
+                max(BLOCKS_WITHOUT_WORKERS, BLOCKS_PER_THREAD * threads),
+                time.monotonic(),
+            )
             if not threads:
                 say(
                     "the cluster has no workers yet"
@@ -147,7 +150,7 @@ def _streamed(
             given += 1
         batch = coming.next_batch(block=False)
         if not batch:
-            time.sleep(POLL)
+            time.sleep(POLL_INTERVAL)
         for future, result in batch:
             to = waiting.pop(str(future.key))
             ended = _ended(blocks[to.at], future, result, address)
@@ -156,7 +159,7 @@ def _streamed(
 
 
 def _ended(block: Sequence[Task], future: Future, result: Any, address: str) -> list[Ended]:
-    """What came of a block; Dask's own failures are recorded as circumstances."""
+    """Return the results of a block; Dask's own failures are recorded as circumstances."""
     if isinstance(result, tuple):
         what, remedy = result
         raise FlightidError(what, where=address, remedy=remedy)
@@ -169,7 +172,7 @@ def _ended(block: Sequence[Task], future: Future, result: Any, address: str) -> 
         return list(result)
     if future.status != "error":
         raise _lost(address)
-    error = future.exception(timeout=REACHED)
+    error = future.exception(timeout=CONNECTION_TIMEOUT)
     if type(error).__name__ == "KilledWorker":
         return failed_by_circumstance(
             block,
@@ -185,7 +188,7 @@ def _threads(client: Client, address: str) -> int:
     if client.status != "running" or scheduler is None:
         raise _lost(address)
     try:
-        return sum(client.sync(scheduler.ncores, callback_timeout=SILENT).values())
+        return sum(client.sync(scheduler.ncores, callback_timeout=SILENCE_TIMEOUT).values())
     except (OSError, TimeoutError):
         raise _lost(address) from None
 
@@ -205,14 +208,14 @@ def _connected(address: str) -> Iterator[Client]:
     except ImportError:
         raise FlightidError("Dask is not installed", where=FLAG, remedy=INSTALL) from None
     settings = {
-        "distributed.comm.timeouts.connect": REACHED,
+        "distributed.comm.timeouts.connect": CONNECTION_TIMEOUT,
         "distributed.admin.large-graph-warning-threshold": "1GiB",
     }
     with _quiet(), dask.config.set(settings):
         try:
             kind = _kind(address)
             client = (
-                Client(address, timeout=REACHED, set_as_default=False, name="flightid")
+                Client(address, timeout=CONNECTION_TIMEOUT, set_as_default=False, name="flightid")
                 if kind == "Scheduler"
                 else None
             )
@@ -228,21 +231,21 @@ def _connected(address: str) -> Iterator[Client]:
             yield client
         finally:
             with contextlib.suppress(Exception):
-                client.close(timeout=PARTING)
+                client.close(timeout=CLOSING_TIMEOUT)
 
 
 def _kind(address: str) -> str:
-    """What answers at an address: ``"Scheduler"``, ``"Worker"``, ... A client would wait for ever
-    where something else listens there.
+    """Return the kind of the process at an address: ``"Scheduler"``, ``"Worker"``, ... A client
+    would wait for ever if something else listens there.
     """
     from distributed.core import rpc
 
     async def asked() -> str:
-        async with rpc(address, timeout=REACHED) as there:
+        async with rpc(address, timeout=CONNECTION_TIMEOUT) as there:
             return str((await there.identity())["type"])
 
     async def in_time() -> str:
-        return await asyncio.wait_for(asked(), REACHED)
+        return await asyncio.wait_for(asked(), CONNECTION_TIMEOUT)
 
     answer: queue.SimpleQueue[str | Exception] = queue.SimpleQueue()
 
@@ -281,4 +284,4 @@ def _quiet() -> Iterator[None]:
 
 
 def _short(error: Exception) -> str:
-    return " ".join(str(error).split())[:120] or f"none in {REACHED:g} s"
+    return " ".join(str(error).split())[:120] or f"none in {CONNECTION_TIMEOUT:g} s"

@@ -17,7 +17,7 @@ from scenarios.files.sources import versions
 from scenarios.tasks.processes import run_in_processes
 from scenarios.tasks.work import DECIDING, Ended, Task, Work
 
-IDLE = 30.0  # s after which a process that has nothing to do is ended
+IDLE_TIMEOUT = 30.0  # s after which a process that has nothing to do is ended
 
 _lock = threading.Lock()
 _sweeping = threading.Lock()  # held while a sweep is due
@@ -32,8 +32,8 @@ def run_sent(
     longest: float | None,
     asked: Mapping[str, str],
 ) -> list[Ended] | str | tuple[str, str]:
-    """A block ``(number, seed)`` of the pickled work ``content``; or, in words, why this worker
-    cannot run it, with the remedy if it is known.
+    """Return a block ``(number, seed)`` of the pickled work ``content``; or, in words, why this
+    worker cannot run it, with the remedy if it is known.
 
     A block that ends its process, or takes longer than ``longest`` s, leaves the worker alive, and
     threads of one worker do not share an interpreter: in a worker with four, four processes work.
@@ -109,13 +109,13 @@ def _lane(content: bytes, token: str, longest: float | None) -> _Lane | tuple[st
 
 def _sweep_later() -> None:
     if _sweeping.acquire(blocking=False):
-        timer = threading.Timer(IDLE / 2.0, _sweep)
+        timer = threading.Timer(IDLE_TIMEOUT / 2.0, _sweep)
         timer.daemon = True
         timer.start()
 
 
 def _sweep() -> None:
-    _end_idle(IDLE)
+    _end_idle(IDLE_TIMEOUT)
     _sweeping.release()
     if _idle:
         _sweep_later()
@@ -134,8 +134,8 @@ def _end_idle(longest: float) -> None:
 
 
 def _differing(here: Mapping[str, str], there: Mapping[str, str]) -> str:
-    """The first difference on which the last digits hang, in words; of Python, the second number of
-    its version.
+    """Return the first difference on which the last digits hang, in words; of Python, the second
+    number of its version.
     """
     for name in (*DECIDING, "python"):
         one, other = here.get(name), there.get(name)

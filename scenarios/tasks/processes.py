@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def run_block(work: Work, block: Sequence[Task]) -> list[Ended]:
-    """One block in this process; what fails is recorded."""
+    """Return one block in this process; what fails is recorded."""
     started = time.perf_counter()
     try:
         rows = list(work.run(block))
@@ -47,7 +47,7 @@ def run_block(work: Work, block: Sequence[Task]) -> list[Ended]:
 
 
 def failed_by_circumstance(block: Sequence[Task], why: str, seconds: float = 0.0) -> list[Ended]:
-    """A block that something other than its tasks ended."""
+    """Return a block that something other than its tasks ended."""
     return [Ended(task, None, why, seconds / len(block), passing=True) for task in block]
 
 
@@ -58,8 +58,8 @@ if sys.platform != "win32":
 
 
 START_METHOD = "FLIGHTID_START_METHOD"  # environment: "fork" (as if unset) or "spawn"
-LOOK = 0.5  # s between looks whether all processes live
-LIVES = 2  # processes that may die over one block, before it is given up
+CHECK_INTERVAL = 0.5  # s between looks whether all processes live
+MOST_DEATHS_PER_BLOCK = 2  # processes that may die over one block, before it is given up
 THREADS = (
     "OPENBLAS_NUM_THREADS",
     "OMP_NUM_THREADS",
@@ -73,7 +73,7 @@ _STARTING = threading.Lock()
 
 
 def can_fork() -> bool:
-    """Whether worker processes may be forks of this one.
+    """Return whether worker processes may be forks of this one.
 
     True on Linux. Windows has no ``os.fork``, and system libraries of macOS do not survive one.
     There, and where the environment variable ``FLIGHTID_START_METHOD`` is ``spawn``, worker
@@ -148,8 +148,8 @@ def _started(start: Callable[[BaseProcess], Any], process_obj: BaseProcess) -> A
 def run_in_processes(
     work: Work, blocks: Sequence[Sequence[Task]], jobs: int, longest: float | None = None
 ) -> Generator[list[Ended], None, None]:
-    """As ``run_blocks``, by ``jobs`` processes, which are ended at once where the caller stops,
-    fails or is interrupted.
+    """Run blocks as ``run_blocks`` does, by ``jobs`` processes, which are ended at once if the
+    caller stops, fails or is interrupted.
 
     A process that dies takes no study with it: its block is given to another, once.
     """
@@ -193,7 +193,7 @@ def run_in_processes(
             while given < len(blocks) and len(waiting) < jobs:
                 give(given, 1)
                 given += 1
-            done = wait(waiting, timeout=LOOK, return_when=FIRST_COMPLETED).done
+            done = wait(waiting, timeout=CHECK_INTERVAL, return_when=FIRST_COMPLETED).done
             for future in done | {each for each, to in waiting.items() if not to.pool.active}:
                 to = waiting.pop(future)
                 try:
@@ -208,7 +208,7 @@ def run_in_processes(
                     )
                 except BrokenProcessPool as error:
                     _end(pools, to.pool)
-                    if to.life < LIVES:
+                    if to.life < MOST_DEATHS_PER_BLOCK:
                         give(to.at, to.life + 1)
                         continue
                     ended = failed_by_circumstance(
@@ -228,9 +228,11 @@ class _GivenBlock(NamedTuple):
 
 
 def _result(future: Future[list[Ended]]) -> list[Ended]:
-    """What came of a block. Raises TimeoutError, and BrokenProcessPool where its process died."""
+    """Return the results of a block. Raises TimeoutError, and BrokenProcessPool if its process
+    died.
+    """
     try:
-        if not wait([future], timeout=LOOK).done:
+        if not wait([future], timeout=CHECK_INTERVAL).done:
             raise BrokenProcessPool("")
         return future.result()
     except ProcessExpired as error:
@@ -249,8 +251,8 @@ def _end(pools: list[ProcessPool], *ending: ProcessPool) -> None:
 
 
 def _context(module: str) -> BaseContext:
-    """How processes are started: forked from a server that has loaded ``module``, or afresh where
-    nothing can fork.
+    """Return how processes are started: forked from a server that has loaded ``module``, or afresh
+    where nothing can fork.
 
     The server runs no threads, and is deaf to Ctrl-C as they are: a terminal sends it to all
     processes, and the first alone answers it.
@@ -302,7 +304,7 @@ def _run(block: Sequence[Task]) -> list[Ended]:
 
 # ---- Who runs blocks of tasks: this process, or several of this machine
 
-WORTH = 2.0  # s of work left in one process, from which starting others pays
+LEAST_WORK_FOR_POOL = 2.0  # s of work left in one process, from which starting others pays
 
 
 def available_cores() -> int:
@@ -332,9 +334,9 @@ def run_blocks(
             started = time.perf_counter()
             yield run_block(work, blocks[at])
             at += 1
-            if jobs > 1 and (time.perf_counter() - started) * (len(blocks) - at) > WORTH * jobs / (
-                jobs - 1.0
-            ):
+            if jobs > 1 and (time.perf_counter() - started) * (
+                len(blocks) - at
+            ) > LEAST_WORK_FOR_POOL * jobs / (jobs - 1.0):
                 break
     if at < len(blocks):
         yield from run_in_processes(work, blocks[at:], jobs, longest)

@@ -183,7 +183,7 @@ def _run(
 
 
 def _taken(work: Work, ended: Ended) -> Ended:
-    """What is kept of a task that has ended."""
+    """Return the part of an ended task that is kept."""
     take: Callable[[Row], Row] | None = getattr(work, "taken", None)
     return ended if take is None or ended.row is None else replace(ended, row=take(ended.row))
 
@@ -202,7 +202,7 @@ def _by_cluster(
 
 
 def _cut_short(error: FlightidError, ended: int, asked: TaskRequest) -> FlightidError:
-    """What went wrong around the tasks, with what of them is kept."""
+    """Return the error that stopped the tasks, with the results that are kept."""
     if not ended:
         return error
     if asked.elsewhere is not None:
@@ -298,8 +298,8 @@ class Execution:
     limit: float | None = None
 
     def asked(self, count: int, root: int, block: int, unit: str) -> TaskRequest:
-        """A study of ``count`` tasks in blocks of ``block``. Raises FlightidError for what cannot
-        be.
+        """Return a study of ``count`` tasks in blocks of ``block``. Raises FlightidError for what
+        cannot be.
         """
         if self.jobs is not None and self.jobs < 1:
             raise FlightidError(
@@ -346,7 +346,9 @@ class Execution:
 
 
 def stopped(ended: int, asked: int, unit: str, out: Path | None) -> KeyboardInterrupt:
-    """What Ctrl-C ends a study with: what is kept of it, and how to go on."""
+    """Return the KeyboardInterrupt with which Ctrl-C ends a study: the results that are kept, and
+    how to go on.
+    """
     if out is None:
         return KeyboardInterrupt(
             f"the table of the {ended} of {asked} {unit} that had ended is printed above"

@@ -70,7 +70,7 @@ class Work(Protocol):
 
     @property
     def name(self) -> str:
-        """What it is called in the progress line and the manifest."""
+        """Name of the work in the progress line and the manifest."""
         ...
 
     @property
@@ -80,14 +80,14 @@ class Work(Protocol):
     def block(self) -> int: ...
 
     def identity(self) -> Mapping[str, Any]:
-        """Everything on which the rows depend but number and seed, as JSON: work is resumed only
-        where it is equal.
+        """Everything on which the rows depend but number and seed, as JSON: work is resumed only if
+        it is equal.
         """
         ...
 
     def run(self, tasks: Sequence[Task]) -> Sequence[Row | str]:
-        """The rows of a block of neighbouring tasks, in their order; text in place of a row says in
-        one line why there is none.
+        """Return the rows of a block of neighbouring tasks, in their order; text in place of a row
+        says in one line why there is none.
 
         What it raises is recorded as the error of all of them; KeyboardInterrupt alone passes.
         """
@@ -95,8 +95,8 @@ class Work(Protocol):
 
 
 def seed_of(root: int, number: int) -> int:
-    """The seed of a task: that of child ``number`` of ``numpy.random.SeedSequence(root)``, as
-    `SeedSequence.spawn` gives it.
+    """Return the seed of a task: that of child ``number`` of ``numpy.random.SeedSequence(root)``,
+    as `SeedSequence.spawn` gives it.
 
     Studies of different roots share no task, and a study with more tasks has the same first ones.
     """
@@ -155,7 +155,7 @@ class RowTable:
 
 
 def all_columns(work: Work) -> dict[str, str]:
-    """Names and types of what is kept of a task: its own and those of the work.
+    """Return the names and types of what is kept of a task: its own and those of the work.
 
     Raises ValueError where the work names a column as one of ours, or a type that there is not.
     """
@@ -166,7 +166,8 @@ def all_columns(work: Work) -> dict[str, str]:
 
 
 def columns_of(work: Work, ended: Sequence[Ended]) -> Columns:
-    """What has ended, as columns ``(k,)``: floats with NaN for no number, else objects with None.
+    """Return the ended tasks as columns ``(k,)``: floats with NaN for no number, else objects with
+    None.
 
     A row that has not the work's columns, or a cell of another type, is an error of its task.
     """
@@ -184,7 +185,7 @@ def columns_of(work: Work, ended: Sequence[Ended]) -> Columns:
 
 
 def array_of(cells: Iterable[object], kind: str) -> np.ndarray:
-    """One column: floats as floats, all else as objects of Python's own types."""
+    """Return one column: floats as floats, all else as objects of Python's own types."""
     if kind in FLOATS:
         return np.array([np.nan if cell is None else cell for cell in cells], dtype=float)
     column = [None if cell is None else KINDS[kind](cell) for cell in cells]
@@ -194,15 +195,15 @@ def array_of(cells: Iterable[object], kind: str) -> np.ndarray:
 
 
 def joined(kinds: Mapping[str, str], pieces: Sequence[Columns]) -> Columns:
-    """Columns one after another; of none, empty ones."""
+    """Return the columns one after another; of none, empty ones."""
     if not pieces:
         return {name: array_of((), kind) for name, kind in kinds.items()}
     return {name: np.concatenate([piece[name] for piece in pieces]) for name in kinds}
 
 
 def in_order(columns: Columns, count: int) -> Columns:
-    """Rows of the first ``count`` tasks by their numbers, each once: what a circumstance ended
-    gives way to what was computed later.
+    """Return the rows of the first ``count`` tasks by their numbers, each once: what a circumstance
+    ended gives way to what was computed later.
     """
     numbers = columns["number"].astype(np.int64)
     order = np.lexsort((columns["passing"].astype(bool), numbers))
@@ -213,7 +214,7 @@ def in_order(columns: Columns, count: int) -> Columns:
 
 
 def table_of(work: Work, columns: Columns, asked: int) -> RowTable:
-    """The table of rows that are in order."""
+    """Return the table of rows that are in order."""
     times = {name: columns[name] for name, kind in all_columns(work).items() if kind == "time"}
     shown = [name for name in (*SHOWN, *work.columns) if name not in times]
     return RowTable(
@@ -260,9 +261,7 @@ DECIDING = ("flightid", "numpy", "scipy", "filterpy", "control")
 
 
 def manifest_of(work: Work, root: int, count: int) -> dict[str, Any]:
-    """What stands in the manifest of a study: what its rows depend on, and how many there are to
-    be.
-    """
+    """Return the manifest of a study: everything that its rows depend on, and their number."""
     identity = json.loads(json_text(dict(work.identity()), "the identity of the work"))
     return {
         "schema": SCHEMA,
@@ -277,8 +276,8 @@ def manifest_of(work: Work, root: int, count: int) -> dict[str, Any]:
 
 
 def read_manifest(folder: Path) -> dict[str, Any] | None:
-    """The manifest of a folder; None where there is none. Raises FlightidError where it cannot be
-    read.
+    """Return the manifest of a folder; None where there is none. Raises FlightidError where it
+    cannot be read.
     """
     path = folder / MANIFEST
     if not os.path.lexists(path):
@@ -335,7 +334,7 @@ def refuse_another(kept: Mapping[str, Any], asked: Mapping[str, Any], folder: Pa
 
 
 def _difference(place: str, old: Any, new: Any) -> str:
-    """The first difference of two JSON values in words; empty where they are equal."""
+    """Return the first difference of two JSON values in words; empty where they are equal."""
     if isinstance(old, dict) and isinstance(new, dict):
         for key in sorted({*old, *new}):
             found = _difference(
@@ -367,9 +366,10 @@ def _shown(value: Any) -> str:
 
 # ---- Rows kept in a folder as they come
 
-EVERY = 5.0  # s between shards: what a power cut costs at most, beside the blocks under way
-MOST = 50_000  # rows in one shard
-MANY = 16  # shards, from which they are made one when the study ends
+# s between shards: what a power cut costs at most, beside the blocks under way
+SHARD_INTERVAL = 5.0
+MOST_SHARD_ROWS = 50_000
+MOST_SHARDS = 16  # shards, from which they are made one when the study ends
 LOCK = ".lock"
 
 
@@ -428,7 +428,7 @@ class Shards:
     def add(self, ended: Sequence[Ended]) -> None:
         """Keep what has ended, written by and by. Raises OSError, as where the disk is full."""
         self._buffer += ended
-        if time.monotonic() - self._since > EVERY or len(self._buffer) >= MOST:
+        if time.monotonic() - self._since > SHARD_INTERVAL or len(self._buffer) >= MOST_SHARD_ROWS:
             self.flush()
 
     def flush(self) -> None:
@@ -439,7 +439,7 @@ class Shards:
         self._since = time.monotonic()
 
     def read(self, count: int) -> Columns:
-        """All rows of the first ``count`` tasks, in order and each once."""
+        """Return all rows of the first ``count`` tasks, in order and each once."""
         return in_order(
             joined(all_columns(self.work), [columns for _, columns in self._readable()]), count
         )
@@ -447,7 +447,7 @@ class Shards:
     def compact(self) -> None:
         """Make many shards one; wherever it is cut short, no row is lost and none counts twice."""
         found = self._readable()
-        if len(found) < MANY:
+        if len(found) < MOST_SHARDS:
             return
         columns = joined(all_columns(self.work), [columns for _, columns in found])
         self._write(in_order(columns, int(columns["number"].max()) + 1))
@@ -539,7 +539,7 @@ def _read(column: pa.ChunkedArray, kind: str) -> np.ndarray:
 
 
 def missing(columns: Columns, count: int) -> np.ndarray:
-    """Numbers below ``count`` that have no row yet, or that a circumstance ended."""
+    """Return the numbers below ``count`` that have no row yet, or that a circumstance ended."""
     done = np.zeros(count, dtype=bool)
     done[columns["number"].astype(np.int64)[~columns["passing"].astype(bool)]] = True
     return np.flatnonzero(~done)

@@ -158,7 +158,7 @@ class _Sweep(BaseModel):
 
 
 def sweep_scenario_of(document: Mapping[str, Any], name: str, where: str) -> SweepScenario:
-    """A SweepScenario from the content of its file; ``where`` names the file in messages.
+    """Return a SweepScenario from the content of its file; ``where`` names the file in messages.
 
     Raises
     ------
@@ -231,11 +231,11 @@ def sweep_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Swe
     )
 
 
-TAPER = 0.02  # of the duration, at both ends of the sweep
+TAPER_SHARE = 0.02  # of the duration, at both ends of the sweep
 AIR_TIME = 0.5  # s, time constant of rough air
-LARGEST = 1e6  # of a roll rate, rad/s, from which the loop is unstable
-FINE = 20_000  # frequencies of the true distance from -1
-COARSE = 1_000  # frequencies between which splines give the true margins, to 1e-7
+UNSTABLE_ROLL_RATE = 1e6  # of a roll rate, rad/s, from which the loop is unstable
+FINE_FREQUENCIES = 20_000  # frequencies of the true distance from -1
+SPLINE_FREQUENCIES = 1_000  # frequencies between which splines give the true margins, to 1e-7
 
 
 def fly_sweep(scenario: SweepScenario, rng: np.random.Generator, number: int = 1) -> Record:
@@ -252,7 +252,7 @@ def fly_sweep(scenario: SweepScenario, rng: np.random.Generator, number: int = 1
         *edges,
         scenario.duration,
         0.0,
-        TAPER * scenario.duration,
+        TAPER_SHARE * scenario.duration,
         Spacing.LOGARITHMIC,
     )
     sweep = np.asarray(shape(time))
@@ -295,7 +295,7 @@ def _roll(
         delayed[n + whole + 1] = command[n]
         air = share * air + math.sqrt(1.0 - share**2) * scenario.rough_air * white[n]
         p = decay * p + now * delayed[n + 1] + before * delayed[n] + step * air
-        if not abs(p) < LARGEST:
+        if not abs(p) < UNSTABLE_ROLL_RATE:
             raise DeclarationError(
                 "the loop is unstable",
                 where="key loop",
@@ -334,8 +334,8 @@ def true_margins(scenario: SweepScenario) -> Mapping[str, float]:
     import control
 
     last = 0.999 * math.pi * frame_rate(scenario)
-    response = true_loop(scenario, np.geomspace(0.05, last, FINE))
-    omega = np.geomspace(0.05, last, COARSE)
+    response = true_loop(scenario, np.geomspace(0.05, last, FINE_FREQUENCIES))
+    omega = np.geomspace(0.05, last, SPLINE_FREQUENCIES)
     data = control.frd(true_loop(scenario, omega), omega, smooth=True)
     gains, phases, _, _, crossovers, _ = control.stability_margins(data, returnall=True)
     decibel = 20.0 * np.log10(np.asarray(gains))
@@ -352,7 +352,7 @@ def true_margins(scenario: SweepScenario) -> Mapping[str, float]:
 
 
 def true_parameters(scenario: SweepScenario) -> Mapping[str, float]:
-    """Parameters of the fitted form ``roll``; none of another form or aircraft."""
+    """Return the parameters of the fitted form ``roll``; none of another form or aircraft."""
     loop = scenario.loop
     if loop is None or scenario.form != "roll":
         return {}
@@ -488,12 +488,12 @@ def sweep_summary(study: SweepStudy, details: str) -> Summary:
 
 
 def model_lines(study: SweepStudy) -> list[str]:
-    """The fitted transfer function and how it is judged."""
+    """Return the fitted transfer function and how it is judged."""
     return [] if study.response is None else fit_lines(study.response, 0, 0)
 
 
 def cautions(study: SweepStudy) -> tuple[str, ...]:
-    """Cautions on the estimates."""
+    """Return the cautions on the estimates."""
     both = (*(study.response.cautions if study.response is not None else ()), *study.loop.cautions)
     return tuple(dict.fromkeys(both))
 
@@ -541,7 +541,7 @@ def truth_content(study: SweepStudy) -> dict[str, Any]:
 
 
 def sweep_comparison(study: SweepStudy) -> dict[str, Any]:
-    """Content of ``comparison.json``."""
+    """Return the content of ``comparison.json``."""
     scenario, loop = study.scenario, study.loop.loop
     return {
         "schema": SCHEMA,
@@ -557,7 +557,7 @@ def sweep_comparison(study: SweepStudy) -> dict[str, Any]:
 
 
 def sweep_page(study: SweepStudy, figure_files: tuple[Drawn, ...]) -> Page:
-    """The page of a study."""
+    """Return the page of a study."""
     scenario, loop = study.scenario, study.loop.loop
     summary = sweep_summary(study, BELOW)
     margins: list[Block] = []

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from ident.flying_qualities.stability_margins import (
-    LEVEL,
-    NORMAL,
+    CONFIDENCE,
+    NORMAL_HALF_WIDTH,
     Margin,
     StabilityMargins,
     loop_curve,
@@ -41,12 +41,14 @@ from scenarios.responses.reading import Names
 from scenarios.watching.rows import StreamSignals
 from sim.errors import DeclarationError, RecordError
 
-LOW = 0.2  # Hz
-HIGH = 10.0  # Hz
-SAMPLES = 5.0  # samples in a period of the highest frequency
-BEGINNING = 2.0  # s that are collected before the rate is known
-INSIDE = 0.1  # of ln(omega), by which a crossing lies inside the band before its margin is shown
-JOINED = 0.1  # of a period of the highest frequency, one sample at least: joined by a line
+LOWEST_FREQUENCY = 0.2  # Hz
+HIGHEST_FREQUENCY = 10.0  # Hz
+FEWEST_SAMPLES_PER_PERIOD = 5.0  # samples in a period of the highest frequency
+STARTING_TIME = 2.0  # s that are collected before the rate is known
+# of ln(omega), by which a crossing lies inside the band before its margin is shown
+CROSSING_DISTANCE = 0.1
+# of a period of the highest frequency, one sample at least: joined by a line
+LARGEST_BRIDGED_GAP = 0.1
 SCHEMA = "flightid/margins/1"
 MAIN, HISTORY = "margins.json", "history.csv"
 
@@ -77,7 +79,7 @@ class LoopNames:
 def loop_names(
     sign: str, inputs: Sequence[str], outputs: Sequence[str], excitation: str | None
 ) -> LoopNames:
-    """Names of a loop's signals.
+    """Return the names of a loop's signals.
 
     Raises DeclarationError if they are no single loop.
     """
@@ -146,7 +148,7 @@ def finish_second(session: MarginSession) -> list[MarginPoint]:
         return []
     block = np.concatenate(session.waiting, axis=1)
     if session.stream is None:
-        if block[0, -1] - block[0, 0] < BEGINNING or block.shape[1] < 4:
+        if block[0, -1] - block[0, 0] < STARTING_TIME or block.shape[1] < 4:
             return []
         _begin(session, block)
     session.waiting = []
@@ -169,9 +171,15 @@ def finish_second(session: MarginSession) -> list[MarginPoint]:
 def _begin(session: MarginSession, block: np.ndarray) -> None:
     """Open the transforms, with the rate that the first rows have."""
     session.step = float(np.median(np.diff(block[0])))
-    low, high = session.band or (LOW, min(HIGH, 1.0 / (SAMPLES * session.step)))
+    low, high = session.band or (
+        LOWEST_FREQUENCY,
+        min(HIGHEST_FREQUENCY, 1.0 / (FEWEST_SAMPLES_PER_PERIOD * session.step)),
+    )
     if not (0.0 < low < high and math.isfinite(high)):
-        what, remedy = f"{low:g} to {high:g} Hz is no band", "give LOW HIGH in Hz, above 0"
+        what, remedy = (
+            f"{low:g} to {high:g} Hz is no band",
+            "give LOW HIGH in Hz, above 0",
+        )
         raise DeclarationError(what, where="--band", remedy=remedy)
     # The longest window holds two and a half periods of the lowest frequency, as in `response`.
     lengths = window_lengths([2.0 * 2.5 / low], low)
@@ -197,7 +205,9 @@ def _even(session: MarginSession, block: np.ndarray) -> list[tuple[np.ndarray, i
         return []
     time, values = kept[0], kept[[-1, *range(1, kept.shape[0] - 1)]]
     steps = np.maximum(np.round(np.diff(time) / session.step).astype(int), 1)
-    longest = max(2, int(JOINED / (float(session.stream.frequency[-1]) * session.step)) + 1)
+    longest = max(
+        2, int(LARGEST_BRIDGED_GAP / (float(session.stream.frequency[-1]) * session.step)) + 1
+    )
     first = 0 if session.stream.samples == 0 else 1
     out, at, lost = [], first, 0
     for cut in [*(np.flatnonzero(steps > longest) + 1).tolist(), time.size]:
@@ -227,7 +237,7 @@ def _target(session: MarginSession) -> ResponseTarget | None:
     responses = session.responses
     if responses is None:
         return None
-    wide = t.ppf(0.5 * (1.0 + LEVEL), responses.degrees) / NORMAL
+    wide = t.ppf(0.5 * (1.0 + CONFIDENCE), responses.degrees) / NORMAL_HALF_WIDTH
     responses = replace(responses, std=responses.std * wide[:, None, :])
     good = responses.usable[0, 0] & (responses.random_error[0, 0] <= RANDOM_ERROR)
     usable = longest_run(good, np.log(responses.frequency))
@@ -250,12 +260,12 @@ def _point(session: MarginSession, time: float) -> MarginPoint:
 
 
 def _inside(margins: StabilityMargins, low: float, high: float) -> StabilityMargins:
-    """The margins whose crossings lie well inside the usable band.
+    """Return the margins whose crossings lie well inside the usable band.
 
     At an end of the band points lie on one side of the crossing alone, and the outermost are those
     that the excitation has only just reached: their errors are larger than their deviations.
     """
-    inside = math.exp(INSIDE)
+    inside = math.exp(CROSSING_DISTANCE)
 
     def kept(margin: Margin) -> bool:
         return low * inside <= margin.frequency.value <= high / inside
@@ -276,7 +286,7 @@ def _inside(margins: StabilityMargins, low: float, high: float) -> StabilityMarg
 
 
 def margins_of(session: MarginSession) -> LoopMargins | None:
-    """The margins after the last row; None where no frequency is usable."""
+    """Return the margins after the last row; None where no frequency is usable."""
     last = session.points[-1] if session.points else None
     target = _target(session)
     if last is None or last.margins is None or target is None:
@@ -307,7 +317,7 @@ def margins_of(session: MarginSession) -> LoopMargins | None:
 
 
 def _contradicted(session: MarginSession) -> bool:
-    """Whether the stream shows that the loop has the opposite sign."""
+    """Return whether the stream shows that the loop has the opposite sign."""
     sums = session.moments
     if not sums[0, 0] > 0.0:
         return False
@@ -316,12 +326,12 @@ def _contradicted(session: MarginSession) -> bool:
 
 
 def shown(point: MarginPoint) -> list[tuple[str, Margin]]:
-    """The margins of a point, by name."""
+    """Return the margins of a point, by name."""
     return [] if point.margins is None else list(point.margins.named.items())
 
 
 def line(session: MarginSession, point: MarginPoint, left_out: int) -> str:
-    """A second of the stream in one line, with 95 % intervals."""
+    """Return a second of the stream in one line, with 95 % intervals."""
     texts = [
         f"{WORDS[name]} {margin.size.value:.3g} ({interval_text(margin)}) {UNITS[margin.kind]}"
         for name, margin in shown(point)
@@ -355,7 +365,7 @@ def history_csv(session: MarginSession) -> str:
 
 
 def margin_content(session: MarginSession) -> dict[str, Any]:
-    """Content of ``margins.json`` without the stream's."""
+    """Return the content of ``margins.json`` without the stream's."""
     loop = margins_of(session)
     stream = session.stream
     warnings = list(loop.cautions) if loop else ["no frequency is usable: no margin is determined"]
@@ -384,5 +394,5 @@ def margin_content(session: MarginSession) -> dict[str, Any]:
 def refuse_short(session: MarginSession) -> None:
     """Raise RecordError where the rate was never known."""
     if session.stream is None:
-        what = f"less than {BEGINNING:g} s of rows that can be used"
+        what = f"less than {STARTING_TIME:g} s of rows that can be used"
         raise RecordError(what, where=session.name, remedy="stream a longer maneuver")

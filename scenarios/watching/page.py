@@ -35,9 +35,9 @@ from sim.errors import DeclarationError
 
 # ---- Events of a watch
 
-ROWS = 6000  # rows kept, two and a half minutes at 40 Hz
-ESTIMATES = 2000  # estimates kept, half an hour at one a second
-EVENTS = 1200  # two minutes of ten events a second
+KEPT_ROWS = 6000  # rows kept, two and a half minutes at 40 Hz
+KEPT_ESTIMATES = 2000  # estimates kept, half an hour at one a second
+KEPT_EVENTS = 1200  # two minutes of ten events a second
 
 
 class Event(NamedTuple):
@@ -63,12 +63,14 @@ class Batch(NamedTuple):
 class Feed:
     """Buffer of the events of a watch, for any number of readers in their own threads.
 
-    Memory is bounded for any length of the stream: the buffer keeps the last ``EVENTS`` events, the
-    last ``ROWS`` rows, estimates thinned to every second one when there are too many, and the last
-    event of every other name.
+    Memory is bounded for any length of the stream: the buffer keeps the last ``KEPT_EVENTS``
+    events, the last ``KEPT_ROWS`` rows, estimates thinned to every second one when there are too
+    many, and the last event of every other name.
     """
 
-    def __init__(self, rows: int = ROWS, estimates: int = ESTIMATES, events: int = EVENTS) -> None:
+    def __init__(
+        self, rows: int = KEPT_ROWS, estimates: int = KEPT_ESTIMATES, events: int = KEPT_EVENTS
+    ) -> None:
         self.token = secrets.token_hex(4)  # another watch on the same port numbers its events anew
         self._changed = threading.Condition()
         self._ring: deque[tuple[int, Event]] = deque(maxlen=events)
@@ -130,8 +132,8 @@ class Feed:
             return Batch(events, self._count, False, self.closed)
 
     def _whole(self) -> list[Event]:
-        """All events in the buffer in the order that a page needs: constants, rows, estimates,
-        status.
+        """Return all events in the buffer in the order that a page needs: constants, rows,
+        estimates, status.
         """
         first = [self._latest[name] for name in ("about",) if name in self._latest]
         estimates = list(self._estimates)
@@ -151,10 +153,10 @@ class Feed:
 
 ADDRESS = "127.0.0.1"
 USUAL_PORT = 8040
-READERS = 12  # at once; a browser has six connections to a host
-BEAT = 1.0  # s: an event or a sign of life
-RETRY = 500  # ms after which a browser comes back
-STUCK = 10.0  # s after which a reader that takes nothing is let go
+MOST_READERS = 12  # at once; a browser has six connections to a host
+HEARTBEAT_INTERVAL = 1.0  # s: an event or a sign of life
+RECONNECT_DELAY = 500  # ms after which a browser comes back
+READER_TIMEOUT = 10.0  # s after which a reader that takes nothing is let go
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -231,7 +233,9 @@ class PageServer(ThreadingHTTPServer):
                 continue
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """As in the base class; the connection is registered while it is open."""
+        """Process a request as the base class does; the connection is registered while it is
+        open.
+        """
         threading.current_thread().name = "page-reader"
         with self.lock:
             self._open.add(request)
@@ -250,7 +254,7 @@ class RequestHandler(BaseHTTPRequestHandler):
 
     server: PageServer
     server_version, sys_version = "flightid", ""
-    timeout = STUCK
+    timeout = READER_TIMEOUT
 
     def do_GET(self) -> None:
         """Send the page at ``/`` or its events at ``/events``."""
@@ -274,7 +278,7 @@ class RequestHandler(BaseHTTPRequestHandler):
     def _events(self, last_id: str) -> None:
         with self.server.lock:
             self.server.readers += 1
-            full = self.server.readers > READERS
+            full = self.server.readers > MOST_READERS
         try:
             if full:
                 self._plain(HTTPStatus.SERVICE_UNAVAILABLE, "too many pages are open\n")
@@ -293,9 +297,9 @@ class RequestHandler(BaseHTTPRequestHandler):
         for name, value in _GUARDS.items():
             self.send_header(name, value)
         self.end_headers()
-        self.wfile.write(f"retry: {RETRY}\n\n".encode())
+        self.wfile.write(f"retry: {RECONNECT_DELAY}\n\n".encode())
         while True:
-            batch = feed.since(last, BEAT)
+            batch = feed.since(last, HEARTBEAT_INTERVAL)
             lines = ["event: anew\ndata: {}\n\n"] if batch.complete else []
             lines += [f"event: {event.name}\ndata: {event.data}\n\n" for event in batch.events]
             # The number stands with the last event alone: who loses the line within a batch gets
@@ -333,7 +337,7 @@ def page() -> str:
 
 
 def _number_of(last_id: str, token: str) -> int | None:
-    """Number of the last event that a reader has received from this watch, else None."""
+    """Return the number of the last event that a reader has received from this watch, else None."""
     of, _, number = last_id.partition("-")
     return int(number) if of == token and number.isdecimal() and len(number) < 16 else None
 
@@ -364,7 +368,7 @@ def about(name: str, stick_unit: str, delays: np.ndarray, reference: str | None,
 
 
 def rows(steps: Sequence[WatchStep], offsets: Mapping[str, float]) -> str:
-    """Times, inputs, and for each channel the measured and the predicted values."""
+    """Return the times, inputs, and for each channel the measured and the predicted values."""
     table = np.array([step.row for step in steps]).T
     expected = np.array([_expected(step) for step in steps]).T
     out: dict[str, Any] = {"t": _rounded(table[0], 9), "stick": _rounded(table[1])}
@@ -430,7 +434,7 @@ def _expected(step: WatchStep) -> np.ndarray:
 
 
 def _rounded(values: np.ndarray, digits: int = 6) -> list[float | None]:
-    """Numbers with enough significant digits for a page; None for missing ones."""
+    """Return the numbers with enough significant digits for a page; None for missing ones."""
     return [
         float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in values.tolist()
     ]
@@ -446,9 +450,9 @@ def _line(content: Mapping[str, Any]) -> str:
 
 # ---- Feeds the page while a stream is watched
 
-FRAME = 0.1  # s between two events of rows
-STANDING = 1.0  # s between two of how the stream stands
-RECENT = 5.0  # s over which the rate is taken
+ROW_EVENT_INTERVAL = 0.1  # s between two events of rows
+STATE_EVENT_INTERVAL = 1.0  # s between two of how the stream stands
+RATE_AVERAGING_TIME = 5.0  # s over which the rate is taken
 KINDS = {
     True: "refined on line, delay between the grid points",
     False: "the most likely filter, deviations with what other starts led to",
@@ -482,10 +486,12 @@ class Follow:
             )
             self._feed.put("about", about(*named))
         self._waiting += steps
-        if session is not None and (now - self._sent >= FRAME or len(self._waiting) >= 1000):
+        if session is not None and (
+            now - self._sent >= ROW_EVENT_INTERVAL or len(self._waiting) >= 1000
+        ):
             self._rows(session)
             self._sent = now
-        if now - self._stood >= STANDING or (steps and not self._counted):
+        if now - self._stood >= STATE_EVENT_INTERVAL or (steps and not self._counted):
             self._stood = now
             self._stand(session, now)
 
@@ -518,7 +524,7 @@ class Follow:
     def _stand(self, session: Session | None, now: float, ended: str = "") -> None:
         rows = 0 if session is None or session.state is None else session.state.rows_seen
         self._counted.append((now, rows))
-        while len(self._counted) > 2 and now - self._counted[0][0] > RECENT:
+        while len(self._counted) > 2 and now - self._counted[0][0] > RATE_AVERAGING_TIME:
             self._counted.popleft()
         begun, before = self._counted[0]
         passed = now - begun

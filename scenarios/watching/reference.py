@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ident.estimate import Estimate
-from ident.statistics.residuals import BEYOND
+from ident.statistics.residuals import BOUND_SIGMAS
 from scenarios.files.sources import InputFile, read_json, resolved
 from scenarios.files.vehicles import VehicleFile, read_vehicle, vehicle_with_file
 from scenarios.identification.low_order import DERIVED, PAPER_START
@@ -43,8 +43,8 @@ class Reference:
 
 
 def read_reference(path: Path, needed: Sequence[str] = tuple(PAPER_START)) -> Reference:
-    """A study that has the ``needed`` parameters: its folder, or the comparison.json in it. Those
-    of the low-order equivalent system are what a watch of it starts from.
+    """Return a study that has the ``needed`` parameters: its folder, or the comparison.json in it.
+    Those of the low-order equivalent system are what a watch of it starts from.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def vehicle_to_watch(vehicle: Path | None, reference: Reference | None) -> Vehic
 
 
 def vehicle_sentence(vehicle: VehicleFile) -> str:
-    """Sentence on the vehicle file that gave constants and starting values."""
+    """Return the sentence on the vehicle file that gave constants and starting values."""
     named = vehicle_with_file(vehicle.name, vehicle.identity)
     return f"constants and starting values: {named}"
 
@@ -159,7 +159,7 @@ def _pairs(content: Mapping[str, Any], key: str, file: Path) -> dict[str, tuple[
 
 
 def _numbers(table: Any, key: str) -> dict[str, float]:
-    """Number under ``key`` of each entry by name, if it has one."""
+    """Return the number under ``key`` of each entry by name, if it has one."""
     entries = table.items() if isinstance(table, dict) else ()
     result: dict[str, Any] = {
         name: entry.get(key) for name, entry in entries if isinstance(entry, dict)
@@ -209,7 +209,7 @@ class CrossValidation:
         """Whether it lies outside the reference's bounds: more than two standard deviations of the
         difference.
         """
-        return self.z is not None and abs(self.z) > BEYOND
+        return self.z is not None and abs(self.z) > BOUND_SIGMAS
 
 
 @dataclass(frozen=True)
@@ -260,8 +260,8 @@ def comparisons(
 
 
 def live_table(view: View) -> Group:
-    """The table of a terminal, without a frame so that no number is cut in 80 columns, between its
-    heading and the weights of the delays.
+    """Return the table of a terminal, without a frame so that no number is cut in 80 columns,
+    between its heading and the weights of the delays.
     """
     table = Table(box=box.SIMPLE_HEAD, padding=0)
     compared = any(item.reference is not None for item in view.standings)
@@ -303,7 +303,7 @@ def live_table(view: View) -> Group:
 
 
 def line(view: View) -> str:
-    """The view in one line, for a log."""
+    """Return the view in one line, for a log."""
     by_name = {item.name: item for item in view.standings}
     shown = []
     for name, word in WORDS.items():
@@ -325,8 +325,9 @@ def line(view: View) -> str:
 
 
 def against(outside: Sequence[str], compared: int, name: str, hanging: Sequence[str] = ()) -> str:
-    """How a stream agrees with its reference ``name``: quantities that are ``outside`` its bounds
-    of two sigmas, how many were ``compared``, and which depend on the start and were not.
+    """Return the agreement of a stream with its reference ``name``: quantities that are ``outside``
+    its bounds of two sigmas, how many were ``compared``, and which depend on the start and were
+    not.
     """
     left = (
         f"; not compared, as they depend on the start: {', '.join(map(_word, hanging))}"

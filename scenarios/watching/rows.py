@@ -30,15 +30,16 @@ from scenarios.files.measured.columns import (
 )
 from scenarios.files.measured.derived import source_columns, with_derived
 from scenarios.files.measured.expressions import is_plain_name
-from scenarios.files.sources import LARGEST, InputFile
+from scenarios.files.sources import LARGEST_NUMBER, InputFile
 from scenarios.files.units import to_si
 from sim.errors import RecordError
 
 # ---- Complete lines as they arrive, from a file that grows or from standard input
 
-TICK = 0.1  # s between two looks at a source that has nothing new
+POLL_INTERVAL = 0.1  # s between two looks at a source that has nothing new
 LARGEST_PIECE = 1 << 16
-AHEAD = 16  # pieces of standard input that wait to be taken
+STANDARD_INPUT = 0  # file descriptor
+MOST_WAITING_PIECES = 16  # pieces of standard input that wait to be taken
 LONGEST_LINE = 1 << 20
 _NOT_LINES = (".gz", ".parquet", ".pq", ".mat")
 
@@ -123,26 +124,26 @@ def growing_file(path: Path, until_end: bool) -> Iterator[Read]:
                 return piece
             if until_end or (path.is_file() and os.fstat(file.fileno()).st_size < file.tell()):
                 return None
-            time.sleep(TICK)
+            time.sleep(POLL_INTERVAL)
             return b""
 
         yield read
 
 
-def standard_input(descriptor: int = 0) -> Read:
+def standard_input() -> Read:
     """Source of piped input, which ends with the pipe.
 
     A thread waits for the pipe, since Windows can only wait for sockets; it reads a few pieces
     ahead.
     """
-    pieces: queue.Queue[bytes | OSError] = queue.Queue(AHEAD)
+    pieces: queue.Queue[bytes | OSError] = queue.Queue(MOST_WAITING_PIECES)
     ended = False
 
     def wait() -> None:
         piece: bytes | OSError = b" "
         while piece and not isinstance(piece, OSError):
             try:
-                piece = os.read(descriptor, LARGEST_PIECE)
+                piece = os.read(STANDARD_INPUT, LARGEST_PIECE)
             except OSError as error:
                 piece = error
             pieces.put(piece)
@@ -154,7 +155,7 @@ def standard_input(descriptor: int = 0) -> Read:
         if ended:
             return None
         try:
-            piece = pieces.get(timeout=TICK)
+            piece = pieces.get(timeout=POLL_INTERVAL)
         except queue.Empty:
             return b""
         if isinstance(piece, OSError):
@@ -174,7 +175,7 @@ def standard_input(descriptor: int = 0) -> Read:
 INPUTS, OUTPUTS = (STICK,), ("alpha", "q", "nz")
 ROWS_AHEAD = 1.0  # s: a time stamp further ahead is believed when the next one bears it out
 UNWRAP = re.compile(r"\bunwrap\s*\(")
-LOST = 600.0  # s: after a gap this long nothing of the motion before is known
+LONGEST_BRIDGED_GAP = 600.0  # s: after a gap this long nothing of the motion before is known
 
 
 @dataclass(frozen=True)
@@ -244,8 +245,8 @@ class Order(NamedTuple):
     """How far the stream has come: time (s) and inputs of the last row, and a row that waits to be
     borne out by the next.
 
-    ``lost`` is the time at which the stream jumped by more than ``LOST``; nothing is taken after
-    it.
+    ``lost`` is the time at which the stream jumped by more than ``LONGEST_BRIDGED_GAP``; nothing is
+    taken after it.
     """
 
     time: float = -math.inf
@@ -266,7 +267,7 @@ def read_header(
     first: int = 2,
     signals: StreamSignals = LOES,
 ) -> Header:
-    """The header of a stream, by the rules for records.
+    """Return the header of a stream, by the rules for records.
 
     Parameters
     ----------
@@ -366,7 +367,7 @@ def _named(cells: list[str], name: str, names: Sequence[str]) -> list[str]:
 
 
 def _missing(channel: str, cells: Sequence[str], name: str) -> RecordError:
-    """The error for a stream without a channel."""
+    """Return the error for a stream without a channel."""
     error = missing_column(channel, cells, name)
     if all(is_number(cell) for cell in cells):
         return RecordError(
@@ -379,7 +380,7 @@ def _missing(channel: str, cells: Sequence[str], name: str) -> RecordError:
 
 
 def _by_name(choice: ColumnChoice, cells: Sequence[str]) -> ColumnChoice:
-    """A column that is chosen by its number alone, chosen by its header."""
+    """Return a column that is chosen by its number alone, chosen by its header."""
     known = isinstance(choice.column, int) and not choice.computed and choice.column <= len(cells)
     return replace(choice, column=cells[int(choice.column) - 1]) if known else choice
 
@@ -407,7 +408,7 @@ def _refuse_other_rows(choices: Mapping[str, ColumnChoice], name: str) -> None:
 def _table(
     name: str, cells: Sequence[str], columns: Mapping[int, np.ndarray], rows: int
 ) -> CellTable:
-    """Rows of a stream as a table, NaN where a column is not read."""
+    """Return the rows of a stream as a table, NaN where a column is not read."""
     blank = np.full(rows, np.nan)
     return CellTable(
         name,
@@ -420,8 +421,8 @@ def _table(
 def read_lines(
     header: Header, lines: Sequence[bytes], first: int
 ) -> tuple[np.ndarray, list[int], list[Fault]]:
-    """Numbers ``(signals, N)`` in SI, NaN where a cell is empty, the row number of each, and the
-    lines that are no rows.
+    """Return the numbers ``(signals, N)`` in SI, NaN where a cell is empty, the row number of each,
+    and the lines that are no rows.
 
     ``first`` is the number of the first line. Empty lines are no fault.
     """
@@ -475,11 +476,11 @@ def read_lines(
 def in_order(
     table: np.ndarray, numbers: Sequence[int], order: Order
 ) -> tuple[np.ndarray, list[Fault], Order]:
-    """The rows that go on from ``order``, ``(signals, N)``, with their faults.
+    """Return the rows that go on from ``order``, ``(signals, N)``, with their faults.
 
-    A row whose time is missing, repeated or goes back is left out. One that is more than ``AHEAD``
-    later than the last waits until the next is later still, else it is left out. A missing input
-    holds its last value; before there is one, the row is left out.
+    A row whose time is missing, repeated or goes back is left out. One that is more than
+    ``MOST_WAITING_PIECES`` later than the last waits until the next is later still, else it is left
+    out. A missing input holds its last value; before there is one, the row is left out.
     """
     if _goes_on(table, order):
         return (
@@ -513,7 +514,7 @@ def in_order(
             ahead, ahead_row = order.waiting, order.waiting_row
             order = order._replace(waiting=None)
             if time > ahead[0]:
-                if ahead[0] - order.time > LOST and order.time > -math.inf:
+                if ahead[0] - order.time > LONGEST_BRIDGED_GAP and order.time > -math.inf:
                     order = order._replace(lost=order.time)
                     faults += [
                         Fault(each, f"the time jumps from {order.time:g} s to {ahead[0]:g} s")
@@ -536,14 +537,14 @@ def in_order(
 
 
 def at_end(order: Order, height: int = 2 + len(OUTPUTS)) -> tuple[np.ndarray, list[Fault], Order]:
-    """As ``in_order`` for a row that still waits when the stream ends: nothing speaks against it,
-    but a jump that loses the motion.
+    """Order, as ``in_order`` does, a row that still waits when the stream ends: nothing speaks
+    against it, but a jump that loses the motion.
     """
     rows: list[np.ndarray] = []
     faults: list[Fault] = []
     if order.waiting is not None:
         row, number, order = order.waiting, order.waiting_row, order._replace(waiting=None)
-        if row[0] - order.time > LOST and order.time > -math.inf:
+        if row[0] - order.time > LONGEST_BRIDGED_GAP and order.time > -math.inf:
             faults.append(Fault(number, f"the time jumps from {order.time:g} s to {row[0]:g} s"))
         else:
             order = _accept(row, number, order, rows, faults)
@@ -551,7 +552,7 @@ def at_end(order: Order, height: int = 2 + len(OUTPUTS)) -> tuple[np.ndarray, li
 
 
 def _goes_on(table: np.ndarray, order: Order) -> bool:
-    """Whether all rows simply continue from ``order``, without missing times or inputs."""
+    """Return whether all rows simply continue from ``order``, without missing times or inputs."""
     if table.shape[1] == 0 or order.waiting is not None or order.lost is not None:
         return False
     steps = np.diff(table[0], prepend=order.time)
@@ -581,8 +582,8 @@ def _accept(
 
 
 def _plain_numbers(line: bytes, places: Sequence[int], width: int) -> list[float] | None:
-    """Numbers of a line that has only numbers, None for any other; nearly all lines do, and this is
-    three times as fast.
+    """Return the numbers of a line that has only numbers, None for any other; nearly all lines do,
+    and this is three times as fast.
     """
     cells = line.split(b",")
     if len(cells) != width or b'"' in line or b"_" in line or not line.isascii():
@@ -591,12 +592,12 @@ def _plain_numbers(line: bytes, places: Sequence[int], width: int) -> list[float
         result = [float(cells[place]) for place in places]
     except ValueError:
         return None
-    return result if max(result) <= LARGEST and min(result) >= -LARGEST else None
+    return result if max(result) <= LARGEST_NUMBER and min(result) >= -LARGEST_NUMBER else None
 
 
 def _careful(line: bytes, places: Sequence[int], width: int) -> list[float]:
-    """Numbers of a line, NaN for an empty cell, empty for an empty line; ValueError or csv.Error
-    otherwise.
+    """Return the numbers of a line, NaN for an empty cell, empty for an empty line; ValueError or
+    csv.Error otherwise.
     """
     if not line.strip():
         return []
@@ -608,7 +609,7 @@ def _careful(line: bytes, places: Sequence[int], width: int) -> list[float]:
 
 
 def _number(cell: str) -> float:
-    """A cell as a number, NaN if empty; ValueError otherwise."""
+    """Return a cell as a number, NaN if empty; ValueError otherwise."""
     try:
         value = float(cell)
     except ValueError:
@@ -617,7 +618,7 @@ def _number(cell: str) -> float:
             raise ValueError(f"{_shown(cell)} is not a number") from None
     if "_" in cell:
         raise ValueError(f"{_shown(cell)} is not a number")
-    if abs(value) > LARGEST:
+    if abs(value) > LARGEST_NUMBER:
         raise ValueError(f"{_shown(cell)} is no measurement")
     return value
 

@@ -72,17 +72,17 @@ from sim.record import Channel, Hold, Record
 
 # ---- A watch in progress
 
-BEGINNING = 2.0  # s that are collected before the filter starts
-FEWEST = 40  # rows of it
-SPIKE = 30.0  # standard deviations of the innovation
+STARTING_TIME = 2.0  # s that are collected before the filter starts
+FEWEST_STARTING_ROWS = 40
+SPIKE_SIGMAS = 30.0  # standard deviations of the innovation
 # what a vehicle file gives a start of
 STARTED = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau")
 RELINEARISED_ROWS = 1600  # 40 s at 40 Hz: two seconds of computing
 # of the rows at the last attempt: all of them together then cost five times the last one
-GROWN = 1.25
+ATTEMPT_GROWTH = 1.25
 # rows over which the stick should not have moved before a part of a record begins: the longest
 # delay and the lag
-STEADY = 20
+STEADY_STICK_ROWS = 20
 UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g"}
 
 
@@ -147,7 +147,11 @@ def take(session: Session, rows: np.ndarray) -> list[WatchStep]:
             float(block[0, column])
             for block, column in ((session.taken[0], 0), (session.taken[-1], -1))
         ]
-        return start(session) if times[1] - times[0] >= BEGINNING and session.rows >= FEWEST else []
+        return (
+            start(session)
+            if times[1] - times[0] >= STARTING_TIME and session.rows >= FEWEST_STARTING_ROWS
+            else []
+        )
     return _filter(session, session.taken[-1])
 
 
@@ -164,14 +168,16 @@ def start(session: Session) -> list[WatchStep]:
     noise = noise_levels(record)
     session.offsets = trim_of(record, noise)
     session.system = filter_system(less(record, session.offsets), session.vehicle, noise)
-    session.bank = online_bank(session.system, float(np.median(np.diff(record.time))), gate=SPIKE)
+    session.bank = online_bank(
+        session.system, float(np.median(np.diff(record.time))), gate=SPIKE_SIGMAS
+    )
     session.others = bank_of_starts(session.bank, moved_starts(session.bank, STARTED))
     session.taken = [np.concatenate(session.taken, axis=1)]
     return _filter(session, session.taken[0])
 
 
 def record_of(session: Session) -> Record:
-    """The rows so far as a record, spikes that the filter left out missing.
+    """Return the rows so far as a record, spikes that the filter left out missing.
 
     Raises
     ------
@@ -242,8 +248,8 @@ def _filter(session: Session, block: np.ndarray) -> list[WatchStep]:
 def _refined(
     session: Session, states: list[BankState], ends: FinalStates, given: Rows
 ) -> list[Relinearised | None]:
-    """The bank linearised anew after each row. Whether it is time for that is asked at the first
-    row of each second, however rows come.
+    """Return the bank linearised anew after each row. Whether it is time for that is asked at the
+    first row of each second, however rows come.
     """
     seconds = np.floor(given.time)
     new_seconds = np.flatnonzero(np.diff(seconds, prepend=session.second) > 0).tolist()
@@ -277,7 +283,7 @@ def _refined(
 
 def _wanted(session: Session, state: BankState) -> bool:
     assert session.bank is not None
-    if state.rows_seen - session.first < GROWN * (session.tried - session.first):
+    if state.rows_seen - session.first < ATTEMPT_GROWTH * (session.tried - session.first):
         return False
     if session.refined is None:
         return informative_enough(session.bank, state, STARTED)
@@ -285,7 +291,9 @@ def _wanted(session: Session, state: BankState) -> bool:
 
 
 def _linearised(session: Session, state: BankState, elsewhere: np.ndarray) -> Relinearised | None:
-    """Over the rows up to a state, of many the last, from where the aircraft was steady."""
+    """Linearise over the rows up to a state, of many the last, from where the aircraft was
+    steady.
+    """
     assert session.bank is not None
     record, last = record_of(session), state.rows_seen
     if last - session.first > RELINEARISED_ROWS:
@@ -314,28 +322,34 @@ def onset(record: Record, first: int) -> int:
     """
     stick = record["stick"].values[first:]
     away = np.abs(stick - np.median(stick))
-    return max(first, first + int(np.argmax(away > 0.05 * away.max())) - FEWEST)
+    return max(first, first + int(np.argmax(away > 0.05 * away.max())) - FEWEST_STARTING_ROWS)
 
 
 def steadiest(record: Record, first: int, last: int) -> int:
-    """The row from ``first`` to before ``last`` at which the stick has moved and the aircraft
-    pitches least, in shares of their largest.
+    """Return the row from ``first`` to before ``last`` at which the stick has moved and the
+    aircraft pitches least, in shares of their largest.
     """
     stick, pitching = record["stick"].values, np.zeros(len(record))
     if "q" in record.output_names:
         pitching = np.abs(np.where(record["q"].valid, record["q"].values, np.inf))
-    moved = np.ptp(np.lib.stride_tricks.sliding_window_view(stick, STEADY), axis=1)
-    rows = np.arange(max(first, STEADY - 1), last)
+    moved = np.ptp(np.lib.stride_tricks.sliding_window_view(stick, STEADY_STICK_ROWS), axis=1)
+    rows = np.arange(max(first, STEADY_STICK_ROWS - 1), last)
     largest = [
         max(float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0)), 1e-12)
         for values in (stick, pitching)
     ]
-    return int(rows[np.argmin(moved[rows - STEADY + 1] / largest[0] + pitching[rows] / largest[1])])
+    return int(
+        rows[
+            np.argmin(
+                moved[rows - STEADY_STICK_ROWS + 1] / largest[0] + pitching[rows] / largest[1]
+            )
+        ]
+    )
 
 
 def _on(bank: OnlineBank, state: BankState | None, rows: Rows) -> list[BankState]:
-    """The states after each of the rows, from the first row of all on where there is no state
-    yet.
+    """Return the states after each of the rows, from the first row of all on where there is no
+    state yet.
     """
     if state is not None:
         return advance(bank, state, rows)
@@ -344,7 +358,7 @@ def _on(bank: OnlineBank, state: BankState | None, rows: Rows) -> list[BankState
 
 
 def _rows_of(session: Session, block: np.ndarray) -> Rows:
-    """A block about its trim."""
+    """Return a block about its trim."""
     levels = np.array([0.0, *(session.offsets.get(name, 0.0) for name in ("stick", *OUTPUTS))])[
         :, None
     ]
@@ -356,7 +370,7 @@ def _rows_of(session: Session, block: np.ndarray) -> Rows:
 
 STOPPED = "stopped by the user"
 # rows that are filtered before they are written and shown: a few hundredths of a second
-TOGETHER = 200
+ROWS_PER_BATCH = 200
 
 
 @dataclass
@@ -399,7 +413,7 @@ class Watch:
 
 
 def rows_in(watch: Watch, came: Lines) -> np.ndarray:
-    """The rows that lines hold."""
+    """Return the rows that lines hold."""
     lines = came.whole
     if lines:
         watch.heard = time.monotonic()
@@ -448,8 +462,10 @@ def _session(watch: Watch, header: Header) -> Session:
 
 
 def pieces(session: Session | None, rows: np.ndarray) -> Iterator[np.ndarray]:
-    """Rows cut where a second of the stream begins, so that what is shown does not hang on how they
-    came: one second at a time until the filter has started, later as many as ``TOGETHER`` holds."""
+    """Yield the rows cut where a second of the stream begins, so that what is shown does not hang
+    on how they came: one second at a time until the filter has started, later as many as
+    ``ROWS_PER_BATCH`` holds.
+    """
     if session is None or not rows.size:
         return
     cuts = [*(np.flatnonzero(np.diff(np.floor(rows[0]))) + 1).tolist(), rows.shape[1]]
@@ -457,7 +473,9 @@ def pieces(session: Session | None, rows: np.ndarray) -> Iterator[np.ndarray]:
     while first < rows.shape[1]:
         ahead = [cut for cut in cuts if cut > first]
         fitting = (
-            [cut for cut in ahead if cut <= first + TOGETHER] if session.bank is not None else []
+            [cut for cut in ahead if cut <= first + ROWS_PER_BATCH]
+            if session.bank is not None
+            else []
         )
         last = max(fitting, default=ahead[0])
         yield rows[:, first:last]
@@ -465,7 +483,7 @@ def pieces(session: Session | None, rows: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def session_of(watch: Watch) -> Session:
-    """The session, which begins with the header. Raises RecordError where none came."""
+    """Return the session, which begins with the header. Raises RecordError where none came."""
     if watch.session is None:
         raise RecordError(
             "the stream is empty", where=watch.name, remedy="give a header row and one row a sample"
@@ -525,8 +543,8 @@ def history_section(
 def courses_of(
     history: str, parameters: Mapping[str, Mapping[str, Any]]
 ) -> tuple[np.ndarray, dict[str, tuple[str, np.ndarray, np.ndarray]]]:
-    """Times ``(N,)`` and by parameter its unit, values and standard deviations ``(N,)``, NaN where
-    a cell is empty; refined estimates where the history has them.
+    """Return the times ``(N,)`` and by parameter its unit, values and standard deviations ``(N,)``,
+    NaN where a cell is empty; refined estimates where the history has them.
     """
     rows = list(csv.reader(io.StringIO(history)))
     if len(rows) < 2:

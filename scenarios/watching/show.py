@@ -19,7 +19,11 @@ from typing import Any
 import numpy as np
 
 from ident.estimate import Estimate
-from ident.flying_qualities.stability_margins import NORMAL, REQUIRED_GAIN, REQUIRED_PHASE
+from ident.flying_qualities.stability_margins import (
+    NORMAL_HALF_WIDTH,
+    REQUIRED_GAIN,
+    REQUIRED_PHASE,
+)
 from scenarios.files.sources import InputFile, versions
 from scenarios.files.writing import study_folder, write_json, write_record, write_text
 from scenarios.report.document import (
@@ -95,12 +99,12 @@ from scenarios.watching.study import (
     so_far,
 )
 
-SHOWN = 4  # parameters in a line, the best known ones
+SHOWN_PARAMETERS = 4  # parameters in a line, the best known ones
 
 
 def line(session: SpectralSession, point: Point, left_out: int) -> str:
-    """A second of the stream in one line."""
-    rows = estimate_of(point, session)[:SHOWN]
+    """Return a second of the stream in one line."""
+    rows = estimate_of(point, session)[:SHOWN_PARAMETERS]
     texts = [
         f"{each['name']} {number_text(each['value'], each['std'])} +- "
         f"{number_text(each['std'], each['std'])}"
@@ -113,7 +117,7 @@ def line(session: SpectralSession, point: Point, left_out: int) -> str:
 def items_of(
     session: SpectralSession, estimate: Estimate | None, reference: Reference | None
 ) -> tuple[CrossValidation, ...]:
-    """The last estimate against the reference where there is one."""
+    """Return the last estimate against the reference where there is one."""
     return (
         ()
         if estimate is None
@@ -224,8 +228,8 @@ def spectral_page(
     first: tuple[Section, ...] = (),
     vehicle: InputFile | None = None,
 ) -> Page:
-    """The page of a stream that was identified in the frequency domain; ``first``: the sections
-    with which it begins, ``vehicle`` the vehicle file that was read.
+    """Return the page of a stream that was identified in the frequency domain; ``first``: the
+    sections with which it begins, ``vehicle`` the vehicle file that was read.
     """
     stream = content["stream"]
     counts = (
@@ -288,11 +292,11 @@ def estimate_blocks(content: Mapping[str, Any]) -> list[Block]:
     ]
 
 
-REFRESH = 0.25  # s between two drawings of the live table
+REFRESH_INTERVAL = 0.25  # s between two drawings of the live table
 
 
 def view_of(watch: Watch, session: Session, step: WatchStep | None = None) -> View:
-    """The stream after a step, the last when None."""
+    """Return the stream after a step, the last when None."""
     # A step that is named is news, however long its row waited to be filtered.
     silent = time.monotonic() - watch.heard if step is None else 0.0
     bank, step = session.bank, session.last if step is None else step
@@ -334,7 +338,7 @@ class Show:
             return
         if self.live is not None:
             now = time.monotonic()
-            if now - self._drawn >= REFRESH:
+            if now - self._drawn >= REFRESH_INTERVAL:
                 self._drawn = now
                 self.live.update(live_table(view_of(self._watch, session)), refresh=True)
             return
@@ -468,7 +472,7 @@ def loop_page(
     digest: str,
     figure_blocks: tuple[Block, ...],
 ) -> Page:
-    """The page of a loop that was watched."""
+    """Return the page of a loop that was watched."""
     stream = content["stream"]
     said = f"{stream['rows']} rows of {name}, {stream['left_out']} left out, {stream['gaps']} gaps"
     margins: list[Block] = []
@@ -532,7 +536,7 @@ class FollowLoop:
         items = []
         for key, margin in shown(point):
             text = f"{margin.size.value:.3g} ({interval_text(margin)})"
-            half = 0.5 * (margin.high - margin.low) / NORMAL
+            half = 0.5 * (margin.high - margin.low) / NORMAL_HALF_WIDTH
             items.append(
                 {
                     "name": key,

@@ -26,7 +26,7 @@ from ident.frequency_domain.online_lag import LagStream, estimated, lag_stream, 
 from scenarios.files.user_models import channel_units, moves_about_rest
 from scenarios.files.vehicles import VehicleFile
 from scenarios.identification.low_order import derived_of
-from scenarios.preparation.declared_model import BETTER, model_of_file
+from scenarios.preparation.declared_model import DECISIVE_LOG_LIKELIHOOD_RATIO, model_of_file
 from scenarios.preparation.measured_inputs import (
     MEASURED,
     Flow,
@@ -50,7 +50,7 @@ from sim.vehicles.factory import model_from_constants
 
 METHOD = "frequency-domain"
 UNKNOWN = "not determined"
-BEFORE = 1e-9  # s, by which a row may lie before a second and still begin it
+SECOND_TOLERANCE = 1e-9  # s, by which a row may lie before a second and still begin it
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,12 +168,12 @@ def take(session: SpectralSession, rows: np.ndarray) -> list[Point]:
         return []
     if session.begun is None:
         session.begun = float(rows[0, 0])
-    cuts = np.flatnonzero(np.diff(np.floor(rows[0] - session.begun + BEFORE))) + 1
+    cuts = np.flatnonzero(np.diff(np.floor(rows[0] - session.begun + SECOND_TOLERANCE))) + 1
     out = []
     for part in np.split(rows, cuts, axis=1):
         if session.waiting:
-            before = session.waiting[-1][0, -1] - session.begun + BEFORE
-            if np.floor(part[0, 0] - session.begun + BEFORE) > np.floor(before):
+            before = session.waiting[-1][0, -1] - session.begun + SECOND_TOLERANCE
+            if np.floor(part[0, 0] - session.begun + SECOND_TOLERANCE) > np.floor(before):
                 out += regress(session)
         session.waiting.append(part)
     return out
@@ -248,7 +248,9 @@ def _likelier(
     held, linear = found.get(Hold.PREVIOUS), found.get(Hold.LINEAR)
     if held is not None and linear is not None:
         session.gain = 2.0 * (held.cost - linear.cost)
-        session.hold = Hold.LINEAR if session.gain >= BETTER else Hold.PREVIOUS
+        session.hold = (
+            Hold.LINEAR if session.gain >= DECISIVE_LOG_LIKELIHOOD_RATIO else Hold.PREVIOUS
+        )
     return found[session.hold]
 
 
@@ -276,7 +278,7 @@ def stream_warnings(session: SpectralSession) -> list[str]:
 
 
 def record_of(session: SpectralSession) -> Record:
-    """The rows so far as a record. Raises RecordError where there are fewer than two."""
+    """Return the rows so far as a record. Raises RecordError where there are fewer than two."""
     blocks = [*session.blocks, *session.waiting]
     table = np.concatenate(blocks, axis=1) if blocks else np.zeros((len(session.signals.names), 0))
     if table.shape[1] < 2:
@@ -302,7 +304,7 @@ def record_of(session: SpectralSession) -> Record:
 
 
 def last_estimate(session: SpectralSession) -> Estimate | None:
-    """The last estimate of the determined parameters; None without any."""
+    """Return the last estimate of the determined parameters; None without any."""
     result, names = session.last, session.names
     if result is None:
         return None
@@ -326,7 +328,7 @@ def last_estimate(session: SpectralSession) -> Estimate | None:
 
 
 def undetermined(session: SpectralSession) -> list[str]:
-    """Parameters that the stream does not determine."""
+    """Return the parameters that the stream does not determine."""
     latest = last_estimate(session)
     return [name for name in session.names if latest is None or name not in latest.names]
 
@@ -358,7 +360,7 @@ def history_csv(session: SpectralSession) -> str:
 
 
 def estimate_of(point: Point, session: SpectralSession) -> list[dict[str, Any]]:
-    """Parameters of a point, best known first: name, value, std, unit; those that are
+    """Return the parameters of a point, best known first: name, value, std, unit; those that are
     determined.
     """
     rows = []
@@ -372,7 +374,7 @@ def estimate_of(point: Point, session: SpectralSession) -> list[dict[str, Any]]:
 
 
 def spectral_content(session: SpectralSession) -> dict[str, Any]:
-    """The last estimate for ``comparison.json``."""
+    """Return the last estimate for ``comparison.json``."""
     latest = last_estimate(session)
     if latest is None:
         nothing, unknown = Outcome.NOT_IDENTIFIABLE, undetermined(session)

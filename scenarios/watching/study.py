@@ -78,8 +78,8 @@ class SoFar:
 
 
 def so_far(session: Session, step: WatchStep | None = None) -> SoFar:
-    """The estimate after a step, the last when None: the one that was linearised anew where there
-    is one.
+    """Return the estimate after a step, the last when None: the one that was linearised anew where
+    there is one.
     """
     step = session.last if step is None else step
     assert session.bank is not None and step is not None
@@ -91,7 +91,7 @@ def so_far(session: Session, step: WatchStep | None = None) -> SoFar:
 
 
 def nearest(delays: np.ndarray, value: float, std: float) -> np.ndarray:
-    """The probability ``(B,)`` of a normal delay (s) to be nearer to each of the increasing
+    """Return the probability ``(B,)`` of a normal delay (s) to be nearer to each of the increasing
     ``delays`` than to any other.
     """
     between = 0.5 * (delays[1:] + delays[:-1])
@@ -133,8 +133,8 @@ def first_pass_so_far(session: Session, step: WatchStep | None = None) -> SoFar:
 def likely_estimate(
     bank: OnlineBank, state: BankState
 ) -> tuple[Estimate, np.ndarray, tuple[float, float]]:
-    """The most likely filter's parameters with its own covariance, the likelihood weights ``(B,)``,
-    and the weighted delay with its deviation (s).
+    """Return the most likely filter's parameters with its own covariance, the likelihood weights
+    ``(B,)``, and the weighted delay with its deviation (s).
     """
     best, n_x = state.best, len(bank.system.states)
     names = bank.names[n_x:]
@@ -162,8 +162,8 @@ def likely_estimate(
 def _at_start(
     session: Session, estimate: Estimate
 ) -> tuple[Estimate, Mapping[str, tuple[float, float]], np.ndarray]:
-    """The declared start as an estimate, derived quantities, and the differences of the other
-    starts ``(K, n)``.
+    """Return the declared start as an estimate, derived quantities, and the differences of the
+    other starts ``(K, n)``.
     """
     bank = session.bank
     assert bank is not None
@@ -275,7 +275,7 @@ class History:
 
 
 def columns(bank: OnlineBank, refine: bool = False) -> list[str]:
-    """Names of the columns."""
+    """Return the names of the columns."""
     weights = [f"weight_{1000.0 * delay:g}ms" for delay in bank.delays]
     values = [name for each in bank.names for name in (each, f"{each}_std", f"{each}_spread")]
     if refine:
@@ -289,7 +289,7 @@ def columns(bank: OnlineBank, refine: bool = False) -> list[str]:
 
 
 def lines(bank: OnlineBank, steps: Sequence[WatchStep], refine: bool = False) -> str:
-    """A line a step, ten digits a number."""
+    """Return a line a step, ten digits a number."""
     B, n, count = len(bank.delays), len(bank.names), len(steps)
     states = [step.state for step in steps]
     each = np.arange(count)
@@ -341,9 +341,9 @@ def watch_page(
     first: tuple[Section, ...] = (),
     vehicle: InputFile | None = None,
 ) -> Page:
-    """The page of ``content``, what stands in ``comparison.json``; ``digest`` is that of the rows
-    that were taken, ``first`` the sections with which the page begins, ``vehicle`` the vehicle file
-    that was read.
+    """Return the page of ``content``, what stands in ``comparison.json``; ``digest`` is that of the
+    rows that were taken, ``first`` the sections with which the page begins, ``vehicle`` the vehicle
+    file that was read.
     """
     stream, reference = content["stream"], content.get("reference")
     methods = content.get("methods", {})
@@ -539,8 +539,8 @@ def write_watch(
 def watch_content(
     session: Session, reference: Reference | None, end: WatchOutcome
 ) -> dict[str, Any]:
-    """Content of ``comparison.json``: the refined estimate as the main one where it was made, the
-    on-line bank's under ``methods``.
+    """Return the content of ``comparison.json``: the refined estimate as the main one where it was
+    made, the on-line bank's under ``methods``.
     """
     bank, state = session.bank, session.state
     assert bank is not None and state is not None
@@ -615,12 +615,12 @@ def _content(session: Session, online: SoFar) -> dict[str, Any]:
 def rows_of(
     names: Sequence[str], units: Sequence[str], values: Sequence[float], std: Sequence[float]
 ) -> tuple[Row, ...]:
-    """Rows of the estimated quantities; one without a deviation is not estimated."""
+    """Return the rows of the estimated quantities; one without a deviation is not estimated."""
     return tuple(Row(*each) for each in zip(names, units, values, std, strict=True) if each[3] > 0)
 
 
 def reference_content(reference: Reference, items: Sequence[CrossValidation]) -> dict[str, Any]:
-    """The reference and the quantities that differ from it, for ``comparison.json``."""
+    """Return the reference and the quantities that differ from it, for ``comparison.json``."""
     compared = [item for item in items if item.reference is not None and item.z is not None]
     return {
         "study": resolved(Path(reference.name)).name,

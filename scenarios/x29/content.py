@@ -22,7 +22,13 @@ from scenarios.x29.declaration import (
     printed_noise,
     printed_start,
 )
-from scenarios.x29.estimating import LARGE, LoopMethodResult, Misfit, OverSeeds, between_grid_points
+from scenarios.x29.estimating import (
+    LARGE_CORRELATION,
+    LoopMethodResult,
+    Misfit,
+    OverSeeds,
+    between_grid_points,
+)
 from scenarios.x29.findings import (
     bias_rows,
     not_identifiable,
@@ -43,7 +49,7 @@ _BY_OUTPUT = {"alpha": "alpha", "q": "q", "nz": "nz_0"}
 
 
 def units_of(study: LoopStudy) -> dict[str, str]:
-    """Units of states and parameters, and of the frequency, damping ratio and delay."""
+    """Return the units of states and parameters, and of the frequency, damping ratio and delay."""
     estimate, system = study.result.estimate, study.result.setting.system
     units = {item.name: item.unit for item in (*system.initial, *system.parameters)}
     return units | dict(zip(estimate.names, estimate.units, strict=True)) | {"delay": "s"}
@@ -99,7 +105,7 @@ def paper_content(study: LoopStudy) -> dict[str, Any]:
 def procedure_and_printed(
     study: LoopStudy, column: str
 ) -> dict[str, dict[str, dict[str, float | None]]]:
-    """By state and parameter: initial and final value and variance, R and Q of the paper's
+    """Return, by state and parameter, initial and final value and variance, R and Q of the paper's
     procedure here and as printed, SI.
     """
     system, bank = study.paper.system, study.single_pass.bank
@@ -134,8 +140,8 @@ def procedure_and_printed(
 
 
 def noted_pairs(study: LoopStudy, column: str) -> list[tuple[str, str, float, float, float]]:
-    """Pairs whose published correlation is above ``LARGE``: published, of the paper's procedure
-    here, of the refined filter.
+    """Return the pairs whose published correlation is above ``LARGE_CORRELATION``: published, of
+    the paper's procedure here, of the refined filter.
     """
     names, C = printed_correlation(column)
     bank, history = study.single_pass.bank, study.result.estimate.history
@@ -144,7 +150,7 @@ def noted_pairs(study: LoopStudy, column: str) -> list[tuple[str, str, float, fl
     out = []
     for i, a in enumerate(names):
         for j, b in enumerate(names[:i]):
-            if abs(C[i, j]) > LARGE:
+            if abs(C[i, j]) > LARGE_CORRELATION:
                 out.append(
                     (
                         b,
@@ -163,7 +169,7 @@ def _correlation(P: np.ndarray, names: tuple[str, ...], a: str, b: str) -> float
 
 
 def _without_missing(row: dict[str, dict[str, float | None]]) -> dict[str, dict[str, float]]:
-    """The row without missing values."""
+    """Return the row without missing values."""
     finite_pairs = {
         key: {side: value for side, value in pair.items() if value is not None}
         for key, pair in row.items()
@@ -269,8 +275,8 @@ def loop_comparison(study: LoopStudy) -> dict[str, Any]:
 
 
 def correlation_content(estimate: Estimate) -> dict[str, Any]:
-    """Correlation matrix of states and parameters after the last sample, and the pairs above
-    ``LARGE``.
+    """Return the correlation matrix of states and parameters after the last sample, and the pairs
+    above ``LARGE_CORRELATION``.
     """
     history = estimate.history
     assert history is not None
@@ -282,7 +288,7 @@ def correlation_content(estimate: Estimate) -> dict[str, Any]:
         [names[i], names[j], float(C[i, j])]
         for i in range(len(names))
         for j in range(i)
-        if abs(C[i, j]) > LARGE
+        if abs(C[i, j]) > LARGE_CORRELATION
     ]
     return {"names": list(names), "matrix": C.tolist(), "large": large}
 
@@ -310,7 +316,7 @@ def _margins(margins: Margins) -> dict[str, float]:
 
 
 def _against(study: LoopStudy) -> dict[str, Any]:
-    """The other scenario that the study is compared with, where there is one."""
+    """Return the other scenario that the study is compared with, where there is one."""
     against = study.scenario.against
     if study.other is None or study.differences is None or against is None:
         return {}
@@ -367,8 +373,8 @@ def _further(study: LoopStudy) -> dict[str, Any]:
 
 
 def _over_seeds(statistics: OverSeeds) -> dict[str, Any]:
-    """Counts of the chosen delays, and means and standard deviations of the parameters over the
-    seeds.
+    """Return the counts of the chosen delays, and means and standard deviations of the parameters
+    over the seeds.
     """
 
     def means(rows: np.ndarray) -> dict[str, Any]:
@@ -391,7 +397,7 @@ def _over_seeds(statistics: OverSeeds) -> dict[str, Any]:
 
 
 def _engine(study: LoopStudy) -> dict[str, Any]:
-    """Who ran the bank, and how far it is from the other engine."""
+    """Return the engine of the bank, and how far it is from the other engine."""
     content, result = bank_content(study.scenario.estimation.engine, study.second), study.engines
     if result is None:
         return {"engine": content}
@@ -435,8 +441,8 @@ def _fixed(result: LoopResult) -> dict[str, Any]:
 
 
 def _states(study: LoopStudy) -> dict[str, Any]:
-    """Per state and parameter of eq. 11: initial and final value and variance, R and Q: what Tables
-    1 and 2 print.
+    """Return, per state and parameter of eq. 11, the numbers of Tables 1 and 2: initial and final
+    value and variance, R and Q.
     """
     history, system = study.result.estimate.history, study.result.setting.system
     assert history is not None

@@ -250,13 +250,13 @@ class Range:
 
 
 def printed_columns() -> tuple[str, ...]:
-    """Names of the columns of the paper's tables."""
+    """Return the names of the columns of the paper's tables."""
     return tuple(_document()["loes"])
 
 
 def printed_column(name: str) -> dict[str, Printed]:
-    """A column of the paper's tables: final estimates, SI. Raises DeclarationError when there is
-    none.
+    """Return a column of the paper's tables: final estimates, SI. Raises DeclarationError when
+    there is none.
     """
     return _column("loes", name)
 
@@ -287,13 +287,13 @@ def printed_density(name: str) -> dict[str, float]:
 
 
 def printed_checks(name: str) -> dict[str, Range]:
-    """Delay (s) and damping ratio that the text gives for a column; empty if none."""
+    """Return the delay (s) and damping ratio that the text gives for a column; empty if none."""
     return {key: Range(**row) for key, row in _document()["checks"].get(name, {}).items()}
 
 
 def printed_correlation(name: str) -> tuple[tuple[str, ...], np.ndarray]:
-    """Names and correlation matrix ``(13, 13)`` of Table 1 or 2. Raises DeclarationError when there
-    is none.
+    """Return the names and correlation matrix ``(13, 13)`` of Table 1 or 2. Raises DeclarationError
+    when there is none.
     """
     rows = _table("correlation", name)
     names = ("alpha", *rows)
@@ -305,7 +305,7 @@ def printed_correlation(name: str) -> tuple[tuple[str, ...], np.ndarray]:
 
 
 def has_table(name: str) -> bool:
-    """Whether a column is one of the two with start, P0, R, Q and correlations."""
+    """Return whether a column is one of the two with start, P0, R, Q and correlations."""
     return name in _document()["initial"]
 
 
@@ -350,7 +350,7 @@ class SimulatedLoop:
 
 
 def aircraft(flight: LoopFlight) -> X29:
-    """The aircraft of a flight with the scenario's stick, limits and telemetry noise."""
+    """Return the aircraft of a flight with the scenario's stick, limits and telemetry noise."""
     x29 = load_x29(flight.airframe)
     stick = x29.stick
     stick = stick if flight.dead_band is None else replace(stick, dead_band=flight.dead_band)
@@ -369,7 +369,7 @@ def aircraft(flight: LoopFlight) -> X29:
 
 
 def stick_of(plan: StickPlan, duration: float) -> Callable[[np.ndarray], np.ndarray]:
-    """The stick as a function of time."""
+    """Return the stick as a function of time."""
     if plan.kind == "3-2-1-1":
         return three_two_one_one(plan.amplitude, plan.unit, plan.start)
     if plan.kind == "doublet":
@@ -412,8 +412,8 @@ def fly_loop(flight: LoopFlight, seed: int) -> SimulatedLoop:
 
 
 def low_order_model(x29: X29, values: dict[str, float]) -> Model:
-    """The low-order equivalent system at the aircraft's flight condition; ``values`` by the names
-    of a vehicle file.
+    """Return the low-order equivalent system at the aircraft's flight condition; ``values`` by the
+    names of a vehicle file.
     """
     constants = {
         "airspeed": x29.airframe.airspeed,
@@ -424,7 +424,7 @@ def low_order_model(x29: X29, values: dict[str, float]) -> Model:
 
 
 def equivalent_values(equivalent: EquivalentSystem) -> dict[str, float]:
-    """The eight numbers of an equivalent system by the names of a vehicle file."""
+    """Return the eight numbers of an equivalent system by the names of a vehicle file."""
     names = ("L_alpha", "M_alpha", "L_delta", "M_delta", "L_q", "M_q", "inv_tau", "delay")
     return {name: float(getattr(equivalent, name)) for name in names}
 
@@ -432,7 +432,7 @@ def equivalent_values(equivalent: EquivalentSystem) -> dict[str, float]:
 def _low_order_record(
     x29: X29, record: Record, flight: LoopFlight, rng: np.random.Generator
 ) -> Record:
-    """The same stick flown by the loop's low-order equivalent, with the stick held between
+    """Return the same stick flown by the loop's low-order equivalent, with the stick held between
     samples.
     """
     t = x29.telemetry
@@ -448,7 +448,7 @@ def _low_order_record(
 
 
 def _as_recorded(record: Record) -> MultiStep:
-    """The recorded stick, held between its samples."""
+    """Return the recorded stick, held between its samples."""
     values = record["stick"].values
     at = np.flatnonzero(np.diff(values, prepend=values[0] + 1.0))
     return MultiStep(tuple(values[at].tolist()), (*record.time[at].tolist(), float("inf")))

@@ -41,7 +41,7 @@ from sim.record import Record
 
 # ---- The low-order filter of a closed-loop scenario
 
-SETTLED = 0.1  # sigmas: a restart that moves nothing further has settled
+SETTLED_SIGMAS = 0.1  # sigmas: a restart that moves nothing further has settled
 ROUGH_DELAYS = tuple(0.0875 + 0.0125 * i for i in range(7))  # s, for variants
 
 
@@ -102,7 +102,7 @@ def set_up(
 
 
 def _printed_prior(system: System) -> System:
-    """The System with P0 of the paper's Tables 1 and 2, which are alike: it carries the
+    """Return the System with P0 of the paper's Tables 1 and 2, which are alike: it carries the
     simulation's over to the flight.
     """
     printed = {
@@ -118,8 +118,8 @@ def _printed_prior(system: System) -> System:
 
 
 def refined(setting: SetUp) -> DelayBank:
-    """The bank with a delay between its grid points; P0 stays as the paper's rule has it, also
-    where the record contradicts it.
+    """Return the bank with a delay between its grid points; P0 stays as the paper's rule has it,
+    also where the record contradicts it.
     """
     return run_delay_bank(setting.record, setting.system, widenings=0, engine=setting.engine)
 
@@ -149,7 +149,7 @@ def single_pass(setting: SetUp) -> SinglePass:
 def started_again(
     estimation: LoopEstimation, simulated: SimulatedLoop, estimate: Estimate
 ) -> SetUp:
-    """The filter for the same flight started at a result, with the same rule for P0."""
+    """Return the filter for the same flight started at a result, with the same rule for P0."""
     values = estimate.as_dict()
     constants = {name: values[name] for name in ("L_0", "M_0", "delta_0")}
     start = {
@@ -159,7 +159,7 @@ def started_again(
 
 
 def rough(setting: SetUp) -> tuple[Estimate, float]:
-    """A quick estimate for variants: seven delays 12.5 ms apart, linearised once anew; the
+    """Return a quick estimate for variants: seven delays 12.5 ms apart, linearised once anew; the
     likeliest filter and its delay (s).
     """
     delays = np.array(ROUGH_DELAYS)
@@ -197,7 +197,7 @@ def _at(system: System, delay: float) -> System:
 
 # ---- What a study of the low-order filter measures of its own misfit
 
-LARGE = 0.9  # size of a correlation that is worth a mark
+LARGE_CORRELATION = 0.9  # size of a correlation that is worth a mark
 
 
 @dataclass(frozen=True)
@@ -241,7 +241,7 @@ class Misfit:
 
 
 def sensor_noise(simulated: SimulatedLoop) -> np.ndarray:
-    """The telemetry's sigma of alpha, q and nz."""
+    """Return the telemetry's sigma of alpha, q and nz."""
     t = simulated.x29.telemetry
     return np.array([t.alpha_noise, t.q_noise, t.nz_noise])
 
@@ -296,7 +296,7 @@ def misfit(
 
 # ---- The same record estimated in other ways than the scenario's own
 
-PASSES = 5  # of plain filters that start again from their own result
+RESTART_PASSES = 5  # of plain filters that start again from their own result
 
 
 @dataclass(frozen=True, eq=False)
@@ -358,8 +358,8 @@ def run_methods(names: Sequence[str], ways: MethodInputs) -> tuple[LoopMethodRes
 
 
 def other_side(first_estimate: SinglePass, refined_delay: float) -> int:
-    """Index of the filter whose delay is on the other side of the refined delay than the most
-    likely one.
+    """Return the index of the filter whose delay is on the other side of the refined delay than the
+    most likely one.
     """
     best = int(np.argmax(first_estimate.bank.log_likelihood))
     step = 1 if first_estimate.delays[best] < refined_delay else -1
@@ -377,7 +377,9 @@ def all_restarts(ways: MethodInputs, delays: Sequence[float]) -> dict[str, Resta
     return {label: single_pass_restarts(setting, delays) for label, setting in settings.items()}
 
 
-def single_pass_restarts(setting: SetUp, delays: Sequence[float], passes: int = PASSES) -> Restarts:
+def single_pass_restarts(
+    setting: SetUp, delays: Sequence[float], passes: int = RESTART_PASSES
+) -> Restarts:
     """Plain filters at held delays, ``passes`` times each from its last parameters with the same
     P0.
     """
@@ -448,7 +450,7 @@ def _refined(name: str, setting: SetUp) -> LoopMethodResult:
 
 
 def of_refined(name: str, label: str, bank: DelayBank) -> LoopMethodResult:
-    """A refined bank's result in the same form."""
+    """Return a refined bank's result in the same form."""
     estimate = bank.estimate
     std = dict(zip(estimate.names, estimate.std.tolist(), strict=True))
     return LoopMethodResult(
@@ -537,8 +539,8 @@ class OverSeeds:
 def run_over_seeds(
     scenario: LoopScenario, start: Mapping[str, float], prior: str
 ) -> OverSeeds | None:
-    """The paper's bank with the seeds 1 to ``scenario.seeds``; ``prior`` is its rule for P0. None
-    where no seeds are asked for.
+    """Return the paper's bank with the seeds 1 to ``scenario.seeds``; ``prior`` is its rule for P0.
+    None where no seeds are asked for.
     """
     if not scenario.seeds:
         return None

@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
 
 def loop_page(study: LoopStudy, figure_files: Sequence[Drawn] = ()) -> Page:
-    """The page of a study with the figures ``figure_files``."""
+    """Return the page of a study with the figures ``figure_files``."""
     scenario, estimate, record = study.scenario, study.result.estimate, study.result.setting.record
     tables = {title: section(title, *blocks(study)) for title, blocks in BLOCKS.items()}
     qualities = "; ".join(
@@ -206,7 +206,7 @@ def loop_figures(study: LoopStudy) -> Iterator[Named]:
 
 
 def _further_figures(study: LoopStudy) -> Iterator[Named]:
-    """Delays, linear check, margins and variants, where the study has them."""
+    """Yield the delays, linear check, margins and variants, where the study has them."""
     from scenarios.plots.low_order import (
         LikelihoodCurve,
         figure_delays,
@@ -268,7 +268,7 @@ def _further_figures(study: LoopStudy) -> Iterator[Named]:
 def _parameter_histories(
     history: FilterHistory, constant: Sequence[Parameter], title: str
 ) -> Figure:
-    """The histories with fewer numbers at their axes: a flight is long."""
+    """Return the histories with fewer numbers at their axes: a flight is long."""
     from matplotlib.ticker import MaxNLocator
 
     from scenarios.plots.estimates import figure_parameter_histories
@@ -295,8 +295,8 @@ def _printed(study: LoopStudy) -> list[dict[str, float]]:
 
 
 def _margins(study: LoopStudy, found: OpenMargins) -> Figure:
-    """Margins at every point that has the paper's equivalents, of the declared airframes, and the
-    effect of each unpublished value.
+    """Return the margins at every point that has the paper's equivalents, of the declared
+    airframes, and the effect of each unpublished value.
     """
     from scenarios.plots.low_order import figure_open_margins
 
@@ -364,8 +364,8 @@ def write_loop(study: LoopStudy, folder: str | Path, *, figures: Formats = USUAL
 
 
 def truth_content(study: LoopStudy) -> dict[str, Any]:
-    """The true flight: airframe, stick, noise. No parameter of the low-order model is true for a
-    loop of higher order.
+    """Return the true flight: airframe, stick, noise. No parameter of the low-order model is true
+    for a loop of higher order.
     """
     simulated, flight = study.result.simulated, study.scenario.flight
     x29: X29 = simulated.x29

@@ -32,14 +32,14 @@ from sim.closed_loop.airframe import load_x29
 QUARTERED = ("L_alpha", "M_alpha", "M_delta", "M_q", "inv_tau")
 # what lag, delay and short period trade against each other
 COMPARED = ("M_alpha", "M_delta", "M_q", "inv_tau")
-FAR = 3.0  # combined sigmas from the printed value that count as missed
+MISSED_SIGMAS = 3.0  # combined sigmas from the printed value that count as missed
 SHORT_PERIOD = ("L_alpha", "M_alpha", "L_q", "M_q")
 FREE_SHIFT = ("M_0", "delta_0")
 RULE_HOLDS = 0.05  # of a sigma: three printed digits round by less
 
 
 def paper_sentences(study: LoopStudy) -> tuple[str, ...]:
-    """All findings on a study, in the order of its tables."""
+    """Return all findings on a study, in the order of its tables."""
     column = study.scenario.published[0] if study.scenario.published else ""
     out: list[str] = []
     if study.scenario.methods and has_table(column):
@@ -54,7 +54,7 @@ def paper_sentences(study: LoopStudy) -> tuple[str, ...]:
 
 
 def prior_sentence() -> str:
-    """Whether the printed P0 follows the printed rule."""
+    """Return whether the printed P0 follows the printed rule."""
     start, texts, others = printed_start("simulation"), [], []
     for name in QUARTERED:
         cell = start[name]
@@ -71,7 +71,7 @@ def prior_sentence() -> str:
 
 
 def noise_sentence(column: str) -> str:
-    """Units of the printed R, and by how much the simulation's is smaller."""
+    """Return the units of the printed R, and by how much the simulation's is smaller."""
     flight, start = printed_noise("flight"), printed_start("flight")
     simulation = printed_noise("simulation")
     P0 = {name: (start[name].std or 0.0) ** 2 for name in ("alpha", "q")}
@@ -113,7 +113,7 @@ def density_sentence(study: LoopStudy) -> str:
 
 
 def _shift(study: LoopStudy, column: str) -> Iterator[str]:
-    """Sentence on the bias of the pseudo-control, which is not observable beside M_0 and
+    """Yield the sentence on the bias of the pseudo-control, which is not observable beside M_0 and
     delta_0.
     """
     printed, estimate = printed_column(column), study.result.estimate
@@ -192,7 +192,7 @@ def _damping(column: str) -> Iterator[str]:
 
 
 def damping_of(values: Mapping[str, float]) -> float:
-    """Damping ratio of a short period that oscillates."""
+    """Return the damping ratio of a short period that oscillates."""
     stiffness = values["L_alpha"] * values["M_q"] - values["L_q"] * values["M_alpha"]
     return -(values["L_alpha"] + values["M_q"]) / (2.0 * math.sqrt(stiffness))
 
@@ -208,7 +208,7 @@ def off(method: LoopMethodResult, column: str) -> float:
 
 
 def own_method(study: LoopStudy) -> LoopMethodResult:
-    """The scenario's own result as a method."""
+    """Return the scenario's own result as a method."""
     word = (
         "the printed P0"
         if study.scenario.estimation.prior == "printed"
@@ -218,7 +218,7 @@ def own_method(study: LoopStudy) -> LoopMethodResult:
 
 
 def _methods(study: LoopStudy, column: str) -> Iterator[str]:
-    """Difference of the paper's procedure from its own table here, and the effect of each
+    """Yield the difference of the paper's procedure from its own table here, and the effect of each
     refinement.
     """
     result = {m.name: m for m in (*study.methods, own_method(study))}
@@ -231,11 +231,11 @@ def _methods(study: LoopStudy, column: str) -> Iterator[str]:
         / math.hypot(paper.std[name], printed[name].std or 0.0)
         for name in COMPARED
     }
-    missed = [name for name in COMPARED if abs(sigmas[name]) > FAR]
+    missed = [name for name in COMPARED if abs(sigmas[name]) > MISSED_SIGMAS]
     verdict = (
         f"misses {', '.join(missed)} of its own {table}"
         if missed
-        else f"comes within {FAR:g} sigmas of its own {table}"
+        else f"comes within {MISSED_SIGMAS:g} sigmas of its own {table}"
     )
     text = ", ".join(
         f"{name} {paper.values[name]:.4g} for {printed[name].value:g} ({sigmas[name]:+.1f} sigmas)"
@@ -256,7 +256,7 @@ def _methods(study: LoopStudy, column: str) -> Iterator[str]:
 
 
 def _reason(methods: dict[str, LoopMethodResult], study: LoopStudy) -> str:
-    """Effects of the grid, the linearisation and P0 on 1/tau and M_alpha."""
+    """Return the effects of the grid, the linearisation and P0 on 1/tau and M_alpha."""
     first, refined, loop = study.single_pass, study.result.bank.refined, study.check.flown
 
     def at(name: str) -> str:
@@ -346,8 +346,8 @@ def _same_direction(pair: np.ndarray, before: float, after: float) -> bool:
 
 # ---- What a study of the closed loop says beyond its tables
 
-BEYOND = 2.0  # sigmas
-DISAGREE = 0.1  # of a frequency
+NOTABLE_SIGMAS = 2.0
+DISAGREEING_FREQUENCY_SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -375,20 +375,20 @@ def bias_rows(study: LoopStudy) -> tuple[BiasRow, ...]:
             continue
         expected = equivalent - HALF_FRAME if name == "delay" else equivalent
         sigmas = (value - expected) / std
-        if abs(sigmas) > BEYOND:
+        if abs(sigmas) > NOTABLE_SIGMAS:
             rows.append(BiasRow(name, value, expected, sigmas))
     return tuple(rows)
 
 
 def not_identifiable(estimate: Estimate) -> tuple[tuple[str, str, float], ...]:
-    """Parameters smaller than two of their sigmas, or L_delta, whatever its size, each with its
-    strongest correlation.
+    """Return the parameters smaller than two of their sigmas, or L_delta, whatever its size, each
+    with its strongest correlation.
     """
     out = []
     for i, name in enumerate(estimate.names):
         if name in ("L_0", "M_0", "delta_0", "nz_0"):
             continue
-        small = abs(estimate.values[i]) < BEYOND * estimate.std[i]
+        small = abs(estimate.values[i]) < NOTABLE_SIGMAS * estimate.std[i]
         if small or name == "L_delta":
             row = estimate.correlation[i].copy()
             row[i] = 0.0
@@ -398,7 +398,7 @@ def not_identifiable(estimate: Estimate) -> tuple[tuple[str, str, float], ...]:
 
 
 def sentences(study: LoopStudy) -> tuple[str, ...]:
-    """Findings beyond the tables, each sentence with the study's own numbers."""
+    """Return the findings beyond the tables, each sentence with the study's own numbers."""
     bank, out = study.result.bank, []
     sure = (
         f" +- {bank.refined_std:.4f}" if bank.refined_std > 0 else " (no maximum inside the grid)"
@@ -438,7 +438,8 @@ def sentences(study: LoopStudy) -> tuple[str, ...]:
     if (
         record is not None
         and own_frequency is not None
-        and abs(record["natural_frequency"] / own_frequency.value - 1.0) > DISAGREE
+        and abs(record["natural_frequency"] / own_frequency.value - 1.0)
+        > DISAGREEING_FREQUENCY_SHARE
     ):
         off = 100.0 * (record["natural_frequency"] / own_frequency.value - 1.0)
         out.append(

@@ -26,7 +26,7 @@ from sim.closed_loop.nonlinear import ClosedLoopTruth, FlightOutcome, fly_closed
 OUTPUTS = ("alpha", "q", "nz")
 # in, the largest of each scaled stick; the last asks for some 6 g
 STICKS = (0.1, 0.2, 0.5, 1.0, 2.0, 4.0)
-ROUNDING = 1e-9  # of the response: what two writings of one loop may differ by
+RESPONSE_TOLERANCE = 1e-9  # of the response: what two writings of one loop may differ by
 NO_LIMIT = 1e6  # deg and deg/s
 Change = Callable[[X29], X29]
 
@@ -61,7 +61,7 @@ class LinearCheck:
     @property
     def same(self) -> bool:
         """Whether only rounding remains without the nonlinearities."""
-        return self.apart["none of these"] < ROUNDING
+        return self.apart["none of these"] < RESPONSE_TOLERANCE
 
 
 def linear_check(x29: X29, truth: ClosedLoopTruth) -> LinearCheck:
@@ -130,8 +130,8 @@ def linear_content(check: LinearCheck) -> dict[str, object]:
 
 
 def linear_sentence(check: LinearCheck) -> str:
-    """Sentence on the differences of the nonlinear loop, their causes, and what remains at a small
-    stick.
+    """Return the sentence on the differences of the nonlinear loop, their causes, and what remains
+    at a small stick.
     """
     text = ", ".join(f"{name} {_percent(value)}" for name, value in check.misfit.items())
     apart = ", ".join(f"{label} {_percent(value)}" for label, value in check.apart.items())
@@ -160,7 +160,7 @@ def _percent(share: float) -> str:
         return "unknown (it departs)"
     return (
         f"{100.0 * share:.0e} %"
-        if share < ROUNDING
+        if share < RESPONSE_TOLERANCE
         else f"{100.0 * share:.2g} %"
         if share < 0.99
         else f"{100.0 * share:.0f} %"
@@ -185,15 +185,16 @@ def _unlimited(x29: X29) -> X29:
 # ---- An airframe fitted so that its loop has the low-order equivalent that the paper prints
 
 MATCHED = ("L_alpha", "M_alpha", "M_q", "M_delta", "inv_tau")
-PLAUSIBLE = 11.07  # sum of squared deviations that five values exceed once in twenty (chi-square)
+# sum of squared deviations that five values exceed once in twenty (chi-square)
+CHI_SQUARE_95 = 11.07
 FLIGHTS = ("flight", "time_shift", "convergence")  # the paper's three estimates of one flight
-OMEGA = np.geomspace(0.35, 14.0, 40)  # rad/s, as ``equivalent_system``
-SWEEP = np.geomspace(0.5, 120.0, 240)  # rad/s, around every crossing
+MATCHED_OMEGA = np.geomspace(0.35, 14.0, 40)  # rad/s, as ``equivalent_system``
+MARGIN_OMEGA = np.geomspace(0.5, 120.0, 240)  # rad/s, around every crossing
 # 1/s, 1/s2, 1, s
 _LOW, _HIGH = np.array([-10.0, -60.0, 0.2, 1e-3]), np.array([-0.1, 120.0, 4.0, 0.2])
 _SIZE = np.array([0.1, 3.0, 0.1, 0.01])
-_CLOSE = 0.01  # smallest gain of the sum of squares that continues the search
-_STEPS = 12  # most steps
+_LEAST_GAIN = 0.01  # smallest gain of the sum of squares that continues the search
+_MOST_STEPS = 12
 
 
 @dataclass(frozen=True)
@@ -222,7 +223,7 @@ class Matched:
         """Whether it is stable and has the paper's equivalent within the scatter of the paper's
         estimates.
         """
-        return self.stable and self.misfit <= PLAUSIBLE
+        return self.stable and self.misfit <= CHI_SQUARE_95
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,8 +238,8 @@ class Beginning:
 
 
 def targets(column: str) -> dict[str, PrintedTarget]:
-    """A printed column with sigmas: the printed ones, or the relative scatter of the paper's three
-    estimates of its flight where that is larger.
+    """Return a printed column with sigmas: the printed ones, or the relative scatter of the paper's
+    three estimates of its flight where that is larger.
     """
     flights = [printed_column(name) for name in FLIGHTS]
     printed, out = printed_column(column), {}
@@ -251,7 +252,7 @@ def targets(column: str) -> dict[str, PrintedTarget]:
 
 
 def beginning(x29: X29, wanted: Mapping[str, PrintedTarget]) -> Beginning:
-    """The search's start for an aircraft as declared: slopes by small steps."""
+    """Return the search's start for an aircraft as declared: slopes by small steps."""
     result = np.array([x29.airframe.L_alpha, x29.airframe.M_alpha, 1.0, 1.0 / x29.stick.lag])
     near = equivalent_of(x29, x29.frame)
     return Beginning(result, _slopes(x29, x29.frame, wanted, result, near), near)
@@ -275,7 +276,7 @@ def match(x29: X29, delay: float, wanted: Mapping[str, PrintedTarget], begin: Be
     p, J = begin.parameters, begin.slopes
     near = equivalent_of(changed(x29, p), delay, begin.equivalent)
     r, anew = _deviations(near, wanted), False
-    for _ in range(_STEPS):
+    for _ in range(_MOST_STEPS):
         step = _SIZE * lsq_linear(J * _SIZE, -r, ((_LOW - p) / _SIZE, (_HIGH - p) / _SIZE)).x
         for share in (1.0, 0.3):
             s = share * step
@@ -288,15 +289,15 @@ def match(x29: X29, delay: float, wanted: Mapping[str, PrintedTarget], begin: Be
                 break
         gained = float(r @ r - moved @ moved)
         if better:
-            p, r, near, anew = p + s, moved, there, anew and gained < _CLOSE
-        if gained < _CLOSE:
+            p, r, near, anew = p + s, moved, there, anew and gained < _LEAST_GAIN
+        if gained < _LEAST_GAIN:
             if anew:
                 break
             J, anew = _slopes(x29, delay, wanted, p, near), True
     result = changed(x29, p)
     loop = sampled_loop(result, delay).open_loop
     stable = bool(np.abs(np.linalg.eigvals(loop.A - loop.B @ loop.C)).max() < 1.0)
-    return Matched(result, delay, p, near, float(r @ r), loop_margins(loop, SWEEP), stable)
+    return Matched(result, delay, p, near, float(r @ r), loop_margins(loop, MARGIN_OMEGA), stable)
 
 
 def _slopes(
@@ -306,7 +307,7 @@ def _slopes(
     p: np.ndarray,
     near: EquivalentSystem,
 ) -> np.ndarray:
-    """Slopes of the deviations by the parameters, ``(5, 4)``, by small steps."""
+    """Return the slopes of the deviations by the parameters, ``(5, 4)``, by small steps."""
     first, steps = _deviations(near, wanted), 0.05 * np.diag(_SIZE)
     each = [
         (_deviations(equivalent_of(changed(x29, p + step), delay, near), wanted) - first)
@@ -319,12 +320,12 @@ def _slopes(
 def has_equivalent(x29: X29, wanted: Mapping[str, PrintedTarget]) -> bool:
     """Whether the declared aircraft has the wanted equivalent, within the plausible scatter."""
     result = _deviations(equivalent_of(x29, x29.law.delay_frames * x29.frame), wanted)
-    return float(result @ result) <= PLAUSIBLE
+    return float(result @ result) <= CHI_SQUARE_95
 
 
 def changed(x29: X29, p: np.ndarray) -> X29:
-    """The aircraft with parameters p = (L_alpha, M_alpha, factor on the surfaces' moments, time
-    constant of the stick's lag).
+    """Return the aircraft with parameters p = (L_alpha, M_alpha, factor on the surfaces' moments,
+    time constant of the stick's lag).
     """
     a, (L_alpha, M_alpha, factor, time) = x29.airframe, p.tolist()
     canard, flaperon, strake = (factor * each for each in a.M_surface)
@@ -333,11 +334,13 @@ def changed(x29: X29, p: np.ndarray) -> X29:
 
 
 def equivalent_of(x29: X29, delay: float, near: EquivalentSystem | None = None) -> EquivalentSystem:
-    """The low-order equivalent of a loop with a computing delay of ``delay`` s, begun at that of a
-    loop nearby.
+    """Return the low-order equivalent of a loop with a computing delay of ``delay`` s, begun at
+    that of a loop nearby.
     """
-    response = sampled_loop(x29, delay).response(OMEGA)
-    return fit_equivalent(OMEGA, response, x29.airframe.airspeed, x29.airframe.gravity, near=near)
+    response = sampled_loop(x29, delay).response(MATCHED_OMEGA)
+    return fit_equivalent(
+        MATCHED_OMEGA, response, x29.airframe.airspeed, x29.airframe.gravity, near=near
+    )
 
 
 def _deviations(equivalent: EquivalentSystem, wanted: Mapping[str, PrintedTarget]) -> np.ndarray:

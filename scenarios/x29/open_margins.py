@@ -50,7 +50,7 @@ class OpenValue:
     between: bool = False
 
     def at(self, place: float) -> float:
-        """The value at a place from -1 (``low``) to 1 (``high``)."""
+        """Return the value at a place from -1 (``low``) to 1 (``high``)."""
         if self.ratio:
             return math.exp(
                 0.5 * ((1.0 + place) * math.log(self.high) + (1.0 - place) * math.log(self.low))
@@ -83,8 +83,8 @@ OPEN = (
 
 
 def hypercube(samples: int, seed: int) -> np.ndarray:
-    """Places ``(samples, len(OPEN))`` from -1 to 1 of a Latin hypercube: each value's range is met
-    evenly.
+    """Return the places ``(samples, len(OPEN))`` from -1 to 1 of a Latin hypercube: each value's
+    range is met evenly.
     """
     from scipy.stats import qmc
 
@@ -99,7 +99,7 @@ def values_at(places: np.ndarray) -> dict[str, float]:
 
 
 def simulated_loop(x29: X29, values: Mapping[str, float]) -> tuple[X29, float]:
-    """The simulation's aircraft at some open values, and its computing delay (s)."""
+    """Return the simulation's aircraft at some open values, and its computing delay (s)."""
     airframe = replace(x29.airframe, M_q=values["damping_simulation"] * x29.airframe.M_q)
     return _systems(replace(x29, airframe=airframe), values["surfaces"], values["sensors"]), values[
         "computing"
@@ -107,7 +107,7 @@ def simulated_loop(x29: X29, values: Mapping[str, float]) -> tuple[X29, float]:
 
 
 def loop_at_values(x29: X29, values: Mapping[str, float]) -> tuple[X29, float]:
-    """The flight's aircraft at some open values, and its computing delay (s)."""
+    """Return the flight's aircraft at some open values, and its computing delay (s)."""
     a = x29.airframe
     canard, flaperon, strake = (values["lift_flight"] * each for each in a.L_surface)
     airframe = replace(
@@ -122,7 +122,7 @@ def loop_at_values(x29: X29, values: Mapping[str, float]) -> tuple[X29, float]:
 
 
 def _systems(x29: X29, surfaces: float, sensors: float) -> X29:
-    """The aircraft with servos and rams so many times as fast, and sensors."""
+    """Return the aircraft with servos and rams so many times as fast, and sensors."""
     canard, flaperon, strake = (
         replace(
             each,
@@ -197,8 +197,8 @@ class OpenMargins:
     explained: float
 
     def turning(self, name: str) -> float | None:
-        """Value at which the declared sign would reverse, by linear regression; None outside its
-        range.
+        """Return the value at which the declared sign would reverse, by linear regression; None
+        outside its range.
         """
         effect = self.effects.get(name, 0.0)
         place = -self.declared / effect if effect else np.inf
@@ -210,14 +210,14 @@ class OpenMargins:
 
 
 def margins_of(airframes: Sequence[str], plan: MarginPlan | None) -> dict[str, Margins]:
-    """Margins of airframes by name, and of the further one of a plan."""
+    """Return the margins of airframes by name, and of the further one of a plan."""
     names = [*airframes, *([] if plan is None else [plan.beside])]
     return {name: margins(load_x29(name)) for name in dict.fromkeys(names) if name}
 
 
 def planned_margins(plan: MarginPlan | None, found: Mapping[str, Margins]) -> OpenMargins | None:
-    """The study of the first two airframes of ``found``, flight and simulation; None where there is
-    no plan, no sample or no second airframe.
+    """Return the study of the first two airframes of ``found``, flight and simulation; None where
+    there is no plan, no sample or no second airframe.
     """
     if plan is None or not plan.samples or len(found) < 2:
         return None
@@ -255,7 +255,7 @@ def open_margins(
 
 
 def margins_content(found: OpenMargins) -> dict[str, Any]:
-    """The study for ``comparison.json``."""
+    """Return the study for ``comparison.json``."""
     return {
         "seed": found.seed,
         "declared_deg": found.declared,
@@ -337,8 +337,8 @@ def margins_sentence(found: OpenMargins) -> str:
 def _matched(
     loop_of: LoopOf, place: np.ndarray, wanted: Mapping[str, PrintedTarget], begin: Beginning
 ) -> Matched:
-    """The aircraft fitted at a place; by way of the place half-way to it where the direct search
-    ends badly.
+    """Return the aircraft fitted at a place; by way of the place half-way to it where the direct
+    search ends badly.
     """
     x29, delay = loop_of(place)
     result = match(x29, delay, wanted, begin)
@@ -356,8 +356,8 @@ def _phases(matched: list[Matched]) -> np.ndarray:
 
 
 def _line(designs: list[MarginDesign]) -> tuple[float, dict[str, float], float]:
-    """A straight line through the differences of all plausible points: at the middle, slopes by
-    open value, share of the variance.
+    """Return a straight line through the differences of all plausible points: at the middle, slopes
+    by open value, share of the variance.
     """
     X = np.concatenate([each.places[each.plausible] for each in designs])
     y = np.concatenate([each.difference for each in designs])

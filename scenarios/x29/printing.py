@@ -42,7 +42,7 @@ from scenarios.studies.comparison import SEE_PAPERS, bank_line, choice_lines
 from scenarios.studies.text import print_choices, rest_of
 from scenarios.x29.content import correlation_content, noted_pairs, procedure_and_printed, units_of
 from scenarios.x29.declaration import has_table, printed_checks, printed_column, printed_correlation
-from scenarios.x29.estimating import LARGE, LoopMethodResult, Misfit
+from scenarios.x29.estimating import LARGE_CORRELATION, LoopMethodResult, Misfit
 from scenarios.x29.findings import COMPARED, off, own_method, sentences
 from scenarios.x29.study import LoopStudy
 
@@ -56,7 +56,9 @@ def paper_blocks(study: LoopStudy) -> list[Block]:
     out: list[Block] = []
     if study.scenario.methods and has_table(column):
         names, C = printed_correlation(column)
-        title = f"correlations as published in {TITLES[column]}, * above {LARGE:g} in size"
+        title = (
+            f"correlations as published in {TITLES[column]}, * above {LARGE_CORRELATION:g} in size"
+        )
         out += [*_states(study, column), _pairs(study, column), _triangle(title, names, C)]
     if study.scenario.methods:
         out += _methods(study, column)
@@ -64,17 +66,17 @@ def paper_blocks(study: LoopStudy) -> list[Block]:
 
 
 def _bare(heading: str, unit: str) -> Column:
-    """A column whose unit is shown on pages only."""
+    """Return a column whose unit is shown on pages only."""
     return Column(heading, unit, printed=heading)
 
 
 def _triangle(title: str, names: tuple[str, ...], C: np.ndarray) -> Table:
-    """The lower triangle of a correlation matrix."""
+    """Return the lower triangle of a correlation matrix."""
 
     def cell(i: int, j: int) -> Cell:
         if j > i:
             return ""
-        mark = "*" if i != j and abs(C[i, j]) > LARGE else ""
+        mark = "*" if i != j and abs(C[i, j]) > LARGE_CORRELATION else ""
         return Number(float(C[i, j]), shown=f"{C[i, j]:+.2f}{mark}")
 
     columns = [
@@ -352,7 +354,7 @@ def _filter_states(study: LoopStudy) -> list[Block]:
 
 def _correlation(study: LoopStudy) -> list[Block]:
     content = correlation_content(study.result.estimate)
-    title = f"correlations after the last sample, * above {LARGE:g} in size"
+    title = f"correlations after the last sample, * above {LARGE_CORRELATION:g} in size"
     return [_triangle(title, tuple(content["names"]), np.array(content["matrix"]))]
 
 
@@ -570,7 +572,7 @@ def _over_seeds(study: LoopStudy) -> list[Block]:
 
 
 def _mean_cell(values: np.ndarray) -> Cell:
-    """Mean and standard deviation over flights; a single flight has no deviation."""
+    """Return the mean and standard deviation over flights; a single flight has no deviation."""
     if len(values) < 2:
         return formatted(float(values[0]), ".4g")
     return Number(float(values.mean()), float(values.std(ddof=1)))

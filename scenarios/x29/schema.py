@@ -122,7 +122,7 @@ class _Scenario(_LoopStrict):
 
 
 def loop_scenario_of(document: Mapping[str, Any], name: str, where: str) -> LoopScenario:
-    """A LoopScenario from the content of its file; ``where`` names the file in messages.
+    """Return a LoopScenario from the content of its file; ``where`` names the file in messages.
 
     Raises
     ------

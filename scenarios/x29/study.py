@@ -27,7 +27,7 @@ from ident.statistics.residuals import Comparison, ResidualTest, compare_estimat
 from scenarios.studies.catalogue import load_document
 from scenarios.x29.declaration import LoopScenario, SimulatedLoop, fly_loop, low_order_model
 from scenarios.x29.estimating import (
-    SETTLED,
+    SETTLED_SIGMAS,
     LoopMethodResult,
     MethodInputs,
     Misfit,
@@ -57,7 +57,7 @@ from sim.declaration.model import Noise
 from sim.errors import DeclarationError, RecordError
 
 FREE_IN_RESPONSE = ("L_alpha", "M_alpha", "L_delta", "M_delta", "M_q", "inv_tau", "delay")
-DEPTH = 4  # scenarios that start from one another
+MOST_CHAINED_SCENARIOS = 4  # scenarios that start from one another
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,7 @@ class LoopResult:
         return self.bank.estimate
 
     def quality(self, name: str) -> Quality | None:
-        """A flying-qualities parameter by name, None if it does not exist."""
+        """Return a flying-qualities parameter by name, None if it does not exist."""
         return next((item for item in self.qualities if item.name == name), None)
 
 
@@ -135,8 +135,8 @@ class LoopStudy:
 
 
 def loop_scenario(name: str, changes: Sequence[str] = ()) -> LoopScenario:
-    """A closed-loop scenario of the catalogue, or a user's by the path of its file, with changes as
-    ``--set`` makes them.
+    """Return a closed-loop scenario of the catalogue, or a user's by the path of its file, with
+    changes as ``--set`` makes them.
 
     Raises DeclarationError as ``load_document`` does, and for a scenario of another kind.
     """
@@ -246,7 +246,7 @@ def _restarted(
             again.estimate.values[: len(result.estimate.names)]
             - result.estimate.values[: len(again.estimate.names)]
         )
-        settled = bool(np.max(np.abs(moved / again.estimate.std[: len(moved)])) < SETTLED)
+        settled = bool(np.max(np.abs(moved / again.estimate.std[: len(moved)])) < SETTLED_SIGMAS)
         result = again
         passes.append(result.estimate)
         if settled:
@@ -255,7 +255,7 @@ def _restarted(
 
 
 def response_check(result: LoopResult) -> ResponseCheck:
-    """The low-order equivalent by frequency response, of the loop and of the record."""
+    """Return the low-order equivalent by frequency response, of the loop and of the record."""
     x29 = result.simulated.x29
     loop = equivalent_system(x29)
     # a low-order truth is `loop`
@@ -292,7 +292,7 @@ def starting_values(scenario: LoopScenario, depth: int = 0) -> Mapping[str, floa
     estimation = scenario.estimation
     if estimation.start:
         return estimation.start
-    if depth == DEPTH:
+    if depth == MOST_CHAINED_SCENARIOS:
         raise DeclarationError(
             "scenarios start from one another in a circle",
             where=f"scenario {scenario.name}",
@@ -333,8 +333,8 @@ def _result(scenario: LoopScenario, simulated: SimulatedLoop, setting: SetUp) ->
 def _against(
     scenario: LoopScenario, seed: int, result: LoopResult, first: LoopResult
 ) -> tuple[LoopResult | None, np.ndarray | None, Comparison | None, tuple[tuple[str, float], ...]]:
-    """The other scenario's result, its free simulation, what differs, and differences of flying
-    qualities in sigmas of one result.
+    """Return the other scenario's result, its free simulation, what differs, and differences of
+    flying qualities in sigmas of one result.
     """
     against = scenario.against
     if against is None:
@@ -383,7 +383,7 @@ LEAST_PEAK = 1.0  # percent: smaller peaks count as zero, also without noise
 
 
 def verdicts(study: LoopStudy) -> tuple[str, ...]:
-    """All verdicts on a study, in the order of its tables."""
+    """Return all verdicts on a study, in the order of its tables."""
     return tuple(
         sentence
         for part in (_equivalent, _against_other, _restarts, _peak, _stretch, _whiteness)
@@ -463,7 +463,7 @@ def _restarts(study: LoopStudy) -> Iterator[str]:
     moved = np.abs(last.values[:n] - before.values[:n]) / last.std[:n]
     at, count = int(np.argmax(moved)), len(study.passes) - 1
     times = f"{count} restart{'s' * (count != 1)}"
-    if moved[at] < SETTLED:
+    if moved[at] < SETTLED_SIGMAS:
         yield (
             f"settled after {times}: the last one moves nothing by more than {moved[at]:.2f} "
             f"sigmas ({last.names[at]})"

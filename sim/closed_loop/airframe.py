@@ -232,8 +232,8 @@ _TELEMETRY = {
 
 
 def load_x29(name: str, path: Path = DATA_FILE) -> X29:
-    """The aircraft ``"P"`` (published), ``"S"`` (simulation-like), ``"F"``, ``"D"`` or ``"R"``
-    (flight-like).
+    """Return the aircraft ``"P"`` (published), ``"S"`` (simulation-like), ``"F"``, ``"D"`` or
+    ``"R"`` (flight-like).
 
     Numbers are in the units of ``sim.closed_loop.airframe``.
 

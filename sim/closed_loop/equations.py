@@ -113,8 +113,8 @@ class Plant:
 
 
 def plant(x29: X29) -> Plant:
-    """The continuous part of the loop in the state order alpha, q, canard, flaperon, strake, gyro,
-    accelerometer.
+    """Return the continuous part of the loop in the state order alpha, q, canard, flaperon, strake,
+    gyro, accelerometer.
     """
     short_period = airframe_matrices(x29.airframe)
     actuators = [actuator_matrices(surface) for surface in x29.surfaces]
@@ -171,8 +171,8 @@ def shaping_matrices(shaping: StickShaping, frame: float) -> Matrices:
 
 
 def law_matrices(law: ControlLaw) -> Matrices:
-    """The sampled law. Inputs r (g), gyro (deg/s), accelerometer (g); output u_p (deg), delayed by
-    whole frames.
+    """Return the sampled law. Inputs r (g), gyro (deg/s), accelerometer (g); output u_p (deg),
+    delayed by whole frames.
 
     States: lead-lag, integrator, then the commands on their way out. The delay leaves no direct
     path from input to u_p.
@@ -206,7 +206,7 @@ def _tustin(n0: float, n1: float, d0: float, d1: float, frame: float) -> tuple[f
 _HALVINGS = 20
 # Slack before a limit counts as passed, in parts of the limit; it keeps rounding from switching a
 # mode to and fro.
-_SLACK = 1e-10
+_LIMIT_SLACK = 1e-10
 
 
 class RamMode(IntEnum):
@@ -251,7 +251,7 @@ class Stepper:
 
 
 def prepare(x29: X29, plant: Plant, span: float, pieces: int) -> Stepper:
-    """A stepper over ``span`` s that looks at the limits ``pieces`` times."""
+    """Return a stepper over ``span`` s that looks at the limits ``pieces`` times."""
     from scipy.linalg import expm
 
     n = plant.A.shape[0]
@@ -304,7 +304,7 @@ def advance(
     Returns the state and modes at its end, and the modes that were active on the way in order
     (empty when all rams were free).
     """
-    if modes == ALL_FREE and np.abs(stepper.watch @ state).max() <= 1.0 + _SLACK:
+    if modes == ALL_FREE and np.abs(stepper.watch @ state).max() <= 1.0 + _LIMIT_SLACK:
         return stepper.free @ state, modes, ()
     # A new command moves the rate of a ram without servo at once.
     modes = _modes_after(stepper, state, modes)
@@ -331,7 +331,7 @@ def advance(
 
 
 def _modes_after(stepper: Stepper, state: np.ndarray, modes: Modes) -> Modes:
-    """The modes in which the rams go on from a state that was reached in ``modes``."""
+    """Return the modes in which the rams go on from a state that was reached in ``modes``."""
     rates = (stepper.ram_rate @ state).tolist()
     positions = [float(state[i]) for i in stepper.rams]
     return (
@@ -350,10 +350,10 @@ def _modes_after(stepper: Stepper, state: np.ndarray, modes: Modes) -> Modes:
 def _mode_after(
     mode: RamMode, wanted: float, position: float, rate: float, lower: float, upper: float
 ) -> RamMode:
-    slack = _SLACK * (upper - lower)
+    slack = _LIMIT_SLACK * (upper - lower)
     within = lower - slack <= position <= upper + slack
     if mode is RamMode.FREE:
-        stays = within and abs(wanted) <= rate * (1.0 + _SLACK)
+        stays = within and abs(wanted) <= rate * (1.0 + _LIMIT_SLACK)
     elif mode is RamMode.RATE_UP:
         stays = within and wanted >= rate
     elif mode is RamMode.RATE_DOWN:
@@ -405,8 +405,8 @@ class SampledLoop:
         return back * control.ss(plant.A, plant.B, plant.C[6:8], plant.D[6:8], self.frame)
 
     def response(self, omega: np.ndarray) -> np.ndarray:
-        """Response of alpha, q and incremental nz to the stick from frame to frame, complex ``(3,
-        n)``, per inch; ``omega`` in rad/s.
+        """Return the response of alpha, q and incremental nz to the stick from frame to frame,
+        complex ``(3, n)``, per inch; ``omega`` in rad/s.
         """
         z = np.exp(1j * np.asarray(omega) * self.frame)
         moved, law, shaped = (_at(block, z) for block in (self.plant, self.law, self.shaping))
@@ -415,8 +415,8 @@ class SampledLoop:
 
 
 def sampled_loop(x29: X29, lag: float) -> SampledLoop:
-    """The loop of ``x29`` with commands ``lag`` s after the frame whose sensors they were computed
-    from. Raises ModelError for a negative one.
+    """Return the loop of ``x29`` with commands ``lag`` s after the frame whose sensors they were
+    computed from. Raises ModelError for a negative one.
     """
     import control
 

@@ -44,6 +44,8 @@ if TYPE_CHECKING:
 
 # ---- The linear closed loop as python-control systems with named signals
 
+_MATCHED_BAND = (0.35, 14.0)  # rad/s, in which a low-order equivalent is fitted
+_MATCHED_FREQUENCIES = 40
 RESPONSE_NAMES = ("alpha", "q", "nz", *SURFACE_NAMES, "u_p")
 
 
@@ -105,7 +107,7 @@ def sampled_plant(x29: X29) -> StateSpace:
 
 
 def control_law(x29: X29) -> StateSpace:
-    """The sampled law from ``r``, ``gyro``, ``accelerometer`` to ``u_p``, computing delay
+    """Return the sampled law from ``r``, ``gyro``, ``accelerometer`` to ``u_p``, computing delay
     included.
     """
     return _named(law_matrices(x29.law), ["r", "gyro", "accelerometer"], ["u_p"], "law", x29.frame)
@@ -119,8 +121,8 @@ def stick_shaping(x29: X29) -> StateSpace:
 
 
 def open_loop(x29: X29) -> StateSpace:
-    """The sampled loop broken at u_p: from ``u_p`` to ``returned``, the negated command that comes
-    back; 1 + L = 0 closes it.
+    """Return the sampled loop broken at u_p: from ``u_p`` to ``returned``, the negated command that
+    comes back; 1 + L = 0 closes it.
     """
     import control
 
@@ -142,7 +144,7 @@ def open_loop(x29: X29) -> StateSpace:
 
 
 def closed_loop(x29: X29) -> StateSpace:
-    """The sampled closed loop from ``stick`` to the signals of ``RESPONSE_NAMES``."""
+    """Return the sampled closed loop from ``stick`` to the signals of ``RESPONSE_NAMES``."""
     import control
 
     blocks = [sampled_plant(x29), control_law(x29), stick_shaping(x29)]
@@ -152,13 +154,13 @@ def closed_loop(x29: X29) -> StateSpace:
 
 
 def margins(x29: X29) -> Margins:
-    """Margins of ``open_loop``, see ``loop_margins``."""
+    """Return the margins of ``open_loop``, see ``loop_margins``."""
     return loop_margins(open_loop(x29), np.geomspace(0.05, 0.999 * np.pi / x29.frame, 4000))
 
 
 def loop_margins(loop: StateSpace, omega: np.ndarray) -> Margins:
-    """Margins of a sampled open loop by ``control.stability_margins`` on its frequency response at
-    ``omega`` (rad/s), interpolated.
+    """Return the margins of a sampled open loop by ``control.stability_margins`` on its frequency
+    response at ``omega`` (rad/s), interpolated.
 
     The polynomial method of the library is ill conditioned for this order; 4000 points up to the
     folding frequency are not. A margin that does not exist is infinite (its crossover 0).
@@ -192,8 +194,8 @@ def respond(x29: X29, stick: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def frequency_response(x29: X29, omega: np.ndarray, recorded: bool = False) -> np.ndarray:
-    """Response of alpha, q and incremental nz to the stick, complex ``(3, len(omega))``, per inch;
-    ``omega`` in rad/s.
+    """Return the response of alpha, q and incremental nz to the stick, complex ``(3, len(omega))``,
+    per inch; ``omega`` in rad/s.
 
     Stick and outputs are taken at the same frames, so that the hold of the sampled stick is not
     part of it. With ``recorded`` the stick is the recorded one, which leads by ``recorded_skew``.
@@ -295,14 +297,14 @@ def _named(
 
 FITTED_NAMES = ("L_alpha", "M_alpha", "M_q", "M_delta", "L_delta", "inv_tau", "delay")
 # dB per unit of the natural logarithm of a gain; weight 1 (equivalent-system matching)
-_DECIBEL = 20.0 / math.log(10.0)
+_DECIBELS_PER_NEPER = 20.0 / math.log(10.0)
 # square root of the usual weight 0.01745 of an error of 1 deg, per rad
-_PHASE = math.sqrt(0.01745) * 180.0 / math.pi
+_PHASE_WEIGHT_ROOT = math.sqrt(0.01745) * 180.0 / math.pi
 # Start of the search, and sizes of the parameters.
 _START = np.array([-2.0, -10.0, -4.0, 0.3, 0.0, 12.0, 0.1])
 _SCALE = np.array([1.0, 10.0, 3.0, 0.3, 0.01, 10.0, 0.1])
-_STEPS = 12  # most Gauss-Newton steps from a near start
-_SETTLED = 1e-6  # largest last step, as a share of each parameter's size
+_MOST_STEPS = 12  # most Gauss-Newton steps from a near start
+_SETTLED_STEP_SHARE = 1e-6  # largest last step, as a share of each parameter's size
 
 
 class FitOutcome(Enum):
@@ -342,17 +344,15 @@ class EquivalentSystem:
     outcome: FitOutcome
 
 
-def equivalent_system(
-    x29: X29, L_q: float = 1.01, low: float = 0.35, high: float = 14.0, points: int = 40
-) -> EquivalentSystem:
+def equivalent_system(x29: X29, L_q: float = 1.01) -> EquivalentSystem:
     """Equivalent of the recorded linear loop: stick as recorded (its skew counts as delay),
-    ``points`` from ``low`` to ``high`` rad/s.
+    matched at 40 frequencies from 0.35 to 14 rad/s.
 
     The response is taken from frame to frame, without the hold of the sampled stick; the delay of a
     record whose stick is held between 40 Hz samples comes out about half a frame (6 ms) shorter.
     L_delta is poorly determined: mostly what an ``L_q`` leaves that is not the airframe's.
     """
-    omega = np.geomspace(low, high, points)
+    omega = np.geomspace(*_MATCHED_BAND, _MATCHED_FREQUENCIES)
     response = frequency_response(x29, omega, recorded=True)
     return fit_equivalent(omega, response, x29.airframe.airspeed, x29.airframe.gravity, L_q)
 
@@ -404,7 +404,9 @@ def fit_equivalent(
             )
             / response
         )
-        return np.concatenate([_DECIBEL * ratio.real.ravel(), _PHASE * ratio.imag.ravel()])
+        return np.concatenate(
+            [_DECIBELS_PER_NEPER * ratio.real.ravel(), _PHASE_WEIGHT_ROOT * ratio.imag.ravel()]
+        )
 
     if (
         near is not None
@@ -435,13 +437,13 @@ def _from_near(
             equivalent_response(values, omega, airspeed, gravity, L_q) / response[:, None, :]
         )
         return (
-            np.concatenate([_DECIBEL * ratio.real, _PHASE * ratio.imag])
+            np.concatenate([_DECIBELS_PER_NEPER * ratio.real, _PHASE_WEIGHT_ROOT * ratio.imag])
             .transpose(0, 2, 1)
             .reshape(-1, columns.shape[1])
         )
 
     with np.errstate(all="ignore"):
-        for _ in range(_STEPS):
+        for _ in range(_MOST_STEPS):
             result = errors(p[:, None] + np.column_stack([np.zeros(len(p)), np.diag(nudge)]))
             if not np.all(np.isfinite(result)):
                 return None
@@ -449,7 +451,7 @@ def _from_near(
                 (result[:, 1:] - result[:, :1]) / 1e-7, -result[:, 0], rcond=None
             )[0]
             p = p + _SCALE * step
-            if np.abs(step).max() < _SETTLED:
+            if np.abs(step).max() < _SETTLED_STEP_SHARE:
                 return _system(
                     p, L_q, float(result[:, 0] @ result[:, 0] / response.size), FitOutcome.CONVERGED
                 )
@@ -459,7 +461,7 @@ def _from_near(
 def _system(
     fitted: np.ndarray, L_q: float, mismatch: float, outcome: FitOutcome
 ) -> EquivalentSystem:
-    """The system of fitted values in the order of ``FITTED_NAMES``, with its frequency and
+    """Return the system of fitted values in the order of ``FITTED_NAMES``, with its frequency and
     damping.
     """
     values = {name: float(value) for name, value in zip(FITTED_NAMES, fitted, strict=True)}
@@ -479,8 +481,8 @@ def _system(
 def equivalent_response(
     values: Mapping[str, Any], omega: np.ndarray, airspeed: float, gravity: float, L_q: float
 ) -> np.ndarray:
-    """Response of alpha, q and incremental nz to the stick for values of ``FITTED_NAMES``, complex
-    ``(3, n)``; of values ``(k, 1)`` ``(3, k, n)``.
+    """Return the response of alpha, q and incremental nz to the stick for values of
+    ``FITTED_NAMES``, complex ``(3, n)``; of values ``(k, 1)`` ``(3, k, n)``.
     """
     L_alpha, M_alpha, M_q, M_delta, L_delta, inv_tau, delay = (
         values[name] for name in FITTED_NAMES

@@ -84,8 +84,8 @@ class SmoothStick:
 def three_two_one_one(
     amplitude: float = 1.0, unit: float = 0.5, start: float = 1.0
 ) -> SteppedStick:
-    """The 3-2-1-1: +, -, +, - for 3, 2, 1 and 1 units (s) from ``start`` (s), then 0; a negative
-    amplitude (in) turns the sign.
+    """Return the 3-2-1-1: +, -, +, - for 3, 2, 1 and 1 units (s) from ``start`` (s), then 0; a
+    negative amplitude (in) turns the sign.
     """
     return alternating((3.0, 2.0, 1.0, 1.0), amplitude, unit, start)
 
@@ -98,8 +98,8 @@ def doublet(amplitude: float = 1.0, unit: float = 1.0, start: float = 1.0) -> St
 def alternating(
     lengths: tuple[float, ...], amplitude: float, unit: float, start: float
 ) -> SteppedStick:
-    """Steps of alternating sign, ``lengths`` in units (s), then 0; switches at ``start + unit *
-    sum(lengths so far)``.
+    """Return the steps of alternating sign, ``lengths`` in units (s), then 0; switches at ``start +
+    unit * sum(lengths so far)``.
     """
     edges = np.concatenate([[0.0], np.cumsum(lengths)])
     levels = [amplitude * (-1.0) ** i for i in range(len(lengths))]
@@ -113,8 +113,8 @@ def manual_stick(
     bandwidth: float = 10.0,
     start: float = 0.5,
 ) -> SmoothStick:
-    """A history as a pilot flies it: pulls and pushes of uneven size and length, now and then a
-    rest near zero; 0 at the end.
+    """Return a history as a pilot flies it: pulls and pushes of uneven size and length, now and
+    then a rest near zero; 0 at the end.
 
     Levels change every 0.3 to 1.5 s and alternate in sign with sizes of 0.3 to 1 ``amplitude``
     (in); one in four is within 0.1 of it instead. The last second before ``duration`` (s) is let
@@ -154,26 +154,26 @@ def _check(times: tuple[float, ...], levels: tuple[float, ...]) -> None:
 
 # ---- Frames of the computer in which nothing is limited
 
-FRAMES = 32  # at a time: more cost more for each, fewer do not repay the call
-INSIDE = 1.0 - 1e-9  # of a limit, within which rounding does not decide
+FRAMES_PER_BLOCK = 32  # at a time: more cost more for each, fewer do not repay the call
+LIMIT_SHARE = 1.0 - 1e-9  # of a limit, within which rounding does not decide
 
 
 @dataclass(frozen=True, eq=False)
 class FrameBlock:
-    """``FRAMES`` steps of ``w' = A w + b r`` at once.
+    """``FRAMES_PER_BLOCK`` steps of ``w' = A w + b r`` at once.
 
     Attributes
     ----------
-    from_start : ``((FRAMES + 1) d, d)``, w at every frame from w at the first.
-    from_input : ``((FRAMES + 1) d, FRAMES)``, from r.
+    from_start : ``((FRAMES_PER_BLOCK + 1) d, d)``, w at every frame from w at the first.
+    from_input : ``((FRAMES_PER_BLOCK + 1) d, FRAMES_PER_BLOCK)``, from r.
     """
 
     from_start: np.ndarray
     from_input: np.ndarray
 
     def states(self, start: np.ndarray, driven: np.ndarray) -> np.ndarray:
-        """w at the frames of ``driven (k,)``, at most ``FRAMES`` of them, and at the one after the
-        last: ``(k + 1, d)``.
+        """w at the frames of ``driven (k,)``, at most ``FRAMES_PER_BLOCK`` of them, and at the one
+        after the last: ``(k + 1, d)``.
         """
         d, k = start.size, driven.size
         rows = (k + 1) * d
@@ -185,24 +185,27 @@ class FrameBlock:
 def stretch(A: np.ndarray, b: np.ndarray) -> FrameBlock:
     """Prepare ``A (d, d)``, ``b (d,)``."""
     d = b.size
-    powers, pulses = np.empty((FRAMES + 1, d, d)), np.zeros((FRAMES + 1, d, FRAMES))
+    powers, pulses = (
+        np.empty((FRAMES_PER_BLOCK + 1, d, d)),
+        np.zeros((FRAMES_PER_BLOCK + 1, d, FRAMES_PER_BLOCK)),
+    )
     powers[0] = np.eye(d)
-    for j in range(FRAMES):
+    for j in range(FRAMES_PER_BLOCK):
         powers[j + 1] = A @ powers[j]
     answer = powers[:-1] @ b
-    for j in range(1, FRAMES + 1):
+    for j in range(1, FRAMES_PER_BLOCK + 1):
         pulses[j, :, :j] = answer[:j][::-1].T
-    return FrameBlock(powers.reshape(-1, d), pulses.reshape(-1, FRAMES))
+    return FrameBlock(powers.reshape(-1, d), pulses.reshape(-1, FRAMES_PER_BLOCK))
 
 
 def filtered(block: Matrices, driven: np.ndarray) -> np.ndarray:
     """Output ``(N,)`` of a sampled block with one input and one output, from rest."""
     prepared, out = stretch(block.A, block.B[:, 0]), np.empty(driven.size)
     state = np.zeros(block.A.shape[0])
-    for k in range(0, driven.size, FRAMES):
-        part = driven[k : k + FRAMES]
+    for k in range(0, driven.size, FRAMES_PER_BLOCK):
+        part = driven[k : k + FRAMES_PER_BLOCK]
         states = prepared.states(state, part)
-        out[k : k + FRAMES] = states[:-1] @ block.C[0] + block.D[0, 0] * part
+        out[k : k + FRAMES_PER_BLOCK] = states[:-1] @ block.C[0] + block.D[0, 0] * part
         state = states[-1]
     return out
 
@@ -230,9 +233,9 @@ class FreeFrames:
         """w at the frames from ``start`` on that are free, and at the one after them, ``(f + 1,
         d)``; ``reference (k,)`` g at the frames.
         """
-        states = self.prepared.states(start, reference[:FRAMES])
+        states = self.prepared.states(start, reference[:FRAMES_PER_BLOCK])
         seen = np.abs(states[:-1] @ self.watch.T + self.offset).max(axis=1)
-        limited = np.flatnonzero(~(seen < INSIDE))
+        limited = np.flatnonzero(~(seen < LIMIT_SHARE))
         return states if limited.size == 0 else states[: limited[0] + 1]
 
 
@@ -268,8 +271,8 @@ def free_frames(x29: X29, steppers: Sequence[Stepper], departure: float) -> Free
 
 Stick = Callable[[np.ndarray], np.ndarray]
 # Beyond this angle of attack (rad) linear derivatives mean nothing and the flight is broken off.
-_DEPARTURE = 1.0
-_WAIT = 8  # frames that are stepped one by one after one that was limited
+_DEPARTURE_ALPHA = 1.0
+_SINGLE_FRAMES_AFTER_LIMIT = 8  # frames that are stepped one by one after one that was limited
 
 
 class FlightOutcome(Enum):
@@ -411,7 +414,7 @@ def _fly(x29: X29, reference: np.ndarray, pieces: int) -> _FrameStates:
     system, law = plant(x29), law_matrices(x29.law)
     n, count = system.A.shape[0], reference.size
     steppers = _steppers(x29, pieces)
-    free = free_frames(x29, steppers, _DEPARTURE)
+    free = free_frames(x29, steppers, _DEPARTURE_ALPHA)
     mix = mixing(x29)
     lower = np.array([surface.lower - surface.trim for surface in x29.surfaces])
     upper = np.array([surface.upper - surface.trim for surface in x29.surfaces])
@@ -434,10 +437,10 @@ def _fly(x29: X29, reference: np.ndarray, pieces: int) -> _FrameStates:
                 ahead[:-1] @ free.command,
             )
             state[:n], computer, k = ahead[-1, :n], ahead[-1, n:], part.stop
-            again = k if len(ahead) > FRAMES else k + _WAIT
+            again = k if len(ahead) > FRAMES_PER_BLOCK else k + _SINGLE_FRAMES_AFTER_LIMIT
             continue
         states[k] = state[:n]
-        if abs(state[0]) > _DEPARTURE:
+        if abs(state[0]) > _DEPARTURE_ALPHA:
             outcome, count = FlightOutcome.DEPARTED, k + 1
             break
         command[k] = u_p = float(law.C[0] @ computer)
@@ -467,7 +470,7 @@ def _fly(x29: X29, reference: np.ndarray, pieces: int) -> _FrameStates:
 
 
 def _steppers(x29: X29, pieces: int) -> tuple[Stepper, ...]:
-    """One stepper a frame, or two if a skewed record samples its outputs in between."""
+    """Return one stepper a frame, or two if a skewed record samples its outputs in between."""
     system, rest = plant(x29), math.fmod(x29.stick.recorded_skew, x29.frame)
     if rest == 0.0:
         return (prepare(x29, system, x29.frame, pieces),)
@@ -504,7 +507,7 @@ def _stick_at_frames(stick: Stick | np.ndarray, time: np.ndarray) -> np.ndarray:
 
 
 def _frame_times(x29: X29, duration: float, every: int) -> np.ndarray:
-    """Times of the computer's frames, s; at least two rows of the record."""
+    """Return the times of the computer's frames, s; at least two rows of the record."""
     frames = round(duration * x29.law.frame_rate) if math.isfinite(duration) else 0
     if frames < every:
         raise ModelError(

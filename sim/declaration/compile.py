@@ -89,7 +89,7 @@ class EffectStages:
 
 
 def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> EffectStages:
-    """The parts of a model; an unknown output, or an effect that cannot run on line, is a
+    """Return the parts of a model; an unknown output, or an effect that cannot run on line, is a
     ModelError.
     """
     equations = model.equations
@@ -131,8 +131,8 @@ def parts_of(model: Model, outputs: Sequence[str] | None, online: bool) -> Effec
 
 
 def _following(model: Model, protocol: Any) -> list[Any]:
-    """Effects of a model that follow a protocol; cached by class and attribute names, since the
-    check inspects all attributes.
+    """Return the effects of a model that follow a protocol; cached by class and attribute names,
+    since the check inspects all attributes.
     """
     result = []
     for effect in model.effects:
@@ -225,7 +225,7 @@ Measured = Callable[[Signals, Any, Rows], dict[str, Any]]
 
 
 def signals_of(parts: EffectStages) -> Bus:
-    """All signals by name at one time, with the contributions of effects, and the vehicle's
+    """Return all signals by name at one time, with the contributions of effects, and the vehicle's
     parameters at that time.
     """
     equations, own, slices = parts.model.equations, parts.own, parts.slices
@@ -294,7 +294,7 @@ def signals_of(parts: EffectStages) -> Bus:
 
 
 def measured_of(parts: EffectStages) -> Measured:
-    """All outputs by name, as sensors without memory measure them."""
+    """Return all outputs by name, as sensors without memory measure them."""
     equations, own, readings = parts.model.equations, parts.own, parts.readings
     base_outputs = tuple(signal.name for signal in equations.outputs)
     rates = (
@@ -530,8 +530,8 @@ def _names_of(effects: Sequence[Effect]) -> frozenset[str]:
 
 
 def tied_system(system: System, ties: Sequence[Tie]) -> System:
-    """The System with every tied parameter replaced by its tie's value; the same object without
-    ties.
+    """Return the System with every tied parameter replaced by its tie's value; the same object
+    without ties.
 
     A parameter that others follow counts as acting wherever one of these does.
     """

@@ -124,7 +124,7 @@ class ParameterSet:
             ) from None
 
     def values(self, names: Iterable[str] | None = None) -> np.ndarray:
-        """Values in order, shape ``(n,)``; of all parameters or of those named."""
+        """Return the values in order, shape ``(n,)``; of all parameters or of those named."""
         chosen = self.items if names is None else [self[name] for name in names]
         return np.array([item.value for item in chosen], dtype=float)
 
@@ -160,7 +160,7 @@ class ParameterSet:
         return ParameterSet(tuple(replace(item, free=item.name in wanted) for item in self.items))
 
     def joined(self, other: Iterable[Parameter]) -> ParameterSet:
-        """This set followed by further parameters."""
+        """Return this set followed by further parameters."""
         return ParameterSet(self.items + tuple(other))
 
     def _changed(self, changes: Mapping[str, Mapping[str, Any]]) -> ParameterSet:
@@ -489,8 +489,8 @@ def states_read_by(effect: object) -> Sequence[str]:
 
 
 def in_order(effects: Sequence[Any]) -> list[Any]:
-    """Effects of one station as the signal meets them: by ``rank``, 0 where an effect has none;
-    equals as they were added.
+    """Return the effects of one station as the signal meets them: by ``rank``, 0 where an effect
+    has none; equals as they were added.
     """
     return sorted(effects, key=lambda effect: effect.rank if isinstance(effect, Ranked) else 0)
 

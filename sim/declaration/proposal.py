@@ -11,6 +11,7 @@ from sim.declaration.effect import Effect
 
 # ---- What is known of an effect beside its equations
 
+_ONSETS = 36  # times at which a search starts an event
 GUARD = "guard:"  # what a guard's printed name begins with
 
 _NO_RANGES: Mapping[str, tuple[float, float]] = MappingProxyType({})
@@ -109,7 +110,7 @@ class Traits:
 
 # of half the sampling rate: above it a few samples a period are no oscillation, and any derivative
 # can hide in it
-RESOLVED = 0.8
+RESOLVED_FREQUENCY_SHARE = 0.8
 
 _NONE: Mapping[str, float] = MappingProxyType({})
 _proposal_NO_RANGES: Mapping[str, tuple[float, float]] = MappingProxyType({})
@@ -152,19 +153,19 @@ class SearchContext:
         return self.end - self.begin
 
     def flown_range(self, name: str) -> tuple[float, float] | None:
-        """Lowest and highest value of a signal in the record; plus and minus its peak if only that
-        is known, None if nothing is.
+        """Return the lowest and highest value of a signal in the record; plus and minus its peak if
+        only that is known, None if nothing is.
         """
         if name in self.flown:
             return self.flown[name]
         peak = self.state_peak.get(name, self.input_peak.get(name, 0.0))
         return (-peak, peak) if peak > 0 else None
 
-    def onsets(self, count: int = 36) -> tuple[float, ...]:
-        """Times spread evenly over the record without its ends, where an event looks like a
-        bias.
+    def onsets(self) -> tuple[float, ...]:
+        """Return the times spread evenly over the record without its ends, where an event looks
+        like a bias.
         """
-        return tuple(self.begin + self.duration * (i + 0.5) / count for i in range(count))
+        return tuple(self.begin + self.duration * (i + 0.5) / _ONSETS for i in range(_ONSETS))
 
 
 @dataclass(frozen=True)
@@ -243,8 +244,8 @@ def fitted_to(effect: Traceable, context: SearchContext) -> Traceable:
 
 
 def delays_to_try(context: SearchContext) -> tuple[float, ...]:
-    """Delays and time constants to try, s, a factor of two apart, from a share of the sampling
-    interval upward.
+    """Return the delays and time constants to try, s, a factor of two apart, from a share of the
+    sampling interval upward.
 
     None is a multiple of a usual sampling interval: a step of a held input would then meet a
     sample, and slopes would be one-sided.

@@ -69,7 +69,7 @@ def lock_arrays(signals: dict[str, Any]) -> None:
 
 
 def with_locked_arrays(parameters: Any) -> Any:
-    """The named tuple with read-only views of its arrays; the same object without arrays."""
+    """Return the named tuple with read-only views of its arrays; the same object without arrays."""
     for value in parameters:
         if type(value) is np.ndarray:
             return parameters._make(
@@ -79,7 +79,7 @@ def with_locked_arrays(parameters: Any) -> Any:
 
 
 def locked(array: np.ndarray) -> np.ndarray:
-    """A read-only view of an array."""
+    """Return a read-only view of an array."""
     view = array.view()
     view.setflags(write=False)
     return view
@@ -289,7 +289,7 @@ NO_COMPLEX = (
 def fault(
     model: str, what: str, function: Answer, error: BaseException, s: Any, p: Any
 ) -> FlightidError:
-    """One line on an error of a user's function: problem, function, file and line.
+    """Return one line on an error of a user's function: problem, function, file and line.
 
     Requests to stop the program, such as Ctrl-C, are raised again.
     """
@@ -330,8 +330,8 @@ def fault(
 
 
 def _changes_argument(error: BaseException) -> bool:
-    """Whether an error comes of an assignment to a signal or parameter, to an element of one, or to
-    a read-only array.
+    """Return whether an error comes of an assignment to a signal or parameter, to an element of
+    one, or to a read-only array.
     """
     text = str(error)
     return (
@@ -366,14 +366,14 @@ def place(model: str, what: str, function: Answer, error: BaseException) -> str:
 
 # of a value, or of one: how far beside the starts slopes are compared, since at zero itself many
 # curves have a kink
-ASIDE = 0.01
-DIFFERENCE = 1e-6  # of a value, or of ``ASIDE``: step of the differences
+TRIAL_OFFSET = 0.01
+DIFFERENCE_STEP_SHARE = 1e-6  # of a value, or of ``TRIAL_OFFSET``: step of the differences
 # of the sizes of the terms: rounding of a difference, with three digits to spare for what cancels
 # inside
-TERMS = 1e-12
+TERM_ROUNDING = 1e-12
 # by which a difference and a complex step may be apart: a curve as sharp as the step of a
 # difference is no curve
-SLOPE = 1e-3
+SLOPE_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -464,7 +464,7 @@ def _refuse_reused(
 
 
 def _function(equations: OwnEquations, what: str) -> Answer:
-    """The user's function of that name."""
+    """Return the user's function of that name."""
     result = {"rates": equations.rates, "readings": equations.readings, "flow": equations.formed}[
         what
     ]
@@ -493,12 +493,12 @@ def parameters_read(equations: OwnEquations, starts: Starts) -> frozenset[str]:
 
 @cache
 def _parameter_class(names: tuple[str, ...]) -> Any:
-    """A named tuple of parameters; to make its class takes longer than to fill it."""
+    """Return a named tuple of parameters; to make its class takes longer than to fill it."""
     return namedtuple("Parameters", names)
 
 
 def evaluated(equations: OwnEquations, starts: Starts) -> dict[tuple[str, str], Any]:
-    """All answers at a point by function and name, checked for names and types.
+    """Return all answers at a point by function and name, checked for names and types.
 
     Raises
     ------
@@ -594,12 +594,12 @@ def _answer_label(what: str, name: str) -> str:
 
 
 def neighbouring_point(starts: Starts, side: float) -> Starts:
-    """A point near the starts, each value moved by a different amount."""
+    """Return a point near the starts, each value moved by a different amount."""
 
     def moved(some: Mapping[str, Any], first: int) -> dict[str, Any]:
         amounts = (1.0 + 0.1 * math.sin(first + i) for i in range(len(some)))
         return {
-            name: value + side * ASIDE * amount * (abs(value) or 1.0)
+            name: value + side * TRIAL_OFFSET * amount * (abs(value) or 1.0)
             for (name, value), amount in zip(some.items(), amounts, strict=True)
         }
 
@@ -619,7 +619,7 @@ def _compare_slopes(equations: OwnEquations, at: Starts) -> None:
     exact, result, steps = [], [], []
     for of_signal, name in names:
         value = (at.signals if of_signal else at.parameters)[name]
-        step = DIFFERENCE * (abs(value) or ASIDE)
+        step = DIFFERENCE_STEP_SHARE * (abs(value) or TRIAL_OFFSET)
         stepped = evaluated(equations, changed(at, of_signal, name, complex(value, COMPLEX_STEP)))
         exact.append([np.imag(each) / COMPLEX_STEP for each in stepped.values()])
         sides = [
@@ -631,14 +631,17 @@ def _compare_slopes(equations: OwnEquations, at: Starts) -> None:
         )
         steps.append(step)
     slopes = np.array(exact)
-    terms = np.max(np.abs(slopes) * np.array(steps)[:, None] / DIFFERENCE, axis=0) + np.abs(base)
+    terms = np.max(
+        np.abs(slopes) * np.array(steps)[:, None] / DIFFERENCE_STEP_SHARE, axis=0
+    ) + np.abs(base)
     for k, (_, name) in enumerate(names):
         difference = result[k]
         if difference is None:
             continue
         differs = (
             np.abs(slopes[k] - difference)
-            > SLOPE * np.maximum(np.abs(slopes[k]), np.abs(difference)) + TERMS * terms / steps[k]
+            > SLOPE_TOLERANCE * np.maximum(np.abs(slopes[k]), np.abs(difference))
+            + TERM_ROUNDING * terms / steps[k]
         )
         if np.any(differs):
             what, answer = list(evaluated(equations, at))[int(np.argmax(differs))]
@@ -654,7 +657,7 @@ def _compare_slopes(equations: OwnEquations, at: Starts) -> None:
 
 
 def changed(at: Starts, of_signal: bool, name: str, value: Any) -> Starts:
-    """The point with another value of one signal or parameter."""
+    """Return the point with another value of one signal or parameter."""
     return (
         Starts({**at.signals, name: value}, at.parameters)
         if of_signal
@@ -663,7 +666,7 @@ def changed(at: Starts, of_signal: bool, name: str, value: Any) -> Starts:
 
 
 def _finite(equations: OwnEquations, at: Starts) -> np.ndarray | None:
-    """All answers at a point near the starts, None if one is not finite or fails."""
+    """Return all answers at a point near the starts, None if one is not finite or fails."""
     try:
         values: Sequence[Any] = list(evaluated(equations, at).values())
     except FlightidError as error:

@@ -18,7 +18,7 @@ import numpy as np
 from sim.declaration.effect import Parameter, ParameterSet, Signal
 from sim.declaration.model import Model
 from sim.declaration.user_equations import (
-    ASIDE,
+    TRIAL_OFFSET,
     Answer,
     OwnEquations,
     Signals,
@@ -35,7 +35,7 @@ from sim.maths import COMPLEX_STEP, complex_step_jacobian
 # ---- What the parameters of a user's own model multiply
 
 TrialAnswer = tuple[str, str]  # "rates" or "readings", and the name
-APART = 1e-9  # share of the largest slope, below which two slopes differ by rounding only
+SLOPE_TOLERANCE = 1e-9  # share of the largest slope, below which two slopes differ by rounding only
 
 
 def multiplying(equations: OwnEquations, starts: Starts, names: Sequence[str]) -> tuple[str, ...]:
@@ -68,7 +68,7 @@ def products(
     result = []
     for signal in (*equations.states, *equations.inputs):
         value = here.signals[signal.name]
-        moved = changed(here, True, signal.name, value + ASIDE * (abs(value) or 1.0))
+        moved = changed(here, True, signal.name, value + TRIAL_OFFSET * (abs(value) or 1.0))
         for name in names:
             there = _slopes(equations, moved, False, name)
             rates = {
@@ -99,8 +99,8 @@ def _rates_fed(equations: OwnEquations, at: Starts) -> dict[str, set[TrialAnswer
 def _slopes(
     equations: OwnEquations, at: Starts, of_signal: bool, name: str
 ) -> dict[TrialAnswer, float]:
-    """Slopes of all rates and readings by one signal or parameter; empty if the functions
-    fail.
+    """Return the slopes of all rates and readings by one signal or parameter; empty if the
+    functions fail.
     """
     value = (at.signals if of_signal else at.parameters)[name]
     try:
@@ -111,13 +111,14 @@ def _slopes(
 
 
 def _differ(slopes: Sequence[float]) -> bool:
-    return bool(np.ptp(slopes) > APART * np.max(np.abs(slopes)))
+    return bool(np.ptp(slopes) > SLOPE_TOLERANCE * np.max(np.abs(slopes)))
 
 
 # ---- Observable sensor biases of a user model
 
-ALIKE = 2.0  # largest scale factor of a sensor that reads a state
-RANK = 1e-9  # share of the largest singular value, below which a direction is unobservable
+LARGEST_SCALE_FACTOR = 2.0  # largest scale factor of a sensor that reads a state
+# share of the largest singular value, below which a direction is unobservable
+UNOBSERVABLE_SHARE = 1e-9
 
 
 def observable_biases(equations: OwnEquations, starts: Starts) -> tuple[str, ...]:
@@ -164,7 +165,10 @@ def refuse_misnamed(equations: OwnEquations, starts: Starts) -> None:
                 where=where,
                 remedy=remedy,
             )
-        if not any(1.0 / ALIKE < C[i, j] < ALIKE or not np.isfinite(C[i, j]) for C in slopes):
+        if not any(
+            1.0 / LARGEST_SCALE_FACTOR < C[i, j] < LARGEST_SCALE_FACTOR or not np.isfinite(C[i, j])
+            for C in slopes
+        ):
             problem = (
                 "it has the name of a state and reads something else (it moves "
                 f"{slopes[0][i, j]:.3g} times as far)"
@@ -212,7 +216,7 @@ def _seen(A: np.ndarray, C: np.ndarray, biases: Sequence[int]) -> int:
     rows = [row]
     for _ in range(n + k - 1):
         rows.append(rows[-1] @ step)
-    return int(np.linalg.matrix_rank(np.vstack(rows), rtol=RANK))
+    return int(np.linalg.matrix_rank(np.vstack(rows), rtol=UNOBSERVABLE_SHARE))
 
 
 # ---- A user's own model
@@ -342,7 +346,7 @@ def _declared_numbers(
 def _model(
     equations: OwnEquations, numbers: ParameterSet, start: Mapping[str, float], *, all_biases: bool
 ) -> Model:
-    """The model of equations that were tried at their starts."""
+    """Return the model of equations that were tried at their starts."""
     zero = {each.name: 0.0 for each in (*equations.states, *equations.inputs, *equations.ports)}
     starts = Starts({TIME: 0.0, **zero, **start}, {item.name: item.value for item in numbers})
     with np.errstate(all="ignore"):  # beside the starts a root or a logarithm may have no value
@@ -376,7 +380,7 @@ def _rate_ports(states: Iterable[Signal]) -> tuple[Signal, ...]:
 
 
 def rate_unit(unit: str) -> str:
-    """The unit of a rate: ``rad/s`` of ``rad``, ``m/s2`` of ``m/s``."""
+    """Return the unit of a rate: ``rad/s`` of ``rad``, ``m/s2`` of ``m/s``."""
     match = re.fullmatch(r"(.+)/s(\d*)", unit)
     return f"{match[1]}/s{int(match[2] or 1) + 1}" if match else f"{unit}/s"
 
@@ -428,7 +432,7 @@ def _refuse_other_arguments(model: str, what: str, function: Callable[..., objec
 
 
 def _signals(model: str, what: str, some: object) -> tuple[Signal, ...]:
-    """The signals of a mapping name -> unit; there must be a state and an output."""
+    """Return the signals of a mapping name -> unit; there must be a state and an output."""
     result = _mapping(model, what, some)
     for name, unit in result.items():
         _refuse_name(model, what, name)

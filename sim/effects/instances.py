@@ -89,7 +89,9 @@ def further_outputs(equations: Equations) -> tuple[Signal, ...]:
 def for_inputs(
     equations: Equations, *makers: Callable[[Signal, str], Traceable]
 ) -> tuple[Traceable, ...]:
-    """What each maker gives for each input that has no instance yet: of a signal and a label."""
+    """Return the effects that each maker gives for each input without an instance yet: of a signal
+    and a label.
+    """
     inputs = further_inputs(equations)
     return tuple(make(signal, label) for make in makers for signal, label in inputs)
 
@@ -106,7 +108,7 @@ def sized(
 def for_outputs(
     equations: Equations, *makers: Callable[[Signal], Traceable]
 ) -> tuple[Traceable, ...]:
-    """What each maker gives for each output that has no instance yet."""
+    """Return the effects that each maker gives for each output without an instance yet."""
     outputs = further_outputs(equations)
     return tuple(make(signal) for make in makers for signal in outputs)
 
@@ -119,12 +121,12 @@ def large_input(unit: str) -> float:
 
 
 def has_size(unit: str) -> bool:
-    """Whether ``large_input`` knows the unit."""
+    """Return whether ``large_input`` knows the unit."""
     return unit in _LARGE_INPUT
 
 
 def has_output_size(unit: str) -> bool:
-    """Whether ``large_output`` knows the unit."""
+    """Return whether ``large_output`` knows the unit."""
     return unit in _LARGE_OUTPUT
 
 
@@ -152,12 +154,12 @@ def large_output(unit: str) -> float:
 
 
 def per(unit: str) -> str:
-    """One over a unit."""
+    """Return one over a unit."""
     return f"1/({unit})" if "/" in unit or " " in unit else f"1/{unit}"
 
 
 def per_square(unit: str) -> str:
-    """One over the square of a unit."""
+    """Return one over the square of a unit."""
     return f"1/({unit})/({unit})" if "/" in unit or " " in unit else f"1/{unit}2"
 
 
@@ -180,7 +182,7 @@ def ports_without(listed: Iterable[Traceable], equations: OwnEquations) -> tuple
 
 
 def per_unit(port: str, *signals: str) -> str:
-    """Unit of a slope of a port by the product of some signals, as ``m/s2/(m/s)/N``."""
+    """Return the unit of a slope of a port by the product of some signals, as ``m/s2/(m/s)/N``."""
     below = (f"({unit})" if "/" in unit or " " in unit else unit for unit in signals if unit != "1")
     return "/".join((port, *below))
 
@@ -314,7 +316,7 @@ class NonlinearControl:
         return ()
 
     def used(self, context: SearchContext) -> tuple[float, float]:
-        """The largest deflection from the middle that a record used, and the middle, in the
+        """Return the largest deflection from the middle that a record used, and the middle, in the
         control's unit.
         """
         low, high = context.flown_range(self.control) or context.flown_range("stick") or (0.0, 0.0)
@@ -330,8 +332,8 @@ Form = TypeVar("Form", bound=NonlinearControl)
 
 
 def of_all_controls(form: type[Form], **pseudo_control: float) -> tuple[Form, ...]:
-    """A form on every control of the equations; ``pseudo_control`` holds its usual sizes on that of
-    the low-order equivalent.
+    """Return a form on every control of the equations; ``pseudo_control`` holds its usual sizes on
+    that of the low-order equivalent.
     """
     lateral = (
         form(
@@ -439,7 +441,7 @@ def tried(context: SearchContext, signal: str) -> Sequence[Probe]:
 
 
 def played(u: np.ndarray, half_width: Any) -> np.ndarray:
-    """One run through a play.
+    """Return one run through a play.
 
     While the input rises y = max(y0, u - half_width), while it falls y = min(y0, u + half_width),
     y0 that at the last turn.

@@ -31,8 +31,8 @@ from sim.errors import ModelError
 
 
 def effect_modules() -> tuple[ModuleType, ...]:
-    """The modules of all station folders and the folders in them, in the order of the signal chain,
-    then by name.
+    """Return the modules of all station folders and the folders in them, in the order of the signal
+    chain, then by name.
     """
     result: list[ModuleType] = []
     for station in Station:
@@ -71,8 +71,8 @@ def library() -> tuple[Effect, ...]:
 
 
 def effects_for(equations: Equations) -> tuple[Effect, ...]:
-    """The effects that can act on a vehicle: those whose input, channel and ports it has, and those
-    that are made from its declaration.
+    """Return the effects that can act on a vehicle: those whose input, channel and ports it has,
+    and those that are made from its declaration.
 
     A module's ``made_for(equations)``, where it has one, makes instances for inputs, outputs and
     ports that none of its ``VARIANTS`` is for.
@@ -136,8 +136,8 @@ def catch_all_terms_for(equations: Equations) -> tuple[Traceable, ...]:
 
 
 def applies(effect: Effect, equations: Equations) -> bool:
-    """Whether a vehicle has the input, the output, the ports, the constants and the states that an
-    effect acts on.
+    """Return whether a vehicle has the input, the output, the ports, the constants and the states
+    that an effect acts on.
     """
     inputs = {signal.name for signal in equations.inputs}
     outputs = {signal.name for signal in equations.outputs}
@@ -166,7 +166,7 @@ def applies(effect: Effect, equations: Equations) -> bool:
 
 
 def effect_names() -> tuple[str, ...]:
-    """Names of all effects, each once, in the order of the signal chain."""
+    """Return the names of all effects, each once, in the order of the signal chain."""
     return tuple(dict.fromkeys(effect.name for effect in library()))
 
 
@@ -188,7 +188,7 @@ def traits_of(name: str) -> Traits:
 
 
 def find_effect(name: str, equations: Equations | None = None) -> Effect:
-    """The effect of that name, for one vehicle or for any.
+    """Return the effect of that name, for one vehicle or for any.
 
     A name without its part after the colon will do where only one instance is offered
     (``"elastic-mode"`` for ``"elastic-mode:1"``), and of a vehicle another name of an effect

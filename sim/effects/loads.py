@@ -19,21 +19,22 @@ from sim.maths import G0, clip, combine, cos, natural_shapes, once_for_alike, sh
 
 # ---- What a channel showed at earlier times, for sensors that read late
 
-APERTURE = 0.001  # s; a jump that meets a sample is spread over it, as cells do for a delayed input
+# s; a jump that meets a sample is spread over it, as cells do for a delayed input
+JUMP_SPREAD_TIME = 0.001
 
 
 def each_run_earlier(
     steps: Any, begin: Any, end: Any, shown: Callable[..., Any], *values: Any
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Values at the times ``shown(edges, *values)``, for a channel that runs straight from
-    ``begin`` to ``end`` of each sub-step.
+    """Return the values at the times ``shown(edges, *values)``, for a channel that runs straight
+    from ``begin`` to ``end`` of each sub-step.
 
     ``begin`` ``(M + 1, ...)``, ``end`` ``(M, ...)`` and ``steps`` ``(M,)`` as in
     ``SensorEffect.act``; ``values`` broadcast with the batch axes, and runs in which they are alike
     are worked out together. ``edges`` ``(M + 1,)`` count from the record's start, s. Before the
     start the first value holds. Just before an edge at which the channel jumps (within
-    ``APERTURE``) the value goes over linearly from that before the jump to that after it, so that
-    the outputs are continuous in the time that is shown.
+    ``JUMP_SPREAD_TIME``) the value goes over linearly from that before the jump to that after it,
+    so that the outputs are continuous in the time that is shown.
     """
     begin, end, steps = np.asarray(begin), np.asarray(end), np.asarray(steps)
     given = [np.asarray(value) for value in values]
@@ -68,7 +69,7 @@ def _earlier(
     gap = (edges[k + 1] - then)[:, None]
     after, before = begin[k + 1], end[k]
     ramp = gap * ((end - begin[:-1]) / steps[:, None])[k]
-    aperture = np.minimum(APERTURE, steps[k])[:, None]
+    aperture = np.minimum(JUMP_SPREAD_TIME, steps[k])[:, None]
     spread = np.where(
         gap.real < aperture, after - ramp - gap / aperture * (after - before), before - ramp
     )
@@ -78,7 +79,7 @@ def _earlier(
 
 # ---- Events at a time
 
-WIDTH = 0.01  # s, one usual sub-step
+USUAL_SUB_STEP = 0.01  # s, one usual sub-step
 SLOW_WIDTH = 0.1  # s, for bodies that are tracked over minutes
 
 
@@ -92,9 +93,9 @@ def risen(time: Any, at: Any, width: float) -> Any:
     return once_for_alike(lambda at: clip((time - at) / width + 0.5, 0.0, 1.0), at)
 
 
-def edge_width(interval: float, usual: float = WIDTH) -> float:
-    """Largest whole fraction of a sampling interval that is at most ``usual``: the sub-step of a
-    fit.
+def edge_width(interval: float, usual: float = USUAL_SUB_STEP) -> float:
+    """Return the largest whole fraction of a sampling interval that is at most ``usual``: the
+    sub-step of a fit.
     """
     return interval / max(1, math.ceil(interval / usual - 1e-6)) if interval > 0 else usual
 
@@ -103,8 +104,8 @@ def edge_width(interval: float, usual: float = WIDTH) -> float:
 
 
 def moved_back(edges: np.ndarray, u: np.ndarray, delay: Any) -> np.ndarray:
-    """Means of u(t - delay) over each cell, exact for an input that is constant within cells;
-    before the first edge its first value holds.
+    """Return the means of u(t - delay) over each cell, exact for an input that is constant within
+    cells; before the first edge its first value holds.
 
     A cell moved back by the delay starts in cell j and ends in cell k. Its mean is u[k] plus what
     the cells before k differ from it, so that a delay of zero returns u itself. On a cell's edge
@@ -129,8 +130,8 @@ def moved_back(edges: np.ndarray, u: np.ndarray, delay: Any) -> np.ndarray:
 
 
 def moved_ahead(edges: np.ndarray, u: np.ndarray, delay: Any) -> np.ndarray:
-    """Means of u(t + delay), as ``moved_back`` with the time reversed: behind the last edge the
-    last value holds.
+    """Return the means of u(t + delay), as ``moved_back`` with the time reversed: behind the last
+    edge the last value holds.
     """
     return moved_back(-edges[::-1], u[::-1], delay)[::-1]
 
@@ -248,8 +249,7 @@ def load_parameters(
     )
 
 
-# Coefficients by port, of the aircraft and of the low-order equivalent system.
-_COEFFICIENTS = {
+_COEFFICIENTS = {  # Coefficients by port, of the aircraft and of the low-order equivalent system.
     "lift": ("CL", "L"),
     "moment": ("Cm", "M"),
     "side_force": ("CY",),

@@ -155,7 +155,7 @@ class _Loop:
         ]
 
     def command(self, t: float) -> list[float]:
-        """Values of the maneuvers for every input."""
+        """Return the values of the maneuvers for every input."""
         return [float(self.maneuvers.get(key, Sum())(t)) for key in self.system.input_names]
 
     def closed(

@@ -149,7 +149,7 @@ def drive_from_maneuvers(
 
 
 def _without_break(maneuver: Maneuver, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Whether sub-steps have no switch strictly inside."""
+    """Return whether sub-steps have no switch strictly inside."""
     if not maneuver.breakpoints:
         return np.ones(a.shape, dtype=bool)
     breaks = np.asarray(maneuver.breakpoints)
@@ -160,7 +160,7 @@ def _without_break(maneuver: Maneuver, a: np.ndarray, b: np.ndarray) -> np.ndarr
 
 EXACT = "exact, linear"  # exact solution of linear equations
 SMOOTH = "LSODA"  # SciPy's integrator for smooth inputs
-TOLERANCE = 1e-9  # of the motion's size, at the end of a flight
+INTEGRATION_TOLERANCE = 1e-9  # of the motion's size, at the end of a flight
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,8 +174,8 @@ class SimulatedMotion:
 def by_tolerance(
     system: System, p: Sequence[float], by_input: tuple[Maneuver, ...], time: np.ndarray
 ) -> SimulatedMotion | None:
-    """Motion at ``time`` (s, ``(N,)``) within ``TOLERANCE``, inputs as the maneuvers give them;
-    None where no method keeps it.
+    """Motion at ``time`` (s, ``(N,)``) within ``INTEGRATION_TOLERANCE``, inputs as the maneuvers
+    give them; None where no method keeps it.
 
     None too for effects on the input path: they act on means over cells, and so do not leave inputs
     that are functions of time.
@@ -416,17 +416,14 @@ def _propagated(
     )
 
 
-def remeasure(
-    record: Record, truth: Truth, rng: np.random.Generator, measurement: Measurement | None = None
-) -> Record:
-    """The same flight with fresh measurement noise, without a new simulation; None: white noise of
-    the truth's ``noise_std``.
+def remeasure(record: Record, truth: Truth, rng: np.random.Generator) -> Record:
+    """Return the same flight with fresh white measurement noise of the truth's ``noise_std``,
+    without a new simulation.
     """
-    again = measurement or Measurement()
-    std = truth.noise_std if again.std is None else again.std
     units = {channel.name: channel.unit for channel in record.outputs}
     return replace(
-        record, outputs=measure(truth.time, truth.outputs, units, rng, replace(again, std=std))
+        record,
+        outputs=measure(truth.time, truth.outputs, units, rng, Measurement(std=truth.noise_std)),
     )
 
 

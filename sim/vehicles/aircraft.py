@@ -302,7 +302,7 @@ def refuse_recorded(
 
 
 def aircraft_model(aircraft: Aircraft) -> Model:
-    """The model of a declared aircraft: constants held, all coefficients of terms free.
+    """Return the model of a declared aircraft: constants held, all coefficients of terms free.
 
     Parameters
     ----------
@@ -511,7 +511,7 @@ class _AircraftEquations:
         return result
 
     def _place(self, name: str, p: Any) -> tuple[Any, Any, Any]:
-        """Position of a sensor from the centre of gravity, m; estimated coordinates are
+        """Return the position of a sensor from the centre of gravity, m; estimated coordinates are
         parameters.
         """
         x, y, z = (
@@ -559,7 +559,7 @@ class _AircraftEquations:
         return interpolate(s.throttle, *(np.array(each) for each in source.table))
 
     def _velocity_at(self, s: Any, place: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
-        """Against the air, of a point of the aircraft."""
+        """Return the velocity of a point of the aircraft against the air."""
         x, y, z = place
         return (
             s.u_air + s.q * z - s.r * y,
@@ -590,7 +590,7 @@ class _AircraftEquations:
 
 
 def _angle(y: Any, x: Any) -> Any:
-    """The angle whose tangent is y/x, x positive; keeps complex steps."""
+    """Return the angle whose tangent is y/x, x positive; keeps complex steps."""
     return arctan(y / x)
 
 

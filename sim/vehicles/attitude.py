@@ -27,7 +27,7 @@ from sim.maths import arctan, cos, real, sin, sqrt, where
 
 EULER, QUATERNION = "euler", "quaternion"
 Vector = tuple[Any, Any, Any]
-_TINY = 1e-300  # beside which a zero may divide
+_ZERO_GUARD = 1e-300  # beside which a zero may divide
 
 
 class Attitude(Protocol):
@@ -42,8 +42,8 @@ class Attitude(Protocol):
     held: tuple[str, ...]
 
     def motion(self, s: Any) -> tuple[Vector, Mapping[str, Any]]:
-        """The Earth's downward axis in body axes, of length one; and the rates of the states by
-        name, those of the heading among them.
+        """Return the Earth's downward axis in body axes, of length one; and the rates of the states
+        by name, those of the heading among them.
         """
 
     def angles(self, s: Any, headed: bool) -> Mapping[str, Any]:
@@ -53,7 +53,7 @@ class Attitude(Protocol):
         """Components in body axes of a vector in the Earth's."""
 
     def at_start(self, phi: float, theta: float, psi: float) -> Mapping[str, float]:
-        """Values of the states at an attitude, rad."""
+        """Return the values of the states at an attitude, rad."""
 
 
 class EulerAngles:
@@ -166,15 +166,15 @@ def _unit(s: Any) -> tuple[Any, Any, Any, Any]:
 
 
 def _angle(y: Any, x: Any) -> Any:
-    """The angle of the direction (x, y), -pi to pi, by functions that keep complex steps."""
+    """Return the angle of the direction (x, y), -pi to pi, by functions that keep complex steps."""
     size = sqrt(x * x + y * y)
     # tan of half the angle, by the form that loses no digits on its side of the y axis.
-    ahead, off = real(x) >= 0.0, where(real(y) >= 0.0, y + _TINY, y - _TINY)
+    ahead, off = real(x) >= 0.0, where(real(y) >= 0.0, y + _ZERO_GUARD, y - _ZERO_GUARD)
     return 2.0 * arctan(where(ahead, y, size - x) / where(ahead, size + x, off))
 
 
 def _wrapped(angle: Any) -> Any:
-    """Within -pi and pi, of an angle within three times that."""
+    """Wrap an angle within three times pi to between -pi and pi."""
     turn = 2.0 * math.pi
     below = where(real(angle) > math.pi, angle - turn, angle)
     return where(real(angle) < -math.pi, angle + turn, below)

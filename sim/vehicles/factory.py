@@ -91,8 +91,8 @@ ABOVE_ZERO = {
 
 
 def rigid_model(data: VehicleData, noise: Noise | None = None) -> Model:
-    """The rigid short period with a set's numbers: constants held, the six derivatives free, at
-    rest.
+    """Return the rigid short period with a set's numbers: constants held, the six derivatives free,
+    at rest.
 
     Raises DeclarationError for a number that is missing, of another unit, or a constant that is not
     positive.
@@ -103,8 +103,8 @@ def rigid_model(data: VehicleData, noise: Noise | None = None) -> Model:
 def flexible_model(
     data: VehicleData, modes: int | None = None, noise: Noise | None = None
 ) -> Model:
-    """The rigid short period with the first ``modes`` elastic modes of a set (all when None), one
-    StructuralMode effect each.
+    """Return the rigid short period with the first ``modes`` elastic modes of a set (all when
+    None), one StructuralMode effect each.
 
     Frequencies, dampings and generalized masses are held; free are the six rigid derivatives and of
     each mode the nine ``CL_eta CL_etadot Cm_eta Cm_etadot Ceta_alpha Ceta_q Ceta_de`` and its own
@@ -145,8 +145,8 @@ def flexible_model(
 
 
 def ballistic_model(data: VehicleData, noise: Noise | None = None) -> Model:
-    """The falling body with a set's numbers: constants held, beta free, starting at the set's
-    altitude and velocity.
+    """Return the falling body with a set's numbers: constants held, beta free, starting at the
+    set's altitude and velocity.
 
     Raises DeclarationError as ``rigid_model``.
     """
@@ -217,7 +217,7 @@ def whole_axis_model(data: VehicleData, noise: Noise | None = None) -> Model:
 
 
 def _with_motors(data: VehicleData, model: Model) -> Model:
-    """The model with the path from commands to motors of a set."""
+    """Return the model with the path from commands to motors of a set."""
     given = {name: _checked(data, name, "s") for name in (LAG, DELAY) if name in data}
     model = model.with_effects(*motor_path(lag=LAG in given, delay=DELAY in given))
     items = (
@@ -230,8 +230,8 @@ def _with_motors(data: VehicleData, model: Model) -> Model:
 
 
 def loes_filter_model(model: Model) -> Model:
-    """The fourteen states of NASA TM-101722's eq. 11: the delay held, ``LOES_OFFSETS`` free, no
-    other bias.
+    """Return the fourteen states of NASA TM-101722's eq. 11: the delay held, ``LOES_OFFSETS`` free,
+    no other bias.
 
     Priors, initial variances and noise are the filter's own affair and still to be declared.
     """
@@ -245,10 +245,9 @@ def vehicle_from_values(
     *,
     initial: Mapping[str, float] | None = None,
     modes: int = 0,
-    title: str = "",
 ) -> VehicleData:
-    """A user's numbers (SI, radians, full names) in the form of a built-in set; ``equations`` is a
-    name such as ``"rigid"`` or ``"lateral"``.
+    """Return a user's numbers (SI, radians, full names) in the form of a built-in set;
+    ``equations`` is a name such as ``"rigid"`` or ``"lateral"``.
 
     Raises DeclarationError for a name that the equations and modes do not know.
     """
@@ -265,7 +264,7 @@ def vehicle_from_values(
     state_units = {signal.name: signal.unit for signal in result.states}
     numbers = tuple(_users(name, key, value, units) for key, value in values.items())
     start = tuple(_users(name, key, value, state_units) for key, value in (initial or {}).items())
-    return VehicleData(name, title or name, "given by the user", equations, numbers, start, modes)
+    return VehicleData(name, name, "given by the user", equations, numbers, start, modes)
 
 
 def model_from_constants(
@@ -276,8 +275,8 @@ def model_from_constants(
     modes: int = 0,
     initial: Mapping[str, float] | None = None,
 ) -> Model:
-    """A Model straight from numbers in SI: ``vehicle_from_values``, then the factory of those
-    equations; ``modes`` counts elastic modes.
+    """Return a Model straight from numbers in SI: ``vehicle_from_values``, then the factory of
+    those equations; ``modes`` counts elastic modes.
     """
     data = vehicle_from_values(
         "vehicle", equations, {**constants, **derivatives}, initial=initial, modes=modes
@@ -286,8 +285,8 @@ def model_from_constants(
 
 
 def model_of(data: VehicleData, noise: Noise | None = None) -> Model:
-    """The most complete model that a set describes: all its elastic modes where it has some, the
-    delay of a low-order equivalent.
+    """Return the most complete model that a set describes: all its elastic modes where it has some,
+    the delay of a low-order equivalent.
     """
     if data.equations == Ballistic().name:
         return ballistic_model(data, noise)

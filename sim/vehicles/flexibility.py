@@ -81,8 +81,8 @@ _MOTIONS = ("alpha", "q", "de")
 
 
 def condense_above(values: Mapping[str, float], modes: int, kept_modes: int) -> dict[str, float]:
-    """Coefficients with ``kept_modes`` modes that are equivalent to those with ``modes``; with none
-    kept those of ``condense``.
+    """Return the coefficients with ``kept_modes`` modes that are equivalent to those with
+    ``modes``; with none kept those of ``condense``.
 
     Parameters
     ----------
@@ -225,8 +225,8 @@ def condense(values: Mapping[str, float], modes: int) -> Condensation:
 
 
 def with_frequency_factor(data: VehicleData, factor: float) -> VehicleData:
-    """A vehicle whose in-vacuo modal frequencies are ``factor`` times those of ``data``, masses,
-    shapes and damping ratios alike.
+    """Return a vehicle whose in-vacuo modal frequencies are ``factor`` times those of ``data``,
+    masses, shapes and damping ratios alike.
 
     Modal stiffness goes with the square of it; a large factor is a rigid aircraft. At 1 it is the
     same object.

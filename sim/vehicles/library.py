@@ -144,8 +144,8 @@ class NumberDifference:
 
 
 def difference(a: VehicleData, b: VehicleData) -> tuple[NumberDifference, ...]:
-    """Numbers whose value or unit differs between two sets, or that only one has, in the order of
-    ``a``, then ``b``.
+    """Return the numbers whose value or unit differs between two sets, or that only one has, in the
+    order of ``a``, then ``b``.
     """
     first, second = {n.name: n for n in a.numbers}, {n.name: n for n in b.numbers}
     pairs = (
@@ -204,8 +204,8 @@ def read_parameter_set(name: str) -> VehicleData:
 
 
 def read_parameter_file(path: Traversable) -> VehicleData:
-    """Numbers from a data file in the library's format, e.g. a new vehicle before it is put there;
-    ``based_on`` means a built-in set.
+    """Return the numbers from a data file in the library's format, e.g. a new vehicle before it is
+    put there; ``based_on`` means a built-in set.
     """
     return _read(path, ())
 

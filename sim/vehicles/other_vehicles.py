@@ -145,7 +145,7 @@ are the moments that a steady command balances. L_qr = (Iyy - Izz)/Ixx, M_pr = (
 
 
 def motor_path(*, lag: bool, delay: bool) -> tuple[Effect, ...]:
-    """The lag and the delay between commands and motors, all commands alike: one parameter
+    """Return the lag and the delay between commands and motors, all commands alike: one parameter
     ``motor_time_constant``, one ``delay``.
     """
     lags = tuple(ActuatorLag(name, "1", name, LAG) for name in COMMANDS) if lag else ()

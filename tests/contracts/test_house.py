@@ -44,7 +44,6 @@ LONG_FILES: frozenset[str] = frozenset(
         "scenarios/watching/rows.py",
         "scenarios/watching/study.py",
         "sim/declaration/user_equations.py",
-        "sim/maneuvers.py",
     }
 )
 # Packages whose further content is data.

@@ -106,7 +106,10 @@ ONCE_UNNOTICED = (
         "scenarios/maneuver_design/design.py",
         ("tests/unit/scenarios/maneuver_design/test_coherence.py",),
         ("clean + noise * rng", "clean + 0.2 * noise * rng"),
-        ("np.minimum(self.random_error, NEED)", "np.maximum(self.random_error, NEED)"),
+        (
+            "np.minimum(self.random_error, USELESS_RANDOM_ERROR)",
+            "np.maximum(self.random_error, USELESS_RANDOM_ERROR)",
+        ),
     ),
     *changes(
         "scenarios/maneuver_design/setting.py",
@@ -116,9 +119,9 @@ ONCE_UNNOTICED = (
         ("np.exp(np.mean(np.log(quick)))", "np.exp(np.sum(np.log(quick)))"),
         ("if len(quick) else 1.0", "if len(quick) else 0.1"),
         ("if len(quick) else 1.0", "if not len(quick) else 1.0"),
-        ("sizes[sizes > SLOW * np.max(sizes, initial=0.0)]", "sizes"),
-        ("SLOW = 0.1", "SLOW = 0.05"),
-        ("SLOW = 0.1", "SLOW = 0.2"),
+        ("sizes[sizes > SLOW_ROOT_SHARE * np.max(sizes, initial=0.0)]", "sizes"),
+        ("SLOW_ROOT_SHARE = 0.1", "SLOW_ROOT_SHARE = 0.05"),
+        ("SLOW_ROOT_SHARE = 0.1", "SLOW_ROOT_SHARE = 0.2"),
         ("decade * digit >= value * (1.0 - 1e-9)", "decade * digit > value"),
         ("np.arange(count + 1) / rate", "np.arange(count) / rate"),
         ("if count > MOST_SAMPLES", "if count >= MOST_SAMPLES"),
@@ -290,7 +293,7 @@ SIM = (
     *changes(
         "sim/propagation.py",
         ("tests/unit/sim/truth/test_motion.py",),
-        ("_AFFINE = 1e-11", "_AFFINE = 1e-4"),
+        ("_AFFINE_TOLERANCE = 1e-11", "_AFFINE_TOLERANCE = 1e-4"),
     ),
 )
 
@@ -342,7 +345,7 @@ IDENT = (
     *changes(
         "ident/recording/inspection.py",
         ("tests/unit/ident/recording/test_readings.py",),
-        ("abs(math.log2(best)) < GROSS", "math.log2(best) < GROSS"),
+        ("abs(math.log2(best)) < GROSS_CLOCK_ERROR", "math.log2(best) < GROSS_CLOCK_ERROR"),
     ),
     *changes(
         "ident/flying_qualities/modes.py",
@@ -372,7 +375,7 @@ IDENT = (
     *changes(
         "ident/flying_qualities/attitude_criteria.py",
         ("tests/unit/ident/flying_qualities/test_bandwidth.py",),
-        ("NEUTRAL + MARGIN", "NEUTRAL + 2.0 * MARGIN"),
+        ("NEUTRAL_PHASE + BANDWIDTH_PHASE_MARGIN", "NEUTRAL_PHASE + 2.0 * BANDWIDTH_PHASE_MARGIN"),
         ("half = 0.5 * math.pi / 180.0", "half = math.pi / 180.0"),
         ("- p[DELAY]", "+ p[DELAY]"),
     ),
@@ -394,7 +397,7 @@ IDENT = (
         ("return _Near(-gain.value,", "return _Near(gain.value,"),
         ("spare = limit - near.apart**2", "spare = limit - 2.0 * near.apart**2"),
         ("return _Near(angle / at,", "return _Near(angle * at,"),
-        ("0.5 * (1.0 - LEVEL) / len(known)", "0.5 * (1.0 - LEVEL)"),
+        ("0.5 * (1.0 - CONFIDENCE) / len(known)", "0.5 * (1.0 - CONFIDENCE)"),
     ),
     *changes(
         "ident/frequency_response/segments.py",
@@ -411,7 +414,7 @@ IDENT = (
         ("tests/unit/ident/frequency_domain/test_online.py",),
         ("0.125 * step * (begin_ - end)", "0.125 * step * (end - begin_)"),
         ("less = plain - taken / np.outer(scale, scale)", "less = plain"),
-        ("_THIRD = 20.0", "_THIRD = 2.0"),
+        ("_THIRD_DIFFERENCE_VARIANCE = 20.0", "_THIRD_DIFFERENCE_VARIANCE = 2.0"),
         (
             "level = known[k] + shapes @ found",
             "level = 0.1 * (known[k] + shapes @ found)",
@@ -578,12 +581,12 @@ SCENARIOS = (
     *changes(
         "scenarios/preparation/measured_inputs.py",
         ("tests/unit/scenarios/preparation/test_reading.py",),
-        ("level < -1.0 / MIDDLE", "level < -MIDDLE"),
+        ("level < -1.0 / LARGEST_REST_LOAD", "level < -LARGEST_REST_LOAD"),
     ),
     *changes(
         "scenarios/preparation/measured_inputs.py",
         ("tests/unit/scenarios/preparation/test_attitude.py",),
-        ("FEWEST = 0.5", "FEWEST = 0.05"),
+        ("LEAST_SAMPLE_SHARE = 0.5", "LEAST_SAMPLE_SHARE = 0.05"),
     ),
     *changes(
         "scenarios/prediction.py",
@@ -593,7 +596,7 @@ SCENARIOS = (
     *changes(
         "scenarios/identification/assessment.py",
         ("tests/unit/scenarios/identification/test_from_files.py",),
-        ("MOVED = 1.0", "MOVED = 2.0"),
+        ("MOVED_SIGMAS = 1.0", "MOVED_SIGMAS = 2.0"),
     ),
     *changes(
         "scenarios/identification/assessment.py",

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from ident.maneuver_design import CLEAR, ODDS_COST, Acting, price
+from ident.maneuver_design import DECISIVE_LOG_LIKELIHOOD_RATIO, ODDS_COST, Acting, price
 from ident.tracing.fitted_model import FitData, FittedModel, Start, fit_set
 from ident.whole_record.layout import FitSettings
 from scenarios.maneuver_design.design import DesignResult, design
@@ -122,7 +122,7 @@ def decides(record: Record, found: DesignResult, true: Acting, rival: Acting) ->
         return 2.0 * fit.cost + (price(acting.effect, fit.counts) if acting is not None else 0.0)
 
     mine, other, none = (weighed(each) for each in (true, rival, None))
-    return none - mine >= ODDS_COST and other - mine >= CLEAR
+    return none - mine >= ODDS_COST and other - mine >= DECISIVE_LOG_LIKELIHOOD_RATIO
 
 
 @pytest.mark.slow

@@ -41,7 +41,7 @@ from ident.compatibility.six_degrees.kinematics import (
     unknowns_of,
 )
 from ident.compatibility.six_degrees.search import (
-    SECANT,
+    SECANT_STEP,
     SixDegreeSearch,
     alike,
     clocks,
@@ -65,7 +65,7 @@ from sim.record import Record
 
 
 def bias_estimates(kinematic_fit: KinematicFit, r: int) -> tuple[SensorEstimate, ...]:
-    """The biases of one record of a fit, the faults of which have their values."""
+    """Return the biases of one record of a fit, the faults of which have their values."""
     s, own = kinematic_fit.signals[r], kinematic_fit.own[r]
     unknowns, n = unknowns_of(s), len(own)
     prior = np.array([item.prior**-2 for item in unknowns] + [0.0] * len(kinematic_fit.faults))
@@ -148,8 +148,8 @@ def bias_findings(
 
 
 def instead_of(lines: Linear, r: int, channel: str, false_alarm: float) -> tuple[str, ...]:
-    """Faults that explain the bias of a channel of record r as well as the bias, within chance, if
-    added to the accepted ones.
+    """Return the faults that explain the bias of a channel of record r as well as the bias, within
+    chance, if added to the accepted ones.
     """
     information, gradient = lines.whole[r]
     own, faults = lines.fit.own[r], lines.faults
@@ -223,8 +223,8 @@ def estimates_and_findings(
 
 
 def _stood(search_result: SixDegreeSearch) -> dict[int, tuple[int, float]]:
-    """For each fault that is accepted, or could replace an accepted one, that accepted fault and
-    the loss; of two the first.
+    """Return, for each fault that is accepted or could replace an accepted one, that accepted fault
+    and the loss; of two the first.
     """
     stood = {
         j: (i, lost)
@@ -239,8 +239,8 @@ def _stood(search_result: SixDegreeSearch) -> dict[int, tuple[int, float]]:
 def _context(
     search_result: SixDegreeSearch, j: int, stood: dict[int, tuple[int, float]]
 ) -> tuple[list[int], float | None]:
-    """The set in which a fault is tested, itself last, and the loss where it replaces an accepted
-    one.
+    """Return the set in which a fault is tested, itself last, and the loss where it replaces an
+    accepted one.
     """
     faults = search_result.lines.faults
     in_place = [
@@ -299,7 +299,7 @@ def _estimate(
 
 
 def _sandwich(normal: NormalEquations, context: Sequence[int]) -> float:
-    """Variance of the last of a set from the scatter of the gradient."""
+    """Return the variance of the last of a set from the scatter of the gradient."""
     at = np.ix_(context, context)
     diagonal = np.diag(normal.information[at])
     scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
@@ -334,7 +334,7 @@ def _finding(
 
 
 def by_itself(search_result: SixDegreeSearch, r: int) -> tuple[SensorEstimate, ...]:
-    """Every fault from one record of several, beside the same others as in all records."""
+    """Return every fault from one record of several, beside the same others as in all records."""
     lines = search_result.lines
     stood = _stood(search_result)
     one, other = lines.smoother[r], search_result.output_error[r]
@@ -347,7 +347,7 @@ def by_itself(search_result: SixDegreeSearch, r: int) -> tuple[SensorEstimate, .
 def drift_of(
     search_result: SixDegreeSearch, r: int, false_alarm: float
 ) -> tuple[SensorFinding, ...]:
-    """The drift of one record of several, if any, beside all accepted faults.
+    """Return the drift of one record of several, if any, beside all accepted faults.
 
     ``false_alarm``: probability of a false drift.
     """
@@ -372,7 +372,7 @@ def drift_of(
     beside = linear(
         fit(begin.signals, [faults[i] for i in (*members, j)], begin),
         faults,
-        np.full(len(faults), SECANT),
+        np.full(len(faults), SECANT_STEP),
     )
     item = _estimate(beside.joint, by_output_error(beside, 0), faults, [*members, j], j)
     if not item.determined or item.gain < charge or abs(item.smoother.value) < faults[j].worth:
@@ -390,7 +390,7 @@ def _gain_of(
 
 
 def channels_with_delay(faults: Sequence[SensorFault]) -> set[str]:
-    """Channels that some of these faults delay."""
+    """Return the channels that some of these faults delay."""
     return {fault.channel for fault in faults if fault.kind in (DELAY, LAG)}
 
 
@@ -408,8 +408,8 @@ def channels_of(records: Sequence[Record]) -> tuple[str, ...]:
 
 
 def has_six_degrees(records: Sequence[Record], settings: CompatibilitySettings) -> bool:
-    """Whether some relation closes that longitudinal motion does not have: of sideslip, bank,
-    heading or height.
+    """Return whether some relation closes that longitudinal motion does not have: of sideslip,
+    bank, heading or height.
     """
     channels = channels_of(records)
     return any(
@@ -502,7 +502,7 @@ def _of_one(
     false_alarm: float,
     count: int,
 ) -> tuple[SensorFinding, ...]:
-    """Biases and the drift of one record of several."""
+    """Return the biases and the drift of one record of several."""
     drift = drift_of(search_result, r, false_alarm / count)
     drifts = {finding.name for finding in drift}
     return (

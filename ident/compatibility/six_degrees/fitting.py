@@ -41,18 +41,18 @@ from ident.statistics.residual_spectrum import autocovariance
 # ---- Variances of white noise and walk
 
 # walk over one second squared to white variance, times the step: the whole range there can be
-_RATIOS = np.logspace(-6.0, 4.0, 21)
+_WALK_TO_WHITE_RATIOS = np.logspace(-6.0, 4.0, 21)
 _ALIKE = 1e-10
 # of what a channel's roughness says: no walk is smaller than its inputs' own noise by more
-_LEAST = 0.1
+_LEAST_WALK_SHARE = 0.1
 # standard deviation of the logarithm of the random walk's level, below the level expected
-_BELOW = 0.5
-_ABOVE = 3.0  # the same above it, since other errors add to noise of the inputs
+_LOG_LEVEL_STD_BELOW = 0.5
+_LOG_LEVEL_STD_ABOVE = 3.0  # the same above it, since other errors add to noise of the inputs
 
 
 def inputs_among(s: KinematicSignals) -> tuple[str, ...]:
-    """Channels whose noise walks in some output: those of which each output's relation is an
-    integral.
+    """Return the channels whose noise walks in some output: those of which each output's relation
+    is an integral.
     """
     return tuple(
         dict.fromkeys(
@@ -62,7 +62,7 @@ def inputs_among(s: KinematicSignals) -> tuple[str, ...]:
 
 
 def first_noise(signals: Sequence[KinematicSignals]) -> RelationNoise:
-    """A start from the roughness of the channels."""
+    """Return a start from the roughness of the channels."""
     outputs, inputs = signals[0].outputs, inputs_among(signals[0])
     rough = [
         float(np.mean([roughness(s.channels[name]) for s in signals]))
@@ -79,7 +79,7 @@ def settled_noise(
     columns: Sequence[np.ndarray],
     begun: RelationNoise,
 ) -> RelationNoise:
-    """Variances of greatest restricted likelihood, each output by itself.
+    """Return the variances of greatest restricted likelihood, each output by itself.
 
     residuals ``(m, N)`` and sensitivities ``(m, N, c)`` to what was fitted, of each record. The
     walk of an output is laid to its inputs: those that another output shows by itself keep that
@@ -106,7 +106,9 @@ def settled_noise(
             # The load's noise walks least of all: what is left beyond a rate's is shared as the
             # channels are rough.
             share = gains[i, free] ** 2 * begun.density[free]
-            density[free] = np.maximum(rest / float(share.sum()), _LEAST) * begun.density[free]
+            density[free] = (
+                np.maximum(rest / float(share.sum()), _LEAST_WALK_SHARE) * begun.density[free]
+            )
         elif rest > 0:
             factor = walk[i] / (walk[i] - rest)
             density[np.flatnonzero(gains[i])] *= factor
@@ -142,9 +144,12 @@ def _of_output(
     def cost(ratio: float) -> float:
         likelihood, variance = _cost(parts, count, ratio)
         away = math.log(ratio * variance / expected)
-        return likelihood + 0.5 * (away / (_BELOW if away < 0 else _ABOVE)) ** 2
+        return (
+            likelihood
+            + 0.5 * (away / (_LOG_LEVEL_STD_BELOW if away < 0 else _LOG_LEVEL_STD_ABOVE)) ** 2
+        )
 
-    ratios = _RATIOS / step**2
+    ratios = _WALK_TO_WHITE_RATIOS / step**2
     best = int(np.argmin([cost(ratio) for ratio in ratios.tolist()]))
     low, high = math.log(ratios[max(best - 1, 0)]), math.log(ratios[min(best + 1, len(ratios) - 1)])
     for _ in range(12):
@@ -155,7 +160,7 @@ def _of_output(
             low = one
     ratio = math.exp(0.5 * (low + high))
     white = max(_cost(parts, count, ratio)[1], 1e-3 * rough, 1e-20)
-    return white, max(ratio * white, _LEAST * expected)
+    return white, max(ratio * white, _LEAST_WALK_SHARE * expected)
 
 
 def _cost(
@@ -200,10 +205,10 @@ def _spanned(columns: np.ndarray) -> np.ndarray:
 
 # ---- Fits of the kinematics of six degrees of freedom
 
-_PASSES = 4
-_STEPS = 4
-_SMALL = 2e-3  # twice the gain of a step that is not worth taking
-_SETTLED = 0.05  # change of the logarithm of a variance
+_MOST_PASSES = 4
+_MOST_STEPS = 4
+_NEGLIGIBLE_GAIN = 2e-3  # twice the gain of a step that is not worth taking
+_SETTLED_LOG_VARIANCE = 0.05  # change of the logarithm of a variance
 
 
 def fit(
@@ -237,10 +242,10 @@ def fit(
         evaluate,
         linearised,
         (1.0, 0.5, 0.2, 0.05),
-        _STEPS,
-        _SMALL,
+        _MOST_STEPS,
+        _NEGLIGIBLE_GAIN,
     )
-    for _ in range(_PASSES):
+    for _ in range(_MOST_PASSES):
         whiteners = [shortened(s, noise) for s in signals]
         own, sizes, lines = descended(search, (own, sizes, lines), whiteners)
         residuals = [residual_of(s, y) for s, (y, _) in zip(signals, lines, strict=True)]
@@ -248,7 +253,7 @@ def fit(
             noise,
             settled_noise(signals, residuals, [slope for _, slope in lines], begun),
         )
-        if np.all(np.abs(noise.logs - before.logs) < _SETTLED):
+        if np.all(np.abs(noise.logs - before.logs) < _SETTLED_LOG_VARIANCE):
             break
     residuals = [residual_of(s, y) for s, (y, _) in zip(signals, lines, strict=True)]
     whiteners = [shortened(s, noise) for s in signals]
@@ -392,8 +397,8 @@ def linear(
 def _slopes(
     kinematic_fit: KinematicFit, r: int, faults: Sequence[SensorFault], secants: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes ``(m, N, n + k)`` with secants of times, and of the delays by themselves those at what
-    stands: secants of a common delay differ.
+    """Return the slopes ``(m, N, n + k)`` with secants of times, and of the delays by themselves
+    those at what stands: secants of a common delay differ.
     """
     s, own = kinematic_fit.signals[r], kinematic_fit.own[r]
     unknowns = unknowns_of(s)
@@ -454,8 +459,8 @@ def _projected(
 
 
 def coloured(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """Covariance of the gradient of one output for a residual of this colour: ``(c, c)``, as
-    ``corrected_covariance`` has it.
+    """Return the covariance of the gradient of one output for a residual of this colour: ``(c,
+    c)``, as ``corrected_covariance`` has it.
     """
     lags = min(max(10, len(residual) // 5), len(residual) - 1)
     covariance = autocovariance(residual, lags) * (1.0 - np.arange(lags + 1) / (lags + 1.0))
@@ -482,8 +487,8 @@ def by_output_error(lines: Linear, r: int) -> NormalEquations:
 def output_error_gram(
     s: KinematicSignals, kinematic_fit: KinematicFit, r: int, columns: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Information, gradient and its covariance with each output's residual weighed by its mean
-    square, without priors.
+    """Return the information, gradient and its covariance with each output's residual weighed by
+    its mean square, without priors.
 
     ``columns (m, N, c + 1)``: slopes and, last, the residual. The covariance is that which such
     weights give under the smoother's noise.

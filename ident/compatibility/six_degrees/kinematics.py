@@ -5,17 +5,22 @@ Body axes, x forward, y to the right, z down; flat earth, wind that does not cha
 Morelli, Aircraft System Identification, AIAA 2006, ch. 10; Jategaonkar, Flight Vehicle System
 Identification, AIAA 2006, ch. 10):
 
-phi_dot = p + tan(theta) (q sin(phi) + r cos(phi)), theta_dot = q cos(phi) - r sin(phi), psi_dot =
-(q sin(phi) + r cos(phi))/cos(theta), V alpha_dot cos(beta) = V [q cos(beta) - sin(beta) (p
-cos(alpha) + r sin(alpha))] + Z cos(alpha) - X sin(alpha), V beta_dot = V [p sin(alpha) - r
-cos(alpha)] - X cos(alpha) sin(beta) + Y cos(beta) - Z sin(alpha) sin(beta), V_dot = X cos(alpha)
-cos(beta) + Y sin(beta) + Z sin(alpha) cos(beta), h_dot = V [cos(alpha) cos(beta) sin(theta) -
-sin(beta) sin(phi) cos(theta) - sin(alpha) cos(beta) cos(phi) cos(theta)] + w, X = ax - g
-sin(theta), Y = ay + g cos(theta) sin(phi), Z = az + g cos(theta) cos(phi); w is the wind's climb.
+    phi_dot = p + tan(theta) (q sin(phi) + r cos(phi))
+    theta_dot = q cos(phi) - r sin(phi)
+    psi_dot = (q sin(phi) + r cos(phi)) / cos(theta)
+    V alpha_dot cos(beta) = V [q cos(beta) - sin(beta) (p cos(alpha) + r sin(alpha))]
+        + Z cos(alpha) - X sin(alpha)
+    V beta_dot = V [p sin(alpha) - r cos(alpha)]
+        - X cos(alpha) sin(beta) + Y cos(beta) - Z sin(alpha) sin(beta)
+    V_dot = X cos(alpha) cos(beta) + Y sin(beta) + Z sin(alpha) cos(beta)
+    h_dot = V [cos(alpha) cos(beta) sin(theta) - sin(beta) sin(phi) cos(theta)
+        - sin(alpha) cos(beta) cos(phi) cos(theta)] + w
+    X = ax - g sin(theta), Y = ay + g cos(theta) sin(phi), Z = az + g cos(theta) cos(phi)
 
-What is not recorded is taken as follows. theta, alpha: constants of the record, fitted. phi, beta:
-zero. p: the change of phi. r in phi_dot = p + psi_dot sin(theta): a coordinated turn, psi_dot = g
-tan(phi)/V. q: what holds theta. ax: what holds the airspeed. A load's other terms without it: none.
+with w the vertical wind. Channels that are not recorded are replaced: theta and alpha by constants
+of the record, which are fitted; phi and beta by zero; p by the change of phi; r in phi_dot = p +
+psi_dot sin(theta) by a coordinated turn, psi_dot = g tan(phi)/V; q by the rate that holds theta; ax
+by the acceleration that holds the airspeed. Without a load, its terms in other equations are zero.
 """
 
 from __future__ import annotations
@@ -46,7 +51,7 @@ from ident.compatibility.kinematics import (
     shown,
     summed,
 )
-from ident.compatibility.signals import EDGE, KinematicSignals, isolated
+from ident.compatibility.signals import IGNORED_ENDS, KinematicSignals, isolated
 from sim.errors import RecordError
 from sim.maths import G0
 from sim.record import Record
@@ -75,13 +80,13 @@ CHANNELS = (
 )
 BEYOND = ("beta", "phi", "psi", *HEIGHTS)  # outputs that the longitudinal relations do not have
 WRAPPED = ("phi", "psi")
-_INCREMENTAL = 0.5  # g: a mean load below is one without the weight
-_STEEPEST = 1.4  # rad: nearer to the vertical Euler angles are no measurement
+_INCREMENTAL_LOAD = 0.5  # g: a mean load below is one without the weight
+_STEEPEST_PITCH = 1.4  # rad: nearer to the vertical Euler angles are no measurement
 
 
 def recorded(record: Record) -> tuple[str, ...]:
-    """Channels of a record that the kinematics know, of an acceleration one for each axis, of a
-    height one.
+    """Return the channels of a record that the kinematics know, of an acceleration one for each
+    axis, of a height one.
     """
     have = [
         name
@@ -144,7 +149,7 @@ def ready(
         wrong = isolated(record.time[there], values[there])
         spikes[name] = int(np.count_nonzero(wrong))
         there[np.flatnonzero(there)[wrong]] = False
-        if name == "theta" and np.any(np.abs(values[there]) > _STEEPEST):
+        if name == "theta" and np.any(np.abs(values[there]) > _STEEPEST_PITCH):
             where = f"{record.name}, channel theta"
             raise RecordError(
                 "an attitude near the vertical, where bank and heading mean nothing",
@@ -154,12 +159,12 @@ def ready(
         raw[name], valid[name] = np.interp(record.time, record.time[there], values[there]), there
     if (z := load_on("z", channels)) is not None:
         weight = 1.0 if z == "nz" else -G0
-        if float(np.median(raw[z])) / weight < _INCREMENTAL:
+        if float(np.median(raw[z])) / weight < _INCREMENTAL_LOAD:
             raw[z] = raw[z] + weight
             notes.append(f"{z} of {record.name} is without the weight, which is added")
     relation_list = relations(channels, speed=airspeed is not None or "airspeed" in channels)
     used = {name for joined in relation_list.values() for name in joined}
-    edge = EDGE if record.time[-1] - record.time[0] > 50.0 * EDGE else 0.0
+    edge = IGNORED_ENDS if record.time[-1] - record.time[0] > 50.0 * IGNORED_ENDS else 0.0
     inside = (record.time >= record.time[0] + edge) & (record.time <= record.time[-1] - edge)
     speed = (
         raw["airspeed"]
@@ -193,8 +198,8 @@ _RATES = ("p", "r")
 def misled_by_bank(
     records: Sequence[Record], airspeed: float | None, gravity: float
 ) -> tuple[str, ...]:
-    """A sentence on each record in which level wings would mislead the relations of alpha and
-    theta; ``airspeed`` (m/s) where none is recorded.
+    """Return a sentence on each record in which level wings would mislead the relations of alpha
+    and theta; ``airspeed`` (m/s) where none is recorded.
 
     Of p the integral about its median is the bank, of r the bank of a coordinated turn. What such a
     bank would add to the integrals of theta and alpha, less a constant and a trend, which starts
@@ -227,7 +232,7 @@ def misled_by_bank(
 def _bank(
     record: Record, rates: Sequence[str], airspeed: float | None, gravity: float
 ) -> np.ndarray:
-    """About the bank angle ``(N,)``, rad."""
+    """Return an approximate bank angle ``(N,)``, rad."""
     turn = np.zeros(len(record))
     speed = _speed(record, airspeed)
     if "r" in rates and speed is not None:
@@ -272,7 +277,7 @@ def _integral(time: np.ndarray, rate: np.ndarray) -> np.ndarray:
 
 
 def _left(time: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """The integral of a rate without its constant and trend."""
+    """Return the integral of a rate without its constant and trend."""
     whole = _integral(time, rate)
     return np.asarray(whole - np.polynomial.Polynomial.fit(time, whole, 1)(time))
 
@@ -298,7 +303,7 @@ class _CorrectedMotion:
 
 
 def reconstructed(s: KinematicSignals, value: Values) -> np.ndarray:
-    """What the outputs should read if the sensors have these faults: ``(m, P, N)`` for sizes ``(P,
+    """Return the outputs ``(m, P, N)`` that sensors with these faults should read, for sizes ``(P,
     1)``.
 
     Besides the faults, ``value`` gives ``("start", STATE)``, ``("level", "theta")`` and ``("level",
@@ -353,8 +358,8 @@ def _at_vane(
     *,
     back: bool = False,
 ) -> np.ndarray:
-    """A flow angle where its vane is, from that at the centre of gravity; ``back``: the other
-    way.
+    """Return a flow angle where its vane is, from that at the centre of gravity; ``back``: the
+    other way.
     """
     ahead = value(name, ARM) + value(BOOM, ARM) + (s.vane_arm if name == "alpha" else 0.0)
     terms = {
@@ -370,8 +375,8 @@ def _at_vane(
 def _lever(
     s: KinematicSignals, axis: str, channel: str, value: Values, rates: dict[str, np.ndarray]
 ) -> np.ndarray:
-    """Integral over each interval of the specific force that an accelerometer measures in addition
-    away from the centre of gravity: ``(P, N - 1)``, m/s.
+    """Return the integral over each interval of the specific force that an accelerometer measures
+    in addition away from the centre of gravity: ``(P, N - 1)``, m/s.
     """
     x, y, z = (value(channel, kind) + value(PACKAGE, kind) for kind in (ARM, RIGHT, BELOW))
     if not (np.any(x) or np.any(y) or np.any(z)):
@@ -512,10 +517,11 @@ _CHANGES: dict[str, Callable[[KinematicSignals, _CorrectedMotion, Values], np.nd
 
 # ---- Unknowns of each record in six degrees of freedom
 
-_LEVEL = 0.15  # rad: an angle that is not recorded, of which the record's constant is fitted
-_SPEED = 0.015  # share by which an airspeed that is not recorded may be off
+# rad: an angle that is not recorded, of which the record's constant is fitted
+_UNRECORDED_ANGLE_STD = 0.15
+_AIRSPEED_UNCERTAINTY = 0.015  # share by which an airspeed that is not recorded may be off
 # of the size that is worth a word: the standard deviation of a bias before the record is seen
-_LOOSE = 5.0
+_BIAS_PRIOR_FACTOR = 5.0
 _WITHOUT_BIAS = ("psi", *HEIGHTS)  # where it is another start
 
 
@@ -527,21 +533,21 @@ def unknowns_of(s: KinematicSignals) -> tuple[Unknown, ...]:
     for name in s.channels:
         if name not in _WITHOUT_BIAS:
             size = SensorFault(name, BIAS).plausible
-            out.append(Unknown((name, BIAS), 0.02 * size, _LOOSE * size))
+            out.append(Unknown((name, BIAS), 0.02 * size, _BIAS_PRIOR_FACTOR * size))
     if any(name in s.outputs for name in HEIGHTS):
         out.append(Unknown(("wind", BIAS), 1e-2, SensorFault("wind", BIAS).plausible))
     turns, flows = {"alpha", "phi", "psi", "beta"} & set(s.outputs), {"beta"} & set(s.outputs)
     if "theta" not in s.channels and turns:
-        out.append(Unknown(("level", "theta"), 1e-3, _LEVEL))
+        out.append(Unknown(("level", "theta"), 1e-3, _UNRECORDED_ANGLE_STD))
     if "alpha" not in s.channels and flows:
-        out.append(Unknown(("level", "alpha"), 1e-3, _LEVEL))
+        out.append(Unknown(("level", "alpha"), 1e-3, _UNRECORDED_ANGLE_STD))
     if "airspeed" not in s.channels and {"alpha", "beta"} & set(s.outputs):
-        out.append(Unknown(("airspeed", SCALE), 1e-3, _SPEED))
+        out.append(Unknown(("airspeed", SCALE), 1e-3, _AIRSPEED_UNCERTAINTY))
     return tuple(out)
 
 
 def start_of(s: KinematicSignals, unknowns: Sequence[Unknown]) -> np.ndarray:
-    """First values: states as they are first measured, all else zero."""
+    """Return the first values: states as they are first measured, all else zero."""
     out = np.zeros(len(unknowns))
     for i, item in enumerate(unknowns):
         if item.key[0] == "start":
@@ -555,8 +561,8 @@ def start_of(s: KinematicSignals, unknowns: Sequence[Unknown]) -> np.ndarray:
 
 
 def faults_of(s: KinematicSignals, chord: float = 0.0) -> tuple[SensorFault, ...]:
-    """All possible faults of a record's sensors, of an aircraft with that chord (m); biases are
-    unknowns of each record.
+    """Return all possible faults of a record's sensors, of an aircraft with that chord (m); biases
+    are unknowns of each record.
     """
     channels = tuple(s.channels)
     out = [SensorFault(name, kind) for name in channels for kind in (SCALE, DELAY, LAG, DRIFT)]
@@ -595,7 +601,7 @@ def faults_of(s: KinematicSignals, chord: float = 0.0) -> tuple[SensorFault, ...
 def values_of(
     unknowns: Sequence[Unknown], faults: Sequence[SensorFault], own: np.ndarray, sizes: np.ndarray
 ) -> Values:
-    """The table of the kinematics for rows of values: ``own (P, n)``, ``sizes (P, k)``."""
+    """Return the table of the kinematics for rows of values: ``own (P, n)``, ``sizes (P, k)``."""
     table = {item.key: own[:, i : i + 1] for i, item in enumerate(unknowns)}
     for j, fault in enumerate(faults):
         key = (fault.channel, fault.kind)

@@ -10,7 +10,13 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ident.compatibility.fault_sets import TIE, chance_of, charge_of, same_lateness, same_trace
+from ident.compatibility.fault_sets import (
+    TIE_LOG_LIKELIHOOD,
+    chance_of,
+    charge_of,
+    same_lateness,
+    same_trace,
+)
 from ident.compatibility.fitting import KinematicFit
 from ident.compatibility.kinematics import DELAY, DRIFT, LAG, SensorFault
 from ident.compatibility.signals import KinematicSignals, instrumented
@@ -29,10 +35,10 @@ from ident.compatibility.trials import CompatibilitySettings
 
 LOADS = ("nz", "az", "ny", "ay")
 _SLOW = ("airspeed", "height", "altitude")  # no clocks: they change too slowly
-_RIDGE = 1e-9  # of the scaled information: alike columns give a large variance, not a failure
+_RIDGE_SHARE = 1e-9  # of the scaled information: alike columns give a large variance, not a failure
 # faults that a set of three is made of, beside the best pairs: all of them cost as much as
 # everything else
-_PROMISING = 24
+_MOST_FAULTS_IN_TRIPLES = 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +76,7 @@ def fitted(
     diagonal = np.diag(normal.information)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))[members]
     both = scale[:, :, None] * scale[:, None, :]
-    information = normal.information[rows, members[:, None, :]] * both + _RIDGE * np.eye(s)
+    information = normal.information[rows, members[:, None, :]] * both + _RIDGE_SHARE * np.eye(s)
     inverse = np.linalg.inv(information) * both
     gradient = normal.gradient[members]
     sizes = np.einsum("mij,mj->mi", inverse, gradient)
@@ -116,8 +122,8 @@ def best_set(
     *,
     early: bool,
 ) -> tuple[Sets, int]:
-    """The set, and its row, of greatest gain over the colour of what is left less ``charge`` for
-    each fault, each of them needed.
+    """Return the set, and its row, of greatest gain over the colour of what is left less ``charge``
+    for each fault, each of them needed.
 
     Arms count by how far such sensors usually are from the centre of gravity, too
     (``SensorFault.surprise``).
@@ -140,8 +146,8 @@ def best_set(
 def needed(
     normal: NormalEquations, faults: Sequence[SensorFault], members: tuple[int, ...], charge: float
 ) -> tuple[int, ...]:
-    """A set without every fault that gains at most ``charge`` beside the others, under its coloured
-    residuals.
+    """Return a set without every fault that gains at most ``charge`` beside the others, under its
+    coloured residuals.
     """
     while members:
         whole = fitted(normal, faults, np.array([members]), early=False)
@@ -162,7 +168,9 @@ def needed(
 def _larger(sets: Sets, among: Sequence[int], size: int) -> np.ndarray:
     if size == 1:
         return np.array(list(combinations(among, 2)), dtype=int).reshape(-1, 2)
-    order = np.argsort(-np.where(np.isfinite(sets.gain), sets.gain, -np.inf))[: 4 * _PROMISING]
+    order = np.argsort(-np.where(np.isfinite(sets.gain), sets.gain, -np.inf))[
+        : 4 * _MOST_FAULTS_IN_TRIPLES
+    ]
     bases = {tuple(row) for row in sets.members[order].tolist()}
     larger = {tuple(sorted((*base, i))) for base in bases for i in among if i not in base}
     return np.array(sorted(larger), dtype=int).reshape(-1, size + 1)
@@ -183,7 +191,7 @@ def _assessed(
         score = (
             charge * sets.members.shape[1]
             - sets.gain / widening
-            + TIE * (sets.early + rare[sets.members].sum(axis=1))
+            + TIE_LOG_LIKELIHOOD * (sets.early + rare[sets.members].sum(axis=1))
         )
         score = score + surprises(sets, faults)
         score = np.where(sets.sound | sets.early, score, np.inf)
@@ -204,8 +212,8 @@ def _is_load_time(fault: SensorFault) -> bool:
 
 
 def clocks(channels: Sequence[str]) -> tuple[str, ...]:
-    """Channels of which one at least has to be on time: those that the relations tie within a
-    fraction of a second.
+    """Return the channels of which one at least has to be on time: those that the relations tie
+    within a fraction of a second.
     """
     return tuple(name for name in channels if name not in _SLOW)
 
@@ -225,12 +233,12 @@ def _leave_a_clock(faults: Sequence[SensorFault], members: np.ndarray) -> np.nda
 
 # ---- The search for sensor faults in six degrees of freedom
 
-_ROUNDS = 5
+_MOST_ROUNDS = 5
 NOTHING_LATE: Mapping[tuple[int, int], float] = MappingProxyType({})
-SECANT = 0.05  # s, before anything is known of a time
+SECANT_STEP = 0.05  # s, before anything is known of a time
 _LONGEST_SECANT = 0.3
-_REPLICATION = 1e-3  # p-value below which the records contradict each other
-_DEMANDED = 3.0  # standard deviations
+_CONTRADICTION_P_VALUE = 1e-3  # p-value below which the records contradict each other
+_LEAST_FAULT_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -324,12 +332,12 @@ def _in_turn(
     most: int,
     early: bool,
 ) -> tuple[Linear, tuple[int, ...], tuple[str, float] | None]:
-    """Sets chosen and fitted in turn, from a fit of the faults ``members`` on."""
-    secants, ahead = np.full(len(faults), SECANT), None
+    """Return the sets chosen and fitted in turn, from a fit of the faults ``members`` on."""
+    secants, ahead = np.full(len(faults), SECANT_STEP), None
     secants[list(members)] = [
         _secant(size) for size in kinematic_fit.sizes.tolist()[: len(members)]
     ]
-    for turn in range(_ROUNDS):
+    for turn in range(_MOST_ROUNDS):
         lines = linear(kinematic_fit, faults, secants)
         normal = lines.joint
         if not turn and not members:
@@ -357,14 +365,14 @@ def _in_turn(
 
 
 def _secant(size: float) -> float:
-    return size if abs(size) > 1e-3 else SECANT
+    return size if abs(size) > 1e-3 else SECANT_STEP
 
 
 def _best_delay_exchange(
     signals: Sequence[KinematicSignals], lines: Linear, members: Sequence[int], among: Sequence[int]
 ) -> tuple[tuple[KinematicFit, tuple[int, ...]], dict[tuple[int, int], float]]:
-    """The likeliest of a set and of those with another way to be late, or the arm of the same
-    trace, in the place of one, and what is lost with each of these: by the two places. What is
+    """Return the likeliest of a set and of those with another way to be late, or the arm of the
+    same trace, in the place of one, and what is lost with each of these: by the two places. What is
     known of sizes beforehand counts.
 
     To first order they would be compared under the noise of the one that stands, which has taken
@@ -404,8 +412,8 @@ def _best_delay_exchange(
 
 
 def _secants(lines: Linear, members: Sequence[int]) -> np.ndarray:
-    """Size of each time shift in the set, or in the best position of a set."""
-    out, best = np.full(len(lines.faults), SECANT), np.full(len(lines.faults), -math.inf)
+    """Return the size of each time shift in the set, or in the best position of a set."""
+    out, best = np.full(len(lines.faults), SECANT_STEP), np.full(len(lines.faults), -math.inf)
     for place in members or (None,):
         rest = [i for i in members if i != place]
         rows = np.array([[*rest, i] for i in range(len(lines.faults)) if i not in rest])
@@ -417,7 +425,7 @@ def _secants(lines: Linear, members: Sequence[int]) -> np.ndarray:
 
 
 def _replicates(lines: Linear, members: Sequence[int], i: int) -> bool:
-    """Whether the records agree on a fault one by one, with the others fixed, and require it
+    """Return whether the records agree on a fault one by one, with the others fixed, and require it
     together.
     """
     from scipy.special import chdtrc
@@ -433,8 +441,10 @@ def _replicates(lines: Linear, members: Sequence[int], i: int) -> bool:
     joint = fitted(lines.joint, lines.faults, np.array([members]), early=False).sizes[
         0, list(members).index(i)
     ]
-    agree = float(chdtrc(len(v) - 1.0, float(np.sum(w * (v - mean) ** 2)))) > _REPLICATION
-    return agree and mean * math.copysign(1.0, joint) > _DEMANDED / math.sqrt(float(np.sum(w)))
+    agree = float(chdtrc(len(v) - 1.0, float(np.sum(w * (v - mean) ** 2)))) > _CONTRADICTION_P_VALUE
+    return agree and mean * math.copysign(1.0, joint) > _LEAST_FAULT_SIGMAS / math.sqrt(
+        float(np.sum(w))
+    )
 
 
 def _alone(lines: Linear, members: Sequence[int], i: int) -> tuple[np.ndarray, np.ndarray]:
@@ -493,7 +503,11 @@ def alike(
         early=False,
     )
     own = fitted(lines.joint, lines.faults, np.array([_instead(members, i, i)]), early=False)
-    losses = own.gain[0] - sets.gain + TIE * np.array([lines.faults[j].rare for j in rivals])
+    losses = (
+        own.gain[0]
+        - sets.gain
+        + TIE_LOG_LIKELIHOOD * np.array([lines.faults[j].rare for j in rivals])
+    )
     full = {j: lateness[i, j] for j in rivals if (i, j) in lateness}
     # Of two arms of one trace the records may prefer the less common one.
     least = [-np.inf if same_trace(lines.faults[i], lines.faults[j]) else 0.0 for j in rivals]
@@ -511,5 +525,5 @@ def alike(
 
 
 def _instead(members: Sequence[int], i: int, j: int) -> tuple[int, ...]:
-    """The set with j, which comes last, in the place of i."""
+    """Return the set with j, which comes last, in the place of i."""
     return (*(k for k in members if k != i), j)

@@ -14,7 +14,7 @@ import numpy as np
 from ident.statistics.residual_spectrum import autocovariance
 from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Claim, Diagnosis, FittedRecord, Quantity
-from ident.tracing.whiteness import FEWEST_SAMPLES, LARGEST, ResidualPart, residual_part
+from ident.tracing.whiteness import FEWEST_SAMPLES, RUNAWAY_RESIDUAL, ResidualPart, residual_part
 from scenarios.diagnosis.report.wording import nothing_stands
 from scenarios.files.user_models import is_of_aircraft
 from scenarios.report.quantities import CHANNELS, displayed, shown_in, spaced
@@ -22,10 +22,12 @@ from scenarios.report.quantities import CHANNELS, displayed, shown_in, spaced
 if TYPE_CHECKING:
     from scenarios.diagnosis.diagnose import Tracing
 
-WINDOW = 2.0  # s, in which a residual is called large: about one short period
-SHIFT = 0.5  # s, by which a residual may follow or precede what it goes with
+LARGE_RESIDUAL_WINDOW = 2.0  # s, in which a residual is called large: about one short period
+LARGEST_RESIDUAL_SHIFT = 0.5  # s, by which a residual may follow or precede what it goes with
 WORTH_A_WORD = 0.25  # a smaller correlation explains less than a sixteenth of the power
-SURE = 4.0  # standard deviations of chance (Bartlett), the best of a few dozen signals being told
+CORRELATE_SIGMAS = (
+    4.0  # standard deviations of chance (Bartlett), the best of a few dozen signals being told
+)
 
 
 @dataclass(frozen=True)
@@ -50,8 +52,8 @@ class Leftover:
 
     ``rms`` in the channel's unit; ``correlation`` of neighbouring samples. ``peak`` (Hz): largest
     power per frequency; ``below`` (Hz): four fifths of the power lie below it. ``record`` (from 0),
-    ``begin``, ``end`` (s): the ``WINDOW`` with the largest mean square, ``times`` its root over
-    ``rms``. ``company``: None where it goes with nothing that was looked at.
+    ``begin``, ``end`` (s): the ``LARGE_RESIDUAL_WINDOW`` with the largest mean square, ``times``
+    its root over ``rms``. ``company``: None where it goes with nothing that was looked at.
     """
 
     channel: str
@@ -108,8 +110,8 @@ def left_over(fitted: Sequence[FittedRecord], channel: str) -> Leftover | None:
 
 
 def _frequencies(parts: Sequence[ResidualPart]) -> tuple[float, float]:
-    """Frequency of the largest power and that below which four fifths lie, Hz; Hann window, mean
-    over records, three neighbours smoothed.
+    """Return the frequency of the largest power and that below which four fifths lie, Hz; Hann
+    window, mean over records, three neighbours smoothed.
     """
     highest = min(0.5 / part.interval for part in parts)
     lowest = max(1.0 / (part.interval * len(part.residual)) for part in parts)
@@ -137,7 +139,7 @@ def _when(parts: Sequence[ResidualPart], rms: float) -> tuple[FittedRecord, floa
     best = (parts[0].item, 0.0, 0.0, -1.0)
     for part in parts:
         time = part.item.record.time
-        size = min(max(3, round(WINDOW / part.interval)), len(time))
+        size = min(max(3, round(LARGE_RESIDUAL_WINDOW / part.interval)), len(time))
         squares, counts = (
             np.convolve(x, np.ones(size), mode="valid")
             for x in (part.residual**2, part.used.astype(float))
@@ -150,7 +152,7 @@ def _when(parts: Sequence[ResidualPart], rms: float) -> tuple[FittedRecord, floa
 
 
 def _company(parts: Sequence[ResidualPart]) -> Company | None:
-    """The most certain correlation with a signal, where one is worth a word."""
+    """Return the most certain correlation with a signal, where one is worth a word."""
     found: list[tuple[float, Company]] = []
     for name, form in _signals(parts):
         series = [_signal(part, name, form) for part in parts]
@@ -158,7 +160,9 @@ def _company(parts: Sequence[ResidualPart]) -> Company | None:
         if min(sizes) <= 0.0:
             continue
         interval = max(part.interval for part in parts)
-        shifts = np.arange(-int(SHIFT / interval), int(SHIFT / interval) + 1)
+        shifts = np.arange(
+            -int(LARGEST_RESIDUAL_SHIFT / interval), int(LARGEST_RESIDUAL_SHIFT / interval) + 1
+        )
         scale = np.sqrt(sum(sizes) * sum(float(part.residual @ part.residual) for part in parts))
         r = (
             sum(
@@ -172,7 +176,7 @@ def _company(parts: Sequence[ResidualPart]) -> Company | None:
             / scale
         )
         at = int(np.argmax(np.abs(r)))
-        if abs(r[at]) > WORTH_A_WORD and abs(r[at]) > SURE * chance:
+        if abs(r[at]) > WORTH_A_WORD and abs(r[at]) > CORRELATE_SIGMAS * chance:
             found.append(
                 (
                     abs(r[at]) / chance,
@@ -203,8 +207,8 @@ def _signals(parts: Sequence[ResidualPart]) -> list[tuple[str, str]]:
 
 
 def _signal(part: ResidualPart, name: str, form: str) -> np.ndarray:
-    """An input, or an output as the fit has it, away from its mean; its rate, square, or product
-    with the first input; mean taken off.
+    """Return an input, or an output as the fit has it, away from its mean; its rate, square, or
+    product with the first input; mean taken off.
     """
     item = part.item
     if name in item.record.input_names:
@@ -217,8 +221,8 @@ def _signal(part: ResidualPart, name: str, form: str) -> np.ndarray:
         time = item.record.time
         values = np.clip(
             np.interp(time, time[known], (item.record[name].values - item.after[row])[known]),
-            -LARGEST,
-            LARGEST,
+            -RUNAWAY_RESIDUAL,
+            RUNAWAY_RESIDUAL,
         )
     values = values - values.mean()
     if form == "rate":
@@ -242,8 +246,8 @@ def _correlations(part: ResidualPart, signal: np.ndarray, later: np.ndarray) -> 
 
 
 def _chance(a: np.ndarray, b: np.ndarray) -> float:
-    """Variance of the sum of products of two series that have nothing to do with each other
-    (Bartlett, 1946).
+    """Return the variance of the sum of products of two series that have nothing to do with each
+    other (Bartlett, 1946).
     """
     lags = max(10, len(a) // 5)
     return len(a) * max(
@@ -255,7 +259,7 @@ def _chance(a: np.ndarray, b: np.ndarray) -> float:
     )
 
 
-FEW = 2  # parameters whose values are worth comparing between records
+FEW_PARAMETERS = 2  # parameters whose values are worth comparing between records
 FORMS = {
     "itself": "{}",
     "rate": "the rate of {}",
@@ -263,14 +267,14 @@ FORMS = {
     "product": "the product of {} and the {control}",
 }
 # of both spreads together, from which a joint value and the mean of the records do not agree
-APART = 2.0
+DISAGREEING_SIGMAS = 2.0
 LARGEST_SHOWN = 1e30
-EVEN = 1.6  # times the rms, up to which no moment stands out
+LARGEST_EVEN_PEAK = 1.6  # times the rms, up to which no moment stands out
 
 
 def evidence_sentences(claim: Claim) -> list[str]:
-    """How the evidence for an effect is spread, and its values from each record; nothing where what
-    remains is noise.
+    """Return sentences on the spread of the evidence for an effect, and on its values from each
+    record; empty if the residual is noise.
     """
     if claim.spread is None:
         return []
@@ -286,8 +290,8 @@ def evidence_sentences(claim: Claim) -> list[str]:
 
 
 def apart_text(claim: Claim) -> str:
-    """Where values of the records differ by more than their sigmas say; empty where they agree."""
-    told = []
+    """Return where values of the records differ by more than their sigmas; empty if they agree."""
+    sentences = []
     for name in claim.by_record[0] if len(claim.by_record) > 1 else ():
         each = [found[name] for found in claim.by_record]
         values = np.array([q.value for q in each])
@@ -295,29 +299,29 @@ def apart_text(claim: Claim) -> str:
         weight = sigmas**-2
         mean = float(values @ weight / weight.sum())
         scatter = math.sqrt(float(np.sum(((values - mean) / sigmas) ** 2)) / (len(values) - 1))
-        if scatter > APART:
-            told.append(f"{name} differs between them by {scatter:.1f} of their sigmas")
-    return "; ".join(told)
+        if scatter > DISAGREEING_SIGMAS:
+            sentences.append(f"{name} differs between them by {scatter:.1f} of their sigmas")
+    return "; ".join(sentences)
 
 
 def by_record_text(by_record: Sequence[Mapping[str, Quantity]]) -> str:
-    """Values from each record with their unit: ``"0.058, 0.063, 0.060 s"``; empty for a curve,
-    whose numbers trade off.
+    """Return the values from each record with their unit: ``"0.058, 0.063, 0.060 s"``; empty for a
+    curve, whose numbers trade off.
     """
     names = list(by_record[0]) if by_record else []
-    if not 0 < len(names) <= FEW:
+    if not 0 < len(names) <= FEW_PARAMETERS:
         return ""
-    told = []
+    sentences = []
     for name in names:
         shown = [displayed(each[name], name) for each in by_record if name in each]
         known = [std for _, std, _ in shown if 0.0 < std < math.inf]
         digits = max(0, -math.floor(math.log10(min(known)))) if known else 3
         unit = shown[0][2] if shown[0][2] not in ("", "1") else ""
         values = ", ".join(f"{value:.{min(digits, 6)}f}" for value, _, _ in shown)
-        told.append(
+        sentences.append(
             f"{f'{name} ' if len(names) > 1 or not unit else ''}{values}{f' {unit}' if unit else ''}"  # noqa: E501
         )
-    return "; ".join(told)
+    return "; ".join(sentences)
 
 
 def overflow_sentence(count: int) -> str:
@@ -330,22 +334,22 @@ def overflow_sentence(count: int) -> str:
 
 
 def warnings_of(tracing: Tracing) -> list[str]:
-    """The warnings with a description of what is left in each channel, in place of long lists of
-    tests that failed.
+    """Return the warnings with a description of what is left in each channel, in place of long
+    lists of tests that failed.
 
     Where nothing stands, what the declared model leaves is described: what hints would leave is no
     result.
     """
     d = tracing.diagnosis
     if nothing_stands(d):
-        told = [
+        sentences = [
             *(caution.sentence for caution in d.warnings if caution.test is None),
             *([overflow_sentence(tracing.overflows)] if tracing.overflows else []),
         ]
         declared = [replace(item, after=item.before) for item in d.fitted]
         open_channels = _channels([test for test in d.tests_before if not test.passed])
         return [
-            *told,
+            *sentences,
             *(
                 f"with the declared model, {line}"
                 for line in _left(tracing, declared, open_channels)
@@ -353,9 +357,9 @@ def warnings_of(tracing: Tracing) -> list[str]:
         ]
     cautions = [caution for caution in d.warnings if caution.test is not None]
     failed = [caution.test for caution in cautions if caution.test is not None]
-    lines = cautions if len(failed) > FEW else []
-    told = [caution.sentence for caution in d.warnings if caution not in lines]
-    told += [overflow_sentence(tracing.overflows)] if tracing.overflows else []
+    lines = cautions if len(failed) > FEW_PARAMETERS else []
+    sentences = [caution.sentence for caution in d.warnings if caution not in lines]
+    sentences += [overflow_sentence(tracing.overflows)] if tracing.overflows else []
     if failed:
         share = (
             [
@@ -365,8 +369,8 @@ def warnings_of(tracing: Tracing) -> list[str]:
             if lines
             else []
         )
-        return [*told, *share, *_left(tracing, d.fitted, _channels(failed))]
-    return told
+        return [*sentences, *share, *_left(tracing, d.fitted, _channels(failed))]
+    return sentences
 
 
 def _channels(tests: Sequence[ResidualTest]) -> list[str]:
@@ -379,14 +383,16 @@ def _left(tracing: Tracing, fitted: Sequence[FittedRecord], channels: Sequence[s
 
 
 def leftover_sentence(left: Leftover, tracing: Tracing) -> str:
-    """What is left in one channel: size, colour, frequency, when, and what it goes with."""
+    """Return a sentence on the residual of one channel: size, colour, frequency, time, and
+    correlated signals.
+    """
     factor, unit = shown_in(left.unit, left.channel)
     parts = [
         f"left in the {_spoken(left.channel, tracing)}: rms {factor * left.rms:.3g}{spaced(unit)}, "
         f"neighbouring samples correlated by {left.correlation:.2f}",
         f"most power near {left.peak:.2g} Hz, four fifths of it below {left.below:.2g} Hz",
     ]
-    if left.times > EVEN:
+    if left.times > LARGEST_EVEN_PEAK:
         record = tracing.diagnosis.fitted[left.record].record.name
         parts.append(
             f"largest in {record} from {left.begin:.1f} to {left.end:.1f} s, {left.times:.1f} "

@@ -77,7 +77,7 @@ if TYPE_CHECKING:
 
 
 def pictured(tracing: Tracing) -> Pictured:
-    """The part of a diagnosis that figures show, its runaway numbers bounded."""
+    """Return the part of a diagnosis that figures show, its runaway numbers bounded."""
     d = as_declared(tracing.diagnosis)
     predictions = tuple(
         Prediction(p.record, p.channels, bounded_series(p.before), bounded_series(p.after))
@@ -105,10 +105,10 @@ def pictured(tracing: Tracing) -> Pictured:
 
 def _replicated(tracing: Tracing) -> tuple[Replicated, ...]:
     labels = tuple(record_labels(tracing))
-    told = [claim for claim in tracing.diagnosis.effects if claim.by_record]
+    claims = [claim for claim in tracing.diagnosis.effects if claim.by_record]
     return tuple(
         Replicated(claim.name, labels[: len(claim.by_record)], claim.by_record, claim.parameters)
-        for claim in told
+        for claim in claims
     )
 
 
@@ -243,7 +243,7 @@ TONES = {
     Verdict.AMBIGUOUS: "fair",
     Verdict.UNEXPLAINED: "open",
 }
-PRINTED = 10  # candidates that stand on paper
+PRINTED_CANDIDATES = 10  # candidates that stand on paper
 CANDIDATES_NOTE = (
     "Gain: increase of the log evidence when the candidate is added. Log odds: log posterior odds, "
     "the gain plus the log of the prior odds; above zero the candidate is more probable than its "
@@ -265,8 +265,8 @@ GUARD_NOTE = (
 def diagnosis_page(
     tracing: Tracing, warnings: Sequence[str], drawn: Sequence[Drawn] = (), created: str = ""
 ) -> Page:
-    """The page of a diagnosis with the figures ``drawn``; that of the replication stands in its
-    section.
+    """Return the page of a diagnosis with the figures ``drawn``; that of the replication stands in
+    its section.
     """
     d = tracing.diagnosis
     pictures = {each.name: each for each in figures(drawn)}
@@ -406,7 +406,7 @@ def _search(tracing: Tracing) -> tuple[Section, ...]:
     steps = Bullets(tuple(step.sentence for step in d.steps), numbered=True)
     guarded = any(candidate.name.startswith(GUARD) for candidate in d.candidates)
     caption = "Every candidate, the best of each round first"
-    table = tables.candidates_table(d, caption, len(d.candidates), PRINTED)
+    table = tables.candidates_table(d, caption, len(d.candidates), PRINTED_CANDIDATES)
     note = Prose(f"{CANDIDATES_NOTE} {GUARD_NOTE}" if guarded else CANDIDATES_NOTE, "note")
     columns = (
         Column("model"),
@@ -447,7 +447,7 @@ def _inputs(tracing: Tracing) -> list[tuple[str, str, str]]:
 
 
 def _command(tracing: Tracing) -> list[str]:
-    """What would be typed for this, as far as the result tells."""
+    """Return the command line of this diagnosis, as far as the result tells."""
     inputs = tracing.inputs
     own = tracing.vehicle.own_file
     command = [

@@ -51,17 +51,17 @@ from scenarios.report.summary import changes, level_text, levels_content, levels
 if TYPE_CHECKING:
     from scenarios.diagnosis.diagnose import Tracing
 
-MOVED = 2.0  # sigmas
+MOVED_SIGMAS = 2.0  # sigmas
 SIGMA_NOTE = "+- sigma, widened by the scatter between records"
 Move = tuple[str, Quantity, Quantity]  # a name, and its quantity before and after
-SHOWN = 6  # candidates of a round
+SHOWN_CANDIDATES = 6  # candidates of a round
 
 
 def candidates_table(
-    d: Diagnosis, caption: str, count: int = SHOWN, printed: int | None = None
+    d: Diagnosis, caption: str, count: int = SHOWN_CANDIDATES, printed: int | None = None
 ) -> Table:
-    """The best candidates of each round at each set, by gain; of several forms of one effect the
-    best. ``printed``: rows that stand on paper.
+    """Return the best candidates of each round at each set, by gain; of several forms of one effect
+    the best. ``printed``: rows that stand on paper.
     """
     some: list[Candidate] = []
     nodes = dict.fromkeys((candidate.round, candidate.within) for candidate in d.candidates)
@@ -85,13 +85,15 @@ def candidates_table(
 
 
 def candidate_parameters(c: Candidate) -> str:
-    """The first parameters of a candidate with their values."""
-    told = [f"{name} {with_sigma(quantity, name=name)}" for name, quantity in c.parameters.items()]
-    return ", ".join([*told[:3], *(["..."] if len(told) > 3 else [])])
+    """Return the first parameters of a candidate with their values."""
+    values = [
+        f"{name} {with_sigma(quantity, name=name)}" for name, quantity in c.parameters.items()
+    ]
+    return ", ".join([*values[:3], *(["..."] if len(values) > 3 else [])])
 
 
 def candidate_remarks(c: Candidate) -> str:
-    """Whether a candidate was fitted, and which others have a similar signature."""
+    """Return whether a candidate was fitted, and which others have a similar signature."""
     remarks = [] if c.fitted else ["linearised"]
     # another form of it is no alternative
     others = [name for name in c.collinear_with if name != c.name]
@@ -99,8 +101,8 @@ def candidate_remarks(c: Candidate) -> str:
 
 
 def errors_table(d: Diagnosis, caption: str, units: Mapping[str, str] = CHANNEL_UNITS) -> Table:
-    """By channel the error before and after, what the fit leaves where it is not the noise, and the
-    noise; angles and their rates in degrees.
+    """Return a table with the error of each channel before and after, the residual of the fit where
+    it is not the noise, and the noise; angles and their rates in degrees.
     """
     names = list(d.error_before.rmse)
     shown = {name: shown_in(units.get(name, ""), name) for name in names}
@@ -124,15 +126,17 @@ def errors_table(d: Diagnosis, caption: str, units: Mapping[str, str] = CHANNEL_
 
 
 def derivatives_table(d: Diagnosis, caption: str) -> Table:
-    """Derivatives before and after, their run-to-run scatter where any is known, and the move in
-    sigmas of both (marked beyond two).
+    """Return the derivatives before and after, their run-to-run scatter where any is known, and the
+    move in sigmas of both (marked beyond two).
     """
     pairs = [(name, old, d.after[name]) for name, old in d.before.items() if name in d.after]
     return shown_table(d, _moves(caption, "derivative", pairs, d.scatter))
 
 
 def derived_table(d: Diagnosis, caption: str) -> Table:
-    """What follows from the derivatives; a frequency in rad/s and once more in Hz."""
+    """Return a table of the quantities that follow from the derivatives; a frequency in rad/s and
+    once more in Hz.
+    """
     before, after = derived_of(d)
     pairs: list[Move] = []
     for name in (name for name in before if name in after):
@@ -169,15 +173,15 @@ def _moves(
 
 
 def move_cell(sigmas: float) -> Cell:
-    """A move in sigmas, marked beyond two; a dash where there is none."""
+    """Return a move in sigmas, marked beyond two; a dash where there is none."""
     if abs(sigmas) < 0.05:
         return MISSING
-    mark = " *" if abs(sigmas) > MOVED else "  "
+    mark = " *" if abs(sigmas) > MOVED_SIGMAS else "  "
     return Number(sigmas, unit=SIGMAS, shown=f"{sigmas:+.1f} sigma{mark}")
 
 
 def member_tables(d: Diagnosis, caption: str) -> list[Table]:
-    """For each effect with alternatives a table of the derivatives under each of them.
+    """Return, for each effect with alternatives, a table of the derivatives under each of them.
 
     A star marks a value that is more than two of both sigmas from that under the first.
     """
@@ -207,15 +211,15 @@ def member_tables(d: Diagnosis, caption: str) -> list[Table]:
 def _member(quantity: Quantity | None, first: Quantity | None) -> Cell:
     if quantity is None:
         return MISSING
-    apart = first is not None and abs(quantity.value - first.value) > MOVED * math.hypot(
+    apart = first is not None and abs(quantity.value - first.value) > MOVED_SIGMAS * math.hypot(
         quantity.std, first.std
     )
     return brief_estimate(quantity.value, quantity.std, "*" if apart else "")
 
 
 def derived_of(d: Diagnosis) -> tuple[dict[str, Quantity], dict[str, Quantity]]:
-    """What follows from the derivatives, before and after; a delay of the model itself stands there
-    as well.
+    """Return the quantities that follow from the derivatives, before and after; a delay of the
+    model itself is among them.
     """
     pairs = ((d.derived_before, d.before), (d.derived_after, d.after))
     before, after = (
@@ -229,21 +233,23 @@ def _hertz(q: Quantity) -> Quantity:
 
 
 def sigma_note(d: Diagnosis) -> str:
-    """That sigmas are widened, where they are; the scatter is that of fits with the effects, and
-    nothing to say where none stands.
+    """Return a note that sigmas are widened, if they are; the scatter is that of fits with the
+    effects, so the note is empty without an accepted effect.
     """
     return SIGMA_NOTE if d.inflation and not nothing_stands(d) else ""
 
 
 def moved_title(d: Diagnosis) -> str:
-    """Heading of the table of derivatives."""
+    """Return the heading of the table of derivatives."""
     if nothing_stands(d):
         return (
             "derivatives of the declared model: something is missing in it, they carry what it "
             "costs"
         )
     any_moved = any(
-        abs(moved(d.before[name], d.after[name])) > MOVED for name in d.before if name in d.after
+        abs(moved(d.before[name], d.after[name])) > MOVED_SIGMAS
+        for name in d.before
+        if name in d.after
     )
     return (
         "derivatives (* moved by more than two sigmas of both together)"
@@ -253,7 +259,7 @@ def moved_title(d: Diagnosis) -> str:
 
 
 def moved(old: Quantity, new: Quantity) -> float:
-    """The change in standard deviations of both together; zero where neither is known."""
+    """Return the change in standard deviations of both together; zero where neither is known."""
     spread = math.hypot(old.std, new.std)
     return (new.value - old.value) / spread if spread > 0 and math.isfinite(spread) else 0.0
 
@@ -272,7 +278,7 @@ def short(value: float) -> str:
 
 
 def level_cell(value: float) -> Cell:
-    """A root mean square with three digits; a dash where there is no number."""
+    """Return a root mean square with three digits; a dash where there is no number."""
     return Number(value, shown=short(value)) if math.isfinite(value) else MISSING
 
 
@@ -280,8 +286,8 @@ Levels = tuple[ModeLevel, ...]
 
 
 def levels_of(tracing: Tracing) -> tuple[Levels, Levels]:
-    """Levels under the declared model and under the one with the effects; empty where a model has
-    no mode that the standard speaks of.
+    """Return the levels under the declared model and under the one with the effects; empty where a
+    model has no mode that the standard speaks of.
     """
     d = tracing.diagnosis
     before, after = (
@@ -292,7 +298,7 @@ def levels_of(tracing: Tracing) -> tuple[Levels, Levels]:
 
 
 def levels_title(tracing: Tracing) -> str:
-    """Standard, class and category."""
+    """Return the standard, class and category."""
     return levels_heading(tracing.flown)
 
 
@@ -322,7 +328,9 @@ def level_changes(tracing: Tracing) -> list[str]:
 
 
 def levels_both(tracing: Tracing) -> dict[str, Any]:
-    """For ``diagnosis.json``; empty where the model has no mode that the standard speaks of."""
+    """Return the levels before and after for ``diagnosis.json``; empty if the standard has no
+    requirement for a mode of the model.
+    """
     before, after = levels_of(tracing)
     if not before and not after:
         return {}
@@ -344,7 +352,7 @@ FREE = "the fits of a diagnosis leave a bias of each channel free"
 def kinematics_lines(
     kinematics: Kinematics, claims: Sequence[Claim], wording: Wording
 ) -> list[str]:
-    """All of it in sentences, one a line."""
+    """Return all of it in sentences, one a line."""
     if kinematics.result is None:
         return [kinematics.why]
     lines = [each.sentence for each in agreements(kinematics, claims)]
@@ -379,14 +387,14 @@ def finding_sentence(finding: SensorFinding, wording: Wording) -> str:
 
 
 def _parameter(finding: SensorFinding) -> str:
-    """The effect's parameter that is the size of a finding."""
+    """Return the effect's parameter that is the size of a finding."""
     return "arm" if finding.kind in ARMS else PARAMETERS.get(finding.kind, finding.kind)
 
 
 def kinematics_content(
     kinematics: Kinematics, claims: Sequence[Claim], wording: Wording
 ) -> dict[str, Any]:
-    """The entry ``compatibility`` of a study; numbers that are not finite are left out."""
+    """Return the entry ``compatibility`` of a study; numbers that are not finite are left out."""
     lines = kinematics_lines(kinematics, claims, wording)
     if kinematics.result is None:
         return {"records": list(kinematics.records), "checked": False, "sentences": lines}

@@ -23,7 +23,7 @@ from ident.tracing.diagnosis import (
 from scenarios.diagnosis.opening import effort_sentence
 from scenarios.diagnosis.report.evidence import evidence_sentences, scatter_text, warnings_of
 from scenarios.diagnosis.report.tables import (
-    MOVED,
+    MOVED_SIGMAS,
     candidates_table,
     derivatives_table,
     derived_of,
@@ -68,7 +68,7 @@ if TYPE_CHECKING:
 
 
 def diagnosis_text(tracing: Tracing, width: int = WIDTH, details: str = BELOW) -> str:
-    """What a terminal of this width shows: a summary, then everything."""
+    """Return the text for a terminal of this width: a summary, then everything."""
     return "\n".join(
         [
             *summary_lines(diagnosis_summary(tracing, details), width),
@@ -85,11 +85,11 @@ def diagnosis_summary(tracing: Tracing, details: str = BELOW) -> Summary:
     d, wording = tracing.diagnosis, wording_of(tracing)
     claimed = [claim for claim in d.effects if claim.claimed]
     names = ", ".join(" or ".join((claim.name, *claim.alternatives)) for claim in claimed)
-    told = [
+    sentences = [
         f"{claim.name} {parameter_text(claim, wording)}" for claim in claimed if claim.parameters
     ]
     moved_most = _most_moved(d) if claimed else ""
-    told += (
+    sentences += (
         [f"{moved_most} {value_text(d.after[moved_most].value, d.after[moved_most].std)}"]
         if moved_most
         else []
@@ -98,7 +98,7 @@ def diagnosis_summary(tracing: Tracing, details: str = BELOW) -> Summary:
     return Summary(
         subject(tracing),
         f"{d.verdict.value.upper()}: {names or d.verdict.sentence}",
-        "; ".join(told) or _error_phrase(tracing),
+        "; ".join(sentences) or _error_phrase(tracing),
         residual_phrase(tests),
         details,
     )
@@ -155,7 +155,7 @@ CANDIDATE_LEGEND = (
 
 
 def wording_of(tracing: Tracing) -> Wording:
-    """What sentences about effects need to know of a study."""
+    """Return the properties of a study that sentences about effects need."""
     inputs = tuple(signal.name for signal in tracing.model.equations.inputs)
     return Wording(
         inputs[0] if inputs else "control",
@@ -173,8 +173,8 @@ def subject(tracing: Tracing) -> str:
 
 
 def where_predicted(tracing: Tracing) -> str:
-    """Where the errors are from: ``"the held-out record validate.csv"`` and the like; held out only
-    where it took no part in choosing.
+    """Return the source of the errors, as in ``"the held-out record validate.csv"``; a record is
+    held out only if it took no part in choosing.
     """
     names = [record.name for record in tracing.validation]
     if not tracing.diagnosis.held_out:
@@ -185,8 +185,8 @@ def where_predicted(tracing: Tracing) -> str:
 
 
 def headline(tracing: Tracing) -> str:
-    """The finding in one sentence: effect, the error that fell most, the derivative that moved
-    most.
+    """Return the finding in one sentence: effect, the error that fell most, the derivative that
+    moved most.
     """
     d, wording = tracing.diagnosis, wording_of(tracing)
     claimed = [claim for claim in d.effects if claim.claimed]
@@ -224,7 +224,9 @@ def headline(tracing: Tracing) -> str:
 
 
 def verdict_advice(tracing: Tracing) -> list[str]:
-    """What could not be told apart, and the maneuver that would, one line each."""
+    """Return the effects that could not be told apart, and the maneuver that would, one line
+    each.
+    """
     lines = []
     for claim in tracing.diagnosis.effects:
         for names, maneuver in separating_maneuvers(
@@ -238,8 +240,8 @@ def verdict_advice(tracing: Tracing) -> list[str]:
 
 
 def deciding_lines(tracing: Tracing) -> list[str]:
-    """The designed maneuver that would decide an ambiguous diagnosis, with its chance, and the
-    command that designs it again.
+    """Return the designed maneuver that would decide an ambiguous diagnosis, with its chance, and
+    the command that designs it again.
     """
     if tracing.decides is None:
         return []
@@ -264,7 +266,7 @@ def effect_heading(claim: Claim, wording: Wording) -> str:
 
 
 def _titled(shown: Table, width: int, note: str = "", keys: int = 1) -> list[str]:
-    """A table under its caption and a note on it, both folded."""
+    """Return a table under its caption and a note on it, both folded."""
     lines = table_as_lines(shown, width, keys, titled=False)
     return [*wrapped(shown.caption, width), *wrapped(note, width, "  "), *lines] if lines else []
 
@@ -312,7 +314,7 @@ def _untouched(tracing: Tracing) -> str:
 
 
 def one_step_phrase(claim: Claim, tracing: Tracing) -> str:
-    """What a claim is worth that was judged by predictions of one step."""
+    """Return the weight of a claim that was judged by predictions of one step."""
     gains = ", ".join(f"{gain:.0f}" for gain in claim.one_step_gains)
     return (
         f"with this effect, the log likelihood of one-step predictions rises by {gains} on "
@@ -343,7 +345,7 @@ def _most_moved(d: Diagnosis) -> str:
         name: abs(moved(d.before[name], d.after[name])) for name in d.before if name in d.after
     }
     name = max(moves, key=lambda each: moves[each], default="")
-    return name if name and moves[name] > MOVED else ""
+    return name if name and moves[name] > MOVED_SIGMAS else ""
 
 
 # what a number that has run away is written as: it reads back everywhere, and its square is finite
@@ -353,8 +355,8 @@ DECIDES = "decides.csv"  # the input to be flown, beside the diagnosis
 
 
 def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
-    """Everything of a diagnosis but its time series. ``created`` is the time stamp, the one entry
-    that differs between two runs.
+    """Return everything of a diagnosis but its time series. ``created`` is the time stamp, the one
+    entry that differs between two runs.
 
     A standard deviation that is not finite (the data say nothing of the parameter) is written as
     ``LARGEST`` and told in ``warnings``.
@@ -423,7 +425,7 @@ def diagnosis_content(tracing: Tracing, created: str) -> dict[str, Any]:
 
 
 def _decides(found: DesignResult) -> dict[str, Any]:
-    """The maneuver that would decide, as ``design.json`` has it, and where it stands."""
+    """Return the maneuver that would decide, as ``design.json`` has it, and where it stands."""
     from scenarios.maneuver_design.report import maneuver_content
 
     names = [each.effect.name for each in found.acting]
@@ -446,20 +448,20 @@ def quantities(some: Mapping[str, Quantity]) -> dict[str, dict[str, Any]]:
 
 
 def bounded(value: float) -> float:
-    """The number, or one of ``LARGEST`` size where it has run away; zero for none at all."""
+    """Return the number, or one of ``LARGEST`` size where it has run away; zero for none at all."""
     if math.isnan(value):
         return 0.0
     return float(min(max(value, -LARGEST), LARGEST))
 
 
 def positive(std: float) -> float:
-    """A standard deviation above zero and finite."""
+    """Return a standard deviation above zero and finite."""
     return float(min(max(std, 1e-300), LARGEST)) if not math.isnan(std) else LARGEST
 
 
 def _not_met(requirement: Requirement) -> dict[str, Any]:
-    """A requirement on a claim that was not met: what was asked, the number found, the number
-    required.
+    """Return a requirement on a claim that was not met: what was asked, the number found, the
+    number required.
     """
     return {
         "asked": requirement.asked,
@@ -508,8 +510,8 @@ def _claim(claim: Claim, wording: Wording, records: Sequence[str]) -> dict[str, 
 
 
 def _errors(figures: ErrorFigures) -> dict[str, dict[str, float]]:
-    """Root mean squares are there for every channel; the relative figures where they can be
-    formed.
+    """Return the root mean squares are there for every channel; the relative figures where they can
+    be formed.
     """
     return {
         "rmse": {name: bounded(value) for name, value in figures.rmse.items()},
@@ -524,7 +526,7 @@ def _finite_only(some: Mapping[str, float]) -> dict[str, float]:
 
 
 def test_content(test: ResidualTest) -> dict[str, Any]:
-    """One residual test, its numbers within what JSON can say."""
+    """Return one residual test, its numbers within what JSON can say."""
     return {
         "name": test.name,
         "channel": test.channel,

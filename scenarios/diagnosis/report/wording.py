@@ -30,35 +30,35 @@ if TYPE_CHECKING:
 
 
 def kind_of_predicted(d: Diagnosis) -> str:
-    """What the predicted data are called where there is room for two words."""
+    """Return a name of the predicted data in two words."""
     return "held out" if d.held_out else "fitted"
 
 
 def record_labels(tracing: Tracing) -> list[str]:
-    """The fitted records by name."""
+    """Return the fitted records by name."""
     return [record.name for record in tracing.records]
 
 
 SENSOR_NOISE, RESIDUAL = "sensor noise (estimated)", "residual"
-EQUAL = 1e-9  # relative, to which a residual is its noise
+EQUAL_NOISE_TOLERANCE = 1e-9  # relative, to which a residual is its noise
 
 
 def noise_headings(d: Diagnosis) -> tuple[str, ...]:
-    """Headings of what stands beside an error: the noise, and the residual of the fit where that is
-    another number in any channel.
+    """Return the headings of what stands beside an error: the noise, and the residual of the fit
+    where that is another number in any channel.
     """
     return (RESIDUAL, SENSOR_NOISE) if is_coloured(d) else (SENSOR_NOISE,)
 
 
 def is_coloured(d: Diagnosis) -> bool:
-    """Whether the residual of any channel is more than its noise."""
+    """Return whether the residual of any channel is more than its noise."""
     left = residual_levels(d)
     return any(_apart(d, channel, left) for channel in d.noise_floor)
 
 
 def residual_levels(d: Diagnosis) -> dict[str, float]:
-    """Root mean square of what the fit leaves, by channel; of the declared model where no effect
-    stands.
+    """Return the root mean square of what the fit leaves, by channel; of the declared model where
+    no effect stands.
     """
     if d.verdict is Verdict.UNEXPLAINED:
         return {name: rms for name in d.noise_floor if (rms := _declared(d, name)) > 0.0}
@@ -67,7 +67,11 @@ def residual_levels(d: Diagnosis) -> dict[str, float]:
 
 def _apart(d: Diagnosis, channel: str, left: Mapping[str, float]) -> bool:
     noise = d.noise_floor.get(channel)
-    return noise is not None and channel in left and abs(left[channel] - noise) > EQUAL * noise
+    return (
+        noise is not None
+        and channel in left
+        and abs(left[channel] - noise) > EQUAL_NOISE_TOLERANCE * noise
+    )
 
 
 def _declared(d: Diagnosis, channel: str) -> float:
@@ -99,8 +103,8 @@ def nothing_stands(d: Diagnosis) -> bool:
 
 
 def shown_table(d: Diagnosis, whole: Table) -> Table:
-    """A table of the diagnosis; under ``unexplained`` without the columns that a further model
-    would fill.
+    """Return a table of the diagnosis; under ``unexplained`` without the columns that a further
+    model would fill.
     """
     if not nothing_stands(d):
         return whole
@@ -114,8 +118,8 @@ def shown_table(d: Diagnosis, whole: Table) -> Table:
 
 
 def as_declared(d: Diagnosis) -> Diagnosis:
-    """The diagnosis as its figures show it: under ``unexplained`` residuals and predictions of the
-    declared model alone, no derivatives after it.
+    """Return the diagnosis as its figures show it: under ``unexplained`` residuals and predictions
+    of the declared model alone, no derivatives after it.
     """
     if not nothing_stands(d):
         return d
@@ -129,7 +133,7 @@ def as_declared(d: Diagnosis) -> Diagnosis:
     )
 
 
-_NAMED = 2  # parameters that are not determined, up to which each is told
+_MOST_NAMED_PARAMETERS = 2  # parameters that are not determined, up to which each is told
 _TIMES = ("time", "start", "begin", "duration")
 
 
@@ -148,7 +152,7 @@ class Wording:
     channels: Mapping[str, str] = field(default_factory=lambda: MappingProxyType(CHANNELS))
 
     def traits(self, name: str) -> Traits:
-        """What is known of an effect, or of its first instance (``elastic-mode`` for
+        """Return the traits of an effect, or of its first instance (``elastic-mode`` for
         ``elastic-mode#2``): a candidate's, else the library's.
         """
         from sim.effects.library import traits_of
@@ -159,17 +163,15 @@ class Wording:
         return self.candidates[known] if known is not None else traits_of(name)
 
     def control_of(self, name: str) -> str:
-        """The input that an effect acts on, ``"input-delay:rudder"``; the first of all where its
-        name does not say.
+        """Return the input that an effect acts on, ``"input-delay:rudder"``; the first of all where
+        its name does not say.
         """
         acted_on = name.partition(":")[2].partition("#")[0]
         return acted_on if acted_on in self.controls else self.control
 
 
 def sentence(claim: Claim, wording: Wording) -> str:
-    """What an effect does, in words: by the templates that stand with it, else its name and
-    parameters.
-    """
+    """Describe an effect in words: by its templates, else by its name and parameters."""
     return _told(claim, wording, wording.traits(claim.name).sentences)
 
 
@@ -197,7 +199,7 @@ def group_sentence(claim: Claim, wording: Wording) -> str:
 
 
 def _told(claim: Claim, wording: Wording, templates: Sequence[str]) -> str:
-    """The first of some templates that the claim's parameters fill in, else its name and
+    """Return the first of some templates that the claim's parameters fill in, else its name and
     parameters.
     """
     channel = claim.name.partition(":")[2]
@@ -228,14 +230,19 @@ def parameter_text(claim: Claim, wording: Wording) -> str:
         for name, quantity in claim.parameters.items()
         if not determined(quantity.value, quantity.std)
     ]
-    told = [
+    sentences = [
         f"{name} {with_sigma(quantity, units.get(name), name)}"
         for name, quantity in claim.parameters.items()
         if name not in vague
     ]
-    if len(vague) > _NAMED:
-        told.append(f"{vague[0]} and {len(vague) - 1} more {UNDETERMINED}")
-    return ", ".join([*told, *(f"{name} {UNDETERMINED}" for name in vague if len(vague) <= _NAMED)])
+    if len(vague) > _MOST_NAMED_PARAMETERS:
+        sentences.append(f"{vague[0]} and {len(vague) - 1} more {UNDETERMINED}")
+    return ", ".join(
+        [
+            *sentences,
+            *(f"{name} {UNDETERMINED}" for name in vague if len(vague) <= _MOST_NAMED_PARAMETERS),
+        ]
+    )
 
 
 def _fields(claim: Claim, wording: Wording) -> dict[str, str]:
@@ -272,8 +279,8 @@ def _fields(claim: Claim, wording: Wording) -> dict[str, str]:
 
 
 def _stick_units(claim: Claim, wording: Wording) -> dict[str, str]:
-    """Units of those parameters that are counted in the stick's unit, by name; none where another
-    control flies.
+    """Return the units of those parameters that are counted in the stick's unit, by name; none
+    where another control flies.
     """
     if wording.control != "stick":
         return {}
@@ -291,8 +298,8 @@ _ANY = "a record with inputs of other sizes and other frequencies"
 
 
 def separating_maneuver(name: str, other: str, wording: Wording | None = None) -> str:
-    """What to fly so that two effects can be told apart: as either of them says, else what may help
-    with any.
+    """Return the maneuver that tells two effects apart: the one that either declares, else one that
+    may help with any.
     """
     wording = wording or Wording()
     for one, two in ((name, other), (other, name)):
@@ -306,23 +313,27 @@ def separating_maneuver(name: str, other: str, wording: Wording | None = None) -
 def separating_maneuvers(
     name: str, others: Sequence[str], wording: Wording | None = None
 ) -> list[tuple[tuple[str, ...], str]]:
-    """The same for several alternatives, those that need the same maneuver together."""
+    """Return the same for several alternatives, those that need the same maneuver together."""
     grouped: dict[str, list[str]] = {}
     for other in others:
         grouped.setdefault(separating_maneuver(name, other, wording), []).append(other)
     return [(tuple(names), maneuver) for maneuver, names in grouped.items()]
 
 
-LEAST = 0.005  # half a per cent rounds to nothing
+LEAST_PRINTED_SHARE = 0.005  # half a per cent rounds to nothing
 
 
 def shown_probability(claim: Claim) -> dict[str, float]:
-    """The claimed name first, then what could take its place, the likeliest first; three digits,
-    without what is below ``LEAST``.
+    """Return the claimed name first, then what could take its place, the likeliest first; three
+    digits, without what is below ``LEAST_PRINTED_SHARE``.
 
     Empty of hints.
     """
-    found = {name: p for name, p in claim.probability.items() if math.isfinite(p) and p >= LEAST}
+    found = {
+        name: p
+        for name, p in claim.probability.items()
+        if math.isfinite(p) and p >= LEAST_PRINTED_SHARE
+    }
     return {
         name: round(found[name], 3)
         for name in sorted(found, key=lambda name: (name != claim.name, -found[name], name))
@@ -343,7 +354,11 @@ def probability_sentence(claim: Claim) -> str:
         if name != claim.name
     )
     told = f"Probability of this cause: {_percent(mine)}{f'; {rest}' if rest else ''}"
-    equal = [name for name in claim.alternatives if claim.probability.get(name, 1.0) < LEAST]
+    equal = [
+        name
+        for name in claim.alternatives
+        if claim.probability.get(name, 1.0) < LEAST_PRINTED_SHARE
+    ]
     if not equal:
         return told
     many = " and ".join(equal)
@@ -353,6 +368,6 @@ def probability_sentence(claim: Claim) -> str:
 
 def _percent(p: float) -> str:
     """Whole per cents; neither none nor all of it, which is never known."""
-    if p < LEAST:
+    if p < LEAST_PRINTED_SHARE:
         return "below 1 %"
-    return f"{max(1.0, 100.0 * p):.0f} %" if p < 1.0 - LEAST else "above 99 %"
+    return f"{max(1.0, 100.0 * p):.0f} %" if p < 1.0 - LEAST_PRINTED_SHARE else "above 99 %"

@@ -30,11 +30,11 @@ from sim.errors import RecordError
 
 FORMAT = "ArduPilot DataFlash"
 SUFFIXES = (".bin",)
-BINARY = b"\xa3\x95\x80"
+BINARY_START = b"\xa3\x95\x80"
 TEXT = (b"\nFMT, 128,", b"\nFMT,128,")
-MAGIC = (BINARY, *TEXT)
+MAGIC = (BINARY_START, *TEXT)
 EXTRA = "drones"
-HEAD = 3  # bytes of a message before its fields
+HEADER_BYTES = 3  # bytes of a message before its fields
 CLOCKS = {"TimeUS": "us", "TimeMS": "ms"}
 FIXED_POINT = "cCeEL"  # format letters whose integers are scaled
 ADMINISTRATION = ("FMT", "FMTU", "UNIT", "MULT", "PARM", "MSG", "CMD", "MODE", "EV", "ERR", "VER")
@@ -48,7 +48,7 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
         from pymavlink import DFReader  # noqa: F401
     except ImportError as error:
         raise missing_library(error, path, FORMAT, EXTRA) from None
-    text = not raw.startswith(BINARY) and any(begins_with(raw, mark) for mark in TEXT)
+    text = not raw.startswith(BINARY_START) and any(begins_with(raw, mark) for mark in TEXT)
     result = _of_text(path, raw) if text else _of_bytes(path, raw)
     if not result:
         raise no_table(path, (), "give a log that holds messages")
@@ -56,7 +56,7 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
 
 
 def _of_bytes(path: Path, raw: bytes) -> list[Topic]:
-    """The topics of a binary log."""
+    """Return the topics of a binary log."""
     from pymavlink.DFReader import DFReader_binary
 
     with tempfile.TemporaryDirectory() as folder:
@@ -119,7 +119,7 @@ def _of_text(path: Path, raw: bytes) -> list[Topic]:
 
 
 def _cells(name: str, rest: str) -> list[str]:
-    """The cells of a message that describes others; the columns of a format are one cell."""
+    """Return the cells of a message that describes others; the columns of a format are one cell."""
     return [cell.strip() for cell in rest.split(",", 4 if name == "FMT" else -1)]
 
 
@@ -166,7 +166,7 @@ def _numbers(layout: Any, rows: list[list[str]]) -> dict[str, np.ndarray]:
 
 
 def _has_numbers(layout: Any) -> bool:
-    """Whether messages of a format are measurements with a clock."""
+    """Return whether messages of a format are measurements with a clock."""
     return layout.name not in ADMINISTRATION and any(column in CLOCKS for column in layout.columns)
 
 
@@ -190,7 +190,7 @@ def _silent_process() -> Iterator[None]:
 def _topics(
     path: Path, layout: Any, fields: dict[str, np.ndarray] | None, notes: tuple[str, ...] = ()
 ) -> list[Topic]:
-    """The topics of one kind of message: one for each instance where it has several."""
+    """Return the topics of one kind of message: one for each instance where it has several."""
     if fields is None or not any(column in CLOCKS for column in fields):
         return []
     units = {name: CLOCKS.get(name) or _unit(layout, name) for name in fields}
@@ -223,10 +223,10 @@ def _fields(layout: Any, content: np.ndarray, offsets: np.ndarray) -> dict[str, 
     """
     formats = [letter for letter in layout.msg_fmts]
     kinds = np.dtype([(f"f{n}", _dtype(letter)) for n, letter in enumerate(formats)])
-    offsets = offsets[offsets + HEAD + kinds.itemsize <= content.size]
+    offsets = offsets[offsets + HEADER_BYTES + kinds.itemsize <= content.size]
     if not offsets.size or len(formats) != len(layout.columns):
         return None
-    rows = np.lib.stride_tricks.sliding_window_view(content, kinds.itemsize)[offsets + HEAD]
+    rows = np.lib.stride_tricks.sliding_window_view(content, kinds.itemsize)[offsets + HEADER_BYTES]
     values = np.ascontiguousarray(rows).view(kinds)[:, 0]
     columns: dict[str, np.ndarray] = {}
     for n, (name, letter, multiplier) in enumerate(

@@ -123,14 +123,14 @@ def number_of_text(text: str, *, comma: bool = False) -> float:
 
 
 def has_decimal_comma(columns: Sequence[Sequence[str]]) -> bool:
-    """Whether the commas of a file are certainly decimal marks: one is where no separator of
+    """Return whether the commas of a file are certainly decimal marks: one is where no separator of
     thousands can be, as in ``0,5``.
     """
     return any("," in cell and certain_comma(cell.strip()) for column in columns for cell in column)
 
 
 def certain_comma(text: str) -> bool:
-    """Whether a cell is a number whose one comma cannot part thousands."""
+    """Return whether a cell is a number whose one comma cannot part thousands."""
     return (
         text.count(",") == 1
         and "." not in text
@@ -160,14 +160,14 @@ def mark_fault(table: CellTable, text: str) -> tuple[str, str] | None:
 
 
 def first_line(error: Exception) -> str:
-    """First line of another library's message, shortened."""
+    """Return the first line of another library's message, shortened."""
     text = str(error).strip()
     return text.splitlines()[0][:160] if text else type(error).__name__
 
 
 def header_cell(cell: str, file: str) -> str:
-    """A header cell on one line. Raises RecordError where it holds characters that cannot be seen,
-    with which no channel would be found.
+    """Return a header cell on one line. Raises RecordError where it holds characters that cannot be
+    seen, with which no channel would be found.
     """
     if any(
         character not in "\t\r\n" and unicodedata.category(character) in ("Cc", "Cf", "Cs")
@@ -183,7 +183,7 @@ def header_cell(cell: str, file: str) -> str:
 
 
 def one_line(cell: str) -> str:
-    """A header cell without the line breaks that spreadsheets put into it."""
+    """Return a header cell without the line breaks that spreadsheets put into it."""
     return " ".join(cell.split())
 
 
@@ -192,8 +192,8 @@ LOOKED_AT = 200  # rows in which the header is looked for
 
 
 def header_row(rows: Sequence[Sequence[str]]) -> int | None:
-    """Index of the header: the last row of names that is as wide as the first rows of numbers below
-    it, or None.
+    """Return the index of the header: the last row of names that is as wide as the first rows of
+    numbers below it, or None.
 
     Rows above it, titles and remarks, may have any number of cells.
     """
@@ -211,21 +211,23 @@ def header_row(rows: Sequence[Sequence[str]]) -> int | None:
 
 
 def unit_row(header: Sequence[str], under: Sequence[str]) -> tuple[str, ...]:
-    """The row under the header as units: no cell of it is a number but a ``1``, and at least one is
-    a known unit. Else nothing.
+    """Return the row under the header as units: no cell of it is a number but a ``1``, and at least
+    one is a known unit. Else nothing.
     """
     if len(under) != len(header):
         return ()
     cells = [without_brackets(cell) for cell in under]
-    said = [cell for cell in cells if cell.lower() not in (*MISSING, "1", "-")]
-    if any(is_number(cell) for cell in said) or not any(is_unit(cell) for cell in said):
+    filled_cells = [cell for cell in cells if cell.lower() not in (*MISSING, "1", "-")]
+    if any(is_number(cell) for cell in filled_cells) or not any(
+        is_unit(cell) for cell in filled_cells
+    ):
         return ()
     return tuple("" if cell == "-" else cell for cell in cells)
 
 
 def heads(rows: Sequence[Sequence[str]]) -> tuple[int, int | None, int]:
-    """Which of the first rows names the columns, which one has their units, if any, and how many
-    rows these are.
+    """Find the header rows: which of the first rows names the columns, which has their units, if
+    any, and the number of header rows.
 
     The rows are those above the first number, three at least or two with the units above. The units
     are the row with most known ones, the names the row with most names of clocks and channels; of
@@ -249,26 +251,26 @@ def heads(rows: Sequence[Sequence[str]]) -> tuple[int, int | None, int]:
 
 
 def is_known(cell: str) -> bool:
-    """Whether a header cell, without its unit, is the name of a clock or of a channel."""
+    """Return whether a header cell, without its unit, is the name of a clock or of a channel."""
     name = split_header(one_line(cell))[0]
     return is_clock(name) or name.lower() in CHANNEL_UNITS
 
 
 def without_brackets(cell: str) -> str:
-    """A unit without the brackets around it."""
+    """Return a unit without the brackets around it."""
     text = one_line(cell)
     return text[1:-1].strip() if text[:1] + text[-1:] in ("[]", "()") else text
 
 
 def has_number(cells: Sequence[str]) -> bool:
-    """Whether a cell of the row is a number other than a lone ``1``, which a row of units may
-    hold.
+    """Return whether a cell of the row is a number other than a lone ``1``, which a row of units
+    may hold.
     """
     return any(is_number(cell) and cell.strip() != "1" for cell in cells)
 
 
 def is_number(cell: str) -> bool:
-    """Whether a cell is a number with a decimal point or a decimal comma."""
+    """Return whether a cell is a number with a decimal point or a decimal comma."""
     for comma in (False, True):
         try:
             number_of_text(cell.strip(), comma=comma)
@@ -320,7 +322,7 @@ class Reader(Protocol):
     EXTRA: str
 
     def read(self, path: Path, raw: bytes) -> tuple[Topic, ...]:
-        """The topics of a file. Raises RecordError where it is damaged or holds no table."""
+        """Return the topics of a file. Raises RecordError where it is damaged or holds no table."""
 
 
 def table_of_columns(
@@ -332,7 +334,7 @@ def table_of_columns(
     rows: int | None = None,
     unreadable: Mapping[str, str] | None = None,
 ) -> CellTable:
-    """A table of named columns; a shorter column is refused when a channel needs it.
+    """Return a table of named columns; a shorter column is refused when a channel needs it.
 
     Parameters
     ----------
@@ -368,7 +370,7 @@ def table_of_columns(
 
 
 def missing_library(error: ImportError, path: Path, format_name: str, extra: str) -> RecordError:
-    """The error for a format whose library is not installed."""
+    """Return the error for a format whose library is not installed."""
     library = (error.name or "its library").split(".")[0]
     wanted = f'"flightid[{extra}]"' if extra else library
     what = f"reading {format_name} needs {library}, which is not installed"
@@ -378,7 +380,7 @@ def missing_library(error: ImportError, path: Path, format_name: str, extra: str
 
 
 def damaged(fault: BaseException, path: Path, format_name: str) -> RecordError:
-    """The error for a file that the format's library cannot read."""
+    """Return the error for a file that the format's library cannot read."""
     text = re.sub(r"'?<[^<>]* object at 0x[0-9a-f]+>'?", "the file", str(fault)).strip()
     said = " ".join(text.splitlines()[0].split())[:160] if text else type(fault).__name__
     return RecordError(
@@ -389,7 +391,7 @@ def damaged(fault: BaseException, path: Path, format_name: str) -> RecordError:
 
 
 def no_table(path: Path, seen: Sequence[str], remedy: str) -> RecordError:
-    """Error for a file without a column; ``seen``: names of the file's other content."""
+    """Return the error for a file without a column; ``seen``: names of the file's other content."""
     listed = ", ".join(seen[:12]) + (", ..." if len(seen) > 12 else "")
     return RecordError(
         f"no column of numbers is in the file{f'; it holds {listed}' if listed else ''}",
@@ -405,7 +407,7 @@ def begins_with(raw: bytes, mark: bytes) -> bool:
 
 
 def as_module(module: ModuleType) -> Reader:
-    """A module seen as a reader."""
+    """Return a module seen as a reader."""
     return module
 
 

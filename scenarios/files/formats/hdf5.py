@@ -23,7 +23,7 @@ NAME_ATTRIBUTES = ("columns", "column_names", "names", "labels", "fields", "chan
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """The tables of the file, as of a MAT file with the same variables."""
+    """Return the tables of the file, as of a MAT file with the same variables."""
     try:
         import h5py
     except ImportError as error:
@@ -37,8 +37,8 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
 
 
 def read_matlab(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """A MAT file of version 7.3: MATLAB writes arrays with their dimensions turned round, and texts
-    as numbers.
+    """Return a MAT file of version 7.3: MATLAB writes arrays with their dimensions turned round,
+    and texts as numbers.
     """
     try:
         import h5py
@@ -105,7 +105,7 @@ def _value(item: Any, file: Any, *, matlab: bool) -> Any:
 
 
 def _names(value: Any) -> tuple[str, ...]:
-    """The names in an attribute: a list of texts, or one text with commas between them."""
+    """Return the names in an attribute: a list of texts, or one text with commas between them."""
     if np.ndim(value) == 1:
         return tuple(_text(each).strip() for each in value)
     return tuple(name.strip() for name in _text(value).split(","))

@@ -25,8 +25,8 @@ EXTRA = "recorders"
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """One topic for each channel group, with the group's name or ``group 1``, ...; its clock is
-    ``time`` in s.
+    """Return one topic for each channel group, with the group's name or ``group 1``, ...; its clock
+    is ``time`` in s.
     """
     try:
         from asammdf import MDF

@@ -17,11 +17,11 @@ FORMAT = "Parquet"
 SUFFIXES = (".parquet", ".pq", ".feather", ".ft", ".arrow")
 MAGIC = (b"PAR1", b"ARROW1", b"FEA1")
 EXTRA = ""
-ROWS = 1 << 16  # of a batch: what is held twice at a time
+ROWS_PER_BATCH = 1 << 16  # of a batch: what is held twice at a time
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """The one table of the file; its index becomes a column where it has a name."""
+    """Return the one table of the file; its index becomes a column where it has a name."""
     feather = raw.startswith((b"ARROW1", b"FEA1")) or path.suffix.lower() in (
         ".feather",
         ".ft",
@@ -42,8 +42,8 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
 
 
 def frame_header(name: object) -> str:
-    """The name of a DataFrame's column as a header cell; of a column of several levels ``alpha
-    [deg]`` where the last level is a unit.
+    """Return the name of a DataFrame's column as a header cell; of a column of several levels
+    ``alpha [deg]`` where the last level is a unit.
     """
     if not isinstance(name, tuple):
         return str(name)
@@ -54,8 +54,8 @@ def frame_header(name: object) -> str:
 
 
 def _columns(raw: bytes, *, feather: bool) -> tuple[list[Any], list[np.ndarray], int]:
-    """Names and columns as the DataFrame in the file would have them, a named index first; and the
-    number of rows.
+    """Return the names and columns as the DataFrame in the file would have them, a named index
+    first; and the number of rows.
 
     A DataFrame of the whole file would stand in memory beside the columns; batches are converted
     one after the other.
@@ -74,7 +74,7 @@ def _columns(raw: bytes, *, feather: bool) -> tuple[list[Any], list[np.ndarray],
 
 
 def _batches(raw: bytes, *, feather: bool) -> tuple[Any, int, Iterator[Any]]:
-    """The schema, the number of rows and the batches of rows."""
+    """Return the schema, the number of rows and the batches of rows."""
     import pyarrow
     from pyarrow import feather as feather_format
     from pyarrow import ipc, parquet
@@ -84,7 +84,7 @@ def _batches(raw: bytes, *, feather: bool) -> tuple[Any, int, Iterator[Any]]:
         return (
             file.schema_arrow,
             file.metadata.num_rows,
-            file.iter_batches(batch_size=ROWS, use_threads=False),
+            file.iter_batches(batch_size=ROWS_PER_BATCH, use_threads=False),
         )
     if raw.startswith(b"FEA1"):
         table = feather_format.read_table(io.BytesIO(raw))

@@ -42,7 +42,7 @@ XZ = b"\xfd7zXZ\x00"  # first bytes of the file
 ZIP = b"PK\x03\x04"  # first bytes of the file
 PACKED = {".gz": "gzip", ".bz2": "bzip2", ".xz": "xz"}
 MOST_FILES = 500  # in an archive
-FOOTER = 20  # rows below a table that may be remarks or sums
+MOST_FOOTER_ROWS = 20  # rows below a table that may be remarks or sums
 
 
 @lru_cache(maxsize=1)
@@ -62,8 +62,8 @@ def readers() -> dict[str, Reader]:
 
 
 def reader_for(path: Path, raw: bytes) -> Reader:
-    """The reader whose first bytes the file has, else the one of its suffix, else the reader of
-    text.
+    """Return the reader whose first bytes the file has, else the one of its suffix, else the reader
+    of text.
 
     Several formats are ZIP archives inside, so that of these the suffix decides first.
     """
@@ -84,7 +84,7 @@ def reader_for(path: Path, raw: bytes) -> Reader:
 
 
 def topics_of(source: Source) -> tuple[Topic, ...]:
-    """The topics in a file of any format; a gzip file is unpacked first.
+    """Return the topics in a file of any format; a gzip file is unpacked first.
 
     Raises
     ------
@@ -138,8 +138,8 @@ def _silent() -> Iterator[None]:
 
 
 def without_empty_tail(table: CellTable) -> CellTable:
-    """The table without the rows at its end in which no cell holds anything, as spreadsheets export
-    them.
+    """Return the table without the rows at its end in which no cell holds anything, as spreadsheets
+    export them.
     """
     count = table.rows.size
     while count and all(
@@ -169,7 +169,7 @@ def _without_footer(topic: Topic) -> Topic:
     if (isinstance(first, np.ndarray) and first.dtype != object) or len(first) != count:
         return topic
     kept = count
-    while kept and count - kept < FOOTER and _is_remark(first[kept - 1]):
+    while kept and count - kept < MOST_FOOTER_ROWS and _is_remark(first[kept - 1]):
         kept -= 1
     if kept in (0, count) or not is_number(str(first[kept - 1])):
         return topic
@@ -188,7 +188,7 @@ def _without_footer(topic: Topic) -> Topic:
 
 
 def _is_remark(cell: object) -> bool:
-    """Whether a cell holds a word: letters, and neither a number nor the mark of a missing
+    """Return whether a cell holds a word: letters, and neither a number nor the mark of a missing
     sample.
     """
     text = "" if cell is None else str(cell).strip()
@@ -262,8 +262,8 @@ def _one_log(path: Path, parts: Sequence[tuple[Path, tuple[Topic, ...]]]) -> tup
 
 
 def _unpacked(path: Path, raw: bytes) -> bytes:
-    """Content of a gzip, bzip2 or xz file, read up to the limit, since a few bytes may expand to
-    any size.
+    """Return the content of a gzip, bzip2 or xz file, read up to the limit, since a few bytes may
+    expand to any size.
     """
     if raw.startswith(BZIP2) or path.suffix.lower() == ".bz2":
         name = "a bzip2"

@@ -29,7 +29,7 @@ EXTRA = "spreadsheets"
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """One topic for each sheet with a table; named if there are several."""
+    """Return one topic for each sheet with a table; named if there are several."""
     try:
         from python_calamine import CalamineWorkbook
     except ImportError as error:
@@ -57,7 +57,7 @@ def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
 
 
 def _table(path: Path, sheet: str, rows: list[list[Any]]) -> CellTable | None:
-    """The table of a sheet, None where no row of numbers follows a header."""
+    """Return the table of a sheet, None where no row of numbers follows a header."""
     texts = [["" if cell is None else str(cell) for cell in row] for row in rows]
     first = header_row(texts)
     if first is None or first + 1 >= len(rows):
@@ -84,8 +84,8 @@ def _table(path: Path, sheet: str, rows: list[list[Any]]) -> CellTable | None:
 
 
 def _column(cells: list[Any]) -> np.ndarray:
-    """Numbers where every cell is one or empty; times of day and dates as their ISO texts; else the
-    cells.
+    """Return the numbers where every cell is one or empty; times of day and dates as their ISO
+    texts; else the cells.
     """
     if all(isinstance(cell, int | float) or cell in ("", None) for cell in cells):
         return np.array(

@@ -24,7 +24,7 @@ EXTRA = "recorders"
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """One topic for each group and length of channel; ``unit_string`` gives the units."""
+    """Return one topic for each group and length of channel; ``unit_string`` gives the units."""
     try:
         from nptdms import TdmsFile
     except ImportError as error:

@@ -49,10 +49,10 @@ BLANKS = " "
 COMMENT = "#"
 COMMENTS = ("#", "%", "//")
 UNNAMED = "column {}"
-LONGEST = 100_000  # characters of a line
-BEGINNING = 200_000  # bytes in which the layout of a large file is found
-BLOCK = 4_000_000  # bytes that are parsed at a time
-LARGE = 500_000  # bytes from which a plain file is parsed column by column
+LONGEST_LINE = 100_000  # characters of a line
+LAYOUT_BYTES = 200_000  # bytes in which the layout of a large file is found
+BLOCK_BYTES = 4_000_000  # bytes that are parsed at a time
+LARGE_FILE_BYTES = 500_000  # bytes from which a plain file is parsed column by column
 _DECLARED = re.compile(r"sep=(.)\s*", re.IGNORECASE)
 _SAVE = "save it as CSV in UTF-8, as Parquet or as MAT"
 _JSON = re.compile(rb"\s*(?:\{\s*\"|\[\s*[\[{])")
@@ -62,15 +62,15 @@ Rows = list[tuple[int, list[str]]]  # number of each row as the user sees it, an
 
 
 def read(path: Path, raw: bytes) -> tuple[Topic, ...]:
-    """The one table of a text file.
+    """Return the one table of a text file.
 
     Raises
     ------
     RecordError : no text, empty, or columns that cannot be told apart.
     """
-    if _JSON.match(raw[:BEGINNING]):
+    if _JSON.match(raw[:LAYOUT_BYTES]):
         raise RecordError("JSON is not read", where=str(path), remedy=_SAVE)
-    if len(raw) > LARGE and (topic := _large(path, raw)) is not None:
+    if len(raw) > LARGE_FILE_BYTES and (topic := _large(path, raw)) is not None:
         return (topic,)
     text, notes = _text(path, raw)
     with _long_cells(len(text)):
@@ -102,8 +102,8 @@ def _without_cut_row(table: CellTable, text: str) -> tuple[CellTable, tuple[str,
 
 @contextlib.contextmanager
 def _long_cells(most: int) -> Iterator[None]:
-    """While the body runs, cells may be as long as the file: a header of thousands of columns is
-    one cell to any other separator.
+    """Allow cells as long as the file while the body runs: a header of thousands of columns is one
+    cell to any other separator.
     """
     former = csv.field_size_limit(max(most, 1))
     try:
@@ -148,7 +148,7 @@ def _layout(path: Path, text: str) -> Layout:
 
 def _large(path: Path, raw: bytes) -> Topic | None:
     """A large plain file, parsed by pyarrow or pandas; None if it needs the careful reader."""
-    begin = raw[:BEGINNING]
+    begin = raw[:LAYOUT_BYTES]
     try:
         head = begin[: begin.rindex(b"\n") + 1].decode("utf-8-sig")
         layout = _layout(path, head)
@@ -163,7 +163,7 @@ def _large(path: Path, raw: bytes) -> Topic | None:
 
 
 def _table(path: Path, text: str, layout: Layout) -> tuple[CellTable, tuple[str, ...]]:
-    """The table of a text, and a sentence if its header is in a comment."""
+    """Return the table of a text, and a sentence if its header is in a comment."""
     named, separator, above = layout.named, layout.separator, len(layout.above)
     notes: tuple[str, ...] = ()
     lines = _rows(path, text, separator, above)
@@ -244,8 +244,8 @@ def _of_one_width(
 
 
 def _unnamed(layout: Layout, width: int, file: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The header of a table that begins with numbers: from the comment above it, else ``column 1``
-    ...; and a sentence on the comment.
+    """Return the header of a table that begins with numbers: from the comment above it, else
+    ``column 1`` ...; and a sentence on the comment.
     """
     result = _commented_header(layout, width)
     if not result:
@@ -291,7 +291,7 @@ def _is_comment(line: str) -> bool:
 
 
 def _text(path: Path, raw: bytes) -> tuple[str, tuple[str, ...]]:
-    """The text of a file and a sentence on its encoding where that is not UTF-8."""
+    """Return the text of a file and a sentence on its encoding where that is not UTF-8."""
     sample = raw[:4096]
     encodings = ["utf-8-sig"]
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
@@ -336,7 +336,7 @@ def _detected(text: str) -> tuple[str, int, bool] | None:
         lines.append(line.rstrip("\r\n"))
         if len(lines) >= LOOKED_AT:
             break
-    if any(len(line) > LONGEST or line.count('"') % 2 for line in lines):
+    if any(len(line) > LONGEST_LINE or line.count('"') % 2 for line in lines):
         return None  # cells that go on over several lines
     filled = [line for line in lines if line.strip()]
     if len(filled) < 2:
@@ -387,7 +387,7 @@ def _cells(line: str, mark: str) -> list[str]:
 
 
 def _fast_table(path: Path, raw: bytes, at: int, begin: str, layout: Layout) -> CellTable | None:
-    """The table that begins at a byte of a plain file; ``begin``: its first lines."""
+    """Return the table that begins at a byte of a plain file; ``begin``: its first lines."""
     separator, named = layout.separator, layout.named
     lines = begin.splitlines()[:3]
     body = begin.split("\n", 1)[-1]
@@ -428,8 +428,8 @@ def _fast_table(path: Path, raw: bytes, at: int, begin: str, layout: Layout) -> 
 
 
 def _marked_columns(raw: bytes, at: int, separator: str, width: int) -> list[np.ndarray] | None:
-    """Columns of the rows from a byte on, block by block, so that memory holds the file and its
-    numbers once; None where a cell is unusual.
+    """Return the columns of the rows from a byte on, block by block, so that memory holds the file
+    and its numbers once; None where a cell is unusual.
 
     A column is one of numbers where all cells of its first block are; a cell further on that is
     none makes the careful reading necessary.
@@ -463,7 +463,7 @@ def _marked_columns(raw: bytes, at: int, separator: str, width: int) -> list[np.
             false_values=[],
         )
 
-    reading = arrow_csv.ReadOptions(column_names=every, block_size=BLOCK)
+    reading = arrow_csv.ReadOptions(column_names=every, block_size=BLOCK_BYTES)
     count = raw.count(b"\n", at) + (not raw.endswith(b"\n"))
     try:
         first = arrow_csv.open_csv(
@@ -517,8 +517,8 @@ def _numeric_or_text(cells: np.ndarray) -> np.ndarray:
 
 
 def _blank_columns(raw: bytes, at: int, width: int) -> list[np.ndarray] | None:
-    """Columns of rows that are parted by blanks; None where a cell is no number or a row has
-    another width.
+    """Return the columns of rows that are parted by blanks; None where a cell is no number or a row
+    has another width.
     """
     try:
         values = np.loadtxt(io.BytesIO(raw[at:]), dtype=float, comments=None, ndmin=2)
@@ -528,8 +528,8 @@ def _blank_columns(raw: bytes, at: int, width: int) -> list[np.ndarray] | None:
 
 
 def _header_at(text: str) -> tuple[int, list[str]]:
-    """Position of the header, and the lines above it: comments, empty lines, and a spreadsheet's
-    separator line.
+    """Return the position of the header, and the lines above it: comments, empty lines, and a
+    spreadsheet's separator line.
     """
     above: list[str] = []
     at = 0
@@ -542,7 +542,7 @@ def _header_at(text: str) -> tuple[int, list[str]]:
 
 
 def _rows(path: Path, text: str, separator: str, above: int) -> Rows:
-    """All rows without empty ones."""
+    """Return all rows without empty ones."""
     if separator == BLANKS:
         parted = [
             (n + above + 1, line.split())

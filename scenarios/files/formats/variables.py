@@ -24,7 +24,7 @@ CLOCK_STEP = ("Ts", "dt", "Dt", "DT", "ts", "sample_time", "T_s")
 CLOCKS = ("time", "t", "Time", "TIME", "T", "timestamp", "tout", "SamplingInstants")
 IDDATA = {"u": ("InputData", "u"), "y": ("OutputData", "y")}
 SIGNALS = ("signals", "Signals")
-FEWEST = 3  # rows of a matrix that is a table
+FEWEST_TABLE_ROWS = 3  # rows of a matrix that is a table
 
 
 def topics_of_variables(path: Path, variables: Mapping[str, Any]) -> tuple[Topic, ...]:
@@ -52,8 +52,8 @@ def topics_of_variables(path: Path, variables: Mapping[str, Any]) -> tuple[Topic
 
 
 def _simplified(value: Any) -> Any:
-    """A variable in a form that the rules know, at any depth: what programs write for a struct of
-    vectors as a struct of vectors, a cell array of vectors as a matrix.
+    """Return a variable in a form that the rules know, at any depth: what programs write for a
+    struct of vectors as a struct of vectors, a cell array of vectors as a matrix.
 
     Known are an array of structs with one number each, one struct a sample; a cell array with a row
     of names and rows of numbers; Simulink's structure with time, whose ``signals`` have ``values``
@@ -65,7 +65,7 @@ def _simplified(value: Any) -> Any:
             {name: each if name in SIGNALS else _simplified(each) for name, each in value.items()}
         )
     structs = _structs(value)
-    if len(structs) >= FEWEST and all(
+    if len(structs) >= FEWEST_TABLE_ROWS and all(
         each.keys() == structs[0].keys() and all(map(_is_one, each.values())) for each in structs
     ):
         return {name: np.array([float(each[name]) for each in structs]) for name in structs[0]}
@@ -73,7 +73,7 @@ def _simplified(value: Any) -> Any:
         return value
     if (
         value.ndim == 2
-        and len(value) > FEWEST
+        and len(value) > FEWEST_TABLE_ROWS
         and all(isinstance(cell, str) for cell in value[0])
         and all(map(_is_one, value[1:].flat))
     ):
@@ -84,7 +84,7 @@ def _simplified(value: Any) -> Any:
         if isinstance(each, np.ndarray) and each.dtype.kind in "fiub"
     ]
     if len(vectors) == value.size and all(
-        each.ndim == 1 and FEWEST <= each.size == vectors[0].size for each in vectors
+        each.ndim == 1 and FEWEST_TABLE_ROWS <= each.size == vectors[0].size for each in vectors
     ):
         return np.column_stack(vectors)
     return value
@@ -124,8 +124,8 @@ def _is_one(cell: Any) -> bool:
 
 
 def _with_one_struct(variables: Mapping[str, Any]) -> tuple[Mapping[str, Any], dict[str, str]]:
-    """The variables with those of the only struct among them, and names that are in both, with the
-    reason why they cannot be read.
+    """Return the variables with those of the only struct among them, and names that are in both,
+    with the reason why they cannot be read.
     """
     structs = [
         name
@@ -263,8 +263,8 @@ def _named_after(name: str, level: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _with_clock(level: Mapping[str, Any], clock: np.ndarray | None) -> Mapping[str, Any]:
-    """The level with the clock of the level above where it has none, and vectors as long as that
-    one.
+    """Return the level with the clock of the level above where it has none, and vectors as long as
+    that one.
     """
     if clock is None or clock.ndim != 1 or any(word in level for word in CLOCKS):
         return level
@@ -280,15 +280,15 @@ def _with_clock(level: Mapping[str, Any], clock: np.ndarray | None) -> Mapping[s
 def _columns(
     flat: Mapping[str, np.ndarray], level: Mapping[str, Any]
 ) -> tuple[dict[str, np.ndarray], int, list[str]]:
-    """Columns of one level and their rows: arrays with as many rows as its clock, or as most of
-    them have, and all other vectors.
+    """Return the columns of one level and their rows: arrays with as many rows as its clock, or as
+    most of them have, and all other vectors.
 
     A vector of another length is refused with both lengths when a channel asks for it.
     """
     numeric = {key: _upright(value) for key, value in flat.items() if _is_numeric(value)}
     rows = _rows(numeric)
     chosen = {key: value for key, value in numeric.items() if value.shape[0] == rows}
-    if not chosen or rows < FEWEST:
+    if not chosen or rows < FEWEST_TABLE_ROWS:
         return {}, 0, []
     clocked = any(word in numeric for word in CLOCKS)
     columns: dict[str, np.ndarray] = {}
@@ -344,8 +344,8 @@ def _names(key: str, value: np.ndarray, level: Mapping[str, Any], *, lone: bool)
 
 
 def _rows(numeric: Mapping[str, np.ndarray]) -> int:
-    """Rows of the table: those of the clock, else the most frequent number, the larger of two as
-    frequent.
+    """Return the rows of the table: those of the clock, else the most frequent number, the larger
+    of two as frequent.
     """
     clock = next(
         (
@@ -356,17 +356,17 @@ def _rows(numeric: Mapping[str, np.ndarray]) -> int:
         ),
         None,
     )
-    if clock is not None and clock.shape[0] >= FEWEST:
+    if clock is not None and clock.shape[0] >= FEWEST_TABLE_ROWS:
         return int(clock.shape[0])
     counts: dict[int, int] = {}
     for value in numeric.values():
         counts[value.shape[0]] = counts.get(value.shape[0], 0) + value.shape[1]
-    long = {rows: count for rows, count in counts.items() if rows >= FEWEST}
+    long = {rows: count for rows, count in counts.items() if rows >= FEWEST_TABLE_ROWS}
     return max(long, key=lambda rows: (long[rows] * rows, rows), default=0)
 
 
 def _upright(value: np.ndarray) -> np.ndarray:
-    """An array with one row a sample: vectors as one column, wide matrices turned."""
+    """Return an array with one row a sample: vectors as one column, wide matrices turned."""
     if value.ndim == 1:
         return value.reshape(-1, 1)
     return (

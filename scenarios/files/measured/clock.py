@@ -10,20 +10,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scenarios.files.sources import LARGEST
+from scenarios.files.sources import LARGEST_NUMBER
 from sim.errors import RecordError
 
 COUNTERS = {"timeus": "us", "timems": "ms", "timens": "ns", "seconds": "s", "sec": "s"}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 USUAL_RATE = 50.0  # Hz: the unit of an unlabelled counter is the one whose rate is nearest to it
 # Hz: a counter of whole numbers that would be slower in seconds does not count seconds
-SLOWEST = 0.1
-FEWEST = 20  # steps from which the rate of a counter says its unit
-FASTEST = 50_000.0  # Hz: an unlabelled clock that would be faster in seconds is in a longer unit
-DOUBTFUL = 1000.0  # Hz, from which a note says that an unlabelled clock is read in seconds
-EPOCH = 1e8  # s: larger stamps are dates, and time counts from the first sample
-LATEST = 4.2e9  # s: seconds since 1970 stay below it until the year 2103
-RESUMED = 1e-3  # of a day or a week, by which the first stamp after its end may be late
+LOWEST_COUNTER_RATE = 0.1
+FEWEST_STEPS = 20  # steps from which the rate of a counter says its unit
+# Hz: an unlabelled clock that would be faster in seconds is in a longer unit
+HIGHEST_CLOCK_RATE = 50_000.0
+# Hz, from which a note says that an unlabelled clock is read in seconds
+DOUBTFUL_CLOCK_RATE = 1000.0
+LEAST_DATE_STAMP = 1e8  # s: larger stamps are dates, and time counts from the first sample
+LATEST_EPOCH_STAMP = 4.2e9  # s: seconds since 1970 stay below it until the year 2103
+# of a day or a week, by which the first stamp after its end may be late
+ROLLOVER_DELAY_SHARE = 1e-3
 HOUR = 3600.0  # s
 DAY = 86400.0  # s
 # Days of the years 1970 to 2100 as Excel and as MATLAB count them.
@@ -31,11 +34,11 @@ CALENDAR_DAYS = ((25_569.0, 73_415.0), (719_529.0, 767_376.0))
 # Share of the steps that rounding makes uneven at least; a single odd stamp is a fault. Of 1500
 # records at 10 to 400 Hz with stamps of 2 to 4 digits every one that rounding makes uneven gets its
 # grid; with 0.05 those of 33 Hz in 0.01 s did not.
-REGULARLY = 0.01
-COARSE = 0.01  # of the step, from which the digits of the stamps limit it
+ROUNDED_STEP_SHARE = 0.01
+COARSE_STAMP_SHARE = 0.01  # of the step, from which the digits of the stamps limit it
 # share of the rows that may stand in the wrong place; in order, a record has none and this decides
 # nothing
-DISPLACED = 0.02
+MOST_DISPLACED_SHARE = 0.02
 _TIME_OF_DAY = re.compile(
     r"(?:(?:(?:\d{4}[:-])?(\d{1,3})|(-?\d+) days?)[ "
     r":-])?(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+|:\d{3})?)"
@@ -153,7 +156,7 @@ def times_of_dates(dates: np.ndarray) -> Clock:
 
 
 def seconds_of_counter(values: np.ndarray, unit: str | None, where: str = "the clock") -> Clock:
-    """Numbers of a clock in seconds.
+    """Return the numbers of a clock in seconds.
 
     Parameters
     ----------
@@ -187,7 +190,7 @@ def seconds_of_counter(values: np.ndarray, unit: str | None, where: str = "the c
         days = (values - first) * DAY
         return Clock(days, (*notes, "the time counts from the first sample"), first * DAY)
     factor, first = SECONDS[unit], 0.0
-    if not stated and abs(values[finite][0]) * factor > EPOCH:
+    if not stated and abs(values[finite][0]) * factor > LEAST_DATE_STAMP:
         notes.append("the time counts from the first sample")
         first = float(values[finite][0])
         values = values - first
@@ -197,8 +200,8 @@ def seconds_of_counter(values: np.ndarray, unit: str | None, where: str = "the c
 
 
 def _unit_by_rate(values: np.ndarray, where: str) -> tuple[str, str]:
-    """The unit of an unlabelled clock, ``d`` among them, and a sentence on it; ``values`` are
-    finite.
+    """Return the unit of an unlabelled clock, ``d`` among them, and a sentence on it; ``values``
+    are finite.
 
     Raises
     ------
@@ -208,10 +211,10 @@ def _unit_by_rate(values: np.ndarray, where: str) -> tuple[str, str]:
     moves = steps > 0.0
     # Stamps that repeat, as those of few digits do, come more often than they move.
     step = float(np.median(steps[moves]) * np.mean(moves)) if np.any(moves) else 0.0
-    if not step > 0.0 or steps.size < FEWEST:
+    if not step > 0.0 or steps.size < FEWEST_STEPS:
         return "s", ""
     whole = bool(np.all(values == np.round(values)))
-    if whole and (step * SLOWEST >= 1.0 or abs(values[0]) > LATEST):
+    if whole and (step * LOWEST_COUNTER_RATE >= 1.0 or abs(values[0]) > LATEST_EPOCH_STAMP):
         unit = min(SECONDS, key=lambda name: abs(np.log(step * SECONDS[name] * USUAL_RATE)))
         return (
             unit,
@@ -219,7 +222,7 @@ def _unit_by_rate(values: np.ndarray, where: str) -> tuple[str, str]:
             "samples a second",
         )
     rate = 1.0 / step
-    if rate > FASTEST:
+    if rate > HIGHEST_CLOCK_RATE:
         if any(low <= values[0] <= high for low, high in CALENDAR_DAYS):
             return "d", f"the time is read in days of a calendar: {rate / DAY:.4g} samples a second"
         what = f"in seconds these times would be {rate:.3g} samples a second, and no unit is stated"
@@ -228,8 +231,8 @@ def _unit_by_rate(values: np.ndarray, where: str) -> tuple[str, str]:
             'or "d"'
         )
         raise RecordError(what, where=where, remedy=remedy)
-    if rate > DOUBTFUL or (whole and step > 1.0):
-        other = "min" if rate > DOUBTFUL else "ms"
+    if rate > DOUBTFUL_CLOCK_RATE or (whole and step > 1.0):
+        other = "min" if rate > DOUBTFUL_CLOCK_RATE else "ms"
         return (
             "s",
             f"the time is read in s: {rate:.4g} samples a second; if it is in {other}, state the "
@@ -239,8 +242,8 @@ def _unit_by_rate(values: np.ndarray, where: str) -> tuple[str, str]:
 
 
 def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
-    """The even grid that was rounded to the stamps, and a sentence; None where the stamps are exact
-    enough or no even grid explains them.
+    """Return the even grid that was rounded to the stamps, and a sentence; None where the stamps
+    are exact enough or no even grid explains them.
 
     Parameters
     ----------
@@ -253,18 +256,22 @@ def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
     have fewer decimals the larger they are. Of all such grids the one with the least largest
     deviation is taken (a linear program in ``a``, ``b``).
     """
-    if time.size < 10 or not np.max(np.abs(time)) < LARGEST or not np.all(np.diff(time) >= 0.0):
+    if (
+        time.size < 10
+        or not np.max(np.abs(time)) < LARGEST_NUMBER
+        or not np.all(np.diff(time) >= 0.0)
+    ):
         return None
     step = (time[-1] - time[0]) / (time.size - 1)
     if not step > 0.0:
         return None
     usual = float(np.median(np.diff(time)))
-    uneven = np.abs(np.diff(time) - usual) > COARSE * step
+    uneven = np.abs(np.diff(time) - usual) > COARSE_STAMP_SHARE * step
     # Where most stamps repeat the one before, the few that move are no faults.
-    if usual > 0.0 and np.mean(uneven) < REGULARLY:
+    if usual > 0.0 and np.mean(uneven) < ROUNDED_STEP_SHARE:
         return None
     unit = _last_digits(time)
-    if np.max(unit) < COARSE * step:
+    if np.max(unit) < COARSE_STAMP_SHARE * step:
         return None
     from scipy.optimize import linprog
 
@@ -307,9 +314,9 @@ def sorted_rows(time: np.ndarray, repeats: np.ndarray) -> Sorted | None:
     notes = []
     misplaced = int(np.count_nonzero(np.diff(time) < 0.0))
     if misplaced:
-        if misplaced > DISPLACED * time.size or np.max(np.abs(order - np.arange(time.size))) > max(
-            10, DISPLACED * time.size
-        ):
+        if misplaced > MOST_DISPLACED_SHARE * time.size or np.max(
+            np.abs(order - np.arange(time.size))
+        ) > max(10, MOST_DISPLACED_SHARE * time.size):
             return None
         notes.append(f"rows are sorted by time ({misplaced} stood after a later one)")
     order = order[~repeats[order]]
@@ -377,7 +384,7 @@ def _past_midnight(time: np.ndarray) -> tuple[np.ndarray, str]:
     finite_rows = np.flatnonzero(np.isfinite(time))
     steps = np.diff(time[finite_rows])
     for period, name in ((DAY, "day"), (7.0 * DAY, "week")):
-        turns = np.abs(steps + period) < RESUMED * period
+        turns = np.abs(steps + period) < ROLLOVER_DELAY_SHARE * period
         if (
             np.any(turns)
             and np.min(time[finite_rows]) >= 0.0
@@ -390,7 +397,7 @@ def _past_midnight(time: np.ndarray) -> tuple[np.ndarray, str]:
 
 
 def _unrolled(values: np.ndarray) -> tuple[np.ndarray, int]:
-    """A counter of 16 or 32 bits without its overflows."""
+    """Return a counter of 16 or 32 bits without its overflows."""
     finite_rows = np.flatnonzero(np.isfinite(values))
     steps = np.diff(values[finite_rows])
     for bits in (16, 32):
@@ -408,8 +415,8 @@ def _unrolled(values: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def _last_digits(time: np.ndarray) -> np.ndarray:
-    """The unit of the last digit with which stamps of each power of ten are written, s, shape
-    ``(N,)``.
+    """Return the unit of the last digit with which stamps of each power of ten are written, s,
+    shape ``(N,)``.
     """
     power = np.floor(np.log10(np.maximum(np.abs(time), 1e-12))).astype(int)
     unit = np.zeros_like(time)

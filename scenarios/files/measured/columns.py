@@ -62,7 +62,7 @@ def split_at(header: Sequence[str], index: int) -> tuple[str, str | None]:
 
 
 def suffix_unit(cell: str, channel: str) -> str | None:
-    """Unit in a header ``channel_unit``; None for any other header.
+    """Return the unit in a header ``channel_unit``; None for any other header.
 
     The first word is divided by the others: ``q_deg_s`` is in ``deg/s``.
     """
@@ -148,8 +148,8 @@ def find_column(
 def _in_our_case(
     channel: str, header: Sequence[str], channel_units: Mapping[str, str]
 ) -> Sequence[str]:
-    """The header with ``Elevator`` or ``ALPHA`` in the case of the channel, if no cell matches
-    exactly and no other channel is meant.
+    """Return the header with ``Elevator`` or ``ALPHA`` in the case of the channel, if no cell
+    matches exactly and no other channel is meant.
     """
     if any(split_at(header, index)[0] == channel for index in range(len(header))):
         return header
@@ -168,8 +168,8 @@ def _in_our_case(
 
 
 def inside_unit(channel: str, channel_units: Mapping[str, str] = CHANNEL_UNITS) -> str:
-    """The unit that a channel is converted to; empty for a stick without one, whose unit is a
-    label.
+    """Return the unit that a channel is converted to; empty for a stick without one, whose unit is
+    a label.
     """
     return "" if channel == STICK and channel_units[channel] == "1" else channel_units[channel]
 
@@ -177,8 +177,8 @@ def inside_unit(channel: str, channel_units: Mapping[str, str] = CHANNEL_UNITS) 
 def named_otherwise(
     channel: str, header: Sequence[str], choices: Mapping[str, ColumnChoice] | None = None
 ) -> bool:
-    """Whether all that reminds of a channel are headers such as ``airspeed_raw``, whose last words
-    are no unit of it.
+    """Return whether all that reminds of a channel are headers such as ``airspeed_raw``, whose last
+    words are no unit of it.
     """
     if channel in (choices or {}) or any(split_header(cell)[0] == channel for cell in header):
         return False
@@ -190,7 +190,7 @@ def named_otherwise(
 
 
 def missing_column(channel: str, header: Sequence[str], file: str) -> RecordError:
-    """The error for a channel that a model cannot do without."""
+    """Return the error for a channel that a model cannot do without."""
     present = [cell for cell in header if cell]
     shown = ", ".join(present[:20]) + (", ..." if len(present) > 20 else "")
     remedy = (
@@ -216,8 +216,8 @@ def column_place(file: str, column: SourceColumn) -> str:
 def _with_unit_under(
     column: SourceColumn, under: Sequence[str], file: str, *, said: bool, lenient: bool
 ) -> SourceColumn:
-    """The column in the unit of the row under its header; ``said``: the header states a unit too,
-    which must agree.
+    """Return the column in the unit of the row under its header; ``said``: the header states a unit
+    too, which must agree.
     """
     text = under[column.index] if under else ""
     if lenient and text and _unit_fault(replace(column, unit=text), file) is not None:
@@ -240,7 +240,7 @@ def _same_unit(one: str, other: str, inside: str) -> bool:
 
 
 def _sound(column: SourceColumn, file: str) -> SourceColumn:
-    """The column, if its unit can be converted."""
+    """Return the column, if its unit can be converted."""
     fault = _unit_fault(column, file)
     if fault is not None:
         raise fault
@@ -333,8 +333,8 @@ def sidecar_path(record: Path) -> Path:
 
 
 def read_sidecar(record: Path) -> Sidecar:
-    """The sidecar of a record file; the default one where there is none, or where that JSON is of
-    another program.
+    """Return the sidecar of a record file; the default one where there is none, or where that JSON
+    is of another program.
 
     Raises
     ------
@@ -358,7 +358,7 @@ def read_sidecar(record: Path) -> Sidecar:
 
 
 def _sidecar_of(content: Mapping[str, Any], path: Path) -> Sidecar:
-    """The content of a record's JSON, checked."""
+    """Return the content of a record's JSON, checked."""
     schema = content.get("schema")
     if not isinstance(schema, str) or not schema.startswith("flightid/"):
         ours = [key for key in ("hold", "units") if key in content]
@@ -477,7 +477,7 @@ def read_record_file(path: str | Path) -> RecordFile:
 
 
 def with_names(file: RecordFile, names: Sequence[str]) -> RecordFile:
-    """The file with its columns named anew, in their order.
+    """Return the file with its columns named anew, in their order.
 
     Raises
     ------
@@ -500,7 +500,7 @@ def with_names(file: RecordFile, names: Sequence[str]) -> RecordFile:
 
 
 def _headers_of(path: Path, topics: Sequence[Topic]) -> CellTable:
-    """A table without rows that has all columns of a log, for messages."""
+    """Return a table without rows that has all columns of a log, for messages."""
     header = tuple(f"{topic.name}.{cell}" for topic in topics for cell in topic.table.header)
     return CellTable(str(path), header, tuple(np.zeros(0) for _ in header), np.zeros(0, dtype=int))
 
@@ -511,7 +511,7 @@ def read_record_files(records: Iterable[Path | RecordFile]) -> tuple[RecordFile,
 
 
 def opened(record: Path | RecordFile) -> RecordFile:
-    """A record file read; itself where it is open already."""
+    """Return a record file read; itself where it is open already."""
     return record if isinstance(record, RecordFile) else read_record_file(record)
 
 
@@ -525,7 +525,7 @@ def read_with_validation(
 
 
 def with_distinct_names(files: Sequence[RecordFile]) -> tuple[RecordFile, ...]:
-    """The files, those with equal names named with as many of their folders as it takes:
+    """Return the files, those with equal names named with as many of their folders as it takes:
     ``flight1/record.csv``, ``flight2/record.csv``.
     """
     by_name: dict[str, list[Path]] = {}
@@ -544,7 +544,7 @@ def with_distinct_names(files: Sequence[RecordFile]) -> tuple[RecordFile, ...]:
 
 
 def _depth(paths: Sequence[Path]) -> int:
-    """Number of path parts that distinguish paths with the same last part."""
+    """Return the number of path parts that distinguish paths with the same last part."""
     most = max(len(path.parts) for path in paths)
     return next(
         (
@@ -557,17 +557,17 @@ def _depth(paths: Sequence[Path]) -> int:
 
 
 def identities(files: Iterable[RecordFile]) -> tuple[InputFile, ...]:
-    """Names and hashes of record files, in their order."""
+    """Return the names and hashes of record files, in their order."""
     return tuple(file.identity for file in files)
 
 
 def all_simulated(files: Iterable[RecordFile]) -> bool:
-    """Whether the JSON files beside them state that all are simulated."""
+    """Return whether the JSON files beside them state that all are simulated."""
     return all(file.sidecar.simulated for file in files)
 
 
 def path_of(record: Path | RecordFile) -> Path | None:
-    """Path of a record file; None if it never was a file."""
+    """Return the path of a record file; None if it never was a file."""
     if isinstance(record, RecordFile):
         return None if record.in_memory else record.path
     return record

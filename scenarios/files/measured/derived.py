@@ -35,8 +35,8 @@ def with_derived(
     hold: str | None = None,
     channel_units: Mapping[str, str] = CHANNEL_UNITS,
 ) -> tuple[RecordFile, Mapping[str, ColumnChoice] | None]:
-    """The file with a column for each channel that has to be computed, and the channel map that
-    finds them.
+    """Return the file with a column for each channel that has to be computed, and the channel map
+    that finds them.
 
     Parameters
     ----------
@@ -96,10 +96,9 @@ def source_columns(
     choices: Mapping[str, ColumnChoice],
     inputs: Sequence[str],
     outputs: Sequence[str],
-    channel_units: Mapping[str, str] = CHANNEL_UNITS,
 ) -> tuple[int, ...]:
-    """Columns of a file with one table that channels are computed from; empty if each channel is a
-    column.
+    """Return the columns of a file with one table that channels are computed from; empty if each
+    channel is a column.
     """
     requested = {
         name: choice
@@ -107,7 +106,7 @@ def source_columns(
         if name in (*inputs, *outputs) and not choice.absent and _is_computed(choice, file.table)
     }
     wanted = [
-        _wanted(file, (Topic("", file.table),), name, choice, name in inputs, channel_units)
+        _wanted(file, (Topic("", file.table),), name, choice, name in inputs, CHANNEL_UNITS)
         for name, choice in requested.items()
     ]
     return tuple(sorted({index for each in wanted for _, index in each.places.values()}))
@@ -125,7 +124,7 @@ def _unique(name: str, topics: Sequence[Topic]) -> bool:
 
 
 def _measured(name: str, topics: Sequence[Topic]) -> bool:
-    """Whether an unmapped field has any value except zero: loggers have fields for absent
+    """Return whether an unmapped field has any value except zero: loggers have fields for absent
     sensors.
     """
     topic, index = _places(name, topics)[0]
@@ -177,7 +176,7 @@ def _wanted(
 
 
 def _places(name: str, topics: Sequence[Topic]) -> list[Place]:
-    """Positions of a column: ``topic.field``, else a field that only one topic has."""
+    """Return the positions of a column: ``topic.field``, else a field that only one topic has."""
     places: list[Place] = []
     for number, topic in enumerate(topics):
         for index, cell in enumerate(topic.table.header):
@@ -222,7 +221,7 @@ def _computed(
     inputs: Sequence[str],
     channel_units: Mapping[str, str],
 ) -> tuple[RecordFile, Mapping[str, ColumnChoice]]:
-    """A single table with further columns, one for each computed channel."""
+    """Return a single table with further columns, one for each computed channel."""
     table, topics = file.table, (Topic("", file.table),)
     header, columns = list(table.header), list(table.columns)
     units = list(table.units) if table.units else []
@@ -288,8 +287,8 @@ def _in_unit(
 def _values(
     file: RecordFile, wanted: Wanted, topics: Sequence[Topic], unit: str | None
 ) -> np.ndarray:
-    """The values of a channel's expression on its columns' own rows; with ``unit`` None columns of
-    stated units are in SI.
+    """Return the values of a channel's expression on its columns' own rows; with ``unit`` None
+    columns of stated units are in SI.
     """
     columns = {
         name: topic_numbers(file, topics, place, wanted, si=unit is None)

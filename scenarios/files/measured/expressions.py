@@ -20,8 +20,8 @@ import numpy as np
 from sim.errors import RecordError
 from sim.maths import G0
 
-LONGEST = 500  # characters
-DEEPEST = 40
+LONGEST_EXPRESSION = 500  # characters
+DEEPEST_NESTING = 40
 _QUOTED = re.compile(r"`([^`]+)`")
 _PATH = re.compile(r"(?<![\w.`\])])([A-Za-z_]\w*(?:\[\d+\])?(?:\.[A-Za-z_]\w*(?:\[\d+\])?)*)")
 
@@ -204,25 +204,23 @@ def _to_body(
     return u, v, w
 
 
-def parse(text: str, where: str, allowed: Sequence[str] = ()) -> Expression:
+def parse(text: str, where: str) -> Expression:
     """Check an expression.
 
     Parameters
     ----------
     text : the expression.
     where : file and channel, for messages.
-    allowed : columns of the file; names that are no plain words are then recognised without
-        backquotes.
 
     Raises
     ------
     RecordError : it is too long, no arithmetic, or calls what is no function here.
     """
-    if len(text) > LONGEST:
+    if len(text) > LONGEST_EXPRESSION:
         raise RecordError(
             f"an expression of {len(text)} characters",
             where=where,
-            remedy=f"write at most {LONGEST}",
+            remedy=f"write at most {LONGEST_EXPRESSION}",
         )
     names: dict[str, str] = {}
 
@@ -256,13 +254,13 @@ def parse(text: str, where: str, allowed: Sequence[str] = ()) -> Expression:
 
 
 def is_plain_name(text: str) -> bool:
-    """Whether a text has no operator, so that it can only be a column."""
+    """Return whether a text has no operator, so that it can only be a column."""
     return re.search(r"[-+*/()`]", text) is None
 
 
 def evaluate(expression: Expression, columns: Mapping[str, np.ndarray], where: str) -> np.ndarray:
-    """The values of an expression, shape ``(N,)``, of the columns that it reads, each of shape
-    ``(N,)``.
+    """Return the values of an expression, shape ``(N,)``, of the columns that it reads, each of
+    shape ``(N,)``.
 
     Raises
     ------
@@ -292,7 +290,7 @@ _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
 
 def _check(node: ast.AST, text: str, where: str, names: Mapping[str, str], depth: int) -> None:
     wrong = RecordError(f"{text!r} has more in it than arithmetic", where=where, remedy=_REMEDY)
-    if depth > DEEPEST:
+    if depth > DEEPEST_NESTING:
         raise wrong
     inner: list[ast.AST] = []
     if isinstance(node, ast.Constant):

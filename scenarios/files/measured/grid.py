@@ -31,11 +31,11 @@ from sim.errors import RecordError
 
 SAME_RATE = 1.5  # ratio of rates below which two topics count as equally fast
 BELOW_HALF = 0.8  # corner of the low-pass, as a share of half the new rate
-ORDER = 4
+FILTER_ORDER = 4
 SI_TRIED = ("rad", "rad/s", "m/s", "m", "s", "N", "Pa", "m/s2", "kg", "kg/m3", "m2", "rad/s2")
 NO_NAMES = ("", "index", "unnamed: 0")  # headers of an index that has no name
 FIRST_CELLS = 5  # cells that say whether a column holds dates
-JITTER = 0.1  # of the step, from which an uneven clock is said
+UNEVEN_CLOCK_SHARE = 0.1  # of the step, from which an uneven clock is said
 Place = tuple[int, int]  # topic and column
 
 
@@ -95,7 +95,7 @@ def holds_dates(column: Sequence[object] | np.ndarray) -> bool:
 
 
 def clock_of(table: CellTable, index: int, unit: str | None = None) -> Clock:
-    """The stamps of a table's clock in seconds.
+    """Return the stamps of a table's clock in seconds.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def clock_of(table: CellTable, index: int, unit: str | None = None) -> Clock:
 
 
 def stated_unit(table: CellTable, index: int) -> str | None:
-    """Unit in a header, in the row under it or in a clock's name; None without one."""
+    """Return the unit in a header, in the row under it or in a clock's name; None without one."""
     name, unit = split_at(table.header, index)
     under = table.units[index] if table.units else ""
     if unit or under:
@@ -151,8 +151,8 @@ def stated_unit(table: CellTable, index: int) -> str | None:
 def unit_of(
     wanted: Wanted, topics: Sequence[Topic], channel_units: Mapping[str, str]
 ) -> tuple[str | None, str]:
-    """The unit of a channel's numbers, and a sentence on a stated one that is not used; None:
-    columns of stated units are computed with in SI.
+    """Return the unit of a channel's numbers, and a sentence on a stated one that is not used;
+    None: columns of stated units are computed with in SI.
 
     The unit of the choice goes first, then the one that the file states for a column that is taken
     as it stands.
@@ -196,7 +196,7 @@ def calibrated(values: np.ndarray, choice: ColumnChoice) -> np.ndarray:
 def topic_numbers(
     file: RecordFile, topics: Sequence[Topic], place: Place, wanted: Wanted, *, si: bool
 ) -> np.ndarray:
-    """A column as numbers; in SI where ``si`` and its unit is stated and known."""
+    """Return a column as numbers; in SI where ``si`` and its unit is stated and known."""
     table = topics[place[0]].table
     result = numbers(table, place[1])
     where = f"{table.file}, column {table.header[place[1]]!r}"
@@ -232,7 +232,7 @@ def merged(
     hold: str | None,
     channel_units: Mapping[str, str],
 ) -> tuple[RecordFile, Mapping[str, ColumnChoice]]:
-    """The wanted channels of several topics on one grid."""
+    """Return the wanted channels of several topics on one grid."""
     used = sorted({place[0] for each in wanted for place in each.places.values()})
     clocks = topic_clocks(file, topics, used)
     notes: list[str] = []
@@ -319,7 +319,9 @@ def grid_of(
         step = float(np.median(steps))
         jitter = float(np.median(np.abs(steps - step)))
         said = f"the clock of {topics[fastest].name}, {1.0 / step:.4g} Hz"
-        said += f" with a jitter of {1e3 * jitter:.2g} ms" if jitter > JITTER * step else ""
+        said += (
+            f" with a jitter of {1e3 * jitter:.2g} ms" if jitter > UNEVEN_CLOCK_SHARE * step else ""
+        )
     if grid.size < 2:
         raise RecordError(
             "the topics share fewer than two samples",
@@ -336,10 +338,10 @@ def grid_of(
 
 
 def unread_topics(topics: Sequence[Topic], used: Sequence[int]) -> list[str]:
-    """A sentence on topics that have the same columns as those that are read, as the sheets of
-    several runs have.
+    """Return a sentence on topics that have the same columns as those that are read, as the sheets
+    of several runs have.
     """
-    told = []
+    sentences = []
     for at in used:
         header = topics[at].table.header
         others = [
@@ -350,8 +352,10 @@ def unread_topics(topics: Sequence[Topic], used: Sequence[int]) -> list[str]:
         if others:
             shown = ", ".join(others[:6]) + (", ..." if len(others) > 6 else "")
             have, are = ("has", "is") if len(others) == 1 else ("have", "are")
-            told.append(f"{shown} {have} the same columns as {topics[at].name} and {are} not read")
-    return told
+            sentences.append(
+                f"{shown} {have} the same columns as {topics[at].name} and {are} not read"
+            )
+    return sentences
 
 
 def on_grid(
@@ -364,8 +368,8 @@ def on_grid(
     hold: str | None,
     channel_units: Mapping[str, str],
 ) -> tuple[np.ndarray, str, str]:
-    """A channel's values on the grid, NaN where an output has no sample, their unit, and how it got
-    there.
+    """Return a channel's values on the grid, NaN where an output has no sample, their unit, and how
+    it got there.
     """
     unit, unused = unit_of(wanted, topics, channel_units)
     laid: dict[str, np.ndarray] = {}
@@ -400,7 +404,7 @@ def _laid(
     wanted: Wanted,
     hold: str | None,
 ) -> tuple[np.ndarray, float, str]:
-    """A column at the times of the grid, its own sampling interval, and a sentence if it was
+    """Return a column at the times of the grid, its own sampling interval, and a sentence if it was
     filtered or continued.
     """
     sound = np.isfinite(values)
@@ -433,8 +437,8 @@ def _laid(
 
 
 def leaps(values: np.ndarray) -> bool:
-    """Whether a signal rests most of the time, to the last digit, and moves in single steps, as a
-    command that a computer holds.
+    """Return whether a signal rests most of the time, to the last digit, and moves in single steps,
+    as a command that a computer holds.
     """
     moves = np.diff(values) != 0.0
     return bool(np.mean(moves) < 0.3) if moves.size else True
@@ -446,7 +450,7 @@ def _smoothed(time: np.ndarray, values: np.ndarray, own: float, step: float) -> 
     even = time[0] + own * np.arange(int((time[-1] - time[0]) / own * (1.0 + 1e-9)) + 1)
     if even.size < 20:
         return values
-    sections = butter(ORDER, 0.5 * BELOW_HALF / step, fs=1.0 / own, output="sos")
+    sections = butter(FILTER_ORDER, 0.5 * BELOW_HALF / step, fs=1.0 / own, output="sos")
     smooth = sosfiltfilt(
         sections, np.interp(even, time, values), padlen=min(even.size - 1, round(6.0 * step / own))
     )

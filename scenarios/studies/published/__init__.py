@@ -52,8 +52,7 @@ def published_values(choice: PublishedChoice, units: Mapping[str, str]) -> dict[
 
 
 def published_remark(choice: PublishedChoice | None) -> str:
-    """What is to be known of a published column where it is shown; empty where there is nothing, or
-    no column.
+    """Return a remark on a published column; empty if there is none, or no column.
 
     Raises DeclarationError where there is no such file.
     """
@@ -96,7 +95,7 @@ class Row:
 
     @property
     def reference(self) -> float | None:
-        """What the estimate is held against: the condensed value where there is one, else the true
+        """Reference value of the estimate: the condensed value if there is one, else the true
         one.
         """
         return self.true if self.condensed is None else self.condensed
@@ -126,6 +125,6 @@ class Row:
 
 
 def rows_of(estimate: Estimate) -> tuple[Row, ...]:
-    """The rows of an estimate of which nothing else is known, in its order."""
+    """Return the rows of an estimate of which nothing else is known, in its order."""
     found = zip(estimate.names, estimate.units, estimate.values, estimate.std, strict=True)
     return tuple(Row(name, unit, float(value), float(std)) for name, unit, value, std in found)

@@ -159,7 +159,7 @@ class Surface:
 
 
 def package_folder() -> Path:
-    """Where JSBSim is installed; DeclarationError where it is not."""
+    """Return the folder in which JSBSim is installed; DeclarationError if it is not."""
     spec = importlib.util.find_spec("jsbsim")
     if spec is None or spec.origin is None:
         raise DeclarationError(
@@ -184,8 +184,8 @@ def refuse_unknown_aircraft(name: str, where: str) -> None:
 
 
 def surfaces_of(name: str) -> dict[str, Surface]:
-    """Of each surface the property that the air loads of an aircraft read most often; one that they
-    never read is left out.
+    """Return, for each surface, the property that the air loads of an aircraft read most often; one
+    that they never read is left out.
     """
     counted = Counter(_read_by_loads(package_folder() / "aircraft" / name / f"{name}.xml"))
     surfaces = {}
@@ -208,7 +208,7 @@ def _scale(name: str, surface: str, prop: str) -> float:
 
 
 def _read_by_loads(path: Path) -> Iterator[str]:
-    """Every property that an aircraft's aerodynamics read, as often as they do."""
+    """Yield every property that an aircraft's aerodynamics read, as often as they do."""
     for section in ElementTree.parse(path).getroot().iter("aerodynamics"):
         other = section.get("file")
         if other:
@@ -221,12 +221,12 @@ def _read_by_loads(path: Path) -> Iterator[str]:
 # ---- Faults of sensors and surfaces
 
 Signals = Mapping[str, np.ndarray]
-STILL = 1e-9  # rad of one frame, below which a surface stands
+STILL_DEFLECTION = 1e-9  # rad of one frame, below which a surface stands
 
 
 def spoiled(signals: Signals, flight: JsbsimFlight) -> dict[str, np.ndarray]:
-    """The signals as the recorder is given them: vanes ahead, then late sensors, then surfaces that
-    answer late or with play.
+    """Return the signals as the recorder is given them: vanes ahead, then late sensors, then
+    surfaces that answer late or with play.
     """
     shown, time = dict(signals), signals["time"]
     if flight.vane_ahead:
@@ -245,12 +245,12 @@ def spoiled(signals: Signals, flight: JsbsimFlight) -> dict[str, np.ndarray]:
 
 
 def ahead_of_play(surface: np.ndarray, half: float) -> np.ndarray:
-    """A drive that moves a surface just so through a play of ``half`` to either side.
+    """Return a drive that moves a surface just so through a play of ``half`` to either side.
 
     While the surface moves the drive is ``half`` ahead of it; while it stands, the drive crosses
     the play at its own pace, here evenly from one motion to the next. It begins in the middle.
     """
-    moving = np.sign(np.where(np.abs(np.diff(surface)) > STILL, np.diff(surface), 0.0))
+    moving = np.sign(np.where(np.abs(np.diff(surface)) > STILL_DEFLECTION, np.diff(surface), 0.0))
     at = np.flatnonzero(moving)
     if len(at) == 0:
         return surface.copy()
@@ -261,7 +261,7 @@ def ahead_of_play(surface: np.ndarray, half: float) -> np.ndarray:
 
 
 def named(flight: JsbsimFlight) -> dict[str, dict[str, float]]:
-    """What was put in, under the names of the library of effects where it has one."""
+    """Return the added effects under their names in the library of effects, if it has them."""
     result: dict[str, dict[str, float]] = {}
     for name, delay in flight.late.items():
         result[f"{'input' if name in SURFACES else 'sensor'}-delay:{name}"] = {"delay": delay}
@@ -276,11 +276,11 @@ def named(flight: JsbsimFlight) -> dict[str, dict[str, float]]:
 
 # ---- Commands of a flight
 
-HAND = 0.15  # s that a hand takes from one level to the next
-QUIET = 2.0  # s before anything moves
-HIGHEST = 2.2  # of a multisine, over the frequency of the mode
-CREST = 0.5  # rms of a multisine over its peak
-LEVER = 5.0  # s that a throttle is held
+HAND_TRAVEL_TIME = 0.15  # s that a hand takes from one level to the next
+QUIET_START_TIME = 2.0  # s before anything moves
+HIGHEST_FREQUENCY_RATIO = 2.2  # of a multisine, over the frequency of the mode
+RMS_TO_PEAK = 0.5  # rms of a multisine over its peak
+THROTTLE_HOLD_TIME = 5.0  # s that a throttle is held
 # When a control first moves and when again, in parts of the record.
 SLOTS: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "rigid": {"elevator": (0.0, 0.55)},
@@ -293,8 +293,8 @@ SLOTS: Mapping[str, Mapping[str, tuple[float, float]]] = {
 def commands(
     flight: JsbsimFlight, sizes: Mapping[str, float], units: Mapping[str, float], time: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """By control what is added to its trim at each frame: rad, of the throttle parts of full
-    travel.
+    """Return, by control, the command added to its trim at each frame: rad, for the throttle parts
+    of full travel.
 
     ``sizes`` : peak by control; ``units`` : by control the step of a 3-2-1-1 that suits the mode it
     excites, s.
@@ -307,24 +307,25 @@ def commands(
 
 
 def by_hand(values: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """The mean of a command over the last ``HAND`` seconds: steps become ramps."""
-    width = max(1, round(HAND / float(time[1] - time[0])))
+    """The mean of a command over the last ``HAND_TRAVEL_TIME`` seconds: steps become ramps."""
+    width = max(1, round(HAND_TRAVEL_TIME / float(time[1] - time[0])))
     whole = np.concatenate([np.zeros(width), np.cumsum(values)])
     return np.asarray((whole[width:] - whole[:-width]) / width)
 
 
 def rehearsal(control: str, size: float, unit: float, time: np.ndarray) -> dict[str, np.ndarray]:
-    """One control alone: its 3-2-1-1 soon after the start."""
+    """Return one control alone: its 3-2-1-1 soon after the start."""
     return {control: by_hand(three_two_one_one(size, unit, 0.5)(time), time)}
 
 
 def _steps(flight: JsbsimFlight, control: str, size: float, unit: float) -> Maneuver:
     first, again = (
-        QUIET + share * (flight.duration - QUIET) for share in SLOTS[flight.axis][control]
+        QUIET_START_TIME + share * (flight.duration - QUIET_START_TIME)
+        for share in SLOTS[flight.axis][control]
     )
     if control == "throttle":
         # In proportion where the record is short.
-        held = min(LEVER, 0.1 * flight.duration)
+        held = min(THROTTLE_HOLD_TIME, 0.1 * flight.duration)
         return Sum((doublet(size, held, first), doublet(-0.7 * size, 0.6 * held, again)))
     if flight.maneuver == "doublet":
         return Sum((doublet(size, 1.7 * unit, first), doublet(-0.8 * size, unit, again)))
@@ -338,12 +339,18 @@ def _multisines(
     1.6/frequency).
     """
     moved = [control for control in CONTROLS[flight.axis] if control != "throttle"]
-    period = flight.duration - QUIET - 1.0
+    period = flight.duration - QUIET_START_TIME - 1.0
     highest = max(
         3 * len(moved),
-        round(period * HIGHEST * 1.6 / min(units[control] for control in moved) / (2.0 * np.pi)),
+        round(
+            period
+            * HIGHEST_FREQUENCY_RATIO
+            * 1.6
+            / min(units[control] for control in moved)
+            / (2.0 * np.pi)
+        ),
     )
     made = orthogonal_multisines(
-        [CREST * sizes[control] for control in moved], period, 2, highest, QUIET
+        [RMS_TO_PEAK * sizes[control] for control in moved], period, 2, highest, QUIET_START_TIME
     )
     return dict(zip(moved, made, strict=True))

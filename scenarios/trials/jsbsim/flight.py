@@ -37,7 +37,7 @@ from scenarios.trials.jsbsim.declaration import (
     surfaces_of,
 )
 from scenarios.trials.jsbsim.machine import (
-    FRAMES,
+    LEAST_FRAME_RATE,
     Condition,
     JsbsimSignals,
     Slopes,
@@ -50,17 +50,18 @@ from sim.record import Channel, Hold, Record
 
 # ---- A flight by JSBSim from its declaration
 
-REHEARSAL = 12.0  # s
-ROUNDS = 4  # most rehearsals
-NEAR = 0.15  # share within which an amplitude is accepted
-FIRST = math.radians(1.0)  # rad, first deflection that is tried
-MOST = math.radians(20.0)  # rad, largest deflection
-LEVER = 0.12  # of the throttle's travel
-SMALL = 0.1  # share of the maneuver that is flown for slopes about trim
-MOVED = 0.7  # share of the commanded deflection that a surface must reach
+REHEARSAL_TIME = 12.0  # s
+MOST_REHEARSALS = 4
+AMPLITUDE_TOLERANCE = 0.15  # share within which an amplitude is accepted
+FIRST_DEFLECTION = math.radians(1.0)  # rad, first deflection that is tried
+LARGEST_DEFLECTION = math.radians(20.0)  # rad, largest deflection
+THROTTLE_STEP = 0.12  # of the throttle's travel
+SMALL_MANEUVER_SHARE = 0.1  # share of the maneuver that is flown for slopes about trim
+LEAST_TRAVEL_SHARE = 0.7  # share of the commanded deflection that a surface must reach
 UNITS = (0.25, 1.5)  # s, of a 3-2-1-1
-HELD = 1.0  # factor of the pilot's gains: the wings are kept level while the elevator moves
-SLOWLY = 0.3  # the same in rolling: the wings return slowly
+# factor of the pilot's gains: the wings are kept level while the elevator moves
+PITCH_PILOT_FACTOR = 1.0
+ROLL_PILOT_FACTOR = 0.3  # the same in rolling: the wings return slowly
 # How far a control takes the aircraft from trim: twenty times what sensors tell, and little enough
 # for models about trim (twice as far, the speed that is lost in banks of 20 degrees and the square
 # of the drag stand out of the noise).
@@ -86,7 +87,7 @@ class JsbsimTruth:
 
 
 def fly_jsbsim(flight: JsbsimFlight, seed: int) -> tuple[Record, JsbsimTruth]:
-    """The record and its truth; the same seed gives the same numbers.
+    """Return the record and its truth; the same seed gives the same numbers.
 
     Raises
     ------
@@ -94,18 +95,18 @@ def fly_jsbsim(flight: JsbsimFlight, seed: int) -> tuple[Record, JsbsimTruth]:
         loses it in the maneuver.
     """
     _refuse_missing_surface(flight)
-    frames = math.ceil(FRAMES / flight.rate)  # of one sample
+    frames = math.ceil(LEAST_FRAME_RATE / flight.rate)  # of one sample
     calm = Condition(
         flight.aircraft, flight.altitude, flight.airspeed, 1.0 / (frames * flight.rate), 0, 1 + seed
     )
     units = units_of(calm)
     sizes = {
-        control: _sized(calm, control, units[control]) if control in PEAKS else LEVER
+        control: _sized(calm, control, units[control]) if control in PEAKS else THROTTLE_STEP
         for control in CONTROLS[flight.axis]
     }
     time = calm.step * np.arange(int(flight.duration * flight.rate) * frames + 1)
     wanted = {control: flight.size * size for control, size in sizes.items()}
-    leveller = SLOWLY if "aileron" in wanted else HELD
+    leveller = ROLL_PILOT_FACTOR if "aileron" in wanted else PITCH_PILOT_FACTOR
     simulated = fly(
         replace(calm, rough_air=flight.rough_air), commands(flight, wanted, units, time), leveller
     )
@@ -135,9 +136,9 @@ def units_of(calm: Condition) -> dict[str, float]:
     """Step of a 3-2-1-1 (s) by control: 1.6 over the frequency of the excited mode, from a small
     motion.
     """
-    time = calm.step * np.arange(round(REHEARSAL / calm.step))
-    pitching = fly(calm, rehearsal("elevator", FIRST, 0.5, time), HELD)
-    yawing = fly(calm, rehearsal("rudder", FIRST, 0.5, time), SLOWLY)
+    time = calm.step * np.arange(round(REHEARSAL_TIME / calm.step))
+    pitching = fly(calm, rehearsal("elevator", FIRST_DEFLECTION, 0.5, time), PITCH_PILOT_FACTOR)
+    yawing = fly(calm, rehearsal("rudder", FIRST_DEFLECTION, 0.5, time), ROLL_PILOT_FACTOR)
     pitch = _frequency(
         pitching, "moment_m", ("alpha", "q", "elevator"), pitching.body.pitch_inertia
     )
@@ -164,19 +165,21 @@ def _frequency(signals: JsbsimSignals, moment: str, by: tuple[str, ...], inertia
 
 
 def _sized(calm: Condition, control: str, unit: float) -> float:
-    """The deflection (rad) at which the first of ``PEAKS`` is reached in a 3-2-1-1."""
-    time, size = calm.step * np.arange(round(REHEARSAL / calm.step)), FIRST
-    for _ in range(ROUNDS):
+    """Return the deflection (rad) at which the first of ``PEAKS`` is reached in a 3-2-1-1."""
+    time, size = calm.step * np.arange(round(REHEARSAL_TIME / calm.step)), FIRST_DEFLECTION
+    for _ in range(MOST_REHEARSALS):
         simulated = fly(
-            calm, rehearsal(control, size, unit, time), HELD if control == "elevator" else SLOWLY
+            calm,
+            rehearsal(control, size, unit, time),
+            PITCH_PILOT_FACTOR if control == "elevator" else ROLL_PILOT_FACTOR,
         )
         reached = max(
             float(np.max(np.abs(simulated[name] - simulated[name][0]))) / peak
             for name, peak in PEAKS[control].items()
         )
-        if abs(reached - 1.0) < NEAR:
+        if abs(reached - 1.0) < AMPLITUDE_TOLERANCE:
             break
-        size = min(MOST, size * float(np.clip(1.0 / reached, 0.25, 4.0)))
+        size = min(LARGEST_DEFLECTION, size * float(np.clip(1.0 / reached, 0.25, 4.0)))
     return size
 
 
@@ -187,10 +190,10 @@ def _small_motion(
     units: Mapping[str, float],
     time: np.ndarray,
 ) -> JsbsimSignals:
-    """The 3-2-1-1 of the flight a tenth as large, in calm air; larger where the play of a linkage
-    swallows it.
+    """Return the 3-2-1-1 of the flight a tenth as large, in calm air; larger where the play of a
+    linkage swallows it.
     """
-    share = SMALL
+    share = SMALL_MANEUVER_SHARE
     while True:
         wanted = commands(
             replace(flight, maneuver="3-2-1-1"),
@@ -200,13 +203,15 @@ def _small_motion(
         )
         # a propeller's torque would be as large as the motion
         wanted.setdefault("throttle", np.zeros(len(time)))
-        simulated = fly(calm, wanted, SLOWLY if "aileron" in wanted else HELD)
+        simulated = fly(
+            calm, wanted, ROLL_PILOT_FACTOR if "aileron" in wanted else PITCH_PILOT_FACTOR
+        )
         done = [
             np.ptp(simulated[name]) / np.ptp(values)
             for name, values in wanted.items()
             if name in simulated.signals
         ]
-        if min(done) > MOVED or share >= 1.0:
+        if min(done) > LEAST_TRAVEL_SHARE or share >= 1.0:
             return simulated
         share = min(1.0, 2.0 * share)
 
@@ -237,7 +242,7 @@ def _recorded(
 # ---- The files of a flight by JSBSim
 
 STARTS_APART = 1_000_003  # between the seeds of sensors and those of starting values
-FELT = 1e-3  # share of a load's spread: a derivative that moves less is zero for a fit
+LEAST_LOAD_SHARE = 1e-3  # share of a load's spread: a derivative that moves less is zero for a fit
 
 
 def write_jsbsim(
@@ -262,8 +267,8 @@ def write_jsbsim(
 def vehicle_text(
     flight: JsbsimFlight, constants: Mapping[str, float], slopes: Slopes, rng: np.random.Generator
 ) -> str:
-    """A vehicle file: constants as JSBSim has them, derivatives wrong by up to ``wrong``; those
-    that move nothing left out.
+    """Return a vehicle file: constants as JSBSim has them, derivatives wrong by up to ``wrong``;
+    those that move nothing left out.
     """
     lines = [
         f'name = "{flight.aircraft}"',
@@ -272,7 +277,7 @@ def vehicle_text(
     ]
     for name, value in slopes.values.items():
         start = value * (1.0 + flight.wrong * rng.uniform(-1.0, 1.0))
-        if slopes.weight.get(name, 1.0) > FELT:
+        if slopes.weight.get(name, 1.0) > LEAST_LOAD_SHARE:
             lines.append(f"{name} = {start:.4g}")
     return "\n".join(lines) + "\n"
 
@@ -329,7 +334,7 @@ class _Jsbsim(BaseModel):
 
 
 def jsbsim_of(document: Mapping[str, Any], name: str, where: str) -> JsbsimFlight:
-    """A JsbsimFlight from the content of its file; ``where`` names the file in messages.
+    """Return a JsbsimFlight from the content of its file; ``where`` names the file in messages.
 
     Raises
     ------

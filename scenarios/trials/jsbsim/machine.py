@@ -34,15 +34,15 @@ from sim.errors import DeclarationError
 SLUG = 14.59390293720636  # kg
 POUND = SLUG * FOOT  # N in a pound force
 INERTIA = SLUG * FOOT**2  # kg m2 in a slug ft2
-FRAMES = 400.0  # Hz at least
+LEAST_FRAME_RATE = 400.0  # Hz at least
 # JSBSim's integrator of second order; its own choice for rotation, Euler's, has the rates half a
 # step late
 ADAMS_BASHFORTH = 3
-MILSPEC = 3  # JSBSim's number of the Dryden turbulence of MIL-F-8785C
+MILSPEC_TURBULENCE = 3  # JSBSim's number of the Dryden turbulence of MIL-F-8785C
 WIND_AT_20_FT = 25.0  # ft/s
-ENGINES = 4  # engines at most
-THROTTLE = 0.6  # starting throttle, 0 to 1
-MIXTURE = 0.87  # mixture, 0 to 1
+MOST_ENGINES = 4
+STARTING_THROTTLE = 0.6
+MIXTURE = 0.87
 AT_REST = 0.02  # ft/s2 and rad/s2
 MOST_BANK = math.radians(75.0)  # rad, largest bank angle of a flight
 MOST_PITCH = math.radians(60.0)  # rad, largest pitch angle of a flight
@@ -55,9 +55,10 @@ MOST_AILERON = 0.12  # rad
 PITCH_GAIN = 0.3  # rad of elevator per rad of pitch
 PITCHING_GAIN = 0.15  # rad of elevator per rad/s of pitch rate
 SPEED_GAIN = 0.1  # throttle per m/s of airspeed
-PATIENCE = 4.0  # 1/s: how fast the pilot takes up what play or a damper keeps of a surface
-PROBE = 0.2  # share of the full command that finds a surface's travel
-PROBED = 0.5  # s that the command lasts
+# 1/s: how fast the pilot takes up what play or a damper keeps of a surface
+PILOT_INTEGRAL_RATE = 4.0
+PROBE_COMMAND_SHARE = 0.2  # share of the full command that finds a surface's travel
+PROBE_TIME = 0.5  # s that the command lasts
 LEAST_REACH = 0.02  # rad: a smaller travel at full command counts as none
 
 # What is read after each step, with its SI factor. The total body forces hold neither weight nor
@@ -191,20 +192,24 @@ class Hand:
 
 @functools.cache
 def _reaches(condition: Condition) -> Mapping[str, float]:
-    """By surface the radians that full command is worth, told by a small step of each from trim."""
+    """Return, by surface, the deflection in rad at full command, measured with a small step of each
+    from trim.
+    """
     machine, surfaces = trimmed(condition), surfaces_of(condition.aircraft)
     neutral = {name: machine[surface.property] for name, surface in surfaces.items()}
     for name in surfaces:
-        machine[f"fcs/{name}-cmd-norm"] += PROBE
+        machine[f"fcs/{name}-cmd-norm"] += PROBE_COMMAND_SHARE
     moved = dict.fromkeys(surfaces, 0.0)
-    for _ in range(round(PROBED / condition.step)):
+    for _ in range(round(PROBE_TIME / condition.step)):
         machine.run()
         for name, surface in surfaces.items():
             moved[name] = max(
                 moved[name], surface.scale * (machine[surface.property] - neutral[name]), key=abs
             )
     return {
-        name: change / PROBE for name, change in moved.items() if abs(change) > LEAST_REACH * PROBE
+        name: change / PROBE_COMMAND_SHARE
+        for name, change in moved.items()
+        if abs(change) > LEAST_REACH * PROBE_COMMAND_SHARE
     }
 
 
@@ -224,7 +229,7 @@ class _Pilot:
         self._machine, self._hands, self._share, self._leveller = (
             machine,
             hands,
-            PATIENCE * step,
+            PILOT_INTEGRAL_RATE * step,
             leveller,
         )
         self._at = {name: machine[f"fcs/{name}-cmd-norm"] for name in (*hands, "throttle")}
@@ -258,15 +263,15 @@ class _Pilot:
             pushed = wanted.get(
                 "throttle", SPEED_GAIN * FOOT * (self._speed - machine["velocities/vt-fps"])
             )
-            for engine in range(ENGINES):
+            for engine in range(MOST_ENGINES):
                 machine[f"fcs/throttle-cmd-norm[{engine}]"] = min(
                     1.0, max(0.0, self._at["throttle"] + pushed)
                 )
 
 
 def trimmed(condition: Condition) -> Any:
-    """The simulator with the aircraft in level unaccelerated flight, gear up, engines running;
-    DeclarationError where it is not.
+    """Return the simulator with the aircraft in level unaccelerated flight, gear up, engines
+    running; DeclarationError where it is not.
     """
     folder = package_folder()
     os.environ.setdefault("JSBSIM_DEBUG", "0")
@@ -288,7 +293,7 @@ def trimmed(condition: Condition) -> Any:
         raise _no_trim(condition, "accelerations are left")
     if condition.rough_air:
         machine["simulation/randomseed"] = machine["atmosphere/randomseed"] = condition.air_seed
-        machine["atmosphere/turb-type"] = MILSPEC
+        machine["atmosphere/turb-type"] = MILSPEC_TURBULENCE
         machine["atmosphere/turbulence/milspec/windspeed_at_20ft_AGL-fps"] = WIND_AT_20_FT
         machine["atmosphere/turbulence/milspec/severity"] = condition.rough_air
     return machine
@@ -331,9 +336,9 @@ def _load_and_trim(machine: Any, condition: Condition) -> None:
     ] = ADAMS_BASHFORTH
     machine["propulsion/fuel_freeze"] = 1
     machine["propulsion/set-running"] = -1
-    for engine in range(ENGINES):
+    for engine in range(MOST_ENGINES):
         machine[f"fcs/throttle-cmd-norm[{engine}]"], machine[f"fcs/mixture-cmd-norm[{engine}]"] = (
-            THROTTLE,
+            STARTING_THROTTLE,
             MIXTURE,
         )
     machine.do_trim(1)
@@ -398,7 +403,7 @@ class Slopes:
     left: float
 
     def without(self, *symbols: str) -> Slopes:
-        """The same but for derivatives by these symbols."""
+        """Return the same but for derivatives by these symbols."""
         return Slopes(
             {
                 name: value
@@ -411,7 +416,7 @@ class Slopes:
 
 
 def slopes_of(model: str, signals: JsbsimSignals, motion: JsbsimSignals | None = None) -> Slopes:
-    """The derivatives of a model (rigid, longitudinal or lateral); of ``motion`` where it is
+    """Return the derivatives of a model (rigid, longitudinal or lateral); of ``motion`` where it is
     another flight from the same trim.
     """
     return {"rigid": _rigid, "longitudinal": _longitudinal, "lateral": _lateral}[model](
@@ -420,8 +425,8 @@ def slopes_of(model: str, signals: JsbsimSignals, motion: JsbsimSignals | None =
 
 
 def constants_of(model: str, signals: JsbsimSignals) -> dict[str, float]:
-    """What the vehicle file of a model holds beside its derivatives, SI: body, air and trim as they
-    are at the start of a flight.
+    """Return the constants of a model's vehicle file other than its derivatives, SI: body, air and
+    trim as they are at the start of a flight.
     """
     body = signals.body
     result = {
@@ -476,8 +481,8 @@ def _rigid(trim: JsbsimSignals, signals: JsbsimSignals) -> Slopes:
 
 
 def _longitudinal(trim: JsbsimSignals, signals: JsbsimSignals) -> Slopes:
-    """Coefficients of the whole longitudinal motion at the current speed and density, without
-    thrust and its moment.
+    """Return the coefficients of the whole longitudinal motion at the current speed and density,
+    without thrust and its moment.
     """
     speed, body, alpha = float(trim["airspeed"][0]), signals.body, signals["alpha"]
     slow = {"V": signals["airspeed"] / speed, "alpha": alpha}
@@ -522,7 +527,7 @@ def _pressure_area(signals: JsbsimSignals) -> np.ndarray:
 
 
 def _moved(signals: JsbsimSignals, names: Mapping[str, str]) -> dict[str, np.ndarray]:
-    """The surfaces that the loads of this aircraft read, under the names of derivatives."""
+    """Return the surfaces that the loads of this aircraft read, under the names of derivatives."""
     return {
         symbol: signals[surface] for symbol, surface in names.items() if surface in signals.signals
     }

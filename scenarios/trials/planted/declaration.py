@@ -1,8 +1,8 @@
 """Declaration of a tracing scenario, its hidden terms by name, and the terms that only a truth has.
 
-Such terms are written like the effects of `sim/effects` but never offered to the loop. To add one
-that a scenario hides, write an effect named `own:NAME` and put it into ``TERMS``. Those that no
-scenario hides are in `exam/hidden_terms`.
+The terms of a truth are written like the effects of `sim/effects`, but the loop never tries them.
+To add one that a scenario hides, write an effect named `own:NAME` and put it into ``TERMS``. Terms
+that no scenario hides are in `exam/hidden_terms`.
 """
 
 from __future__ import annotations
@@ -204,11 +204,11 @@ _NONE: Mapping[str, float] = MappingProxyType({})
 
 @dataclass(frozen=True)
 class HiddenTerm:
-    """Something that acts and that the declared model lacks.
+    """A term of the truth that the declared model lacks.
 
-    ``name`` is that of a library effect or, with ``own:``, of a term of ``TERMS``.
-    ``values`` are its local parameters (SI); ``elsewhere`` those
-    that differ in the other two records, as the time of an event does.
+    ``name`` is that of a library effect or, with ``own:``, of a term of ``TERMS``. ``values`` are
+    its local parameters (SI); ``elsewhere`` are the values that differ in the other two records,
+    such as the time of an event.
     """
 
     name: str
@@ -318,7 +318,7 @@ def own_terms(package_name: str | None = None) -> Mapping[str, Effect]:
 
 
 def true_vehicle(flight: TraceFlight) -> Model:
-    """The vehicle of a flight without hidden effects."""
+    """Return the vehicle of a flight without hidden effects."""
     from scenarios.studies.estimating import vehicle_model
 
     if flight.own is not None:
@@ -356,7 +356,7 @@ def hidden_units(name: str, vehicle: str | Model, where: str) -> Mapping[str, st
 def find_term(
     name: str, equations: Equations, where: str, terms: Mapping[str, Effect] | None = None
 ) -> Effect:
-    """A hidden term that acts on these equations, the truth's own from ``terms`` (None:
+    """Return a hidden term that acts on these equations, the truth's own from ``terms`` (None:
     ``own_terms()``).
 
     Raises
@@ -382,7 +382,7 @@ def find_term(
 
 
 def with_hidden(model: Model, hidden: tuple[HiddenTerm, ...], *, validation: bool) -> Model:
-    """The vehicle with the effects hidden in one of its two records.
+    """Return the vehicle with the effects hidden in one of its two records.
 
     Raises
     ------

@@ -122,8 +122,8 @@ def fly_trace(scenario: TraceScenario, seed: int) -> SimulatedTrace:
 
 
 def started_file(scenario: TraceScenario, vehicle: Model) -> str:
-    """The text of the vehicle file that the loop is given: true constants, and starting values that
-    are off.
+    """Return the text of the vehicle file that the loop is given: true constants, and starting
+    values that are off.
     """
     if scenario.flight.own is not None:
         return _own_text(scenario, vehicle)
@@ -139,7 +139,7 @@ def _derivatives(scenario: TraceScenario, vehicle: Model) -> dict[str, float]:
 
 
 def _declared(scenario: TraceScenario, names: tuple[str, ...]) -> set[str]:
-    """Parameters that the declared model has: a rigid one those without a mode."""
+    """Return the parameters that the declared model has: a rigid one those without a mode."""
     if scenario.model == "flexible" or scenario.flight.own is not None:
         return set(names)
     return {name for name in names if not _mode_of(name)}
@@ -182,7 +182,7 @@ def simulated_with_truth(
 
 
 def with_outputs(record: Record, rows: Sequence[np.ndarray]) -> Record:
-    """A record with other values ``(N,)`` of each output, all of them there."""
+    """Return a record with other values ``(N,)`` of each output, all of them there."""
     outputs = zip(record.outputs, rows, strict=True)
     return replace(
         record,
@@ -217,15 +217,15 @@ def fly_loop(
 
 
 def loop_of(scenario: TraceScenario) -> X29:
-    """The closed loop that a scenario flies, without the hidden break-out."""
+    """Return the closed loop that a scenario flies, without the hidden break-out."""
     from sim.closed_loop.airframe import load_x29
 
     return load_x29(scenario.flight.vehicle.removeprefix(CLOSED_LOOP))
 
 
 def equivalent_of(scenario: TraceScenario) -> EquivalentSystem:
-    """The equivalent system of the linear loop, with the airframe's own L_q: no loop changes the
-    lift equation.
+    """Return the equivalent system of the linear loop, with the airframe's own L_q: no loop changes
+    the lift equation.
     """
     from sim.closed_loop.linear import equivalent_system
 
@@ -339,13 +339,13 @@ def _own_text(scenario: TraceScenario, model: Model) -> str:
 
 
 def _key(name: str) -> str:
-    """A name as a key of TOML, which knows few letters without quotes."""
+    """Return a name as a key of TOML, which knows few letters without quotes."""
     return name if name.isascii() else json.dumps(name)
 
 
 def off(item: Parameter, share: float) -> float:
-    """A starting value that is off by a share of the true one, to the other side or to halfway
-    where bounds are nearer.
+    """Return a starting value that is off by a share of the true one, to the other side or to
+    halfway where bounds are nearer.
     """
     low, high = item.bounds
     for value in (item.value * (1.0 + share), item.value * (1.0 - share)):
@@ -366,8 +366,8 @@ def _refuse_unknown_starts(scenario: TraceScenario, allowed: Collection[str]) ->
 
 
 def _mode_of(name: str) -> int:
-    """Number of the elastic mode that a derivative belongs to, 0 for a rigid one: ``CL_eta1``,
-    ``Ceta1_q``.
+    """Return the number of the elastic mode that a derivative belongs to, 0 for a rigid one:
+    ``CL_eta1``, ``Ceta1_q``.
     """
     if name.startswith("Ceta"):
         return int(name[4 : name.index("_")])
@@ -458,7 +458,7 @@ class _Trace(_Strict):
 
 
 def trace_scenario_of(document: Mapping[str, Any], name: str, where: str) -> TraceScenario:
-    """A TraceScenario from the content of its file; ``where`` names the file in messages.
+    """Return a TraceScenario from the content of its file; ``where`` names the file in messages.
 
     Raises
     ------

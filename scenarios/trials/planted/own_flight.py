@@ -17,8 +17,8 @@ from scenarios.files.declarations import closest, read_toml_source
 from scenarios.files.sources import DocumentError, toml_value
 from scenarios.files.user_models import inputs_at_rest, own_numbers, unit_in
 from scenarios.files.vehicles import MODELS, refuse_unknown_model, with_priors
-from scenarios.identification.model_checks import BETWEEN, Motion, doublet_motion
-from scenarios.preparation.declared_model import RESOLVED, root_sizes, step_of
+from scenarios.identification.model_checks import PULSES_BETWEEN_DOUBLETS, Motion, doublet_motion
+from scenarios.preparation.declared_model import RESOLVED_STEP_SHARE, root_sizes, step_of
 from scenarios.studies.declaration import ManeuverPlan
 from scenarios.studies.estimating import KINDS, maneuver_of
 from scenarios.studies.schema import positive, si
@@ -32,18 +32,18 @@ from sim.errors import DeclarationError, ModelError
 # ---- Maneuvers
 
 LENGTHS = {"3-2-1-1": 7.0, "doublet": 2.0, "pulse": 1.0}  # in units
-LONG = 2.0 * BETWEEN  # half doublets, of a sweep or a multisine
+LONG_MANEUVER_LENGTH = 2.0 * PULSES_BETWEEN_DOUBLETS  # half doublets, of a sweep or a multisine
 # of all inputs together: from one over the length of a multisine to about the roots' frequencies
 HARMONICS = 8
-SLOWEST = 0.2  # lowest frequency of a sweep, share of the frequency of a doublet
-FASTEST = 2.0  # highest such frequency
+SWEEP_START_RATIO = 0.2  # lowest frequency of a sweep, share of the frequency of a doublet
+SWEEP_END_RATIO = 2.0  # highest such frequency
 
 
 def maneuver_words(
     words: Sequence[str], model: Model, motion: Motion, pulse: float
 ) -> tuple[tuple[dict[str, Any], ...], float]:
-    """Maneuvers as a scenario's file has them, in the inputs' units, and the time at which the last
-    one ends, s.
+    """Return the maneuvers as a scenario's file has them, in the inputs' units, and the time at
+    which the last one ends, s.
 
     Each word is ``INPUT=KIND``, then ``,KEY=VALUE`` for what is not as the example of ``flightid
     models`` would have it: the amplitude that this takes, units of ``pulse`` (s), and one maneuver
@@ -76,14 +76,16 @@ def maneuver_words(
             maneuver_of(ManeuverPlan(name, kind, numbers), where)
         except ModelError as fault:
             raise DeclarationError(fault.what, where=where, remedy=fault.remedy) from None
-        length = numbers.get("duration", LENGTHS.get(kind, BETWEEN) * numbers.get("unit", pulse))
+        length = numbers.get(
+            "duration", LENGTHS.get(kind, PULSES_BETWEEN_DOUBLETS) * numbers.get("unit", pulse)
+        )
         end = max(end, numbers["start"] + length)
         out.append({"input": name, "kind": kind, **numbers})
     return tuple(out), end
 
 
 def noise_of(words: Sequence[str], model: Model) -> dict[str, float]:
-    """Standard deviations by output, ``OUTPUT=SIZE``. Raises DeclarationError as
+    """Return the standard deviations by output, ``OUTPUT=SIZE``. Raises DeclarationError as
     ``maneuver_words``.
     """
     outputs, out = [signal.name for signal in model.equations.outputs], {}
@@ -176,7 +178,7 @@ def _split(word: str) -> list[str]:
 
 
 def _value(text: str) -> Any:
-    """Value of a text: a number, a list, or a text with a unit."""
+    """Return the value of a text: a number, a list, or a text with a unit."""
     try:
         return toml_value(f"value = {text}")["value"]
     except DocumentError:
@@ -186,22 +188,25 @@ def _value(text: str) -> Any:
 def _usual(
     needed: Sequence[str], amplitude: float, pulse: float, place: int, count: int
 ) -> dict[str, Any]:
-    """What a maneuver needs, as the roots suggest; inputs one after the other, of multisines each
-    with harmonics of its own.
+    """Return the properties of a maneuver that the roots suggest; inputs one after the other, of
+    multisines each with harmonics of its own.
     """
     usual = {
         "amplitude": amplitude,
         "unit": pulse,
-        "duration": LONG * pulse,
-        "first_frequency": SLOWEST * math.pi / pulse,
-        "last_frequency": FASTEST * math.pi / pulse,
+        "duration": LONG_MANEUVER_LENGTH * pulse,
+        "first_frequency": SWEEP_START_RATIO * math.pi / pulse,
+        "last_frequency": SWEEP_END_RATIO * math.pi / pulse,
         "harmonics": [*range(1 + place, 1 + max(HARMONICS, 2 * count), count)],
     }
-    return {**{key: usual[key] for key in needed}, "start": (1.0 + BETWEEN * place) * pulse}
+    return {
+        **{key: usual[key] for key in needed},
+        "start": (1.0 + PULSES_BETWEEN_DOUBLETS * place) * pulse,
+    }
 
 
 def _numbers(given: Mapping[str, Any], unit: str, where: str) -> dict[str, Any]:
-    """Numbers of a maneuver in the units of a scenario: the input's, s, rad/s."""
+    """Return the numbers of a maneuver in the units of a scenario: the input's, s, rad/s."""
     units = {"amplitude": unit, "first_frequency": "rad/s", "last_frequency": "rad/s"}
     out: dict[str, Any] = {}
     for key, value in given.items():
@@ -228,15 +233,15 @@ def _numbers(given: Mapping[str, Any], unit: str, where: str) -> dict[str, Any]:
 
 # ---- A flight of a user's own model as a command line asks it
 
-NOISE = 0.01  # of an output's largest move under doublets
-SAMPLES = 20.0  # in half a doublet, at least
+NOISE_SHARE = 0.01  # of an output's largest move under doublets
+SAMPLES_PER_HALF_DOUBLET = 20.0
 # steps of the truth between two samples, and halves of the step that resolves the quickest root
-FINER = 5.0
-SETTLING = 6.0  # half doublets behind the last maneuver
-SMALLER = 0.8  # of amplitude and length, maneuvers of the record that is predicted
-WRONG = 0.3  # share by which starts are off, as in tracing scenarios
-PASSES = 5  # passes of a filter, since one pass depends on a start so far off
-SPREAD = 20.0  # factor of the prior standard deviations of a filter
+TRUTH_STEPS_PER_SAMPLE = 5.0
+SETTLING_TIME = 6.0  # half doublets behind the last maneuver
+PREDICTED_RECORD_SHARE = 0.8  # of amplitude and length, maneuvers of the record that is predicted
+STARTING_ERROR_SHARE = 0.3  # share by which starts are off, as in tracing scenarios
+FILTER_PASSES = 5  # passes of a filter, since one pass depends on a start so far off
+FILTER_PRIOR_FACTOR = 20.0
 # of the truth, whose states and outputs are kept at all of them: minutes, and some hundred
 # megabytes
 MOST_STEPS = 2e6
@@ -282,12 +287,17 @@ def trace_document(request: OwnFlight) -> dict[str, Any]:
     plan = _planned(request)
     hidden = hidden_of(request.hidden, plan.model)
     second = [
-        {**each, **{key: SMALLER * each[key] for key in ("amplitude",) if key in each}}
+        {
+            **each,
+            **{key: PREDICTED_RECORD_SHARE * each[key] for key in ("amplitude",) if key in each},
+        }
         for each in plan.maneuvers
     ]
     for each in second:
         if "unit" in each:
-            each["unit"] = max(1.0, round(SMALLER * each["unit"] * plan.rate)) / plan.rate
+            each["unit"] = (
+                max(1.0, round(PREDICTED_RECORD_SHARE * each["unit"] * plan.rate)) / plan.rate
+            )
     return {
         **_head(plan.model),
         "kind": "trace",
@@ -298,7 +308,7 @@ def trace_document(request: OwnFlight) -> dict[str, Any]:
             "validate": {"duration": plan.duration, "maneuvers": second},
         },
         "hidden": hidden,
-        "estimate": {"model": request.model, "wrong": WRONG},
+        "estimate": {"model": request.model, "wrong": STARTING_ERROR_SHARE},
         "expect": {
             "verdicts": ["traced", "ambiguous"] if hidden else ["consistent"],
             "effects": [[each["name"] for each in hidden]] * bool(hidden),
@@ -313,7 +323,7 @@ def study_document(request: OwnFlight) -> dict[str, Any]:
     """
     plan = _planned(request)
     wrong = {
-        item.name: off(item, WRONG * (-1.0) ** i)
+        item.name: off(item, STARTING_ERROR_SHARE * (-1.0) ** i)
         for i, item in enumerate(item for item in plan.model.parameters if item.free)
     }
     started = with_priors(plan.model.with_values(wrong), list(wrong)).parameters
@@ -329,8 +339,8 @@ def study_document(request: OwnFlight) -> dict[str, Any]:
             "label": "output error",
             "model": request.model,
             "method": "output-error",
-            "passes": PASSES,
-            "spread": SPREAD,
+            "passes": FILTER_PASSES,
+            "spread": FILTER_PRIOR_FACTOR,
             "max_step": step_of(plan.model, 1.0 / plan.rate, FIT_STEP),
             "start": {
                 name: {"value": started[name].value, "std": started[name].prior_std}
@@ -380,12 +390,13 @@ def _planned(request: OwnFlight) -> _Planned:
         else own_numbers(own, read_toml_source(request.vehicle))[1]
     )
     motion = doublet_motion(model)
-    rate = request.rate or _round_up(SAMPLES / motion.pulse)
+    rate = request.rate or _round_up(SAMPLES_PER_HALF_DOUBLET / motion.pulse)
     pulse = max(1.0, round(motion.pulse * rate)) / rate
     words = request.inputs or tuple(f"{name}=doublet" for name in motion.amplitudes)
     maneuvers, end = maneuver_words(words, model, motion, pulse)
     natural = min(
-        end + SETTLING * pulse, motion.end if motion.ran_away and not request.inputs else math.inf
+        end + SETTLING_TIME * pulse,
+        motion.end if motion.ran_away and not request.inputs else math.inf,
     )
     duration = request.duration or max(2.0, math.ceil(natural * rate - 1e-9)) / rate
     if maneuvers and min(each["start"] for each in maneuvers) >= duration:
@@ -418,7 +429,7 @@ def _planned(request: OwnFlight) -> _Planned:
 def _usual_noise(model: Model, motion: Motion) -> dict[str, float]:
     outputs = (signal.name for signal in model.equations.outputs)
     return {
-        name: float(f"{NOISE * size:.2g}")
+        name: float(f"{NOISE_SHARE * size:.2g}")
         for name, size in zip(outputs, motion.sizes, strict=True)
         if size > 0.0
     }
@@ -429,12 +440,14 @@ def _true_step(model: Model, rate: float) -> float:
     takes a hundredth of a second.
     """
     sizes = root_sizes(compile_model(model), inputs_at_rest(model))
-    quick = RESOLVED / float(max(sizes)) if len(sizes) else math.inf
-    return min(1.0 / rate, max(quick, step_of(model, 1.0 / rate, FIT_STEP))) / FINER
+    quick = RESOLVED_STEP_SHARE / float(max(sizes)) if len(sizes) else math.inf
+    return (
+        min(1.0 / rate, max(quick, step_of(model, 1.0 / rate, FIT_STEP))) / TRUTH_STEPS_PER_SAMPLE
+    )
 
 
 def _round_up(value: float) -> float:
-    """The next of 1, 2, 5, 10, 20 ... that is not below."""
+    """Return the next of 1, 2, 5, 10, 20 ... that is not below."""
     decade = 10.0 ** math.floor(math.log10(value))
     return next(
         float(f"{decade * digit:.1g}")

@@ -83,7 +83,7 @@ def trace_text(study: TraceStudy, width: int = WIDTH, details: str = BELOW) -> s
 
 
 def trace_summary(study: TraceStudy, details: str = BELOW) -> Summary:
-    """The diagnosis, and whether it is right."""
+    """Return the diagnosis, and whether it is right."""
     text = diagnosis_summary(study.tracing, details)
     named = f"{study.scenario.name}: {study.scenario.title}; {text.study}"
     return replace(
@@ -92,7 +92,7 @@ def trace_summary(study: TraceStudy, details: str = BELOW) -> Summary:
 
 
 def scored_sentence(study: TraceStudy) -> str:
-    """Sentence on the hidden effect, the expectation and the grade of the diagnosis."""
+    """Return the sentence on the hidden effect, the expectation and the grade of the diagnosis."""
     return (
         f"scored with the truth: {_hidden(study)}; expected: {_expected(study)}; the diagnosis is "
         f"{_verdict(study.grade)}"
@@ -100,12 +100,12 @@ def scored_sentence(study: TraceStudy) -> str:
 
 
 def effects_table(study: TraceStudy) -> Table:
-    """Parameters of the effects."""
+    """Return the parameters of the effects."""
     return _estimates("Parameters of the effects", "effect", study.effects)
 
 
 def modes_table(study: TraceStudy) -> Table:
-    """Frequencies and damping ratios of the whole aircraft."""
+    """Return the frequencies and damping ratios of the whole aircraft."""
     caption = "Frequencies and damping ratios of the whole aircraft"
     return _estimates(caption, "mode", study.modes)
 
@@ -124,8 +124,8 @@ def _estimates(caption: str, heading: str, rows: Sequence[Scored]) -> Table:
 
 
 def against_truth(study: TraceStudy) -> Table:
-    """The derivatives before and after, against what the fitted model should find; without a column
-    that says nothing new.
+    """Return the derivatives before and after, against what the fitted model should find; without a
+    column that says nothing new.
 
     Of the declared model alone where no effect was added to it.
     """
@@ -161,7 +161,7 @@ def _of_declared(row: Scored) -> Scored:
 
 
 def table_title(study: TraceStudy) -> str:
-    """Title that names the reference values of the derivatives."""
+    """Return the title that names the reference values of the derivatives."""
     if study.scenario.model == "loes":
         return (
             "derivatives; true are those of the equivalent system that fits the linear loop's "
@@ -185,8 +185,8 @@ def comparable_sentences(study: TraceStudy) -> list[str]:
 
 
 def third_table(study: TraceStudy) -> Table:
-    """Errors on the record that took no part, without the column of effects where none was
-    added.
+    """Return the errors on the record that took no part, without the column of effects where none
+    was added.
     """
     d, units = study.tracing.diagnosis, channel_units(study.tracing.model)
     names = list(study.test.before.rmse)
@@ -217,7 +217,7 @@ def _value(quantity: Quantity | None, factor: float) -> Cell:
 
 
 def _comparable(row: Scored, factor: float) -> Cell:
-    """The comparable value; in brackets where this flight leaves the parameter open."""
+    """Return the comparable value; in brackets where this flight leaves the parameter open."""
     value = factor * row.comparable
     return Number(value, shown=f"({value:.5g})" if row.open else f"{value:.5g}")
 
@@ -254,7 +254,7 @@ def _verdict(grade: Grade) -> str:
 
 
 def scored_page(study: TraceStudy, page: Page) -> Page:
-    """The page of the diagnosis with the scenario's title; the truth follows the figures."""
+    """Return the page of the diagnosis with the scenario's title; the truth follows the figures."""
     scenario = study.scenario
     scored = as_sentence(scored_sentence(study))
     truth = section(
@@ -334,7 +334,7 @@ def _write_records(study: TraceStudy, folder: Path) -> None:
 
 
 def truth_content(study: TraceStudy) -> dict[str, Any]:
-    """Derivatives, hidden terms, noise and distance."""
+    """Return the derivatives, hidden terms, noise and distance."""
     simulated = study.simulated
     return {
         "schema": "flightid/truth/1",
@@ -355,8 +355,8 @@ def truth_content(study: TraceStudy) -> dict[str, Any]:
 
 
 def trace_comparison(study: TraceStudy) -> dict[str, Any]:
-    """Content of ``comparison.json``: the fit with the found effects, and under ``methods`` that of
-    the declared model.
+    """Return the content of ``comparison.json``: the fit with the found effects, and under
+    ``methods`` that of the declared model.
     """
     d = study.tracing.diagnosis
     derived = {
@@ -418,8 +418,8 @@ def trace_comparison(study: TraceStudy) -> dict[str, Any]:
 
 
 def _third(study: TraceStudy) -> dict[str, Any]:
-    """Errors before and after on the record that took no part in fitting or in choosing effects, in
-    the channels' units.
+    """Return the errors before and after on the record that took no part in fitting or in choosing
+    effects, in the channels' units.
     """
     result, units = study.test, channel_units(study.tracing.model)
     return {

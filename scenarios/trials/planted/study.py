@@ -63,14 +63,14 @@ from sim.vehicles.flexibility import condense
 # ---- Comparable truth: what the fitted model finds in the same flight without sensor noise
 
 _NONE: Mapping[str, float] = MappingProxyType({})
-FINER = FitSettings(iterations=120, tolerance=3e-3, enough=2e-4, coloured=False)
+NOISE_FREE_SETTINGS = FitSettings(iterations=120, tolerance=3e-3, enough=2e-4, coloured=False)
 # sigmas of the estimate: the spread of the prior that only decides what the flight leaves open
-HELD = 100.0
+OPEN_PRIOR_SIGMAS = 100.0
 # sigmas of the estimate, beyond which the noise-free flight does not determine a parameter
-OPEN = 3.0
+UNDETERMINED_SIGMAS = 3.0
 TURBULENCE = "gust-turbulence"
-MOVED = 1.0  # sigma of the estimate, from which a difference is told
-SAME = 0.1  # of a sigma: integration and sampling
+NOTABLE_SIGMAS = 1.0  # sigma of the estimate, from which a difference is told
+NUMERICAL_SIGMAS = 0.1  # of a sigma: integration and sampling
 NOISE_SEED = 7  # any draw gives the same sum of squares
 
 
@@ -133,7 +133,7 @@ def comparable_before(
 
 
 def quantities_of(d: Diagnosis) -> dict[str, Quantity]:
-    """The estimates of a diagnosis by parameter, those of an effect by its full name."""
+    """Return the estimates of a diagnosis by parameter, those of an effect by its full name."""
     effects = d.trained_after.effects if d.trained_after is not None else ()
     of_effects = {
         full_name(effect, local): quantity
@@ -172,7 +172,9 @@ def _comparable(
         if name in values and _same(values[name], true[name], estimates.get(name))
     }
     left = tuple(
-        name for name in std if name in estimates and std[name] > OPEN * estimates[name].std
+        name
+        for name in std
+        if name in estimates and std[name] > UNDETERMINED_SIGMAS * estimates[name].std
     )
     values |= {name: truth.condensed[name] for name in left if name in truth.condensed}
     derived = modes_of(layout.system, estimate, slow_states(trained), truth.modes)
@@ -182,14 +184,14 @@ def _comparable(
 
 
 def _same(value: float, true: float, estimate: Quantity | None) -> bool:
-    return estimate is not None and abs(value - true) <= SAME * estimate.std
+    return estimate is not None and abs(value - true) <= NUMERICAL_SIGMAS * estimate.std
 
 
 def noise_free_fit(
     model: Model, trained: Trained, estimates: Mapping[str, Quantity], simulated: SimulatedTrace
 ) -> Fit | None:
-    """The fit of a model to both copies of the noise-free training record, from the estimates; None
-    without a minimum.
+    """Return the fit of a model to both copies of the noise-free training record, from the
+    estimates; None without a minimum.
     """
     rng = np.random.default_rng(NOISE_SEED)
     clean = simulated.noise_free
@@ -216,15 +218,15 @@ def refit(
     records: Sequence[Record],
     fixed: Mapping[str, Quantity] | None = None,
 ) -> Fit | None:
-    """A trained model fitted to records, from what it was trained to; None where there is no finite
-    cost.
+    """Return a trained model fitted to records, from what it was trained to; None where there is no
+    finite cost.
 
-    Declared priors count once a record. ``fixed`` : estimates to which a prior of ``HELD`` sigmas
-    ties what is left open.
+    Declared priors count once a record. ``fixed`` : estimates to which a prior of
+    ``OPEN_PRIOR_SIGMAS`` sigmas ties what is left open.
     """
     _, system = compiled_with(model, trained.effects, trained.outputs)
     local = [name for effect in trained.effects for name in local_names(effect)]
-    settings = replace(FINER, max_step=trained.settings.max_step)
+    settings = replace(NOISE_FREE_SETTINGS, max_step=trained.settings.max_step)
     free_layout = lay_out(records, system, settings, local=local)
     begin, guesses = carried(free_layout, None, {**trained.shared, **trained.own[0]})
     layout = lay_out(records, system, settings, local=local, start=begin)
@@ -235,12 +237,14 @@ def refit(
 
 
 def _tied(layout: FitLayout, prior: Prior | None, fixed: Mapping[str, Quantity]) -> Prior | None:
-    """A prior with a weak one about ``fixed`` added for the shared parameters."""
+    """Return a prior with a weak one about ``fixed`` added for the shared parameters."""
     at = [i for i, name in enumerate(layout.shared) if name in fixed]
     if not at:
         return prior
     means = np.array([fixed[layout.shared[i]].value for i in at])
-    weights = np.array([(HELD * max(fixed[layout.shared[i]].std, 1e-150)) ** -2 for i in at])
+    weights = np.array(
+        [(OPEN_PRIOR_SIGMAS * max(fixed[layout.shared[i]].std, 1e-150)) ** -2 for i in at]
+    )
     if prior is None:
         return Prior(np.array(at), means, np.diag(weights))
     n = len(layout.names)
@@ -286,8 +290,8 @@ def reasons_for(
 
 
 def _of_turbulence(tracing: Tracing, simulated: SimulatedTrace) -> list[str]:
-    """Number of scale lengths of hidden turbulence in a record: of independent gusts that its level
-    is estimated from.
+    """Return the number of scale lengths of hidden turbulence in a record: of independent gusts
+    that its level is estimated from.
     """
     length = simulated.hidden.get(TURBULENCE, {}).get("length", 0.0)
     if not length or "airspeed" not in tracing.model.parameters:
@@ -327,12 +331,12 @@ def _of_the_gearing(
     for name, true in truth.values.items():
         if name not in comparable.values or name not in estimates:
             continue
-        if abs(comparable.values[name] - other.values[name]) > MOVED * estimates[name].std:
+        if abs(comparable.values[name] - other.values[name]) > NOTABLE_SIGMAS * estimates[name].std:
             geared.append(
                 f"{name} {other.values[name]:.4g} with a straight gearing, "
                 f"{comparable.values[name]:.4g} as flown"
             )
-        if abs(other.values[name] - true) > MOVED * estimates[name].std:
+        if abs(other.values[name] - true) > NOTABLE_SIGMAS * estimates[name].std:
             rest.append(
                 f"{name} {true:.4g} by the frequency response, {other.values[name]:.4g} in this "
                 "flight"
@@ -356,8 +360,8 @@ def _of_the_gearing(
 
 
 def estimated_modes(tracing: Tracing, modes: int) -> dict[str, Quantity]:
-    """Frequencies and damping ratios of the elastic modes of the fitted model, all couplings in;
-    empty without any.
+    """Return the frequencies and damping ratios of the elastic modes of the fitted model, all
+    couplings in; empty without any.
     """
     trained = tracing.diagnosis.trained_after
     if not modes or trained is None:
@@ -424,7 +428,7 @@ def elastic_modes(
 
 
 def true_modes(vehicle: Model) -> dict[str, float]:
-    """Modes of a true vehicle from its own equations, without a fit."""
+    """Return the modes of a true vehicle from its own equations, without a fit."""
     system = compile_model(vehicle)
     p = system.parameters.values()
     short_period = slowest_oscillation(system, p)
@@ -539,7 +543,7 @@ def run_trace(
 def scored(
     scenario: TraceScenario, seed: int, simulated: SimulatedTrace, tracing: Tracing
 ) -> TraceStudy:
-    """A diagnosis compared with the truth, and the third record predicted by it."""
+    """Return a diagnosis compared with the truth, and the third record predicted by it."""
     truth = truth_of(scenario, simulated)
     result, before = (
         comparable_to(tracing, simulated, truth),
@@ -561,7 +565,7 @@ def scored(
 
 
 def truth_of(scenario: TraceScenario, simulated: SimulatedTrace) -> DeclaredTruth:
-    """Values that are known by declaration."""
+    """Return the values that are known by declaration."""
     hidden = {
         f"{name}.{local}": value
         for name, values in simulated.hidden.items()
@@ -575,8 +579,8 @@ def truth_of(scenario: TraceScenario, simulated: SimulatedTrace) -> DeclaredTrut
 
 
 def predicted_test(simulated: SimulatedTrace, tracing: Tracing) -> Predicted:
-    """The third record predicted by the declared model and with the effects found, as `flightid
-    predict` does.
+    """Return the third record predicted by the declared model and with the effects found, as
+    `flightid predict` does.
     """
     d, inputs = tracing.diagnosis, {channel.name for channel in simulated.test.inputs}
     assert d.trained_before is not None and d.trained_after is not None
@@ -610,8 +614,8 @@ def grade(expect: Expectation, tracing: Tracing) -> Grade:
 
 
 def _stands_beside(claims: list[Claim], accepted: tuple[str, ...]) -> bool:
-    """Whether one exchange of a name for one of its alternatives makes the claims the accepted
-    set.
+    """Return whether one exchange of a name for one of its alternatives makes the claims the
+    accepted set.
     """
     names = [claim.name for claim in claims]
     for place, claim in enumerate(claims):
@@ -647,7 +651,7 @@ def _derivatives(
 
 
 def _effects(tracing: Tracing, truth: DeclaredTruth, comparable: Comparable) -> tuple[Scored, ...]:
-    """Parameters of the found effects, with their reference values."""
+    """Return the parameters of the found effects, with their reference values."""
     d = tracing.diagnosis
     names = [name for name in quantities_of(d) if name not in d.after and name in comparable.values]
     return tuple(
@@ -687,8 +691,8 @@ def _modes(
 
 
 def _true_modes(scenario: TraceScenario) -> dict[str, float]:
-    """Frequencies and damping ratios of the true aircraft by its own equations; empty where it has
-    no rest at zero.
+    """Return the frequencies and damping ratios of the true aircraft by its own equations; empty
+    where it has no rest at zero.
     """
     flight = scenario.flight
     if flight.vehicle.startswith(CLOSED_LOOP):

@@ -15,9 +15,9 @@ from sim.maths import G0
 
 SPEED = "phugoid_speed"  # state
 ATTITUDE = "phugoid_attitude"  # state
-STEEPEST = 0.35  # rad, of a flight path that perturbations about level flight still describe
-# Three to five times what is known beforehand.
-BELIEVED = {
+# rad, of a flight path that perturbations about level flight still describe
+STEEPEST_FLIGHT_PATH = 0.35
+BELIEVED = {  # Three to five times what is known beforehand.
     "trim_moment": (-0.06, 0.06),
     "speed_damping": (-0.03, 0.05),
     "induced_drag": (-15.0, 25.0),
@@ -94,7 +94,7 @@ class Phugoid:
             separating={"speed-variation": STEADY_FLIGHT, "sensor-drift": STEADY_FLIGHT},
             plausible={"trim_moment": BELIEVED["trim_moment"]}
             if self.speed_recorded
-            else {"attitude": (-STEEPEST, STEEPEST), **BELIEVED},
+            else {"attitude": (-STEEPEST_FLIGHT_PATH, STEEPEST_FLIGHT_PATH), **BELIEVED},
             same_as={} if self.speed_recorded else {"attitude": ("speed-variation", EVEN_CHANGE)},
             never_beside=("speed-variation",),
             per_record=not self.speed_recorded,

@@ -11,7 +11,14 @@ from sim.declaration.effect import Effect, Parameter, Regularity, Signal, Statio
 from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.effects.instances import labelled, load_ports
-from sim.effects.loads import LOADS, WIDTH, SizedOnPorts, edge_width, load_parameters, risen
+from sim.effects.loads import (
+    LOADS,
+    USUAL_SUB_STEP,
+    SizedOnPorts,
+    edge_width,
+    load_parameters,
+    risen,
+)
 
 _USUAL_LOAD = {"1": 0.005, "1/s": 0.01, "rad/s": 0.01, "1/s2": 0.1, "rad/s2": 0.1}
 DURATIONS = (0.3, 0.7, 1.5, 3.0, 6.0)  # s, pulses that a search tries
@@ -37,7 +44,7 @@ class UnmeasuredInput(SizedOnPorts):
     """
 
     lasting: bool = False
-    width: float = WIDTH
+    width: float = USUAL_SUB_STEP
     units: tuple[str, ...] = ("1", "1")
     sizes: tuple[float, ...] = (0.02, 0.01)
     needs_constants: tuple[str, ...] = ("Cm_alpha",)
@@ -157,7 +164,9 @@ def made_for(equations: Equations) -> tuple[Traceable, ...]:
         label, size = port.name if len(ports) > 1 else "", _USUAL_LOAD.get(port.unit, 1.0)
         sized = port.unit in _USUAL_LOAD
         candidates += [
-            UnmeasuredInput(lasting, WIDTH, (port.unit,), (size,), (), (port.name,), label, sized)
+            UnmeasuredInput(
+                lasting, USUAL_SUB_STEP, (port.unit,), (size,), (), (port.name,), label, sized
+            )
             for lasting in (False, True)
         ]
     return tuple(candidates)
@@ -220,7 +229,7 @@ class ModelDiscrepancy(SizedOnPorts):
 
 
 def discrepancy_for(effects: Sequence[Effect]) -> ModelDiscrepancy | None:
-    """A discrepancy of each load that an unmeasured input can act on; None if there is none.
+    """Return a discrepancy of each load that an unmeasured input can act on; None if there is none.
 
     Parameters
     ----------

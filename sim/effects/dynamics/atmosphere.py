@@ -64,13 +64,13 @@ class DensityScaleHeight:
         return (Probe(self.absent, ("change",)),)
 
 
-SONIC = 1.1  # Mach number about which drag changes most
-TRANSONIC = 0.25  # half width of that range, Mach
+DRAG_RISE_MACH = 1.1  # Mach number about which drag changes most
+DRAG_RISE_HALF_WIDTH = 0.25  # half width of that range, Mach
 SEA_LEVEL = 288.15  # K, standard atmosphere
-LAPSE = 0.0065  # K/m, standard atmosphere
-COLDEST = 216.65  # K, standard atmosphere above 11 km
-HIGH = 11000.0  # m, the tropopause of the standard atmosphere
-MOST = 1.0  # prior standard deviation of the logarithm of the drag
+LAPSE_RATE = 0.0065  # K/m, standard atmosphere
+TROPOPAUSE_TEMPERATURE = 216.65  # K, standard atmosphere above 11 km
+TROPOPAUSE_ALTITUDE = 11000.0  # m, the tropopause of the standard atmosphere
+LOG_DRAG_STD = 1.0  # prior standard deviation of the logarithm of the drag
 SPEED_PER_ROOT = math.sqrt(1.4 * 287.053)  # (m/s)/sqrt(K): air as a perfect gas
 
 
@@ -118,7 +118,8 @@ class DragMach:
         # changes the drag by threefold at one sigma.
         shapes = enumerate(shape_names(self.fine, flat=False))
         return tuple(
-            Parameter(name, 0.2 / (1.0 + i), "1", prior_std=MOST / (1.0 + i)) for i, name in shapes
+            Parameter(name, 0.2 / (1.0 + i), "1", prior_std=LOG_DRAG_STD / (1.0 + i))
+            for i, name in shapes
         )
 
     @property
@@ -155,7 +156,7 @@ class DragMach:
         """
         recorded_range, heights = (
             context.flown_range("velocity"),
-            context.flown.get("altitude", (0.0, HIGH)),
+            context.flown.get("altitude", (0.0, TROPOPAUSE_ALTITUDE)),
         )
         if recorded_range is None:
             return self
@@ -178,11 +179,11 @@ class DragMach:
 
 
 def _speed_of_sound(altitude: Any) -> Any:
-    return SPEED_PER_ROOT * sqrt(maximum(SEA_LEVEL - LAPSE * altitude, COLDEST))
+    return SPEED_PER_ROOT * sqrt(maximum(SEA_LEVEL - LAPSE_RATE * altitude, TROPOPAUSE_TEMPERATURE))
 
 
 def _stretched(mach: Any) -> Any:
-    return asinh((mach - SONIC) / TRANSONIC)
+    return asinh((mach - DRAG_RISE_MACH) / DRAG_RISE_HALF_WIDTH)
 
 
 VARIANTS: tuple[Traceable, ...] = (DensityScaleHeight(), DragMach())

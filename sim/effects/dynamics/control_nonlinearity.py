@@ -208,7 +208,7 @@ CURVE_VARIANTS: tuple[Traceable, ...] = (
 
 
 # of the largest deflection: the kink is a curve that narrow, so that there is a slope everywhere
-ROUNDED = 0.001
+KINK_WIDTH_SHARE = 0.001
 
 
 @dataclass(frozen=True)
@@ -253,7 +253,7 @@ class ControlUnevenness(NonlinearControl):
     def fitted_to(self, context: SearchContext) -> ControlUnevenness:
         """Return the effect with a kink as narrow as the deflections of the record require."""
         widest, middle = self.used(context)
-        return replace(self, width=ROUNDED * widest or self.width, middle=middle)
+        return replace(self, width=KINK_WIDTH_SHARE * widest or self.width, middle=middle)
 
 
 UNEVENNESS_VARIANTS: tuple[Traceable, ...] = of_all_controls(ControlUnevenness, width=0.0005)

@@ -20,11 +20,11 @@ from sim.declaration.model import Equations
 from sim.declaration.proposal import Probe, SearchContext, Traceable, Traits
 from sim.declaration.user_equations import OwnEquations
 from sim.effects.instances import ANOTHER_FALL, labelled
-from sim.effects.loads import SLOW_WIDTH, WIDTH, edge_width, risen
+from sim.effects.loads import SLOW_WIDTH, USUAL_SUB_STEP, edge_width, risen
 from sim.maths import log
 
-USUAL = 0.3  # typical change, as a share of the declared value
-LARGEST = 10.0  # largest plausible change, as a share of the declared value
+USUAL_CHANGE_SHARE = 0.3  # typical change, as a share of the declared value
+LARGEST_CHANGE_SHARE = 10.0  # largest plausible change, as a share of the declared value
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class ParameterJump:
     changing: tuple[tuple[str, str], ...]
     label: str = ""
     sizes: tuple[float, ...] = ()
-    width: float = WIDTH
+    width: float = USUAL_SUB_STEP
 
     station: ClassVar[Station] = Station.DYNAMICS
     regularity: ClassVar[Regularity] = Regularity.CHANGE_POINT
@@ -92,7 +92,8 @@ class ParameterJump:
     @property
     def traits(self) -> Traits:
         largest = {
-            name: LARGEST / USUAL * size for name, size in zip(self.group, self.sizes, strict=False)
+            name: LARGEST_CHANGE_SHARE / USUAL_CHANGE_SHARE * size
+            for name, size in zip(self.group, self.sizes, strict=False)
         }
         return Traits(
             sentences=("from {time} on other parameters hold: {rest}",),
@@ -110,7 +111,7 @@ class ParameterJump:
         for the declared values.
         """
         declared = [abs(context.values.get(name, 0.0)) for name in self.group]
-        sizes = tuple(USUAL * value for value in declared) if all(declared) else ()
+        sizes = tuple(USUAL_CHANGE_SHARE * value for value in declared) if all(declared) else ()
         return replace(self, width=edge_width(context.interval), sizes=sizes)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
@@ -226,7 +227,7 @@ class DerivativeJump:
 
     moment: tuple[Change, ...] = RIGID_MOMENT
     lift: tuple[Change, ...] = RIGID_LIFT
-    width: float = WIDTH
+    width: float = USUAL_SUB_STEP
     ports: tuple[str, str] = ("moment", "lift")
     label: str = ""
 

@@ -11,13 +11,19 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from sim.declaration.effect import Parameter, Regularity, Signal, Station
-from sim.declaration.proposal import RESOLVED, Probe, SearchContext, Traceable, Traits
+from sim.declaration.proposal import (
+    RESOLVED_FREQUENCY_SHARE,
+    Probe,
+    SearchContext,
+    Traceable,
+    Traits,
+)
 from sim.errors import ModelError
 
-DAMPING = 0.03  # where a search begins: structures are damped by one to five per cent
-SPACING = 1.09  # of the frequencies tried: a mode of that damping still answers between two
-SLOWEST = 4.0  # rad/s, below which no structure bends
-FASTEST = 250.0  # rad/s, beyond which usual sub-steps no longer follow
+STARTING_DAMPING = 0.03  # where a search begins: structures are damped by one to five per cent
+FREQUENCY_RATIO = 1.09  # of the frequencies tried: a mode of that damping still answers between two
+LOWEST_FREQUENCY = 4.0  # rad/s, below which no structure bends
+HIGHEST_FREQUENCY = 250.0  # rad/s, beyond which usual sub-steps no longer follow
 
 
 # The aircraft's moments by the angle and by the control, of which a mode of the same structure has
@@ -149,7 +155,7 @@ class ElasticMode:
         lift, moment, gyro = self.sizes
         base = (
             Parameter("frequency", min(15.0, self.fastest), "rad/s", bounds=(1.0, self.fastest)),
-            Parameter("damping", DAMPING, "1", bounds=(0.0005, 0.7)),
+            Parameter("damping", STARTING_DAMPING, "1", bounds=(0.0005, 0.7)),
             Parameter(self.ports[0], lift, self.loads[0]),
             Parameter(self.ports[1], moment, self.loads[1]),
             Parameter("angle_gain", 0.0, f"{self.angle}/rad", prior_std=self.angle_std),
@@ -226,8 +232,8 @@ class ElasticMode:
         fifths of the sampling limit.
         """
         slowest = max(2.0, 4.0 * math.pi / max(context.duration, 1.0))
-        fastest = min(_resolved(context), FASTEST)
-        count = max(2, math.ceil(math.log(max(fastest / slowest, 1.1)) / math.log(SPACING)))
+        fastest = min(_resolved(context), HIGHEST_FREQUENCY)
+        count = max(2, math.ceil(math.log(max(fastest / slowest, 1.1)) / math.log(FREQUENCY_RATIO)))
         grid = [
             min(slowest * (fastest / slowest) ** (i / (count - 1)), fastest) for i in range(count)
         ]
@@ -238,7 +244,7 @@ class ElasticMode:
         start = (
             {item.name: item.value for item in self.parameters}
             | dict.fromkeys(slopes, 0.0)
-            | {"damping": DAMPING}
+            | {"damping": STARTING_DAMPING}
         )
         return tuple(
             Probe({**start, "frequency": frequency}, slopes) for frequency in (*peaks, *grid)
@@ -249,7 +255,7 @@ class ElasticMode:
 
 
 def _resolved(context: SearchContext) -> float:
-    return max(RESOLVED * math.pi / context.interval, SLOWEST)
+    return max(RESOLVED_FREQUENCY_SHARE * math.pi / context.interval, LOWEST_FREQUENCY)
 
 
 VARIANTS: tuple[Traceable, ...] = (

@@ -172,14 +172,14 @@ CURVE_VARIANTS: tuple[Traceable, ...] = (
 
 # of a1 (alpha - alpha_star), where the separated share is below rounding: there it is set to none
 # at all
-ATTACHED = -20.0
+ATTACHED_FLOW_EXPONENT = -20.0
 # share of the chord. The root of it has no slope at none; lift then is within 2 per cent of that of
 # a free stream
 LEAST_ATTACHED = 1e-4
 # rad from zero lift. chosen: below eight degrees no wing's flow leaves its rear, and no search
 # looks for it
 NO_STALL_BELOW = 0.15
-NEVER = 6.0  # rad, where alpha_star is beyond any flight
+UNREACHED_ALPHA = 6.0  # rad, where alpha_star is beyond any flight
 SHARES = (0.7, 0.85, 1.0)  # of the largest angle flown, that a search tries
 TIMES = (0.1, 0.5)  # s, time constants that are probed
 STEEPNESS = (15.0, 40.0)  # 1/rad, slopes of the separation point that are probed
@@ -219,7 +219,7 @@ class FlowSeparation:
     states: ClassVar[tuple[Signal, ...]] = (
         Signal("separated_flow", "1", "share of the chord behind the point of separation"),
     )
-    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"alpha_star": NEVER})
+    absent: ClassVar[Mapping[str, float]] = MappingProxyType({"alpha_star": UNREACHED_ALPHA})
     explanation: ClassVar[str] = (
         "Near stall the flow leaves the rear of the wing. The point X on the chord up to which it "
         "is attached follows the angle of attack late: "
@@ -255,7 +255,7 @@ class FlowSeparation:
             Parameter("tau1", 0.2, "s", bounds=(0.01, 10.0)),
             Parameter("tau2", 0.05, "s", bounds=(-5.0, 5.0)),
             Parameter("a1", 25.0, "1/rad", bounds=(5.0, 300.0)),
-            Parameter("alpha_star", 0.1, "rad", bounds=(-1.0, NEVER)),
+            Parameter("alpha_star", 0.1, "rad", bounds=(-1.0, UNREACHED_ALPHA)),
             Parameter("moment", -0.05, "1"),
         )
         return (*common, Parameter("drag", 0.05, "1")) if self.total else common
@@ -299,8 +299,12 @@ class FlowSeparation:
         beyond = p.a1 * (s.alpha_air - p.tau2 * s.alpha_dot - p.alpha_star)
         # (1 + tanh z)/2 is this logistic function, whose exponential stays within range between the
         # two limits.
-        share = 1.0 / (1.0 + exp(-2.0 * clip(beyond, ATTACHED, -ATTACHED)))
-        return ((where(real(beyond) <= ATTACHED, 0.0, share) - s.separated_flow) / p.tau1,)
+        share = 1.0 / (
+            1.0 + exp(-2.0 * clip(beyond, ATTACHED_FLOW_EXPONENT, -ATTACHED_FLOW_EXPONENT))
+        )
+        return (
+            (where(real(beyond) <= ATTACHED_FLOW_EXPONENT, 0.0, share) - s.separated_flow) / p.tau1,
+        )
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
         """Probe whole changes over a grid about the largest angle; none if no wing would stall

@@ -227,7 +227,7 @@ def curve_made_for(equations: Equations) -> tuple[Varies, ...]:
 
 
 def other_names(equations: Equations) -> Mapping[str, str]:
-    """Names of instances that equal a named effect, with the name of that effect."""
+    """Return the names of instances that equal a named effect, with the name of that effect."""
     ports, parameter_names = {port.name for port in equations.ports}, {*equations.parameter_names}
     curves = [
         *(((derivative, signal), curve) for curve in CURVES for derivative, signal in _bent(curve)),
@@ -245,7 +245,7 @@ def other_names(equations: Equations) -> Mapping[str, str]:
 
 
 def _bent(curve: Traceable) -> tuple[tuple[str, str], ...]:
-    """Derivatives that a named effect makes nonlinear, each with the signal."""
+    """Return the derivatives that a named effect makes nonlinear, each with the signal."""
     if isinstance(curve, LoadCurve):
         return ((curve.needs_constants[0], curve.flown),)
     return (

@@ -219,7 +219,7 @@ class ControlDrag:
         return ()
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """The slope where there is none."""
+        """Return the slope where there is none."""
         return (Probe(self.absent, ("drag",)),)
 
 
@@ -259,11 +259,11 @@ class DragDrift:
         return ()
 
     def fitted_to(self, context: SearchContext) -> DragDrift:
-        """The same with the declared beta at that record's begin."""
+        """Return the same with the declared beta at that record's begin."""
         return replace(self, begin=context.begin)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """The slope where there is none."""
+        """Return the slope where there is none."""
         return (Probe(self.absent, ("rate",)),)
 
 
@@ -327,7 +327,7 @@ class Hysteresis(SizedOnPorts):
         return ((rate - absolute(rate) * s.memory) / p.width,)
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by both loads at some widths."""
+        """Return the slopes by both loads at some widths."""
         return tuple(Probe({"width": width, **self.absent}, self.ports) for width in WIDTHS)
 
 

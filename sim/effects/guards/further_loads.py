@@ -176,10 +176,10 @@ def lagged_made_for(equations: Equations) -> tuple[Traceable, ...]:
     return tuple(candidates)
 
 
-SPACING = 1.12  # of the frequencies tried, besides the peaks of the residual's spectrum
-FASTEST = 60.0  # rad/s
+FREQUENCY_RATIO = 1.12  # of the frequencies tried, besides the peaks of the residual's spectrum
+HIGHEST_FREQUENCY = 60.0  # rad/s
 # ports that swing as one, as lift and moment do; each further one has two more sizes to pay for
-TOGETHER = 2
+MOST_COUPLED_PORTS = 2
 
 
 @dataclass(frozen=True)
@@ -262,8 +262,8 @@ class PeriodicLoads:
         frequencies.
         """
         slowest = max(1.0, 6.0 * math.pi / max(context.duration, 1.0))
-        fastest = min(0.5 * math.pi / context.interval, FASTEST)
-        count = max(2, math.ceil(math.log(max(fastest / slowest, 1.1)) / math.log(SPACING)))
+        fastest = min(0.5 * math.pi / context.interval, HIGHEST_FREQUENCY)
+        count = max(2, math.ceil(math.log(max(fastest / slowest, 1.1)) / math.log(FREQUENCY_RATIO)))
         grid = [slowest * (fastest / slowest) ** (i / (count - 1)) for i in range(count)]
         peaks = [
             frequency for frequency in context.residual_peaks if slowest <= frequency <= fastest
@@ -282,14 +282,14 @@ PERIODIC_LOADS: tuple[Traceable, ...] = (
 
 
 def periodic_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """One on the ports of a user's own model whose rates an estimated parameter is part of; one
-    each where there are more than two.
+    """Return one on the ports of a user's own model whose rates an estimated parameter is part of;
+    one each where there are more than two.
     """
     if not isinstance(equations, OwnEquations):
         return ()
     moved = {port for port, _, _ in equations.products}
     ports = [port for port in ports_without(PERIODIC_LOADS, equations) if port.name in moved]
-    together = [ports] if 0 < len(ports) <= TOGETHER else [[port] for port in ports]
+    together = [ports] if 0 < len(ports) <= MOST_COUPLED_PORTS else [[port] for port in ports]
     return tuple(
         PeriodicLoads(
             tuple(p.unit for p in some),
@@ -357,7 +357,7 @@ class ProductLoads(SizedOnPorts):
         return ()
 
     def probes(self, context: SearchContext) -> Sequence[Probe]:
-        """Slopes by both where there is none."""
+        """Return the slopes by both where there is none."""
         return (Probe(self.absent, self.ports),)
 
 
@@ -419,8 +419,8 @@ PRODUCT_LOADS: tuple[Traceable, ...] = (
 
 
 def products_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Products of two states or controls of a user's own model, on the ports where no estimated
-    parameter multiplies either.
+    """Return the products of two states or controls of a user's own model, on the ports where no
+    estimated parameter multiplies either.
 
     Where one does, the product is that parameter growing with the other signal, which ``varies``
     says by name.
@@ -530,7 +530,7 @@ GUARDS: tuple[Traceable, ...] = (*LAGGED_LOADS, *PERIODIC_LOADS, *PRODUCT_LOADS,
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """The terms of this file for the signals and ports of a user's own model."""
+    """Return the terms of this file for the signals and ports of a user's own model."""
     return (
         *lagged_made_for(equations),
         *periodic_made_for(equations),

@@ -42,7 +42,7 @@ from sim.maths import (
     where,
 )
 
-SLOWEST = 5.0  # s, of what is no surface: an engine, a valve
+LONGEST_LAG = 5.0  # s, of what is no surface: an engine, a valve
 USUAL_OF_ENGINES = 1.0  # s: turbofans from near idle take longer, propellers are quicker
 
 
@@ -93,7 +93,7 @@ class ActuatorLag(OfInput):
                     "loses amplitude there, a delay does not"
                 )
             },
-            plausible={"time_constant": (0.0, 0.5 if has_size(self.unit) else SLOWEST)},
+            plausible={"time_constant": (0.0, 0.5 if has_size(self.unit) else LONGEST_LAG)},
             usual={} if has_size(self.unit) else {"time_constant": USUAL_OF_ENGINES},
             twins=all_labelled(("actuator-second-order",), self.label),
         )
@@ -141,10 +141,11 @@ UNLIMITED = 1e9
 # its slower pole is then 34 times slower than the other: a lag to any record, and a fit need not
 # run on to infinity
 MOST_DAMPED = 3.0
-SERVO = 0.7  # damping of a well-made servo
+SERVO_DAMPING = 0.7  # damping of a well-made servo
 # rad/s, a factor of three apart: a fit closes half of that; late by 1.4 over these
 FREQUENCIES = (45.0, 15.0)
-NEAR = 1e-3  # of the squared angle, below which four terms of a series are exact to rounding
+# of the squared angle, below which four terms of a series are exact to rounding
+SERIES_ANGLE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -217,7 +218,7 @@ class ActuatorSecondOrder(OfInput):
         """Well damped, at frequencies that the sampling shows."""
         fastest = 3.0 / context.interval
         shown = [frequency for frequency in FREQUENCIES if frequency < fastest] or [FREQUENCIES[-1]]
-        return [Probe({"frequency": frequency, "damping": SERVO}) for frequency in shown]
+        return [Probe({"frequency": frequency, "damping": SERVO_DAMPING}) for frequency in shown]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
         """Mean of the exact response over each cell, for an input that is constant within cells."""
@@ -264,17 +265,17 @@ def _followed(h: np.ndarray, u: np.ndarray, frequency: Any, damping: Any) -> np.
 
 
 def _transition(h: np.ndarray, frequency: Any, damping: Any) -> np.ndarray:
-    """From distance to the command and its rate at a cell's begin to those at its end, ``(2, 2,
-    n)``, exact for any damping.
+    """Return the matrices ``(2, 2, n)`` from distance to the command and its rate at a cell's begin
+    to those at its end, exact for any damping.
 
     With r^2 = (damping^2 - 1) frequency^2 h^2: exp(-damping frequency h) times cosh r and
     sinh(r)/r.
     """
     square = (damping * damping - 1.0) * (frequency * h) ** 2
-    near = np.abs(square) < NEAR
+    near = np.abs(square) < SERIES_ANGLE
     # Both are even in r; by a series where the root, which has no slope at zero, would spoil the
     # derivative.
-    r = sqrt(np.where(near, NEAR, square).astype(complex))
+    r = sqrt(np.where(near, SERIES_ANGLE, square).astype(complex))
     decay = damping * frequency * h
     slow, fast = exp(r - decay), exp(-r - decay)
     C = np.where(
@@ -299,7 +300,7 @@ DYNAMICS_VARIANTS: tuple[Traceable, ...] = (ActuatorLag(), ActuatorSecondOrder()
 
 
 def dynamics_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Both for each input that has none yet."""
+    """Return both for each input that has none yet."""
     return for_inputs(
         equations,
         lambda signal, label: ActuatorLag(signal.name, signal.unit, label),
@@ -375,8 +376,8 @@ class ActuatorRateLimit(SizedOnInput):
         ]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
-        """Mean of the exact response over each cell, for an input that is constant within cells;
-        loops only while the surface is behind.
+        """Return the mean of the exact response over each cell, for an input that is constant
+        within cells; loops only while the surface is behind.
 
         While the command stands, the distance to it shrinks from d to max(d - rate h, 0) over a
         cell of length h; its mean is d - rate h/2, or d^2/(2 rate h) where the surface arrives
@@ -402,8 +403,8 @@ def _limited(edges: np.ndarray, u: np.ndarray, rate: Any) -> np.ndarray:
 
 
 def _distances(commands: np.ndarray, ways: np.ndarray) -> np.ndarray:
-    """How far the surface is from each command as it is given; ``ways`` are the most it moves
-    before the next.
+    """Return the distance of the surface from each command as it is given; ``ways`` are the most it
+    moves before the next.
     """
     # Where it has arrived it is as far as the two commands are apart: the loop runs only while it
     # is behind.
@@ -432,8 +433,8 @@ def _distances(commands: np.ndarray, ways: np.ndarray) -> np.ndarray:
 def _lagging_run(
     commands: np.ndarray, ways: np.ndarray, start: int, distance: Any, side: float
 ) -> np.ndarray:
-    """The distances after a cell, all at once, of a surface that is behind on one side, as far as
-    it arrives or is overtaken: one at least.
+    """Return the distances after a cell, all at once, of a surface that is behind on one side, as
+    far as it arrives or is overtaken: one at least.
     """
     length, last = 2 * _LONG, len(commands) - 1
     while True:
@@ -524,7 +525,7 @@ LIMITS_VARIANTS: tuple[Traceable, ...] = (
 
 
 def limits_made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Both for each input that has none yet."""
+    """Return both for each input that has none yet."""
     return for_inputs(equations, sized(ActuatorRateLimit, 3.0), sized(ActuatorSaturation, 0.5))
 
 
@@ -532,5 +533,5 @@ VARIANTS: tuple[Traceable, ...] = (*DYNAMICS_VARIANTS, *LIMITS_VARIANTS)
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """The instances of every effect in this file that none of ``VARIANTS`` is for."""
+    """Return the instances of every effect in this file that none of ``VARIANTS`` is for."""
     return (*dynamics_made_for(equations), *limits_made_for(equations))

@@ -78,8 +78,8 @@ class InputDelay(OfInput):
         return [Probe({"delay": time}) for time in delays_to_try(context)]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
-        """Mean of the shifted input over each cell; at no delay the derivative is the one towards
-        longer delays, as the bound asks.
+        """Return the mean of the shifted input over each cell; at no delay the derivative is the
+        one towards longer delays, as the bound asks.
         """
         edges = np.asarray(edges, dtype=float)
         return each_column(lambda row, delay: moved_back(edges, row, delay), u, p.delay)
@@ -138,8 +138,8 @@ class RecordedInputDelay(OfInput):
         return [Probe({"delay": time}) for time in delays_to_try(context)]
 
     def act(self, edges: Any, u: Any, p: Any) -> Any:
-        """Mean of the shifted input over each cell, exact for an input that is constant within
-        cells.
+        """Return the mean of the shifted input over each cell, exact for an input that is constant
+        within cells.
         """
         edges = np.asarray(edges, dtype=float)
         return each_column(lambda row, delay: moved_ahead(edges, row, delay), u, p.delay)
@@ -149,7 +149,7 @@ VARIANTS: tuple[Traceable, ...] = (InputDelay("elevator"), RecordedInputDelay())
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Both for each input that has none yet."""
+    """Return both for each input that has none yet."""
     return for_inputs(
         equations,
         lambda signal, label: InputDelay(signal.name, label=label),

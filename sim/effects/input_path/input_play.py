@@ -155,5 +155,5 @@ VARIANTS: tuple[Traceable, ...] = (
 
 
 def made_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Both for each input that has none yet."""
+    """Return both for each input that has none yet."""
     return for_inputs(equations, sized(InputBacklash, 0.05), sized(InputDeadband, 0.1))

@@ -121,8 +121,7 @@ _ALIASES_OF_CURVE = {
 LARGEST = {"alpha": 0.15, "q": 0.3, "nz": 3.0}
 POWERS: Mapping[str, int] = MappingProxyType({"curvature": 2, "cubic": 3})
 BOTH = tuple(POWERS)
-# The starting cubic term equals the starting quadratic term at half of the range.
-AT_HALF = 2.0
+AT_HALF = 2.0  # The starting cubic term equals the starting quadratic term at half of the range.
 WITH_OTHERS = (
     "a record with the other two of alpha, q and nz: a bent load moves all three by the "
     "kinematics, a bent reading one"
@@ -274,7 +273,7 @@ def scale_made_for(equations: Equations) -> tuple[Traceable, ...]:
     return (*(SensorScale(each.name) for each in further), *_square_or_cube(curves))
 
 
-FASTEST = 2.0  # 1/s: a drift that settles faster is a step at the begin of the record
+HIGHEST_DRIFT_RATE = 2.0  # 1/s: a drift that settles faster is a step at the begin of the record
 SERIES_BELOW = 1e-3  # of rate times elapsed time: the series is then exact to rounding
 
 
@@ -325,7 +324,7 @@ class SensorDrift(OfChannel):
     def parameters(self) -> tuple[Parameter, ...]:
         slope = Parameter("slope", self.typical, f"{self.unit}/s")
         return (
-            (slope, Parameter("settling", 0.2, "1/s", bounds=(0.0, FASTEST)))
+            (slope, Parameter("settling", 0.2, "1/s", bounds=(0.0, HIGHEST_DRIFT_RATE)))
             if self.settles
             else (slope,)
         )

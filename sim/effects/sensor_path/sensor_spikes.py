@@ -38,8 +38,8 @@ class Bursts:
     seed: int = 0
 
     def errors(self, begin: Any, end: Any, p: Any) -> Any:
-        """Mean error over each interval ``[begin, end]``, s from the record's start, ``(n,)``:
-        ``(n, ...)`` with the batch axes of ``p``.
+        """Return the mean error over each interval ``[begin, end]``, s from the record's start,
+        ``(n,)``: ``(n, ...)`` with the batch axes of ``p``.
 
         A spike begins at a multiple of ``p.width`` and lasts as long; at a moment (an interval of
         no length) it is read within half a width about its beginning, so that rounding of sample

@@ -84,7 +84,7 @@ class SensorDelay(OfChannel):
 
 
 def _delayed_edges(edges: np.ndarray, delay: Any) -> Any:
-    """Time at which each edge was true."""
+    """Return the time at which each edge was true."""
     return edges - delay
 
 
@@ -204,7 +204,7 @@ def delay_made_for(equations: Equations) -> tuple[Traceable, ...]:
 
 
 EVERY = (2, 3, 4, 5, 8, 10)  # samples between updates that a search tries
-LONGEST = 0.5  # s
+LONGEST_DELAY = 0.5  # s
 CLOSER = (
     "a fast and steady motion (a sweep), or the raw column before any smoothing: a channel that is "
     "held goes in stairs, a late one does not"
@@ -255,8 +255,8 @@ class SensorHold(OfChannel):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Which update a sample shows tells the phase to half an interval: nothing else tells it
-        from a delay of the same channel.
+        """Return the parameters: which update a sample shows tells the phase to half an interval:
+        nothing else tells it from a delay of the same channel.
         """
         return (
             Parameter("period", 0.25, "s", bounds=(0.0, 2.0)),
@@ -285,9 +285,9 @@ class SensorHold(OfChannel):
         move an update from sample to sample.
         """
         interval = context.interval
-        periods = [every * interval for every in EVERY if 0 < every * interval <= LONGEST]
+        periods = [every * interval for every in EVERY if 0 < every * interval <= LONGEST_DELAY]
         result = context.update_periods.get(self.channel)
-        if result is not None and 1.5 * interval < result <= LONGEST:
+        if result is not None and 1.5 * interval < result <= LONGEST_DELAY:
             periods.append(result)
         tried = [
             (period, first * interval)
@@ -301,8 +301,8 @@ class SensorHold(OfChannel):
         return replace(self, interval=context.interval if context.interval > 0 else self.interval)
 
     def act(self, steps: Any, begin: Any, end: Any, p: Any) -> tuple[Any, Any]:
-        """The values at the last updates, before which the first value holds; the channel itself
-        where the period is no longer than a sample's.
+        """Return the values at the last updates, before which the first value holds; the channel
+        itself where the period is no longer than a sample's.
         """
         held = each_run_earlier(steps, begin, end, self._updated, p.period, p.phase)
         depth = held[0].ndim - 1
@@ -315,7 +315,7 @@ class SensorHold(OfChannel):
         return 0.25 * p.period, -1.0
 
     def _updated(self, edges: np.ndarray, period: Any, phase: Any) -> Any:
-        """Time of the last update at each edge."""
+        """Return the time of the last update at each edge."""
         if period.real <= self.interval:
             return edges
         number = np.floor((edges + 0.5 * self.interval - phase.real) / period.real)

@@ -220,7 +220,7 @@ def test_a_signal_that_is_ignored_stays_ignored() -> None:
 def test_a_path_without_an_end_or_a_file_is_one_line(
     flightid: CommandLine, place: Path, monkeypatch: pytest.MonkeyPatch, call: str, kind: str
 ) -> None:
-    monkeypatch.setattr("scenarios.files.sources.PATIENCE", 0.1)
+    monkeypatch.setattr("scenarios.files.sources.PIPE_TIMEOUT", 0.1)
     os.symlink("circle.csv", place / "circle.csv")
     os.mkfifo(place / "pipe.csv")
     with (place / "sparse.csv").open("wb") as sparse:

@@ -10,7 +10,13 @@ import pytest
 
 from scenarios.commands.failures import report
 from scenarios.files.declarations import run_python
-from scenarios.files.sources import DEEPEST, DocumentError, json_value, read_source, toml_value
+from scenarios.files.sources import (
+    DEEPEST_NESTING,
+    DocumentError,
+    json_value,
+    read_source,
+    toml_value,
+)
 from scenarios.files.units import to_si
 from sim.errors import DeclarationError, RecordError
 from tests.integration.command_line import VEHICLE, CommandLine, contents
@@ -122,8 +128,8 @@ def test_json_that_is_not_strict(text: str) -> None:
 
 
 def test_what_every_file_of_ours_may_hold_is_read() -> None:
-    deep = json.loads("[" * DEEPEST + "]" * DEEPEST)
-    assert json_value("[" * DEEPEST + "]" * DEEPEST) == deep
+    deep = json.loads("[" * DEEPEST_NESTING + "]" * DEEPEST_NESTING)
+    assert json_value("[" * DEEPEST_NESTING + "]" * DEEPEST_NESTING) == deep
     assert json_value('{"a": [1, -2.5, "x", null, true]}') == {"a": [1, -2.5, "x", None, True]}
     assert json_value(str(10**299)) == 10**299
     assert toml_value("a = inf\nb = -3\nc = {d = [1, 2]}") == {

@@ -19,7 +19,7 @@ from scenarios.files.user_models import read_user_model
 from scenarios.files.vehicles import read_vehicle
 from scenarios.studies.campaign import fly_campaign
 from scenarios.studies.catalogue import scenario_text, with_changes
-from scenarios.studies.estimating import EVER, held_alike, maneuvers_by_input
+from scenarios.studies.estimating import START_OF_REST, held_alike, maneuvers_by_input
 from scenarios.studies.reading import maneuver_plans, scenario_of
 from scenarios.studies.schema import ManeuverTable
 from scenarios.studies.study import run_scenario
@@ -220,7 +220,7 @@ def test_steps_beside_a_smooth_maneuver_are_all_held() -> None:
         "aileron"
     ] is flown["aileron"]
     assert np.allclose(held["rudder"](time + 0.05), flown["rudder"](time)) and float(
-        held["rudder"](0.5 * EVER)
+        held["rudder"](0.5 * START_OF_REST)
     ) == pytest.approx(0.02)
     assert held_alike({"rudder": flown["rudder"]}, plans[1:], time)["rudder"] is flown["rudder"], (
         "alone it is read as the line that it is"

@@ -42,7 +42,7 @@ from scenarios.watching.reference import (
     read_reference,
     vehicle_to_watch,
 )
-from scenarios.watching.session import TOGETHER, Session, pieces, record_of, start, take
+from scenarios.watching.session import ROWS_PER_BATCH, Session, pieces, record_of, start, take
 from scenarios.watching.spectral import spectral_session
 from scenarios.watching.study import first_pass_so_far, likely_estimate, so_far
 from sim.record import Record
@@ -285,7 +285,7 @@ def test_what_is_shown_does_not_hang_on_how_rows_came() -> None:
     take(session, table_of(problem.record(11, duration=3.0)))
     together = list(pieces(session, table))
     np.testing.assert_array_equal(np.hstack(together), table)
-    assert max(piece.shape[1] for piece in together) == TOGETHER and all(
+    assert max(piece.shape[1] for piece in together) == ROWS_PER_BATCH and all(
         piece[0, 0] == np.floor(piece[0, 0]) for piece in together
     )
     # a second of many rows stays whole

@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 from scipy.stats import ncx2
 
 from ident.maneuver_design import (
-    CLEAR,
+    DECISIVE_LOG_LIKELIHOOD_RATIO,
     Acting,
     Planned,
     RivalDecision,
@@ -149,8 +149,12 @@ def test_the_difference_of_log_likelihoods_scatters_as_told() -> None:
     told = decision_of(np.array([left]), np.array([10**9]), size**2, 1, 1)
     assert difference.mean() == pytest.approx(told.mean, abs=0.1)
     assert difference.std() == pytest.approx(told.std, rel=0.02)
-    assert np.mean(difference > CLEAR) == pytest.approx(told.right, abs=0.02)
-    assert np.mean(difference < -CLEAR) == pytest.approx(told.wrong, abs=0.02)
+    assert np.mean(difference > DECISIVE_LOG_LIKELIHOOD_RATIO) == pytest.approx(
+        told.right, abs=0.02
+    )
+    assert np.mean(difference < -DECISIVE_LOG_LIKELIHOOD_RATIO) == pytest.approx(
+        told.wrong, abs=0.02
+    )
 
 
 @pytest.mark.sampled

@@ -15,7 +15,14 @@ from sim.declaration.compile import compile_model
 from sim.effects.input_path.input_delay import InputDelay
 from sim.effects.sensor_path.sensor_timing import SensorLag
 from sim.maths import complex_step_jacobian
-from sim.propagation import CELL, drive_from_record, euler_step, make_grid, propagate, rk4_step
+from sim.propagation import (
+    INPUT_CELL_TIME,
+    drive_from_record,
+    euler_step,
+    make_grid,
+    propagate,
+    rk4_step,
+)
 from sim.record import Hold
 from tests.bases import Flight, fly, rigid_model
 
@@ -31,8 +38,12 @@ def test_ends_of_a_delayed_line_are_those_of_the_line_there() -> None:
     drive = drive_from_record(system, p, corner[None], time, Hold.LINEAR, grid)
     expected = 3.0 * np.maximum(grid.edges - delay - 0.2, 0.0)
     # A value at an edge is taken from the mean over the cell beside it.
-    np.testing.assert_allclose(drive.begin[0], expected, rtol=0.0, atol=1.01 * 3.0 * CELL)
-    np.testing.assert_allclose(drive.end[0], expected[1:], rtol=0.0, atol=1.01 * 3.0 * CELL)
+    np.testing.assert_allclose(
+        drive.begin[0], expected, rtol=0.0, atol=1.01 * 3.0 * INPUT_CELL_TIME
+    )
+    np.testing.assert_allclose(
+        drive.end[0], expected[1:], rtol=0.0, atol=1.01 * 3.0 * INPUT_CELL_TIME
+    )
 
 
 def test_a_lagging_sensor_is_fed_the_input_before_its_switch() -> None:

@@ -16,7 +16,7 @@ from sim.declaration.effect import Effect, InputEffect, Parameter, Regularity, S
 from sim.declaration.model import System
 from sim.effects.input_path.input_delay import InputDelay
 from sim.propagation import (
-    CELL,
+    INPUT_CELL_TIME,
     cell_edges,
     drive_from_cells,
     drive_from_means,
@@ -127,7 +127,7 @@ def test_cells_subdivide_sub_steps(gaps: list[float]) -> None:
     edges = cell_edges(grid)
     per_step = (len(edges) - 1) // len(grid.edges)
     np.testing.assert_array_equal(edges[:-1:per_step], grid.edges)
-    assert np.all(np.diff(edges) > 0) and np.diff(edges).max() <= CELL * (1.0 + 1e-5)
+    assert np.all(np.diff(edges) > 0) and np.diff(edges).max() <= INPUT_CELL_TIME * (1.0 + 1e-5)
 
 
 def test_an_effect_without_memory_acts_on_every_value() -> None:
@@ -153,7 +153,9 @@ def test_an_effect_without_memory_acts_on_every_value() -> None:
     # over a cell.
     np.testing.assert_allclose(doubled.stages[1][0], 2.0 * plain.stages[1][0], atol=1e-12)
     slope = np.abs(np.diff(u) / np.diff(time)).max()
-    np.testing.assert_allclose(doubled.begin[0], 2.0 * plain.begin[0], atol=0.5 * CELL * slope)
+    np.testing.assert_allclose(
+        doubled.begin[0], 2.0 * plain.begin[0], atol=0.5 * INPUT_CELL_TIME * slope
+    )
 
 
 def test_a_delay_moves_the_switch_of_a_held_input_exactly() -> None:

@@ -168,7 +168,7 @@ def test_no_run_depends_on_the_others(passes: int, monkeypatch: pytest.MonkeyPat
     )
     z = measured(record, system, 37)
     whole = run_bank(record, system, settings, z=z)
-    monkeypatch.setattr(row_kernel, "_AT_ONCE", 700)  # eleven runs at once
+    monkeypatch.setattr(row_kernel, "_MOST_COVARIANCE_ENTRIES", 700)  # eleven runs at once
     for chosen in (
         np.arange(37),
         np.array([0]),

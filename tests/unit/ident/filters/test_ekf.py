@@ -12,7 +12,7 @@ import pytest
 
 from ident.estimate import Outcome
 from ident.filters.ekf import (
-    SETTLED,
+    SETTLED_SIGMAS,
     FilterSettings,
     OnePass,
     filter_by_complex_step,
@@ -158,7 +158,7 @@ def test_every_pass_starts_from_the_parameters_of_the_one_before() -> None:
             )
         )
         start, last = np.concatenate([start[:2], result.x[-1, 2:]]), result
-        if moved < SETTLED:
+        if moved < SETTLED_SIGMAS:
             break
     assert last is not None
     assert estimate.iterations == done > 1

@@ -15,8 +15,8 @@ from ident.estimate import Estimate, Outcome
 from ident.flying_qualities.levels import (
     CATEGORIES,
     CLASSES,
-    DETERMINED,
-    DRAWS,
+    DETERMINED_PROBABILITY,
+    LEVEL_DRAWS,
     FlightPhase,
     ModeLevel,
     flight_phase_of,
@@ -201,11 +201,13 @@ def test_probabilities_are_gaussian_tails(sigma: float) -> None:
     found = by_mode(of(lateral(root), {"spiral_root": sigma}))["spiral"]
     edges = [math.log(2.0) / time for time in (20.0, 8.0, 4.0)]
     below = np.array([0.0, *norm.cdf(edges, root, sigma), 1.0])
-    assert found.probabilities == pytest.approx(np.diff(below), abs=4.0 * 0.5 / math.sqrt(DRAWS))
+    assert found.probabilities == pytest.approx(
+        np.diff(below), abs=4.0 * 0.5 / math.sqrt(LEVEL_DRAWS)
+    )
     assert sum(found.probabilities) == pytest.approx(1.0) and found.probability == max(
         found.probabilities
     )
-    assert found.determined == (max(np.diff(below)) > DETERMINED)
+    assert found.determined == (max(np.diff(below)) > DETERMINED_PROBABILITY)
 
 
 def test_a_delay_that_may_be_none_at_all_is_no_fault() -> None:
@@ -213,7 +215,8 @@ def test_a_delay_that_may_be_none_at_all_is_no_fault() -> None:
     assert by_mode(of({"delay": 0.01}, 0.02))["delay"].probabilities == (1.0, 0.0, 0.0, 0.0)
     found = by_mode(of({"delay": 0.05}, 0.05))["delay"]
     assert (
-        found.probabilities[0] == pytest.approx(norm.cdf(1.0), abs=4.0 * 0.5 / math.sqrt(DRAWS))
+        found.probabilities[0]
+        == pytest.approx(norm.cdf(1.0), abs=4.0 * 0.5 / math.sqrt(LEVEL_DRAWS))
         and found.probabilities[3] < 1e-3
     )
 

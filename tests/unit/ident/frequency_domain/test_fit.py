@@ -217,7 +217,7 @@ def test_level_noise_is_split_as_often_as_is_declared(monkeypatch: pytest.Monkey
     """Of 600 draws at a level of one in ten 60, give or take four deviations and what chi-squared
     misses with 30 harmonics a band.
     """
-    monkeypatch.setattr(transform, "SURE", 0.1)
+    monkeypatch.setattr(transform, "LEAST_UNIFORM_NOISE_PROBABILITY", 0.1)
     rng, accused = np.random.default_rng(10), 0
     bands = equal_bands([np.arange(180.0)])
     for _ in range(600):

@@ -108,5 +108,5 @@ def test_straight_lines_stand_for_what_bends_little_alone(
 
 def test_few_steps_are_all_worked_out(monkeypatch: pytest.MonkeyPatch) -> None:
     few = slopes_of(problem_with(INPUTS["slow"], 12))
-    monkeypatch.setattr(module, "_APART", 1000)
+    monkeypatch.setattr(module, "_STEPS_BETWEEN_SLOPES", 1000)
     assert np.array_equal(few.motion.Phi, slopes_of(problem_with(INPUTS["slow"], 12)).motion.Phi)

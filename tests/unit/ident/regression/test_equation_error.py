@@ -299,7 +299,7 @@ def test_without_a_simulation_the_bias_of_least_squares_is_taken_off_and_stated(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     squares = _errors(RegressionSettings(), 10)
-    monkeypatch.setattr("ident.regression.equation_error.RUNAWAY", 0.0)
+    monkeypatch.setattr("ident.regression.equation_error.RUNAWAY_SCATTERS", 0.0)
     corrected = _errors(RegressionSettings(instruments=True), 10)
     assert np.linalg.norm(corrected.mean(axis=0)) < 0.5 * np.linalg.norm(squares.mean(axis=0))
 
@@ -330,7 +330,7 @@ def test_even_windows_are_those_worked_out_one_by_one(monkeypatch: pytest.Monkey
     for half, degree in ((2, 1), (8, 2), (23, 3)):
         at_once = windows(time, valid, half, degree)
         with monkeypatch.context() as patched:
-            patched.setattr("ident.regression.state_histories._EVEN", -1.0)
+            patched.setattr("ident.regression.state_histories._EVEN_SAMPLING_TOLERANCE", -1.0)
             each = windows(time, valid, half, degree)
         np.testing.assert_array_equal(at_once.first, each.first)
         np.testing.assert_allclose(at_once.value, each.value, atol=1e-11)

@@ -13,7 +13,12 @@ import pytest
 
 from ident.frequency_domain import output_error as in_frequency
 from ident.frequency_domain.output_error import FrequencySettings, covariance_of, frequency_fit
-from ident.statistics.intervals import DROP, LEVEL, ProfileInterval, profile_interval
+from ident.statistics.intervals import (
+    LEVEL,
+    TWICE_LOG_LIKELIHOOD_DROP,
+    ProfileInterval,
+    profile_interval,
+)
 from ident.whole_record.gauss_newton import fit_whole_records, profile_intervals
 from ident.whole_record.layout import FitProblem, FitSettings, lay_out
 from ident.whole_record.output_error import fit_from_best_start, shared_covariance
@@ -128,7 +133,7 @@ def test_of_a_linear_regression_it_is_in_closed_form() -> None:
     projector = np.linalg.inv(slopes.T @ slopes)
     least = float(np.sum((z - fit.lines[0].y[0]) ** 2))
     assert found.low is not None and found.high is not None
-    half = math.sqrt((math.exp(DROP / len(z)) - 1.0) * least * projector[0, 0])
+    half = math.sqrt((math.exp(TWICE_LOG_LIKELIHOOD_DROP / len(z)) - 1.0) * least * projector[0, 0])
     assert found.value - found.low == pytest.approx(
         half, rel=0.01
     ) and found.high - found.value == pytest.approx(half, rel=0.01)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from ident.structure.coefficients import Histories
 from ident.structure.products import (
-    RELIABLE,
+    LEAST_MOTION_SHARE,
     covariance_of,
     gains_of,
     held_out_of,
@@ -124,7 +124,7 @@ def test_noise_larger_than_the_motion_is_taken_out_in_part(seed: int, noise: flo
     raw, clean = found.gram[part], found.clean_gram[part]
     least = np.min(np.linalg.eigvals(np.linalg.solve(raw, clean)).real)
     assert 0.0 < found.share <= 1.0
-    assert least > RELIABLE - 1e-6
+    assert least > LEAST_MOTION_SHARE - 1e-6
     assert np.all(np.isfinite(values_of(products, chosen)))
 
 

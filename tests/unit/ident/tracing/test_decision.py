@@ -25,7 +25,7 @@ from ident.tracing.evidence import WeighedSet
 from ident.tracing.loop import diagnose
 from ident.tracing.names import probabilities
 from ident.tracing.problem import TraceProblem
-from ident.tracing.search import CLEAR, Search
+from ident.tracing.search import CLEAR_GAIN, Search
 from ident.tracing.steady_search import quiet_vuong, vuong
 from ident.tracing.whiteness import is_noise
 from ident.whole_record.layout import FitSettings
@@ -329,7 +329,7 @@ def test_a_set_that_fits_worse_than_a_part_of_it_takes_no_part() -> None:
     root, whole = search.root, problem.fit([effect(LATE)], search.declared)
     assert whole is not None
     good = search.store(whole)
-    worse = replace(whole, fit=replace(whole.fit, cost=root.fitted.fit.cost + CLEAR + 1.0))
+    worse = replace(whole, fit=replace(whole.fit, cost=root.fitted.fit.cost + CLEAR_GAIN + 1.0))
     failed = replace(good, fitted=worse, weight=good.weight + 1e3)
     for sets in ([root, failed], [failed, root]):
         search.visited = {}

@@ -14,7 +14,7 @@ import pytest
 
 from ident.tracing.diagnosis import Diagnosis, Verdict
 from ident.tracing.loop import diagnose
-from ident.tracing.steady_search import SPREAD
+from ident.tracing.steady_search import NAMED_EFFECT_Z
 from sim.declaration.proposal import Traceable
 from sim.effects.disturbance.unmeasured_input import discrepancy_for
 from sim.effects.library import catch_all_terms_for, effects_for
@@ -311,7 +311,7 @@ def test_beside_a_residual_that_is_not_noise_a_claim_has_its_spread_and_its_valu
     check(diagnosis, records[:2], records[2:], OUTPUTS)
     (claim,) = diagnosis.effects
     assert diagnosis.verdict is Verdict.PARTIAL and claim.name == "vane-offset" and claim.claimed
-    assert claim.spread is not None and claim.spread > SPREAD
+    assert claim.spread is not None and claim.spread > NAMED_EFFECT_Z
     assert len(claim.by_record) == 2
     for each in (claim.parameters, *claim.by_record):
         assert abs(each["arm"].value - 9.0) < 4.0 * each["arm"].std < 2.0

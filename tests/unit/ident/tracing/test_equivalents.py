@@ -9,7 +9,7 @@ import pytest
 
 from ident.tracing.diagnosis import Diagnosis, Verdict
 from ident.tracing.loop import diagnose
-from ident.tracing.names import CERTAIN
+from ident.tracing.names import CLAIM_LEVEL
 from sim.declaration.model import Model
 from sim.effects.guards.further_loads import VaneBehind
 from sim.effects.sensor_path.sensor_mounting import AccelerometerOffset, VaneOffset
@@ -50,7 +50,7 @@ def test_each_is_named_with_the_other_beside_it_and_both_sets_of_derivatives(
     d = diagnosed(record)
     (claim,) = d.effects
     assert (d.verdict, claim.name, claim.alternatives) == (Verdict.TRACED, name, (other,))
-    assert claim.probability[name] > CERTAIN
+    assert claim.probability[name] > CLAIM_LEVEL
     under = claim.derivatives_under
     assert list(under) == [name, other] and under[name] == d.after
     right, wrong = under[name]["CL_de"], under[other]["CL_de"]

@@ -13,7 +13,7 @@ from ident.statistics.residuals import ResidualTest
 from ident.tracing.diagnosis import Concern, Diagnosis, Verdict
 from ident.tracing.held_out import HeldOut, held_out
 from ident.tracing.loop import diagnose
-from ident.tracing.names import CERTAIN
+from ident.tracing.names import CLAIM_LEVEL
 from ident.tracing.result import not_noise, residual_tests
 from sim.declaration.proposal import Traceable
 from sim.effects.sensor_path.sensor_calibration import SensorScale
@@ -65,7 +65,7 @@ def test_a_claim_says_how_probable_it_is_and_nothing_that_only_a_coloured_residu
     found: Diagnosis,
 ) -> None:
     (claim,) = found.effects
-    assert found.verdict is Verdict.TRACED and claim.probability["sensor-lag:q"] > CERTAIN
+    assert found.verdict is Verdict.TRACED and claim.probability["sensor-lag:q"] > CLAIM_LEVEL
     assert claim.spread is None and claim.by_record == () and claim.reasons == ()
 
 

@@ -26,8 +26,8 @@ from scenarios.diagnosis.kinematics import (
     AGREES,
     CONTRADICTS,
     DIFFERS,
-    ENOUGH,
     IN_KIND,
+    MOST_SAMPLES,
     NOTHING,
     Kinematics,
     agreements,
@@ -247,14 +247,14 @@ def test_of_many_samples_every_record_keeps_its_liveliest_stretch(
         return checked().result
 
     monkeypatch.setattr("ident.compatibility.check.compatibility", check)
-    many = [replace(measured_record(count=ENOUGH // 2), name=f"{n}.csv") for n in range(4)]
+    many = [replace(measured_record(count=MOST_SAMPLES // 2), name=f"{n}.csv") for n in range(4)]
     assert kinematics_of([measured_record(("alpha", "q")), *many], AT_130).records == (
         "0.csv",
         "1.csv",
         "2.csv",
         "3.csv",
     )
-    assert all(len(each) == ENOUGH // 4 for each in seen)
+    assert all(len(each) == MOST_SAMPLES // 4 for each in seen)
     lively = record(seed=1)
     (cut,) = shortened([lively], 200)
     power = [

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from scenarios.files.declarations import is_clock
 from scenarios.files.measured.clock import (
-    REGULARLY,
+    ROUNDED_STEP_SHARE,
     grid_of_coarse_stamps,
     seconds_of_counter,
     sorted_rows,
@@ -126,7 +126,7 @@ def test_a_grid_that_was_printed_with_few_digits_is_recovered(
     if found is None:
         steps = np.diff(printed)
         last = np.abs(printed) * 10.0 ** (1 - digits)
-        if np.mean(np.abs(steps - np.median(steps)) > 0.01 * np.median(steps)) < REGULARLY:
+        if np.mean(np.abs(steps - np.median(steps)) > 0.01 * np.median(steps)) < ROUNDED_STEP_SHARE:
             return  # hardly any step is uneven
         assert np.max(np.abs(steps - steps.mean())) < 0.011 * step or last.max() < 0.11 * step
         return

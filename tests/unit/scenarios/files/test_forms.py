@@ -177,10 +177,10 @@ def test_a_large_file_reads_as_a_small_one(
         rows.append(mark.join([*cells, "auto" if mark != " " else "7"]))
     path = tmp_path / "record.csv"
     path.write_bytes(("# a log\n" + "\n".join(rows) + "\n").encode())
-    monkeypatch.setattr(text, "LARGE", 10**9)
+    monkeypatch.setattr(text, "LARGE_FILE_BYTES", 10**9)
     careful = read_record_file(path).table
-    monkeypatch.setattr(text, "LARGE", 1000)
-    monkeypatch.setattr(text, "BLOCK", 20_000)
+    monkeypatch.setattr(text, "LARGE_FILE_BYTES", 1000)
+    monkeypatch.setattr(text, "BLOCK_BYTES", 20_000)
     fast = read_record_file(path).table
     assert isinstance(fast.columns[0], np.ndarray) and not isinstance(
         careful.columns[0], np.ndarray
@@ -201,7 +201,7 @@ def _as_a_data_frame(frame: pd.DataFrame) -> dict[str, list]:
 
 @pytest.mark.parametrize("suffix", [".parquet", ".feather"])
 def test_a_table_is_read_in_batches_as_pandas_reads_it_whole(tmp_path, monkeypatch, suffix):
-    monkeypatch.setattr(parquet, "ROWS", 7)
+    monkeypatch.setattr(parquet, "ROWS_PER_BATCH", 7)
     n = 30
     frame = pd.DataFrame(
         {"time": np.arange(n) / 50, "count": np.arange(n), "single": np.arange(n, dtype="f4")}

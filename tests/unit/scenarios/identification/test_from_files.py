@@ -14,7 +14,7 @@ from ident.estimate import Outcome
 from scenarios.files.measured.columns import RecordFile, read_record_file
 from scenarios.files.writing import write_record
 from scenarios.identification import identify
-from scenarios.identification.assessment import PLAIN, Options, other_reading
+from scenarios.identification.assessment import DEFAULT_OPTIONS, Options, other_reading
 from scenarios.identification.identify import identify_files
 from scenarios.identification.methods import FILTERS, METHODS
 from scenarios.preparation.plan import Plan, Request
@@ -104,7 +104,7 @@ def request(folder: Path, count: int = 1, hold: Hold | None = None, **says: Any)
 def test_inputs_that_nobody_said_how_to_read_are_read_the_other_way_as_well(
     spy: Spy, tmp_path: Path
 ) -> None:
-    identify_files(request(tmp_path, 2), "output-error", replace(PLAIN, profile=("L_p",)))
+    identify_files(request(tmp_path, 2), "output-error", replace(DEFAULT_OPTIONS, profile=("L_p",)))
     assert spy.holds == [None, Hold.LINEAR]
     # Profiles are of the result that is given, and not made again.
     assert [asked.profile for asked in spy.asked] == [("L_p",), None]
@@ -176,7 +176,7 @@ def test_no_profile_is_made_of_the_other_reading() -> None:
 
     ready: Any = "ready"
     found: Any = identify._read_otherwise(
-        ready, cast(Any, ended), again, replace(PLAIN, profile=("L_p",))
+        ready, cast(Any, ended), again, replace(DEFAULT_OPTIONS, profile=("L_p",))
     )
     assert found == (ready, ended)
     assert [options.profile for options in asked] == [None]

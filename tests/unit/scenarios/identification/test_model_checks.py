@@ -11,10 +11,10 @@ import pytest
 from scipy.linalg import expm
 
 from scenarios.identification.model_checks import (
-    ANGLE,
-    FINE,
-    PULSE,
-    SIZE,
+    DOUBLET_ANGLE,
+    NOISE_SHARE,
+    PULSE_LENGTH_FACTOR,
+    STEPS_PER_PULSE,
     excited,
     one_by_one,
     steps_against_differences,
@@ -46,21 +46,23 @@ def first_order(**changes: Any) -> Model:
 
 def test_bounds_of_the_example_are_those_of_its_sensitivities() -> None:
     motion, found = excited(first_order())
-    pulse = PULSE / -A
-    assert motion.pulse == pytest.approx(pulse, rel=1e-12) and motion.amplitudes == {"u": ANGLE}
+    pulse = PULSE_LENGTH_FACTOR / -A
+    assert motion.pulse == pytest.approx(pulse, rel=1e-12) and motion.amplitudes == {
+        "u": DOUBLET_ANGLE
+    }
     # States: x, its slopes by a, b and its start; the slope by the bias is one.
-    step = pulse / FINE
+    step = pulse / STEPS_PER_PULSE
     F = np.array([[A, 0, 0, 0], [1, A, 0, 0], [0, 0, A, 0], [0, 0, 0, A]])
     G = np.array([B, 0, 1, 0])
     E = expm(np.block([[F, G[:, None]], [np.zeros((1, 5))]]) * step)
     x, rows = np.array([0.0, 0.0, 0.0, 1.0]), []
     for k in range(round(motion.end / step)):
         rows.append(x)
-        at = (k + 0.5) / FINE - 1.0
-        x = E[:4, :4] @ x + E[:4, 4] * ANGLE * ((0 <= at < 1) - (1 <= at < 2))
+        at = (k + 0.5) / STEPS_PER_PULSE - 1.0
+        x = E[:4, :4] @ x + E[:4, 4] * DOUBLET_ANGLE * ((0 <= at < 1) - (1 <= at < 2))
     along = np.array(rows)
     slopes = np.column_stack([along[:, 1], along[:, 2], along[:, 3], np.ones(len(along))])
-    noise = SIZE * np.max(np.abs(along[:, 0]))
+    noise = NOISE_SHARE * np.max(np.abs(along[:, 0]))
     sigmas = noise * np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)))
     assert [one.sigma for one in found] == pytest.approx(sigmas[:2], rel=1e-4)
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scenarios.identification.model_checks import PULSE
+from scenarios.identification.model_checks import PULSE_LENGTH_FACTOR
 from scenarios.maneuver_design import report
 from scenarios.maneuver_design.design import used_shares
 from scenarios.maneuver_design.limits import (
@@ -90,7 +90,7 @@ def test_a_rate_is_the_next_round_number_that_is_not_below(value: float, rounded
 
 def test_an_own_model_is_flown_for_forty_pulses_with_twenty_samples_in_each() -> None:
     model = chain(-2.0)
-    pulse = PULSE / _frequency(model, REST)
+    pulse = PULSE_LENGTH_FACTOR / _frequency(model, REST)
     room = _limits_of(ASKED, model, pulse)
     rate = 1.0 / room.interval
     assert pulse * rate * (1.0 + 1e-9) >= 20.0 and pulse * rate <= 20.0 * 2.5

@@ -14,10 +14,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from scenarios.plots.drawing import (
-    DOT,
-    LOWEST,
-    TALLEST,
-    TOLERANCE,
+    CELLS_PER_DOT,
+    OUTLINE_TOLERANCE,
+    PRINTED_HEIGHT_SHARE,
+    TALLEST_ASPECT,
     description,
     draw_for_page,
     page_svg,
@@ -113,7 +113,7 @@ def test_lines_keep_within_their_tolerance(count: int) -> None:
     found = points_of(data)
     assert len(found) <= count and (count < 100 or len(found) < count / 5)
     off = np.abs(np.interp(x, found[:, 0], found[:, 1]) - y)
-    assert off.max() < TOLERANCE + 0.1  # and a tenth of a point by rounding
+    assert off.max() < OUTLINE_TOLERANCE + 0.1  # and a tenth of a point by rounding
     assert found[[0, -1]] == pytest.approx(np.array([[x[0], y[0]], [x[-1], y[-1]]]), abs=0.3)
 
 
@@ -144,7 +144,7 @@ def test_dots_that_cover_each_other_are_one_and_none_is_lost() -> None:
     assert len(found) < 20_000
     sound = np.delete(points, 7, axis=0)[::37]
     nearest = np.sqrt(((sound[:, None, :] - found[None]) ** 2).sum(axis=2)).min(axis=1)
-    assert nearest.max() < np.sqrt(2.0) * size / DOT + 0.1
+    assert nearest.max() < np.sqrt(2.0) * size / CELLS_PER_DOT + 0.1
 
 
 def test_captions_know_records_and_methods() -> None:
@@ -205,7 +205,7 @@ def test_a_tall_live_figure_is_printed_lower_and_kept_as_it_was(tmp_path: FilePa
     (drawn,) = draw_for_page([("fit", lambda: figure)], tmp_path, ())
     found = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', drawn.svg)
     assert found is not None and drawn.plot is not None
-    assert float(found[2]) / float(found[1]) == pytest.approx(TALLEST, rel=1e-3)
+    assert float(found[2]) / float(found[1]) == pytest.approx(TALLEST_ASPECT, rel=1e-3)
     assert float(found[1]) == pytest.approx(72.0 * width)
     assert tuple(figure.get_size_inches()) == (width, height)
 
@@ -216,5 +216,5 @@ def test_many_panels_are_printed_smaller_and_keep_half_of_their_height(tmp_path:
     (drawn,) = draw_for_page([("fit", lambda: figure)], tmp_path, ())
     found = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', drawn.svg)
     assert found is not None
-    assert float(found[2]) == pytest.approx(72.0 * LOWEST * 40.0, rel=1e-3)
-    assert float(found[2]) / float(found[1]) == pytest.approx(TALLEST, rel=1e-3)
+    assert float(found[2]) == pytest.approx(72.0 * PRINTED_HEIGHT_SHARE * 40.0, rel=1e-3)
+    assert float(found[2]) / float(found[1]) == pytest.approx(TALLEST_ASPECT, rel=1e-3)

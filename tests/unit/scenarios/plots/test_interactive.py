@@ -17,7 +17,7 @@ from hypothesis.extra.numpy import arrays
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from scenarios.plots.drawing import MOST, figure_document, plot_data, words
+from scenarios.plots.drawing import MOST_CURVE_SAMPLES, figure_document, plot_data, words
 from scenarios.plots.style import MEASURED, finish, make_sheet, method_style, time_axis, y_label
 from scenarios.report.document import Figure as Drawing
 from scenarios.report.document import Page, Reproduction, section
@@ -157,7 +157,7 @@ def test_a_long_curve_keeps_its_peaks() -> None:
     data = plot_data(finish(sheet))
     assert data is not None
     (curve,) = data.panels[0].curves
-    assert len(curve.x) <= MOST and np.all(np.diff(curve.x) > 0.0)
+    assert len(curve.x) <= MOST_CURVE_SAMPLES and np.all(np.diff(curve.x) > 0.0)
     assert (curve.y.max(), curve.y.min()) == (50.0, -60.0)
 
 

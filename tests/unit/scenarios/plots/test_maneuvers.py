@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from ident.maneuver_detection import DetectedManeuver
 from scenarios.plots.drawing import plot_data
-from scenarios.plots.maneuvers import BINS, envelope, figure_flight
+from scenarios.plots.maneuvers import ENVELOPE_BINS, envelope, figure_flight
 from sim.record import Channel, Record
 
 
@@ -23,7 +23,7 @@ def test_a_band_keeps_every_peak_in_its_place() -> None:
     values[[777, 123_456]] = [50.0, -60.0]
     values[5000:5100] = np.nan
     middle, low, high = envelope(times, values)
-    assert middle.size == low.size == high.size == BINS
+    assert middle.size == low.size == high.size == ENVELOPE_BINS
     assert (high.max(), low.min()) == (50.0, -60.0)
     assert middle[np.argmax(high)] == pytest.approx(7.77, abs=2.0)
     assert np.all(low[1:] <= high[:-1]) and np.all(low[:-1] <= high[1:]), "neighbours touch"

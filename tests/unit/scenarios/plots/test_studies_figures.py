@@ -9,7 +9,7 @@ import pytest
 from matplotlib.axes import Axes
 
 from scenarios.plots.side_by_side import (
-    PERCENT,
+    CLIPPED_PERCENT,
     ParameterColumn,
     StudyResponse,
     figure_studies_errors,
@@ -44,7 +44,7 @@ def test_errors_are_against_the_condensed_value_and_large_ones_are_arrows_with_t
     percent, sigmas = figure_studies_errors(ROWS, ["one", "two"]).axes
     at = [x for x, _ in first_points(percent)]
     assert at == pytest.approx(
-        [100 * -0.1 / 3.0, 100 * 0.4 / 3.0, 100 * 1.0 / 31.0, -1.06 * PERCENT]
+        [100 * -0.1 / 3.0, 100 * 0.4 / 3.0, 100 * 1.0 / 31.0, -1.06 * CLIPPED_PERCENT]
     )
     assert [text.get_text() for text in percent.texts] == ["−82 %"]
     assert [x for x, _ in first_points(sigmas)][:3] == pytest.approx([-1.0, 8.0, 1.0])

@@ -11,14 +11,14 @@ import pytest
 
 from scenarios.files.vehicles import VehicleFile
 from scenarios.preparation.declared_model import model_of_file
-from scenarios.preparation.measured_inputs import BEGINNING, PARTLY, with_attitude
+from scenarios.preparation.measured_inputs import PARTLY, TRIM_AVERAGING_TIME, with_attitude
 from sim.declaration.effect import Signal
 from sim.record import Channel, Hold, Record
 from tests.diagnoses import BALLISTIC, LOES, measured_record
 from tests.preparing import OUTPUTS, declared
 from tests.recorded_flight import SIGMAS, flight
 
-TRUE = 0.3 + 0.2 * np.maximum(measured_record().time - BEGINNING, 0.0)
+TRUE = 0.3 + 0.2 * np.maximum(measured_record().time - TRIM_AVERAGING_TIME, 0.0)
 NOISE = 5e-4  # rad, five sigmas
 
 

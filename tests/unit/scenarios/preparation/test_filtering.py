@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ident.whole_record.output_error import fit_output_error
-from scenarios.preparation.filtering import ORDER, filtered
+from scenarios.preparation.filtering import FILTER_ORDER, filtered
 from scenarios.preparation.plan import Plan
 from sim.declaration.compile import compile_model
 from sim.errors import RecordError
@@ -36,7 +36,7 @@ def test_amplitude_is_butterworths_squared_and_phase_none(frequency: float, corn
     record, said = filtered(sine(frequency), Plan(lowpass=corner))
     # Both ways, hence the square; the bilinear transform bends frequencies as the tangent does.
     bent = np.tan(np.pi * frequency / 50.0) / np.tan(np.pi * corner / 50.0)
-    due = 1.0 / (1.0 + bent ** (2 * ORDER))
+    due = 1.0 / (1.0 + bent ** (2 * FILTER_ORDER))
     inside = slice(500, -500)
     wave = sine(frequency)["elevator"].values[inside]
     for name, size in (("elevator", 1.0), ("q", 2.0)):

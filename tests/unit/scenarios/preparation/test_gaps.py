@@ -9,7 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenarios.preparation.filtering import FEWEST, Parted, parts_of, put_together, split_at_gaps
+from scenarios.preparation.filtering import (
+    FEWEST_PART_SAMPLES,
+    Parted,
+    parts_of,
+    put_together,
+    split_at_gaps,
+)
 from sim.record import Channel, Record
 
 
@@ -47,7 +53,11 @@ def test_short_losses_are_bridged() -> None:
 
 def test_a_scrap_is_left_out() -> None:
     time = np.concatenate(
-        [0.02 * np.arange(200), 50.0 + 0.02 * np.arange(FEWEST - 1), 90.0 + 0.02 * np.arange(200)]
+        [
+            0.02 * np.arange(200),
+            50.0 + 0.02 * np.arange(FEWEST_PART_SAMPLES - 1),
+            90.0 + 0.02 * np.arange(200),
+        ]
     )
     parts, note = split_at_gaps(record(time))
     assert [len(part) for part in parts] == [200, 200]

@@ -9,7 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenarios.preparation.plausibility import EARLIEST, FEWEST, LATEST, hold_out
+from scenarios.preparation.plausibility import (
+    EARLIEST_CUT_SHARE,
+    FEWEST_PART_SAMPLES,
+    LATEST_CUT_SHARE,
+    hold_out,
+)
 from sim.errors import RecordError
 from sim.record import Channel, Record
 from tests.diagnoses import measured_record
@@ -44,7 +49,7 @@ def test_parts_join_to_the_record_and_cut_in_the_allowed_stretch(
         assert (
             control is not None
             and "no control moves" in str(error)
-            and not np.any(control[: FEWEST // 2])
+            and not np.any(control[: FEWEST_PART_SAMPLES // 2])
         )
         return
     assert np.array_equal(np.concatenate([first.time, last.time]), record.time)
@@ -54,9 +59,11 @@ def test_parts_join_to_the_record_and_cut_in_the_allowed_stretch(
     )
     assert first.hold is record.hold and first.name == last.name == record.name
     span = time[-1] - time[0]
-    assert min(len(first), len(last)) >= FEWEST
-    assert EARLIEST * span <= last.time[0] - time[0] or len(first) == FEWEST
-    assert last.time[0] - time[0] <= LATEST * span + 1e-9 or len(last) == FEWEST
+    assert min(len(first), len(last)) >= FEWEST_PART_SAMPLES
+    assert EARLIEST_CUT_SHARE * span <= last.time[0] - time[0] or len(first) == FEWEST_PART_SAMPLES
+    assert (
+        last.time[0] - time[0] <= LATEST_CUT_SHARE * span + 1e-9 or len(last) == FEWEST_PART_SAMPLES
+    )
 
 
 # the maneuver is over after 4.5 s of 20, 8 or 6

@@ -296,7 +296,11 @@ def test_a_fit_that_has_not_converged_decides_nothing(monkeypatch: pytest.Monkey
     records, derivatives = drawn_pair(16)
     model = model_from_constants("rigid", FIGHTER, derivatives)
     readings = with_flow(model, records), with_flow(model, records, weight=False)
-    monkeypatch.setattr(declared_model, "SETTINGS", replace(declared_model.SETTINGS, iterations=2))
+    monkeypatch.setattr(
+        declared_model,
+        "COMPARISON_SETTINGS",
+        replace(declared_model.COMPARISON_SETTINGS, iterations=2),
+    )
     found = declared_model.better_by(*readings, OUTPUTS)
     assert found.gain == 0.0 and found.why_open == "a fit has not converged"
 

@@ -43,7 +43,7 @@ def test_what_is_left_follows_from_the_share_done(share: float, words: str) -> N
 def test_lines_where_stderr_is_no_terminal(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(terminal, "EVERY", 0.05)
+    monkeypatch.setattr(terminal, "PLAIN_LINE_INTERVAL", 0.05)
     begun = time.monotonic() - 30.0
     with progress_bar(counted=False, before=(1, 2, begun)) as tell:
         tell("second: searching", 0.7)
@@ -63,7 +63,7 @@ def test_nothing_is_shown_of_short_work_or_where_it_is_not_wanted(
 ) -> None:
     with progress_bar() as tell:
         tell("short", 0.5)
-    monkeypatch.setattr(terminal, "EVERY", 0.01)
+    monkeypatch.setattr(terminal, "PLAIN_LINE_INTERVAL", 0.01)
     with progress_bar(False) as tell:
         tell("quiet", 0.5)
         time.sleep(0.05)

@@ -15,6 +15,7 @@ import flightid as fid
 from scenarios.export.targets import written_model
 from scenarios.files.aircraft_files import read_aircraft, written
 from scenarios.files.declarations import read_toml_source
+from scenarios.files.vehicles import with_plain_terms
 from scenarios.files.writing import write_record
 from scenarios.preparation.plan import Request
 from scenarios.structure.report import (
@@ -30,7 +31,6 @@ from scenarios.structure.study import (
     hold_of_inputs,
     structure_of,
     structure_of_files,
-    with_plain_terms,
 )
 from sim.aerodynamics import Term, parents
 from sim.declaration.compile import compile_model

@@ -12,7 +12,7 @@ import pytest
 
 from scenarios.studies.campaign import EstimatorRuns, Rebuilt, campaign_of, fly_campaign
 from scenarios.studies.catalogue import load_document, load_scenario
-from scenarios.studies.estimating import LANES
+from scenarios.studies.estimating import BATCH_MULTIPLE
 from scenarios.studies.study import run_scenario
 from scenarios.tasks.study import Execution, TaskRequest, run_study
 from scenarios.tasks.work import RowTable, tasks_of
@@ -34,9 +34,9 @@ def test_a_row_does_not_depend_on_how_full_its_block_is(name: str, method: str) 
     work = EstimatorRuns(
         scenario, next(each for each in scenario.estimations if each.name == method)
     )
-    tasks = tasks_of(3, range(2 * LANES + 3))
+    tasks = tasks_of(3, range(2 * BATCH_MULTIPLE + 3))
     whole = work.run(tasks)
-    for first, last in ((0, 1), (0, 2), (1, 2), (5, 12), (LANES, 2 * LANES + 3)):
+    for first, last in ((0, 1), (0, 2), (1, 2), (5, 12), (BATCH_MULTIPLE, 2 * BATCH_MULTIPLE + 3)):
         assert work.run(tasks[first:last]) == whole[first:last]
 
 

@@ -10,7 +10,7 @@ import pytest
 from scenarios.studies.catalogue import load_scenario
 from scenarios.studies.declaration import ManeuverPlan
 from scenarios.studies.estimating import (
-    EVER,
+    START_OF_REST,
     fly_scenario,
     held_alike,
     maneuver_of,
@@ -65,7 +65,7 @@ def test_beside_steps_a_smooth_maneuver_is_held_from_sample_to_sample(smooth: Ma
     assert held[name].hold is Hold.PREVIOUS and np.ptp(declared[name](TIME)) > 0.1
     np.testing.assert_allclose(held[name](TIME), declared[name](TIME), atol=1e-12)
     np.testing.assert_allclose(held[name](late), declared[name](TIME), atol=1e-12)
-    assert held[name].breakpoints[0] == EVER, "at its first value since before the record"
+    assert held[name].breakpoints[0] == START_OF_REST, "at its first value since before the record"
 
 
 def test_a_smooth_maneuver_on_the_input_of_a_step_is_held_with_it() -> None:

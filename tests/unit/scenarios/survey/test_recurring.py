@@ -11,7 +11,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.special import expit, log_expit
 
-from ident.pooling import CHANCE
+from ident.pooling import FALSE_RECURRENCE_PROBABILITY
 from scenarios.survey.recurring import (
     candidates,
     effects_of_one_flight,
@@ -117,7 +117,7 @@ def test_what_acts_is_found_in_its_flights_and_nothing_else() -> None:
             each.recurrence.covariance[0, 0]
         )
         assert each.rivals["lag"] > 10.0
-        assert each.recurrence.p_value < CHANCE
+        assert each.recurrence.p_value < FALSE_RECURRENCE_PROBABILITY
 
 
 def test_the_common_sigma_holds_over_fleets() -> None:

@@ -124,7 +124,7 @@ def test_other_versions_there_are_refused(
 def test_nothing_answers_and_nothing_is_left_behind(
     cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(on_cluster, "REACHED", 0.5)
+    monkeypatch.setattr(on_cluster, "CONNECTION_TIMEOUT", 0.5)
     for address in ("tcp://127.0.0.1:1", "http://127.0.0.1:1", "nonsense"):
         with pytest.raises(
             FlightidError,

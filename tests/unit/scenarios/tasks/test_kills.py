@@ -35,8 +35,8 @@ from scenarios.tasks import work
 from tests.unit.scenarios.tasks.test_kills import ASKED, WORK
 from scenarios.tasks.study import run_study
 import dataclasses
-work.EVERY = 0.1
-work.MANY = 4
+work.SHARD_INTERVAL = 0.1
+work.MOST_SHARDS = 4
 print("begun", flush=True)
 folder = Path(sys.argv[1])
 run_study(WORK, dataclasses.replace(ASKED, folder=folder, resume=(folder / "manifest.json").exists()))
@@ -136,7 +136,7 @@ def test_the_disk_is_full(
     ).returncode:
         pytest.skip("a small file system cannot be mounted here")
     try:
-        monkeypatch.setattr(work, "EVERY", 0.05)
+        monkeypatch.setattr(work, "SHARD_INTERVAL", 0.05)
         try:
             run_study(
                 dataclasses.replace(WORK, pause=0.01),

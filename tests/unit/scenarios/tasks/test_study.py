@@ -262,8 +262,8 @@ def test_damaged_and_half_written_shards_are_computed_again(
 def test_many_shards_become_one_and_a_kill_between_costs_nothing(
     whole: RowTable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(shards, "EVERY", -1.0)
-    monkeypatch.setattr(shards, "MANY", 3)
+    monkeypatch.setattr(shards, "SHARD_INTERVAL", -1.0)
+    monkeypatch.setattr(shards, "MOST_SHARDS", 3)
     kept = dataclasses.replace(ASKED, folder=tmp_path)
     with monkeypatch.context() as inner:
         inner.setattr(Path, "unlink", lambda *a, **k: None)  # killed after the new shard is there
@@ -277,7 +277,7 @@ def test_many_shards_become_one_and_a_kill_between_costs_nothing(
 def test_a_full_disk_is_one_line_and_costs_no_row(
     whole: RowTable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(shards, "EVERY", -1.0)
+    monkeypatch.setattr(shards, "SHARD_INTERVAL", -1.0)
     kept = dataclasses.replace(ASKED, folder=tmp_path)
     calls: list[int] = []
 

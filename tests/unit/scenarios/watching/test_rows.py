@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from scenarios.files.declarations import ColumnChoice
 from scenarios.files.records import read_record
 from scenarios.watching.rows import (
-    LOST,
+    LONGEST_BRIDGED_GAP,
     Header,
     Lines,
     Order,
@@ -154,7 +154,7 @@ def test_a_row_that_waits_at_the_end_is_taken() -> None:
 
 
 def test_nothing_is_taken_once_the_motion_is_lost() -> None:
-    late = LOST + 10.0
+    late = LONGEST_BRIDGED_GAP + 10.0
     kept, faults, order = rows(
         f"0,0,0,0,0\n0.1,0,0,0,0\n{late},0,0,0,0\n{late + 0.1},0,0,0,0\n{late + 0.2},0,0,0,0"
     )

@@ -12,8 +12,8 @@ import pytest
 from scipy.optimize import least_squares
 
 from scenarios.x29.loop import (
+    CHI_SQUARE_95,
     MATCHED,
-    PLAUSIBLE,
     Beginning,
     PrintedTarget,
     beginning,
@@ -142,7 +142,7 @@ def test_airframe_d_has_the_papers_equivalent_and_its_sign() -> None:
             ((getattr(loop, name) - target.value) / target.std) ** 2
             for name, target in goal.items()
         )
-        < PLAUSIBLE
+        < CHI_SQUARE_95
     )
     assert has_equivalent(d, goal) and not has_equivalent(load_x29("S"), goal)
     assert 0.84 < loop.damping_ratio < 0.92 and loop.natural_frequency == pytest.approx(

@@ -14,7 +14,7 @@ from sim.closed_loop import nonlinear
 from sim.closed_loop.airframe import X29, load_x29
 from sim.closed_loop.equations import Matrices, Stepper, shaping_matrices
 from sim.closed_loop.nonlinear import (
-    FRAMES,
+    FRAMES_PER_BLOCK,
     ClosedLoopTruth,
     FlightOutcome,
     FreeFrames,
@@ -106,7 +106,9 @@ def test_a_departure_ends_a_stretch(monkeypatch: pytest.MonkeyPatch, limits: boo
     np.testing.assert_allclose(found.alpha, expected.alpha, rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("samples", [1, FRAMES - 1, FRAMES, 3 * FRAMES + 5])
+@pytest.mark.parametrize(
+    "samples", [1, FRAMES_PER_BLOCK - 1, FRAMES_PER_BLOCK, 3 * FRAMES_PER_BLOCK + 5]
+)
 def test_a_block_is_filtered_as_by_a_loop(samples: int) -> None:
     x29, rng = load_x29("F"), np.random.default_rng(samples)
     for block in (

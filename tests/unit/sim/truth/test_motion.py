@@ -23,7 +23,15 @@ from sim.errors import ModelError
 from sim.maneuvers import Maneuver, Sum, Sweep, schroeder_multisine, three_two_one_one
 from sim.maths import cos
 from sim.propagation import rk4_step
-from sim.truth.flight import EXACT, SMOOTH, TOLERANCE, Truth, by_tolerance, fly, sample_times
+from sim.truth.flight import (
+    EXACT,
+    INTEGRATION_TOLERANCE,
+    SMOOTH,
+    Truth,
+    by_tolerance,
+    fly,
+    sample_times,
+)
 from sim.truth.measurement import Measurement
 from sim.vehicles.factory import model_of
 from sim.vehicles.library import read_parameter_set
@@ -112,7 +120,7 @@ def test_motion_is_that_of_a_solver_at_the_end_of_double_precision(case: str) ->
     truth = flown(model, by_input, time)
     assert (truth.method, truth.step) == (method, None)
     assert error(truth, reference(model, by_input, time)) < (
-        TOLERANCE if method == SMOOTH else 1e-11
+        INTEGRATION_TOLERANCE if method == SMOOTH else 1e-11
     )
 
 
@@ -133,7 +141,7 @@ def test_a_spring_that_stiffens_by_a_ten_millionth_is_not_taken_for_linear(
     push: dict[str, Maneuver] = {"force": three_two_one_one(4.0, 0.5, 1.0)}
     truth = flown(model, push)
     assert truth.method == method
-    assert error(truth, reference(model, push, TIME)) < TOLERANCE
+    assert error(truth, reference(model, push, TIME)) < INTEGRATION_TOLERANCE
 
 
 def test_outputs_are_those_of_the_motion_just_after_a_switch() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scenarios.trials.jsbsim.declaration import (
-    HAND,
+    HAND_TRAVEL_TIME,
     SLOTS,
     JsbsimFlight,
     ahead_of_play,
@@ -101,4 +101,6 @@ def test_maneuvers_begin_quietly_reach_their_size_and_come_back(axis: str, maneu
     for name, values in found.items():
         assert np.all(values[:800] == 0.0) and values[-1] == pytest.approx(0.0, abs=1e-9), name
         assert 0.07 < np.max(np.abs(values)) < 0.16
-        assert np.max(np.abs(np.diff(values))) * 400.0 * HAND < 0.25, "a hand takes its time"
+        assert np.max(np.abs(np.diff(values))) * 400.0 * HAND_TRAVEL_TIME < 0.25, (
+            "a hand takes its time"
+        )

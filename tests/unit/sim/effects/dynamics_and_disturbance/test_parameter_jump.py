@@ -13,7 +13,11 @@ import pytest
 from scenarios.diagnosis.opening import candidates_for
 from scenarios.files.user_models import read_user_model
 from sim.declaration.proposal import SearchContext
-from sim.effects.dynamics.derivative_jump import LARGEST, USUAL, ParameterJump
+from sim.effects.dynamics.derivative_jump import (
+    LARGEST_CHANGE_SHARE,
+    USUAL_CHANGE_SHARE,
+    ParameterJump,
+)
 from sim.effects.library import effects_for
 from sim.vehicles.aircraft import aircraft_model
 from sim.vehicles.uncoupled import ShortPeriod
@@ -66,8 +70,11 @@ def test_sizes_follow_the_declared_values() -> None:
     jump = ParameterJump((("k", "N/m"), ("c", "N s/m")))
     assert not jump.traits.plausible, "of an unknown size any is believed"
     known = jump.fitted_to(SearchContext(0.0, 9.0, 0.05, values={"k": -40.0, "c": 1.0}))
-    assert known.sizes == (USUAL * 40.0, USUAL) and known.traits.plausible["k"] == pytest.approx(
-        (-LARGEST * 40.0, LARGEST * 40.0)
+    assert known.sizes == (
+        USUAL_CHANGE_SHARE * 40.0,
+        USUAL_CHANGE_SHARE,
+    ) and known.traits.plausible["k"] == pytest.approx(
+        (-LARGEST_CHANGE_SHARE * 40.0, LARGEST_CHANGE_SHARE * 40.0)
     )
     assert not jump.fitted_to(SearchContext(0.0, 9.0, 0.05, values={"k": -40.0, "c": 0.0})).sizes
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.effects.loads import APERTURE
+from sim.effects.loads import JUMP_SPREAD_TIME
 from sim.effects.sensor_path.sensor_timing import SensorDelay
 from sim.maths import COMPLEX_STEP
 
@@ -41,7 +41,7 @@ def plain(steps: np.ndarray, begin: np.ndarray, end: np.ndarray, time: float) ->
         if edges[k] < time <= edges[k + 1]:
             slope = (end[k] - begin[k]) / step
             value = begin[k] + slope * (time - edges[k])
-            over = 1.0 - (edges[k + 1] - time) / APERTURE
+            over = 1.0 - (edges[k + 1] - time) / JUMP_SPREAD_TIME
             return float(value + max(0.0, over) * (begin[k + 1] - end[k]))
     raise AssertionError("beyond the record")
 
