@@ -19,8 +19,8 @@ from scenarios.files.declarations import checked, closest, read_toml_source, tom
 from scenarios.files.units import to_si
 from scenarios.report.document import PURE, Cell, Column, Table, formatted
 from scenarios.report.terminal import rows_table
-from sim.errors import DeclarationError, RecordError
-from sim.record import Channel, Record, instant
+from sim.errors import DeclarationError, RecordError, instant
+from sim.record import Channel, Record
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,4 +1,4 @@
-"""Errors that a user can correct: problem, place and remedy."""
+"""Errors that a user can correct: problem, place and remedy; times as their sentences name them."""
 
 from __future__ import annotations
 
@@ -54,3 +54,20 @@ def raised_by(error: BaseException, file: str) -> bool:
 
 def _is_raise(code: CodeType, at: int) -> bool:
     return dis.opname[code.co_code[at]] == "RAISE_VARARGS"
+
+
+# ---- Times of a record in sentences
+
+
+def instant(time: float, digits: int = 4) -> str:
+    """A time of a record (s) for a sentence: ``digits`` of it, and hundredths of a second where a
+    clock of the day or of the epoch would lose them.
+    """
+    if not 10.0 ** (digits - 1) <= abs(time) < 1e11:
+        return f"{time:.{digits}g}"
+    return f"{time:.2f}".rstrip("0").rstrip(".")
+
+
+def time_span(begin: float, end: float, digits: int = 6) -> str:
+    """Two times of a record (s) for a sentence, ``"0 to 12.5 s"``; ``digits`` as of ``instant``."""
+    return f"{instant(begin, digits)} to {instant(end, digits)} s"

@@ -10,23 +10,9 @@ from enum import Enum
 
 import numpy as np
 
-from sim.errors import RecordError
+from sim.errors import RecordError, time_span
 
 MOST_MEASURED = 1e6  # rad, rad/s, m/s or g: nothing that flies has more
-
-
-def instant(time: float, digits: int = 4) -> str:
-    """A time of a record (s) for a sentence: ``digits`` of it, and hundredths of a second where a
-    clock of the day or of the epoch would lose them.
-    """
-    if not 10.0 ** (digits - 1) <= abs(time) < 1e11:
-        return f"{time:.{digits}g}"
-    return f"{time:.2f}".rstrip("0").rstrip(".")
-
-
-def time_span(begin: float, end: float, digits: int = 6) -> str:
-    """Two times of a record (s) for a sentence, ``"0 to 12.5 s"``; ``digits`` as of ``instant``."""
-    return f"{instant(begin, digits)} to {instant(end, digits)} s"
 
 
 class Hold(Enum):

@@ -5,8 +5,7 @@ row. A level, a slope and a curvature cancel in their difference. The part of th
 inputs and other channels explain, by least squares, is subtracted.
 
 White noise of a sensor fills the spectrum up to half the sample rate, and a converter's rounding
-does so behind any filter. Where the spectrum is flat up to a cutoff and empty above it, what was
-written is not what was sampled.
+does so behind any filter. A spectrum that is flat up to a cutoff and empty above it was filtered.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from ident.recording.series import (
     shown,
 )
 from ident.statistics.noise_levels import robust_sigma_about_zero
-from sim.record import instant
+from sim.errors import instant
 
 # ---- Flat extremes
 

@@ -25,7 +25,8 @@ from ident.recording.series import (
     exact_step,
     runs_of,
 )
-from sim.record import Record, instant, time_span
+from sim.errors import instant, time_span
+from sim.record import Record
 
 # ---- Values that stand for no measurement: runs of exact zeros, and a fill value such as -999
 

@@ -10,7 +10,8 @@ from enum import Enum
 import numpy as np
 
 from ident.statistics.noise_levels import SIGMA_PER_MEDIAN_DEVIATION, robust_sigma_about_zero
-from sim.record import Channel, Record, time_span
+from sim.errors import time_span
+from sim.record import Channel, Record
 
 # ---- What the raw columns of a record show: one finding, and how certain it is
 
@@ -39,9 +40,7 @@ class Kind(Enum):
 
 
 class Certainty(Enum):
-    """Consequence of a finding: the record is refused, the user is warned, samples are masked, or
-    it is only noted.
-    """
+    """Consequence of a finding: refuse the record, warn the user, mask samples, or only note it."""
 
     CERTAIN = "certain"
     LIKELY = "likely"

@@ -29,8 +29,8 @@ from scenarios.files.declarations import TIME
 from scenarios.files.measured.columns import RecordFile
 from scenarios.files.records import refuse_without_clock, window_of
 from sim import record as sim_record
-from sim.errors import RecordError
-from sim.record import Hold, time_span
+from sim.errors import RecordError, time_span
+from sim.record import Hold
 
 if TYPE_CHECKING:
     import control

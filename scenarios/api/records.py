@@ -29,8 +29,8 @@ from scenarios.files.measured.grid import clock_place
 from scenarios.files.records import column_of, raw_column, read_record, window_of
 from scenarios.files.sources import InputFile
 from scenarios.preparation.plan import plan_of
-from sim.errors import DeclarationError, RecordError
-from sim.record import Hold, Record, instant
+from sim.errors import DeclarationError, RecordError, instant
+from sim.record import Hold, Record
 from sim.record import Record as SimRecord
 
 if TYPE_CHECKING:

@@ -1,6 +1,4 @@
-"""What a diagnosis is given: the effort asked for, records prepared for the loop, candidate effects
-of the library and of a user's file, declared bounds, and how inputs move between their samples.
-"""
+"""What a diagnosis is given: effort, records, candidate effects, bounds, inputs between samples."""
 
 from __future__ import annotations
 

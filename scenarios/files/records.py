@@ -28,8 +28,8 @@ from scenarios.files.measured.columns import (
 from scenarios.files.measured.derived import with_derived
 from scenarios.files.measured.grid import clock_of, clock_place, leaps, stated_unit
 from scenarios.files.units import to_si
-from sim.errors import RecordError
-from sim.record import Channel, Hold, Record, time_span
+from sim.errors import RecordError, time_span
+from sim.record import Channel, Hold, Record
 
 P = ParamSpec("P")
 

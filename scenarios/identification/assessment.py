@@ -32,8 +32,8 @@ from scenarios.preparation.recording import NOTHING_SEEN, HandledFinding, Record
 from scenarios.report.document import BY_ROW, SIGMAS, Column, Table, estimate, formatted, table
 from scenarios.studies.published import Row
 from sim.declaration.model import Model, System
-from sim.errors import DeclarationError
-from sim.record import Channel, Hold, Record, instant
+from sim.errors import DeclarationError, instant
+from sim.record import Channel, Hold, Record
 
 # ---- Parameters that end at a bound, and parameters that follow others
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from scenarios.files.sources import LARGEST_NUMBER
 from scenarios.preparation.plan import Plan, Segment
-from sim.errors import RecordError
+from sim.errors import RecordError, instant, time_span
 from sim.propagation import MOST_STEPS
-from sim.record import Channel, Hold, Record, instant, time_span
+from sim.record import Channel, Hold, Record
 
 # Of 767 simulated records at 10 to 400 Hz, even or with jitter of a quarter of a step, none is
 # split; of 379 that lost up to a tenth of their rows at random one is.

@@ -25,9 +25,9 @@ from sim.declaration.effect import Signal
 from sim.declaration.model import Model, OfTotals
 from sim.effects.disturbance.airspeed import Phugoid
 from sim.effects.library import applies
-from sim.errors import RecordError
+from sim.errors import RecordError, instant
 from sim.maths import G0
-from sim.record import Channel, Hold, Record, instant
+from sim.record import Channel, Hold, Record
 
 # ---- What a measured record needs before it is fitted: inputs about their trim
 

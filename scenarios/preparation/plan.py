@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from scenarios.files.declarations import CHANNEL_UNITS
-from sim.errors import DeclarationError
-from sim.record import time_span
+from sim.errors import DeclarationError, time_span
 
 if TYPE_CHECKING:
     from ident.flying_qualities.levels import FlightPhase

@@ -14,8 +14,8 @@ from scenarios.files.declarations import STICK
 from scenarios.preparation.declared_model import outputs_with_bias
 from scenarios.preparation.plan import MEASURED_MOTION
 from sim.declaration.model import Model
-from sim.errors import RecordError
-from sim.record import Channel, Record, instant
+from sim.errors import RecordError, instant
+from sim.record import Channel, Record
 
 # ---- Long records that are almost all cruise
 

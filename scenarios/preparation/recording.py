@@ -16,10 +16,10 @@ from scenarios.preparation.plan import Plan
 from scenarios.report.document import Column, Table
 from sim.declaration.effect import AIRSPEEDS
 from sim.declaration.model import Model
-from sim.errors import RecordError
+from sim.errors import RecordError, instant, time_span
 from sim.maths import G0
 from sim.propagation import MOST_STEPS
-from sim.record import Channel, Record, instant, time_span
+from sim.record import Channel, Record
 
 # ---- What is done about what the raw columns show
 

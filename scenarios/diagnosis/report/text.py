@@ -60,7 +60,8 @@ from scenarios.report.document import Table
 from scenarios.report.quantities import CHANNELS, shown_in, value_text
 from scenarios.report.summary import BELOW, WIDTH, Summary, residual_phrase, summary_lines, wrapped
 from scenarios.report.terminal import table_as_lines
-from sim.record import extent, instant
+from sim.errors import instant
+from sim.record import extent
 
 if TYPE_CHECKING:
     from scenarios.diagnosis.diagnose import Tracing

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from sim.errors import RecordError
-from sim.record import Channel, Hold, Record, instant
+from sim.errors import RecordError, instant
+from sim.record import Channel, Hold, Record
 
 TIME = np.array([0.0, 0.1, 0.2, 0.35, 0.5])
 
