@@ -42,7 +42,7 @@ _SENTENCES = {
         "fitted"
     ),
     Verdict.PARTIAL: (
-        "the records need the effects listed, but the residual is still more than noise"
+        "the records need the effects listed, but these do not explain all of the misfit"
     ),
     Verdict.AMBIGUOUS: "an effect is needed, but these data cannot tell it from its alternatives",
     Verdict.UNEXPLAINED: (

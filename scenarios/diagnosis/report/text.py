@@ -195,7 +195,7 @@ def headline(tracing: Tracing) -> str:
     if not claimed:
         return _untouched(tracing)
     proven = [claim for claim in claimed if claim.spread is not None]
-    parts = [told if d.verdict is not Verdict.AMBIGUOUS else f"most likely {told}"]
+    parts = [told if d.verdict is not Verdict.AMBIGUOUS else _of_several(told, claimed)]
     if proven:
         parts = [
             "; ".join([group_sentence(claim, wording), *evidence_sentences(claim)])
@@ -220,8 +220,20 @@ def headline(tracing: Tracing) -> str:
         )
     parts += level_changes(tracing)
     return "; ".join(
-        [*parts, *(["what remains is not noise"] if d.verdict is Verdict.PARTIAL else [])]
+        [*parts, *(["part of the misfit is not explained"] if d.verdict is Verdict.PARTIAL else [])]
     )
+
+
+def _of_several(told: str, claimed: Sequence[Claim]) -> str:
+    """Return the effects ``told`` of an ambiguous verdict, with those that are more likely than
+    the ones they stand for.
+    """
+    likelier = []
+    for claim in claimed:
+        leader = max(claim.probability, key=claim.probability.__getitem__, default=claim.name)
+        if leader != claim.name:
+            likelier.append(f"{leader} is more likely than {claim.name}")
+    return "; ".join([told, *likelier]) if likelier else f"most likely {told}"
 
 
 def verdict_advice(tracing: Tracing) -> list[str]:

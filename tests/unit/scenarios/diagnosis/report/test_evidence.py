@@ -52,6 +52,7 @@ def coloured(count: int, p_value: float = 1e-30) -> tuple[ResidualTest, ...]:
     )
 
 
+SCALE = {"scale": Quantity(1.15, 0.01, "1")}
 SPREAD = "its log evidence is 5.2 times the scatter of that between blocks of a second"
 
 
@@ -73,8 +74,8 @@ def test_headline_says_what_where_how_sure_and_what_follows() -> None:
         f"{SPREAD}; from each of 3 records: 0.058, 0.063, 0.060 s"
     )
     assert told.endswith(
-        "Cm_q was -24.10 +- 0.90, is -17.20 +- 0.40 (run-to-run scatter 0.83); what remains is not "
-        "noise"
+        "Cm_q was -24.10 +- 0.90, is -17.20 +- 0.40 (run-to-run scatter 0.83); part of the misfit "
+        "is not explained"
     )
 
 
@@ -110,6 +111,19 @@ def test_values_that_differ_between_records_are_said_to() -> None:
     )
     assert apart_text(replace(late(), by_record=vague)) == ""
     assert apart_text(late((0.060,))) == "" == apart_text(Claim("x", {}))
+
+
+def test_most_likely_is_said_of_the_most_likely_effect() -> None:
+    tracing = tracing_of(Verdict.AMBIGUOUS)
+
+    def told(probability: dict[str, float]) -> str:
+        claim = Claim("sensor-scale:q", SCALE, ("time-base",), probability=probability)
+        return headline(replace(tracing, diagnosis=replace(tracing.diagnosis, effects=(claim,))))
+
+    assert told({"sensor-scale:q": 0.6, "time-base": 0.4}).startswith("most likely the pitch rate")
+    other = told({"sensor-scale:q": 0.1, "time-base": 0.9})
+    assert other.startswith("the pitch rate is read 15 % too large (")
+    assert "; time-base is more likely than sensor-scale:q; " in other
 
 
 def test_turbulence_is_told_by_what_judged_it_and_not_by_a_free_simulation() -> None:
