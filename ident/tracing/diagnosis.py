@@ -55,6 +55,7 @@ class Concern(Enum):
     """What a caution is about."""
 
     NOT_NOISE = "a residual test fails"
+    NOISE_BURST = "noise is louder for a while"
     GUARD = "what is missing behaves like a term outside the library"
     NO_IMPROVEMENT = "the effects do not lower the error on data that were not fitted"
 

@@ -42,10 +42,12 @@ from ident.tracing.priors import FAMILY_ODDS, FEWEST_FAMILY_MEMBERS
 from ident.tracing.problem import TraceProblem, no_progress
 from ident.tracing.result import After, Before, Judgement, not_noise, reported, residual_tests
 from ident.tracing.search import Search
+from ident.tracing.whiteness import noise_bursts
 from ident.tracing.wrong_samples import measured_masks, spike_claims
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
+from sim.errors import time_span
 from sim.record import Record
 
 FROZEN_WORSE = (
@@ -253,6 +255,7 @@ def _judged(
     if decision.named and left:
         verdict = Verdict.PARTIAL
     cautions += left
+    cautions += _of_bursts(best, out)
     raised = sum(gains) if gains else np.inf
     if raised <= 0.0:
         verdict = Verdict.UNEXPLAINED
@@ -276,6 +279,21 @@ def _of_guards(problem: TraceProblem, decision: Decision) -> list[Caution]:
     asked = f"the probability of {' and '.join(guards)}, outside the library,"
     requirement = Requirement(asked, most, 1.0 - CLAIM_LEVEL, at_least=False)
     return [Caution(Concern.GUARD, what, requirement=requirement)]
+
+
+def _of_bursts(best: FittedModel, out: HeldOut) -> list[Caution]:
+    """Return a caution for each spell in which white noise is louder than elsewhere."""
+    bursts = noise_bursts(best.fit, "fitted")
+    bursts += noise_bursts(out.informed, "held out") if out.informed is not None else []
+    return [
+        Caution(
+            Concern.NOISE_BURST,
+            f"{burst.channel}: the noise is {burst.ratio:.1f} times as large from "
+            f"{time_span(burst.begin, burst.end)} as elsewhere; look at the column there, since "
+            "such samples count for too much",
+        )
+        for burst in bursts
+    ]
 
 
 def _frozen_worse(held: HeldOutData, out: HeldOut) -> bool:

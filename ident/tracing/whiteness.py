@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ident.recording.series import measurable_noise
-from ident.statistics.noise_levels import levelled, sensor_noise, used_runs
+from ident.statistics.noise_levels import levelled, robust_sigma, sensor_noise, used_runs
 from ident.statistics.residuals import WHITENESS_P_VALUE, ResidualTest
 from ident.tracing.diagnosis import FittedRecord
 from ident.whole_record.gauss_newton import Fit
@@ -78,6 +78,85 @@ def flat_spectrum(
         f"of white noise {100.0 * (most + 1) / k:.0f} %"
     )
     return ResidualTest("cumulative-periodogram", channel, distance, p_value, sentence)
+
+
+# ---- Noise that is louder for a while
+
+BURST_BLOCK = 0.5  # s
+
+
+@dataclass(frozen=True)
+class NoiseBurst:
+    """A spell in which the residual of a channel is louder than in the rest of its record.
+
+    ``channel`` : with the record, as of a residual test. ``begin``, ``end`` : s. ``ratio`` : of the
+    standard deviations. ``p_value`` : of its loudest half second.
+    """
+
+    channel: str
+    begin: float
+    end: float
+    ratio: float
+    p_value: float
+
+
+def noise_bursts(fit: Fit, label: str) -> list[NoiseBurst]:
+    """Return the loudest spell of each channel of each record of a fit whose residual is white, if
+    it is louder than chance.
+    """
+    found = []
+    tests = {test.channel: test for test in whiteness(fit, label)}
+    many = len(fit.layout.problems) > 1
+    for r, (problem, residual) in enumerate(zip(fit.layout.problems, fit.residuals, strict=True)):
+        where = f", {label}{f' record {r + 1}' if many else ''}"
+        for i, name in enumerate(fit.layout.system.output_names):
+            test = tests.get(name + where)
+            if test is not None and test.passed:
+                valid = problem.valid[i]
+                burst = loudest_spell(residual[i][valid], problem.record.time[valid], name + where)
+                found += [burst] if burst is not None else []
+    return found
+
+
+def loudest_spell(residual: np.ndarray, time: np.ndarray, channel: str) -> NoiseBurst | None:
+    """Return the spell of half seconds in which a residual ``(N,)`` is louder than in the middle
+    one of all; None where chance explains the loudest.
+
+    Variances of half seconds are compared by the F distribution. Squares of filtered noise are
+    correlated, which lowers the degrees of freedom.
+    """
+    from scipy.special import fdtrc
+
+    size = max(10, round(BURST_BLOCK * (len(time) - 1) / (time[-1] - time[0])))
+    count = len(residual) // size
+    if count < 4:
+        return None
+    squares = ((residual - residual.mean()) ** 2)[: count * size].reshape(count, size)
+    blocks = squares.mean(axis=1)
+    # Squares of filtered noise are correlated: of lag one within blocks, and by the robust scatter
+    # of the logarithms, whose variance is two over the degrees of freedom.
+    around = squares / np.maximum(blocks[:, None], 1e-300) - 1.0
+    alike = np.mean(around[:, 1:] * around[:, :-1]) / max(float(np.mean(around**2)), 1e-300)
+    alike = np.clip(alike + 1.0 / size, 0.0, 0.9)
+    scatter = robust_sigma(np.log(np.maximum(blocks, 1e-300)))
+    freedom = min(size * (1.0 - alike) / (1.0 + alike), 2.0 / max(scatter**2, 1e-300))
+    ratios = blocks / max(float(np.median(blocks)), 1e-300)
+    p_values = np.minimum(1.0, count * fdtrc(freedom, freedom * count / 2.0, ratios))
+    loudest = int(np.argmax(ratios))
+    if not p_values[loudest] < WHITENESS_P_VALUE:
+        return None
+    first = last = loudest
+    while first > 0 and p_values[first - 1] < 0.5:
+        first -= 1
+    while last < count - 1 and p_values[last + 1] < 0.5:
+        last += 1
+    return NoiseBurst(
+        channel,
+        float(time[first * size]),
+        float(time[min((last + 1) * size, len(time)) - 1]),
+        float(np.sqrt(ratios[first : last + 1].mean())),
+        float(p_values[loudest]),
+    )
 
 
 # ---- Sensor noise that residuals show

@@ -9,7 +9,7 @@ from scipy.stats import kstest
 
 from ident.statistics.residuals import ljung_box
 from ident.tracing.fitted_model import FittedModel
-from ident.tracing.whiteness import flat_spectrum, is_noise, whiteness
+from ident.tracing.whiteness import flat_spectrum, is_noise, loudest_spell, whiteness
 from tests.tracing_problem import OUTPUTS, fit_of, planted, problem_of, with_output, without_output
 
 
@@ -84,3 +84,27 @@ def test_a_fit_leaves_noise_where_no_channel_of_any_record_has_a_smaller_p_value
     few = np.full(len(slow), np.nan)
     few[:: len(slow) // 15] = slow["q"].values[:: len(slow) // 15]
     assert is_noise(fit_of(problem_of([records[0], with_output(slow, "q", few)])).fit)
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.6])
+def test_noise_that_is_louder_for_a_while_is_found_and_noise_alone_is_not(colour: float) -> None:
+    """Also of noise with memory, as a filter leaves it: its squares are correlated."""
+    time = np.arange(1000) / 50.0
+    alarms = 0
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        noise = lfilter([1.0], [1.0, -colour], rng.standard_normal(1100))[100:]
+        alarms += loudest_spell(noise, time, "q, fitted") is not None
+        if seed < 20:
+            inside = (time >= 8.0) & (time < 11.0)
+            found = loudest_spell(np.where(inside, 4.0, 1.0) * noise, time, "q, fitted")
+            assert found is not None and found.channel == "q, fitted"
+            assert found.begin == pytest.approx(8.0, abs=0.6)
+            assert found.end == pytest.approx(11.0, abs=0.6)
+            assert found.ratio == pytest.approx(4.0, rel=0.35)
+    assert alarms <= 2
+
+
+def test_a_short_residual_tells_of_no_spell() -> None:
+    rng = np.random.default_rng(1)
+    assert loudest_spell(rng.standard_normal(30), np.arange(30) / 50.0, "q") is None
