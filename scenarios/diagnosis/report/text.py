@@ -44,6 +44,7 @@ from scenarios.diagnosis.report.tables import (
 from scenarios.diagnosis.report.wording import (
     Wording,
     group_sentence,
+    most_likely,
     nothing_stands,
     parameter_text,
     probability_sentence,
@@ -195,7 +196,7 @@ def headline(tracing: Tracing) -> str:
     if not claimed:
         return _untouched(tracing)
     proven = [claim for claim in claimed if claim.spread is not None]
-    parts = [told if d.verdict is not Verdict.AMBIGUOUS else _of_several(told, claimed)]
+    parts = [told if d.verdict is not Verdict.AMBIGUOUS else most_likely(told, claimed)]
     if proven:
         parts = [
             "; ".join([group_sentence(claim, wording), *evidence_sentences(claim)])
@@ -222,18 +223,6 @@ def headline(tracing: Tracing) -> str:
     return "; ".join(
         [*parts, *(["part of the misfit is not explained"] if d.verdict is Verdict.PARTIAL else [])]
     )
-
-
-def _of_several(told: str, claimed: Sequence[Claim]) -> str:
-    """Return the effects ``told`` of an ambiguous verdict, with those that are more likely than
-    the ones they stand for.
-    """
-    likelier = []
-    for claim in claimed:
-        leader = max(claim.probability, key=claim.probability.__getitem__, default=claim.name)
-        if leader != claim.name:
-            likelier.append(f"{leader} is more likely than {claim.name}")
-    return "; ".join([told, *likelier]) if likelier else f"most likely {told}"
 
 
 def verdict_advice(tracing: Tracing) -> list[str]:

@@ -198,6 +198,18 @@ def group_sentence(claim: Claim, wording: Wording) -> str:
     )
 
 
+def most_likely(told: str, claimed: Sequence[Claim]) -> str:
+    """Return the effects ``told`` of an ambiguous verdict, with those that are more likely than
+    the ones they stand for.
+    """
+    likelier = []
+    for claim in claimed:
+        leader = max(claim.probability, key=claim.probability.__getitem__, default=claim.name)
+        if leader != claim.name:
+            likelier.append(f"{leader} is more likely than {claim.name}")
+    return "; ".join([told, *likelier]) if likelier else f"most likely {told}"
+
+
 def _told(claim: Claim, wording: Wording, templates: Sequence[str]) -> str:
     """Return the first of some templates that the claim's parameters fill in, else its name and
     parameters.
