@@ -595,13 +595,17 @@ def _not_to_be_used(
         return ()
     records = [found.record, *found.others]
     whole = len(found.estimate.fitted) == len(records)
-    gusts = (
-        " and follow the inputs: the model lacks a part of the response"
-        if whole and made_by_inputs(records, found.estimate)
-        else "; if the air was rough, judge by one-step prediction, not by the free simulation"
-        if disturbed_outputs(records, found.estimate, found.tests)
-        else ""
-    )
+    unless = ""
+    if whole and made_by_inputs(records, found.estimate):
+        kind = " and follow the inputs: the model lacks a part of the response"
+    elif disturbed_outputs(records, found.estimate, found.tests):
+        kind = "; if the air was rough, judge by one-step prediction, not by the free simulation"
+    elif whole and vehicle.model != "loes":
+        # The bank of delays corrects nothing; all other sigmas hold in coloured noise of sensors.
+        unless = " unless the sensor noise itself is coloured, for which they are corrected"
+        kind = " but do not follow the inputs"
+    else:
+        kind = ""
     second = "; a second record (--validate) would check the diagnosis"
     if request.validate:
         second = ""
@@ -610,7 +614,7 @@ def _not_to_be_used(
         *fitted, last = request.records
         request, second = replace(request, records=tuple(fitted), validate=(last,)), ""
     follows = f"{second}{NEXT}{_command(request, 'diagnose')}" if vehicle.model != "loes" else ""
-    return (f"do not use these sigmas: the residuals are {failed_in}{gusts}{follows}",)
+    return (f"do not use these sigmas{unless}: the residuals are {failed_in}{kind}{follows}",)
 
 
 def _without_outliers(

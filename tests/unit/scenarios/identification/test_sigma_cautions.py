@@ -144,6 +144,19 @@ def test_outputs_that_are_all_late_are_no_rough_air() -> None:
     assert not any(word in said for word in ("rough", "gusts", "turbulence"))
 
 
+@pytest.mark.parametrize("method", ["output-error", "ekf"])
+def test_sigmas_of_coloured_sensor_noise_are_not_forbidden(method: str) -> None:
+    """The page on estimators says that such sigmas hold: the warning must not say the opposite."""
+    flight = flown("rigid", "ar1", 0)
+    vehicle = {**flight.vehicle, "derivatives": dict(flight.start)}
+    found = flightid.identify(
+        pd.DataFrame(flight.columns), "rigid", vehicle, method=method, hold="previous"
+    )
+    said = found.warnings[0]
+    assert said.startswith("do not use these sigmas unless the sensor noise itself is coloured")
+    assert "do not follow the inputs" in said and "flightid.diagnose" in said
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_the_share_from_inputs_is_that_of_a_response_and_not_of_noise(seed: int) -> None:
     """A response of known share of the power is found as that share; red noise as nothing."""
