@@ -24,7 +24,7 @@ from ident.statistics.residual_spectrum import corrected_covariance
 # ---- Fixed-interval smoother
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SmoothedHistory:
     """States and free parameters given the whole record (N samples, n names).
 
@@ -41,6 +41,10 @@ class SmoothedHistory:
     mean: np.ndarray
     std: np.ndarray
     covariance: np.ndarray
+
+    def __repr__(self) -> str:
+        span = f", {self.time[0]:g} to {self.time[-1]:g} s" if len(self.time) else ""
+        return f"<SmoothedHistory: {', '.join(self.names)}; {len(self.time)} samples{span}>"
 
 
 def smooth(history: FilterHistory) -> SmoothedHistory:

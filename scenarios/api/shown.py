@@ -92,7 +92,11 @@ class Parameters(Mapping[str, Parameter]):
 
     def __getitem__(self, name: str) -> Parameter:
         if name not in self._items:
-            raise KeyError(f"there is no parameter {name!r}: {', '.join(self._items)}")
+            estimated = ", ".join(self._items)
+            raise KeyError(
+                f"there is no estimated parameter {name!r}: {estimated} (what is fixed or tied is "
+                "not estimated)"
+            )
         return self._items[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -156,9 +160,17 @@ class Parameters(Mapping[str, Parameter]):
 
 
 def write_sheets(path: str | PathLike[str], sheets: Mapping[str, Parameters]) -> Path:
-    """Write parameters as a workbook, a sheet for each set that is not empty; the path."""
+    """Write parameters as a workbook, a sheet for each set that is not empty; the path.
+
+    Raises
+    ------
+    InputError : the path does not end in .xlsx.
+    """
     from scenarios.report.folder import write_workbook
 
+    if Path(path).suffix.lower() != ".xlsx":
+        what = f"a workbook cannot be named {Path(path).name}"
+        raise DeclarationError(what, where=str(path), remedy="name a .xlsx file")
     return write_workbook([each._table(name) for name, each in sheets.items() if each], Path(path))
 
 

@@ -43,6 +43,7 @@ def test_a_smoother_knows_more_than_its_filter(record: fid.Record, start: fid.Ve
         smoothed.mean.shape == found.history.mean.shape == (len(found.history.names), len(record))
     )
     assert np.all(smoothed.std <= found.history.std * (1.0 + 1e-9))
+    assert len(repr(smoothed)) < 200 and f"{len(record)} samples" in repr(smoothed)
     with pytest.raises(fid.InputError, match="no history to smooth"):
         fid.estimators.smoother(fid.estimators.equation_error("rigid", record, start))
 

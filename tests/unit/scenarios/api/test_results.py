@@ -13,7 +13,7 @@ import pytest
 import flightid as fid
 from ident.tracing.diagnosis import Verdict
 from scenarios.api import tables
-from scenarios.api.shown import Parameter
+from scenarios.api.shown import Parameter, write_sheets
 from tests.diagnoses import diagnosis_of, measured_record, spread_tracing, tracing_of
 
 SHORT = 1000  # letters
@@ -98,8 +98,10 @@ def test_effects_carry_their_numbers_and_what_would_do_as_well() -> None:
     )
     proven = fid.Diagnosis(spread_tracing())
     assert proven.effects and len(repr(proven)) < SHORT
-    with pytest.raises(KeyError, match="there is no parameter 'lag': delay"):
+    with pytest.raises(KeyError, match="there is no estimated parameter 'lag': delay"):
         _ = effect["lag"]
+    with pytest.raises(fid.InputError, match=r"a workbook cannot be named a\.csv; name a \.xlsx"):
+        write_sheets("a.csv", {})
 
 
 def test_figures_are_those_of_the_study_and_asked_for_by_name() -> None:
