@@ -31,6 +31,7 @@ from scenarios.files.writing import write_text
 from sim.errors import DeclarationError
 
 LINES = "ablation.jsonl"
+_SEARCHED = loop._searched  # as it is while a rule takes its place
 ALL = "all rules"
 
 
@@ -116,7 +117,7 @@ RULES: Mapping[str, Rule] = {
         "where a time is found, the likelier of two readings of inputs between samples is taken",
         loop,
         "_searched",
-        lambda problem, discrepancy, reread, original: original(problem, discrepancy, None),
+        lambda problem, discrepancy, reread: _SEARCHED(problem, discrepancy, None),
         lambda before, result, problem, *_: result[0] is not problem,
     ),
     "kinematics": Rule(
@@ -193,9 +194,9 @@ RULES: Mapping[str, Rule] = {
     "worse prediction": Rule(
         "effects that do not raise the likelihood of held-out data are hints",
         loop,
-        "_no_improvement",
-        _nothing,
-        _given,
+        "predictive_gains",
+        lambda *_: (),
+        lambda before, result, *_: bool(result) and sum(result) <= 0.0,
     ),
     "needed repairs": Rule(
         "wrong samples of an input are claimed only if the final set needs them mended",
@@ -243,14 +244,7 @@ def _watched(
 def left_out(name: str) -> Iterator[None]:
     """Within it, the tracing loop has all rules but one."""
     rule = RULES[name]
-    instead = rule.without
-    if name == "inputs read otherwise":
-        instead = partial(instead, original=loop._searched)
-    elif name == "worse prediction":
-        with patch.object(loop, "predictive_gains", lambda *_: ()):
-            yield
-        return
-    with patch.object(rule.owner, rule.attribute, instead):
+    with patch.object(rule.owner, rule.attribute, rule.without):
         yield
 
 

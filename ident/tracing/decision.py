@@ -16,6 +16,7 @@ from ident.tracing.names import (
     CLAIM_LEVEL,
     Named,
     inclusion_of,
+    is_passing_event,
     look_alikes,
     named_with_rivals,
     passing_events,
@@ -33,7 +34,7 @@ from ident.tracing.steady_search import (
     search_spread_evidence,
     vuong,
 )
-from ident.tracing.whiteness import is_noise, whiteness
+from ident.tracing.whiteness import FITTED, is_noise, whiteness
 from sim.declaration.effect import NoiseEffect, Station, full_name
 from sim.declaration.proposal import Traceable
 
@@ -138,11 +139,7 @@ def _fitted(decision: Decision) -> tuple[Search, WeighedSet]:
 def _events(decision: Decision) -> set[str]:
     """Return the names, among those of a decision, of loads and gusts in passing."""
     effects = {each.name: each for each in decision.best.effects}
-    return {
-        each.name
-        for each in decision.named
-        if effects[each.name].traits.onset and effects[each.name].station is not Station.SENSOR_PATH
-    }
+    return {each.name for each in decision.named if is_passing_event(effects[each.name])}
 
 
 def _without_names(decision: Decision, reasons: Mapping[str, str]) -> Decision:
@@ -257,15 +254,14 @@ def _decided_with_small_misfit(
     if fitted is None or _error_over_noise(best.fitted, fitted) > NEGLIGIBLE_RATIO:
         return None
     # What is wrong with a sensor is no matter of loads: beside them it is as large as before.
-    tests, levels = whiteness(best.fitted.fit, "fitted"), noise_levels(best.fitted.fit)
+    tests, levels = whiteness(best.fitted.fit, FITTED), noise_levels(best.fitted.fit)
     left = {test.channel.partition(",")[0] for test in tests if not test.passed}
     least = search.problem.least_noise
     if any(levels[name] > OVER_LEAST * least.get(name, math.inf) for name in left):
         return None
     found = _decided_under_white_noise(search, best, clear=math.inf)
-    enough = (
-        _error_over_noise(found.best, fitted) <= NEGLIGIBLE_RATIO
-    )  # without what brings little as well
+    # The misfit has to stay small without the members that bring little.
+    enough = _error_over_noise(found.best, fitted) <= NEGLIGIBLE_RATIO
     return found if found.named and enough else None
 
 

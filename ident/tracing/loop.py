@@ -37,12 +37,20 @@ from ident.tracing.diagnosis import (
 from ident.tracing.fitted_model import FittedModel, quantities, records_of
 from ident.tracing.held_out import HeldOut, HeldOutData, predicted_by
 from ident.tracing.names import CLAIM_LEVEL, Named
-from ident.tracing.predictive import predictive_gains
+from ident.tracing.predictive import frozen_gain, predictive_gains
 from ident.tracing.priors import FAMILY_ODDS, FEWEST_FAMILY_MEMBERS
 from ident.tracing.problem import TraceProblem, no_progress
-from ident.tracing.result import After, Before, Judgement, not_noise, reported, residual_tests
+from ident.tracing.result import (
+    After,
+    Before,
+    Judgement,
+    ResidualTests,
+    not_noise,
+    reported,
+    residual_tests,
+)
 from ident.tracing.search import Search
-from ident.tracing.whiteness import noise_bursts
+from ident.tracing.whiteness import FITTED, HELD_OUT, noise_bursts
 from ident.tracing.wrong_samples import measured_masks, spike_claims
 from sim.declaration.effect import NoiseEffect
 from sim.declaration.model import Model
@@ -255,7 +263,7 @@ def _judged(
     if decision.named and left:
         verdict = Verdict.PARTIAL
     cautions += left
-    cautions += _of_bursts(best, out)
+    cautions += _of_bursts(best, out, tests)
     raised = sum(gains) if gains else np.inf
     if raised <= 0.0:
         verdict = Verdict.UNEXPLAINED
@@ -263,7 +271,7 @@ def _judged(
         why = (worse.requirement.sentence if worse.requirement else worse.sentence,)
         claims = [replace(claim, claimed=False, reasons=why, probability={}) for claim in claims]
         cautions.append(worse)
-    elif decision.named and not has_process_noise(best.system) and _frozen_worse(held, out):
+    elif decision.named and not has_process_noise(best.system) and frozen_gain(held, out) <= 0.0:
         cautions.append(Caution(Concern.NO_IMPROVEMENT, FROZEN_WORSE))
     if verdict is Verdict.CONSISTENT and spikes:
         verdict = Verdict.TRACED
@@ -281,10 +289,11 @@ def _of_guards(problem: TraceProblem, decision: Decision) -> list[Caution]:
     return [Caution(Concern.GUARD, what, requirement=requirement)]
 
 
-def _of_bursts(best: FittedModel, out: HeldOut) -> list[Caution]:
+def _of_bursts(best: FittedModel, out: HeldOut, tests: ResidualTests) -> list[Caution]:
     """Return a caution for each spell in which white noise is louder than elsewhere."""
-    bursts = noise_bursts(best.fit, "fitted")
-    bursts += noise_bursts(out.informed, "held out") if out.informed is not None else []
+    bursts = noise_bursts(best.fit, FITTED, tests.all)
+    if out.informed is not None:
+        bursts += noise_bursts(out.informed, HELD_OUT, tests.all)
     return [
         Caution(
             Concern.NOISE_BURST,
@@ -294,14 +303,6 @@ def _of_bursts(best: FittedModel, out: HeldOut) -> list[Caution]:
         )
         for burst in bursts
     ]
-
-
-def _frozen_worse(held: HeldOutData, out: HeldOut) -> bool:
-    """Whether the fitted values by themselves predict held-out data no better than the declared
-    model's.
-    """
-    before, after = held.declared.frozen, out.frozen
-    return before is not None and after is not None and after.cost >= before.cost
 
 
 def _no_improvement(raised: float) -> Caution:

@@ -107,6 +107,11 @@ def look_alikes(
     return {name: share for name, share in found.items() if share > least or name in equal}
 
 
+def is_passing_event(effect: Traceable) -> bool:
+    """Return whether an effect is a load or a gust in passing, no event of a sensor."""
+    return bool(effect.traits.onset) and effect.station is not Station.SENSOR_PATH
+
+
 def passing_events(white: Search, best: WeighedSet, name: str) -> dict[str, float]:
     """Loads and gusts in passing that the search under white noise does not tell from rough air,
     with their odds; none for another effect. Beside a discrepancy they are not offered.
@@ -116,11 +121,7 @@ def passing_events(white: Search, best: WeighedSet, name: str) -> dict[str, floa
     found = white.visited.get(frozenset(names))
     if not isinstance(effect, NoiseEffect) or found is None:
         return {}
-    events = {
-        each.name
-        for each in white.candidates
-        if each.traits.onset and each.station is not Station.SENSOR_PATH
-    }
+    events = {each.name for each in white.candidates if is_passing_event(each)}
     rivals = rivals_of(white, found, name, least=-math.inf)
     return {other: odds for other, odds in rivals.items() if other in events}
 

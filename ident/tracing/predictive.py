@@ -20,6 +20,18 @@ from sim.declaration.model import Model
 from sim.record import Record
 
 
+def frozen_gain(held: HeldOutData, out: HeldOut) -> float:
+    """Return the rise of the log density of held-out data from the declared model to a fitted set,
+    by free simulations with all shared parameters frozen; minus infinity where the set cannot be
+    simulated, infinity where there is nothing to compare.
+    """
+    if held.records and out.frozen is None:
+        return -math.inf
+    if out.frozen is None or held.declared.frozen is None:
+        return math.inf
+    return held.declared.frozen.cost - out.frozen.cost
+
+
 def predictive_gains(
     less: FittedModel, more: FittedModel, held: HeldOutData, out: HeldOut
 ) -> tuple[float, ...]:
@@ -39,19 +51,19 @@ def predictive_gains(
     """
     if not held.records:
         return ()
-    if out.frozen is None:
-        return (-math.inf,)
-    if held.declared.frozen is None:
-        return (math.inf,)
+    gain = frozen_gain(held, out)
+    if math.isinf(gain):
+        return (gain,)
     if not has_process_noise(more.system):
-        gain = held.declared.frozen.cost - out.frozen.cost
         # Frozen values reject right sets whose parameters trade off (``held_out``).
         plain = None if gain > 0.0 else predicted_by(less, held).informed
         if plain is None or out.informed is None:
             return (gain,)
         return (plain.cost - out.informed.cost,)
     gains = []
-    masks = [problem.valid for problem in (out.informed or out.frozen).layout.problems]
+    fit = out.informed or out.frozen
+    assert fit is not None
+    masks = [problem.valid for problem in fit.layout.problems]
     begin = _own_values(more, out)
     for record, mask, start in zip(held.records, masks, begin, strict=True):
         settings = more.fit.layout.settings

@@ -37,7 +37,7 @@ from ident.tracing.fitted_model import FittedModel
 from ident.tracing.held_out import HeldOut, HeldOutData
 from ident.tracing.predictive import error_figures, prediction, spike_masks_of
 from ident.tracing.problem import TraceProblem
-from ident.tracing.whiteness import noise_floors, noise_shown, whiteness
+from ident.tracing.whiteness import FITTED, HELD_OUT, noise_floors, noise_shown, whiteness
 from ident.tracing.wrong_samples import measured_masks
 from ident.whole_record.gauss_newton import Fit
 from sim.declaration.effect import DynamicsEffect
@@ -361,8 +361,8 @@ class Judgement:
 
 def residual_tests(best: FittedModel, out: HeldOut) -> ResidualTests:
     """Test whether the residuals are noise, on the fitted records and on the others."""
-    others = whiteness(out.informed, "held out") if out.informed is not None else ()
-    return ResidualTests(tuple(whiteness(best.fit, "fitted")), tuple(others))
+    others = whiteness(out.informed, HELD_OUT) if out.informed is not None else ()
+    return ResidualTests(tuple(whiteness(best.fit, FITTED)), tuple(others))
 
 
 def not_noise(tests: Sequence[ResidualTest], least: float) -> list[Caution]:

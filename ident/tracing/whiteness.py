@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,27 +13,34 @@ from ident.statistics.residuals import WHITENESS_P_VALUE, ResidualTest
 from ident.tracing.diagnosis import FittedRecord
 from ident.whole_record.gauss_newton import Fit
 
+FITTED, HELD_OUT = "fitted", "held out"  # labels of residuals
 FEWEST_SAMPLES = 20  # with fewer the test has four lags at most, and little power
 LOW_FREQUENCY = 4.0  # Hz: short periods and first elastic modes of piloted aircraft lie below
 
 
 def whiteness(fit: Fit, label: str) -> list[ResidualTest]:
     """Test of the low-frequency spectrum for every channel of every record of a fit."""
-    tests = []
+    return [
+        flat_spectrum(residual, valid, time, channel)
+        for channel, residual, valid, time in _labelled(fit, label)
+        if np.count_nonzero(valid) >= FEWEST_SAMPLES
+    ]
+
+
+def _labelled(fit: Fit, label: str) -> Iterator[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
+    """Yield name, residual ``(N,)``, valid samples ``(N,)`` and time ``(N,)`` of every channel of
+    every record.
+    """
     many = len(fit.layout.problems) > 1
     for r, (problem, residual) in enumerate(zip(fit.layout.problems, fit.residuals, strict=True)):
         where = f", {label}{f' record {r + 1}' if many else ''}"
         for i, name in enumerate(fit.layout.system.output_names):
-            if np.count_nonzero(problem.valid[i]) < FEWEST_SAMPLES:
-                continue
-            series, valid = residual[i], problem.valid[i]
-            tests.append(flat_spectrum(series, valid, problem.record.time, name + where))
-    return tests
+            yield name + where, residual[i], problem.valid[i], problem.record.time
 
 
 def is_noise(fit: Fit, least: float = WHITENESS_P_VALUE) -> bool:
     """Return whether no residual test of the fitted records has a p-value of ``least`` or less."""
-    return all(test.p_value > least for test in whiteness(fit, "fitted"))
+    return all(test.p_value > least for test in whiteness(fit, FITTED))
 
 
 def flat_spectrum(
@@ -100,22 +107,19 @@ class NoiseBurst:
     p_value: float
 
 
-def noise_bursts(fit: Fit, label: str) -> list[NoiseBurst]:
+def noise_bursts(fit: Fit, label: str, tests: Sequence[ResidualTest]) -> list[NoiseBurst]:
     """Return the loudest spell of each channel of each record of a fit whose residual is white, if
     it is louder than chance.
+
+    ``tests`` : residual tests of the fit, of the same ``label`` (``whiteness``).
     """
-    found = []
-    tests = {test.channel: test for test in whiteness(fit, label)}
-    many = len(fit.layout.problems) > 1
-    for r, (problem, residual) in enumerate(zip(fit.layout.problems, fit.residuals, strict=True)):
-        where = f", {label}{f' record {r + 1}' if many else ''}"
-        for i, name in enumerate(fit.layout.system.output_names):
-            test = tests.get(name + where)
-            if test is not None and test.passed:
-                valid = problem.valid[i]
-                burst = loudest_spell(residual[i][valid], problem.record.time[valid], name + where)
-                found += [burst] if burst is not None else []
-    return found
+    white = {test.channel for test in tests if test.passed}
+    found = (
+        loudest_spell(residual[valid], time[valid], channel)
+        for channel, residual, valid, time in _labelled(fit, label)
+        if channel in white
+    )
+    return [burst for burst in found if burst is not None]
 
 
 def loudest_spell(residual: np.ndarray, time: np.ndarray, channel: str) -> NoiseBurst | None:
