@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.browser.complaints import Complaints, fits, keep_picture
+from tests.browser.complaints import FIRST_PAINT, Complaints, first_paint, fits, keep_picture
 from tests.browser.conftest import DESKTOP, PHONE
 from tests.browser.every_page import KINDS, make_pages
 from tests.browser.paper import words_of
@@ -21,9 +21,6 @@ if TYPE_CHECKING:
 
 SERIOUS = ("serious", "critical")
 LARGEST = 3_000_000  # bytes of a page
-FIRST_PAINT = 1000.0  # ms
-LOADS = 5
-PAINTED = "performance.getEntriesByName('first-contentful-paint')"
 # Their figures are bars, dots or tables in a picture, in which there is nothing to zoom into.
 STILL = ("campaign", "survey")
 BROKEN = (
@@ -44,22 +41,6 @@ def axe() -> str:
         "axe_playwright_python", reason='no axe-core: python -m pip install -e ".[browser]"'
     )
     return Path(found.__file__).with_name("axe.min.js").read_text(encoding="utf-8")
-
-
-def first_paint(page: Page, address: str) -> float:
-    """Time from the request of a page to its first picture, in milliseconds.
-
-    Other programs on the machine can only lengthen it, so that the shortest of up to five loads
-    counts.
-    """
-    shortest = float("inf")
-    for _ in range(LOADS):
-        page.goto(address)
-        page.wait_for_function(f"{PAINTED}.length")
-        shortest = min(shortest, page.evaluate(f"{PAINTED}[0].startTime"))
-        if shortest < FIRST_PAINT:
-            break
-    return shortest
 
 
 def faults(page: Page) -> list[dict[str, Any]]:

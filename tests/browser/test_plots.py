@@ -14,7 +14,7 @@ from scenarios.plots.drawing import draw_for_page
 from scenarios.report.document import Page as Document
 from scenarios.report.document import Reproduction, section
 from scenarios.report.folder import figures, write_page
-from tests.browser.complaints import Complaints, fits, keep_picture
+from tests.browser.complaints import FIRST_PAINT, Complaints, first_paint, fits, keep_picture
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Locator, Page
@@ -250,7 +250,5 @@ def test_paper_and_pages_without_scripts_have_the_drawing(chromium: Browser, plo
 
 
 def test_first_paint_comes_within_a_second(page: Page, plots: Path) -> None:
-    opened(page, plots)
-    painted = "performance.getEntriesByName('first-contentful-paint')[0].startTime"
-    assert page.evaluate(painted) < 1000
+    assert first_paint(page, plots.as_uri()) < FIRST_PAINT
     assert plots.stat().st_size < 3_000_000
