@@ -217,7 +217,9 @@ def share_from_inputs(
 
     Each half is predicted by a regression of the other on means of the inputs over past intervals
     of up to 2.8 s. A late or slow input, or a missing response, leaves residuals that this
-    predicts; rough air and noise do not: their share is near zero or negative.
+    predicts; rough air and noise do not: their share is near zero or negative. Residuals and inputs
+    that are slower than these intervals resemble each other by chance and do not count: the moving
+    average over 5.6 s is subtracted from both.
 
     Parameters
     ----------
@@ -239,7 +241,8 @@ def share_from_inputs(
     count = residuals.shape[1]
     if count < 4 or not len(inputs):
         return np.zeros(len(residuals))
-    rows = _past_means(inputs, interval)
+    residuals = _without_slow(np.where(valid, residuals, 0.0), interval)
+    rows = _past_means(_without_slow(inputs, interval), interval)
     half = slice(0, count // 2), slice(count // 2, count)
     shares = np.zeros(len(residuals))
     for i, (residual, usable) in enumerate(zip(residuals, valid, strict=True)):
@@ -254,6 +257,14 @@ def share_from_inputs(
             left += float(np.sum((series[held] - rows[held] @ weights)[usable[held]] ** 2))
         shares[i] = 1.0 - left / total if total > 0.0 else 0.0
     return shares
+
+
+def _without_slow(rows: np.ndarray, interval: float) -> np.ndarray:
+    """Return rows less their moving averages over twice the longest lag."""
+    from scipy.ndimage import uniform_filter1d
+
+    size = min(max(round(2.0 * LAGS[-1] / interval), 1), rows.shape[1])
+    return rows - uniform_filter1d(rows.astype(float), size, axis=1, mode="nearest")
 
 
 def _past_means(inputs: np.ndarray, interval: float) -> np.ndarray:

@@ -39,12 +39,15 @@ from sim.declaration.effect import NoiseEffect, Station, full_name
 from sim.declaration.proposal import Traceable
 
 NEGLIGIBLE_RATIO = 1.1  # error over the noise up to which a discrepancy is of no consequence
+LARGE_RATIO = 10.0  # error over the noise above which equations of forces prove no cause
 OVER_LEAST = 6.0  # times the least noise of a sensor: 1.8 times what high frequencies show
 SUPPORTED_Z = 3.0  # z of an effect that brings little
 TWO_EVENTS = "two loads or gusts in passing are likelier one cause that the library lacks"
 ROUGH_AIR = "its evidence comes from the maneuvers: rough air acts between them as well"
+BESIDE_ROUGH_AIR = "it is found beside rough air that follows the maneuvers, which is no rough air"
 LITTLE = "it brings little, {:.1f} times its scatter over the record; {:.1f} are required"
 BESIDE_GUARD = "it is found beside a term that no effect of the library has"
+MUCH_LEFT = "with all that was found the error remains {:.1f} times the noise"
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +127,10 @@ def decided(
         for name in names
         if isinstance(effects[name], NoiseEffect) and not _acts_when_quiet(decision, name)
     }
+    if doubted:
+        # What rough air stands for there is missing from the equations of all other names.
+        rest = names - doubted.keys() - search.problem.named_by_kinematics
+        doubted |= dict.fromkeys(rest, BESIDE_ROUGH_AIR)
     if len(_events(decision)) > 1:
         return _without_names(decision, dict.fromkeys(names, TWO_EVENTS))
     return _without_names(decision, doubted)
@@ -206,6 +213,7 @@ def _decided(
     beside = _decided_beside_discrepancy(
         search, steady, _other_forms(steady, search_spread_evidence(steady))
     )
+    beside = _without_names(beside, _imitating(beside))
     forms = {each.name for each in problem.candidates if each.traits.general}
     if beside.named and not forms & {each.name for each in beside.named}:
         return beside
@@ -232,12 +240,14 @@ def _decided_by_prediction(search: Search, leaves_noise: LeavesNoise) -> Decisio
         if key & usual - leading[0][0]:
             continue
         if is_noise(one.fitted.fit) and leaves_noise(one.fitted):
+            visited = dict(search.visited)
             for other in failed:
                 search.visited[other] = replace(search.visited[other], weight=-math.inf)
             found = _decided_under_white_noise(search, one, clear=-math.inf)
-            if found.named or leaves_noise(found.best):
+            # What is decided may be another set than the one that was tested.
+            if leaves_noise(found.best):
                 return found
-            return replace(found, verdict=Verdict.UNEXPLAINED)
+            search.visited.update(visited)
         failed.append(key)
     return None
 
@@ -531,6 +541,26 @@ def _prefer_named_by_kinematics(
         if rivals:
             return _drop_local_evidence(search, max(rivals, key=lambda one: one.weight))
     return best, spread
+
+
+def _imitating(decision: Decision) -> dict[str, str]:
+    """Return the names, beside a discrepancy, that may stand for what the library lacks, with the
+    reason: the set by itself leaves an error that is far above the noise.
+
+    What kinematics name rests on no equation of forces, and rough air does not move the mean.
+    """
+    known = decision.searches[0].problem.named_by_kinematics
+    names = {each.name for each in decision.named} - known
+    names -= {each.name for each in decision.best.effects if isinstance(each, NoiseEffect)}
+    if not names:
+        return {}
+    search, best = _fitted(decision)
+    effects = [each for each in best.fitted.effects if each.name not in search.base_names]
+    plain = decision.searches[0].fit(effects, best.fitted)
+    ratio = math.inf if plain is None else _error_over_noise(plain, best.fitted)
+    if ratio <= LARGE_RATIO:
+        return {}
+    return dict.fromkeys(names, MUCH_LEFT.format(ratio))
 
 
 def _error_over_noise(plain: FittedModel, beside: FittedModel) -> float:

@@ -234,7 +234,11 @@ class _Search:
         return self.near and arrived(model, fit.theta, settings)
 
     def shortcut(self, fit: Fit, model: LocalModel) -> Fit | None:
-        """Return a step along the curved floor of a valley."""
+        """Return a step along the curved floor of a valley; None with process noise, whose
+        innovations bend by other laws than these residuals.
+        """
+        if self.curved:
+            return None
         problem = self.problem
         least, most = problem.noise_model.step_bounds(problem.layout, fit.theta)
         low, high = np.maximum(problem.low, least), np.minimum(problem.high, most)

@@ -101,10 +101,17 @@ def agreements(kinematics: Kinematics, claims: Sequence[Claim]) -> list[Agreemen
 
 
 def named_by(kinematics: Kinematics | None) -> list[tuple[str, ...]]:
-    """Names of the effects that the kinematics alone name, each with those of its group."""
+    """Names of the effects that the kinematics alone name, each with those of its group. A fault
+    on whose size the two methods of the check disagree is not among them.
+    """
     if kinematics is None or kinematics.result is None:
         return []
-    found = [each for each in kinematics.result.findings if each.stands and each.kind != BIAS]
+    doubted = {each.name for each in kinematics.result.joint.estimates if not each.agrees}
+    found = [
+        each
+        for each in kinematics.result.findings
+        if each.stands and each.kind != BIAS and each.name not in doubted
+    ]
     groups: dict[frozenset[str], tuple[str, ...]] = {}
     for each in found:
         names = {each.name, *each.group}

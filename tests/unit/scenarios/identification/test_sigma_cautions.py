@@ -178,6 +178,31 @@ def test_the_share_from_inputs_is_that_of_a_response_and_not_of_noise(seed: int)
     assert np.all(share_from_inputs(rows, valid, u[:0], interval) == 0.0)
 
 
+def test_slow_residuals_are_not_predicted_by_slow_inputs() -> None:
+    """A residual of the phugoid's period, and a random walk, resemble inputs by chance; what a late
+    input leaves does not.
+    """
+    once = np.repeat([0.0, 1.0, -1.0, 1.0, -1.0, 0.0], [40, 30, 20, 10, 10, 190])
+    steps = np.concatenate([once, once])
+    inputs = np.array([steps, np.sin(0.1 * np.arange(600) / 14.0)])
+    turn, damped = 0.0139, np.exp(-0.12 * 0.0139)
+    phugoid = [1.0, -2.0 * damped * np.cos(turn), damped**2]
+    late, slow = [], []
+    for seed in range(30):
+        noise = np.random.default_rng(seed).standard_normal(1600)
+        rows = np.array(
+            [
+                np.roll(steps, 4) - steps + 0.3 * noise[1000:],
+                lfilter([1.0], phugoid, noise)[1000:],
+                np.cumsum(noise)[1000:],
+            ]
+        )
+        shares = share_from_inputs(rows, np.ones(rows.shape, dtype=bool), inputs, 0.1)
+        late.append(shares[0])
+        slow += shares[1:].tolist()
+    assert min(late) > MADE_BY_INPUTS > 0.0 > np.median(slow) and max(slow) < MADE_BY_INPUTS
+
+
 def two_flights(share: float) -> list[str]:
     """Cautions of a fit to two flights, the second with ``share`` of Cm_alpha."""
     values = bases.RIGID_VALUES
