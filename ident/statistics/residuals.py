@@ -233,9 +233,9 @@ def share_from_inputs(
 
     Examples
     --------
-    >>> u = np.repeat([0.0, 1.0, -1.0, 0.0], 50)[None, :]
+    >>> u = np.tile(np.repeat([0.0, 1.0, -1.0, 0.0], 50), 2)[None, :]
     >>> late = np.roll(u, 5, axis=1)
-    >>> float(share_from_inputs(late - u, np.ones((1, 200), bool), u, 0.02)[0]) > 0.3
+    >>> float(share_from_inputs(late - u, np.ones((1, 400), bool), u, 0.02)[0]) > 0.3
     True
     """
     count = residuals.shape[1]

@@ -283,6 +283,10 @@ def _of_guards(problem: TraceProblem, decision: Decision) -> list[Caution]:
     if not guards:
         return []
     what = f"what is missing behaves like {', '.join(guards)}, which is no effect of the library"
+    terms = [each for each in problem.candidates if each.name in guards]
+    equal = sorted({name for each in terms for name in each.traits.equivalents})
+    if equal:
+        what += f" ({' and '.join(equal)} fit these data equally well)"
     most = max(each.probability for each in decision.hints if each.name in guards)
     asked = f"the probability of {' and '.join(guards)}, outside the library,"
     requirement = Requirement(asked, most, 1.0 - CLAIM_LEVEL, at_least=False)
