@@ -194,11 +194,19 @@ def candidate_signatures(
         usable = [
             (probe, parts)
             for probe, parts in zip(probes, signatures, strict=True)
-            if all(np.all(np.abs(part) < LARGEST_SIGNATURE) for part in parts)
+            if _stays_small(effect, probe, parts, context)
         ]
         if usable:
             found[place] = (effect, usable)
     return found
+
+
+def _stays_small(
+    effect: Traceable, probe: Probe, parts: Sequence[np.ndarray], context: SearchContext
+) -> bool:
+    """Return whether a signature of the usual size of its parameters did not run away."""
+    _, usual = factors_prior(effect, probe, context)
+    return all(np.all(np.abs(part) * usual < LARGEST_SIGNATURE) for part in parts)
 
 
 def leads_of(

@@ -12,6 +12,7 @@ import pytest
 from scipy.stats import norm
 
 from ident.estimate import Outcome
+from ident.tracing import decision
 from ident.tracing.decision import (
     _decided_under_white_noise,
     _likeliest_without,
@@ -86,23 +87,42 @@ def test_what_is_hidden_is_named(name: str, values: dict[str, float]) -> None:
     assert found.named[0].probability > 0.95
 
 
+def with_slow_errors(record: Record, seed: int, size: float) -> Record:
+    """The record with slow errors of q and nz, ``size`` times their noise."""
+    rng = np.random.default_rng(seed)
+    for name in ("q", "nz"):
+        (channel,) = [each for each in record.outputs if each.name == name]
+        error = coloured_noise(rng, record.time, size * NOISE[name], 1.0)
+        record = with_output(record, name, channel.values + error)
+    return record
+
+
 @pytest.mark.long
-def test_beside_a_discrepancy_what_acts_all_along_is_named() -> None:
-    """Slow errors of moment and lift in no library, and a vane far ahead: the vane is named."""
-    records = []
-    for seed in (1, 2):
-        record = planted([effect(ARM)], {"vane-offset.arm": 12.0}, seed=seed)
-        rng = np.random.default_rng(10 + seed)
-        for name in ("q", "nz"):
-            (channel,) = [each for each in record.outputs if each.name == name]
-            error = coloured_noise(rng, record.time, 1.5 * NOISE[name], 1.0)
-            record = with_output(record, name, channel.values + error)
-        records.append(record)
-    problem = offered(records)
-    found = decided(searched(problem), discrepancy_for(effects_for(declared().equations)))
+def test_beside_a_discrepancy_what_acts_all_along_is_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Slow errors of moment and lift in no library, and a vane far ahead: the vane is named; where
+    the errors are far above the noise only if kinematics name it too.
+    """
+    records = [
+        with_slow_errors(
+            planted([effect(ARM)], {"vane-offset.arm": 12.0}, seed=seed), 10 + seed, 1.5
+        )
+        for seed in (1, 2)
+    ]
+    discrepancy = discrepancy_for(effects_for(declared().equations))
+    search = searched(offered(records))
+    found = decided(search, discrepancy)
     assert found.verdict is Verdict.PARTIAL
     assert [each.name for each in found.named] == [ARM]
     assert found.named[0].spread is not None and found.named[0].spread > 3.5
+    monkeypatch.setattr(decision, "LARGE_RATIO", 1.2)
+    alone = decided(search, discrepancy)
+    assert alone.verdict is Verdict.UNEXPLAINED and alone.named == ()
+    (hint,) = [each for each in alone.hints if each.name == ARM]
+    assert "times the noise" in hint.reason
+    backed = decided(search.with_kinematics([(ARM,)]), discrepancy)
+    assert [each.name for each in backed.named] == [ARM]
 
 
 def test_filtered_noise_is_no_cause() -> None:

@@ -33,6 +33,7 @@ from scenarios.diagnosis.kinematics import (
     agreements,
     kinematics_of,
     kinematics_of_files,
+    named_by,
     shortened,
     spread,
     unnamed,
@@ -90,6 +91,14 @@ def estimate(
     return SensorEstimate(
         name, "alpha", kind, "s", Value(value, std), Value(value, std), difference, 1.0, 0.5, told
     )
+
+
+def test_a_fault_on_which_the_methods_disagree_is_not_named() -> None:
+    late = finding("sensor-delay:alpha", 0.06, 0.002, ("sensor-lag:alpha",))
+    agreed = checked([late], [estimate(0.06, 0.002, difference=1.0)])
+    assert named_by(agreed) == [("sensor-delay:alpha", "sensor-lag:alpha")]
+    assert named_by(checked([late], [estimate(0.06, 0.002, difference=5.0)])) == []
+    assert named_by(None) == []
 
 
 @pytest.mark.parametrize(
