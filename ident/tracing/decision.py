@@ -318,11 +318,16 @@ def _other_forms(search: Search, best: WeighedSet) -> WeighedSet:
 
 
 def _is_cause(effect: Traceable, found: WeighedSet, interval: float) -> bool:
-    """Return whether an effect is more than how inputs are to be read between samples."""
-    local = effect.traits.within_interval
-    if not local:
-        return True
-    return found.fitted.values.shared.get(full_name(effect, local), np.inf) > interval
+    """Return whether an effect is more than how inputs are to be read between samples: no time
+    within the interval, and no frequency above half the sampling rate.
+    """
+    local, values = effect.traits.within_interval, found.fitted.values.shared
+    if any(
+        values.get(full_name(effect, name), 0.0) > np.pi / interval
+        for name in effect.traits.oscillates
+    ):
+        return False
+    return not local or values.get(full_name(effect, local), np.inf) > interval
 
 
 def _group_probability(named: Named) -> float:
@@ -373,8 +378,11 @@ def _decided_under_white_noise(
     claims, hints = (tuple(named), ()) if claimed else ((), tuple(named))
     if not search.problem.guards & set(slight):
         hints += tuple(
-            Named(name, inclusion[name], {}, reason=reason, within=whole.fitted)
-            for name, reason in slight.items()
+            Named(
+                each.name, inclusion[each.name], {}, reason=slight[each.name], within=whole.fitted
+            )
+            for each in whole.fitted.effects
+            if each.name in slight and _is_cause(each, whole, search.context.interval)
         )
     return Decision(verdict, best.fitted, search.root.fitted, claims, hints, (search,))
 
@@ -490,9 +498,11 @@ def _decided_beside_discrepancy(white: Search, search: Search, best: WeighedSet)
     guards, root = search.problem.guards, search.root.fitted
     searches = (white, search)
     best, spread = _prefer_named_by_kinematics(search, *_drop_local_evidence(search, best))
+    interval = search.context.interval
     named = [
         with_shares(name, 1.0, rivals_of(search, best, name) | passing_events(white, best, name), z)
         for name, z in spread.items()
+        if _is_cause(next(e for e in best.fitted.effects if e.name == name), best, interval)
     ]
     if not named:
         return Decision(Verdict.UNEXPLAINED, root, root, (), (), searches)

@@ -1,6 +1,4 @@
-"""Kinematic evidence of a diagnosis for or against sensor faults: records and channels that are
-checked, the check, and its findings.
-"""
+"""Kinematic evidence of a diagnosis on sensor faults: what is checked, and what is found."""
 
 from __future__ import annotations
 
@@ -101,19 +99,14 @@ def agreements(kinematics: Kinematics, claims: Sequence[Claim]) -> list[Agreemen
 
 
 def named_by(kinematics: Kinematics | None) -> list[tuple[str, ...]]:
-    """Names of the effects that the kinematics alone name, each with those of its group. A fault
-    on whose size the two methods of the check disagree is not among them.
-    """
-    if kinematics is None or kinematics.result is None:
+    """Groups of effects that both methods of the kinematic check name, the likeliest first."""
+    result = None if kinematics is None else kinematics.result
+    if result is None:
         return []
-    doubted = {each.name for each in kinematics.result.joint.estimates if not each.agrees}
-    found = [
-        each
-        for each in kinematics.result.findings
-        if each.stands and each.kind != BIAS and each.name not in doubted
-    ]
+    doubted = {each.name for each in result.joint.estimates if not each.agrees}
+    stand = [each for each in result.findings if each.stands and each.kind != BIAS]
     groups: dict[frozenset[str], tuple[str, ...]] = {}
-    for each in found:
+    for each in (one for one in stand if one.name not in doubted):
         names = {each.name, *each.group}
         likely = sorted(names, key=lambda name: (-each.probabilities.get(name, 0.0), name))
         groups.setdefault(frozenset(names), tuple(likely))

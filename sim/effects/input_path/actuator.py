@@ -201,6 +201,7 @@ class ActuatorSecondOrder(OfInput):
                 "an actuator of second order overshoots",
             ),
             twins=all_labelled(("actuator-lag", "input-delay"), self.label),
+            oscillates=("frequency",),
             plausible={
                 "frequency": (3.0 if has_size(self.unit) else 0.3, 200.0),
                 "damping": (0.1, MOST_DAMPED),

@@ -15,6 +15,7 @@ from ident.estimate import Outcome
 from ident.tracing import decision
 from ident.tracing.decision import (
     _decided_under_white_noise,
+    _is_cause,
     _likeliest_without,
     _other_forms,
     _prefer_named_by_kinematics,
@@ -425,6 +426,16 @@ def test_a_declared_model_that_does_not_predict_other_data_is_not_consistent() -
     assert decided(search).verdict is Verdict.CONSISTENT
     doubted = decided(search, leaves_noise=lambda fitted: False)
     assert doubted.verdict is Verdict.UNEXPLAINED and doubted.named == ()
+
+
+def test_a_frequency_above_half_the_sampling_rate_is_no_cause() -> None:
+    servo = effect("actuator-second-order")
+    search = searched(offered([planted(seed=4)]))
+    for frequency, cause in ((40.0, True), (200.0, False)):
+        values = {"actuator-second-order.frequency": frequency}
+        fitted = SimpleNamespace(fitted=SimpleNamespace(values=SimpleNamespace(shared=values)))
+        assert _is_cause(servo, cast(WeighedSet, fitted), 0.02) is cause
+    assert decided(search).hints == ()
 
 
 def test_data_that_were_not_fitted_choose_among_likely_sets() -> None:
