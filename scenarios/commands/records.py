@@ -15,7 +15,13 @@ from scenarios.identification.assessment import DEFAULT_OPTIONS, Options
 from scenarios.maneuvers import maneuvers_of, print_maneuvers
 from scenarios.prediction import PredictionRequest, predict_record, prediction_text
 from scenarios.preparation.declared_model import vehicle_text
-from scenarios.preparation.drafting import Draft, drafted, map_text, unused_words
+from scenarios.preparation.drafting import (
+    Draft,
+    drafted,
+    map_text,
+    missing_channels,
+    unused_words,
+)
 from scenarios.preparation.plan import Plan, Request, plan_of
 from scenarios.report.figure_formats import Formats
 from scenarios.report.quantities import console, shown_in, unit_cell
@@ -286,6 +292,15 @@ def draft_map(
         print(
             f"next: flightid identify {path} --model {draft.model} "
             f"{files}{f' {words}' if words else ''}"
+        )
+    else:
+        missing = missing_channels(draft)
+        absent = f"not found: {', '.join(missing)}; " if missing else ""
+        print_paragraph(
+            console(),
+            f"next: {absent}write the columns of the channels that your model needs into "
+            f"{out / CHANNEL_MAP_FILE} (flightid models lists them)",
+            indent=0,
         )
 
 

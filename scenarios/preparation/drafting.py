@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 import textwrap
 import tomllib
+import unicodedata
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -45,6 +46,8 @@ MOST_GAP_SHARE = 0.02  # share of the steps of a clock that may be gaps
 # topics that hold no measured motion
 NO_MEASUREMENT = re.compile(r"setpoint|_sp\b|status|innov|target|reference|command")
 
+
+UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
 
 # channels that a draft calls missing, by the model that is nearest
 WANTED = {
@@ -195,8 +198,7 @@ def map_text(draft: Draft) -> str:
             if guess.fault
             else f"{guess.channel} = {entry}  # {guess.reason}"
         )
-    wanted = WANTED.get(draft.nearest, WANTED[""])
-    missing = [name for name in wanted if name not in {guess.channel for guess in draft.guesses}]
+    missing = missing_channels(draft)
     if missing:
         lines.append(f"# Not found: {', '.join(missing)}. A line is such as")
         example = (
@@ -218,6 +220,12 @@ def map_text(draft: Draft) -> str:
         )
     lines += _sweep_words(draft.file)
     return "\n".join(lines) + "\n"
+
+
+def missing_channels(draft: Draft) -> list[str]:
+    """Return the channels of the nearest model for which no column is proposed."""
+    found = {guess.channel for guess in draft.guesses}
+    return [name for name in WANTED.get(draft.nearest, WANTED[""]) if name not in found]
 
 
 def unused_words(draft: Draft) -> str:
@@ -558,7 +566,9 @@ def _unit_words(unit: str | None) -> str:
 
 
 def _letters_and_digits(name: str) -> str:
-    return re.sub(r"[^a-z0-9]", "", name.lower())
+    """Return a name in lower case without marks; umlauts are written as two letters (``ae``)."""
+    plain = unicodedata.normalize("NFC", name).lower().translate(UMLAUTS)
+    return re.sub(r"[^a-z0-9]", "", plain)
 
 
 def _suffix(cell: str) -> str | None:

@@ -299,3 +299,13 @@ def test_a_damaged_text_log_is_refused_in_one_line(flightid: CommandLine, tmp_pa
     log = ardupilot(tmp_path / "uav.log", flight())
     log.write_text(log.read_text().replace("FMT, 1, 20, IMU, QBd", "FMT, 1, 20, IMU, Q?d"))
     assert "not a readable ArduPilot DataFlash file" in flightid.refused("map", str(log))
+
+
+def test_a_draft_without_a_model_says_what_to_add(flightid: CommandLine, tmp_path: Path) -> None:
+    rows = "\n".join(f"{0.02 * n:.2f},{0.01 * (n % 7):.3f},{n % 5}" for n in range(50))
+    (tmp_path / "half.csv").write_text(f"time,alpha,Ruder A\n{rows}\n")
+    draft = tmp_path / "draft"
+    printed = flightid.done("map", str(tmp_path / "half.csv"), "--out", str(draft))
+    words = " ".join(printed.split())
+    assert "Columns without a channel: Ruder A" in words
+    assert "next: not found: elevator," in words and "flightid models" in words

@@ -156,3 +156,25 @@ def test_the_draft_is_for_the_axis_whose_motion_is_recorded(tmp_path: Path) -> N
     assert "--model lateral" in vehicle_text(lateral)
     pitch = drafted(opened(tmp_path, "time,p,q", rows))
     assert pitch.nearest == "" and "--model rigid" in vehicle_text(pitch)
+
+
+@pytest.mark.parametrize(
+    ("header", "channel"),
+    [
+        ("Höhenruder", "elevator"),
+        ("HÖHENRUDER [deg]", "elevator"),
+        ("Ho\u0308henruder", "elevator"),
+        ("Hängewinkel (deg)", "phi"),
+        ("servo_elevator [deg]", "elevator"),
+        ("servo_aileron [deg]", "aileron"),
+        ("rudder_servo (deg)", "rudder"),
+        ("gyro_p [deg/s]", "p"),
+        ("gyro_q [deg/s]", "q"),
+        ("Gyro R (rad/s)", "r"),
+    ],
+)
+def test_umlauts_and_the_names_of_servos_and_gyros_are_recognised(
+    tmp_path: Path, header: str, channel: str
+) -> None:
+    rows = [f"{time:.2f},{value:.6f}" for time, value in zip(TIME, ALPHA, strict=True)]
+    assert choice(drafted(opened(tmp_path, f"time,{header}", rows)), channel).column == header
