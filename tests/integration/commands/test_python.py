@@ -327,6 +327,18 @@ WRONG: list[tuple[Callable[[], object], str]] = [
         lambda: fid.diagnose({"time": [0.0, 1.0]}, "rigid", {}, effects=3),  # type: ignore[arg-type]
         "effects: a int is no list of effects",
     ),
+    (
+        lambda: fid.identify({"time": [0.0, 1.0]}, "rigid", {}, band="x"),  # type: ignore[arg-type]
+        "band: 'x' is no band; give the lowest and the highest frequency",
+    ),
+    (
+        lambda: fid.identify({"time": [0.0, 1.0]}, "rigid", {}, profile=3),  # type: ignore[arg-type]
+        "profile: 3 names no parameter; give a name or a list of names",
+    ),
+    (
+        lambda: fid.predict(3, {"time": [0.0, 1.0]}),  # type: ignore[arg-type]
+        "study: a int is no study; give what identify or diagnose returned",
+    ),
 ]
 
 
