@@ -39,7 +39,7 @@ from scenarios.api.shown import (
     write_report,
     write_sheets,
 )
-from scenarios.api.tables import in_python_words, told_in_python
+from scenarios.api.tables import band_of, in_python_words, names_of, told_in_python
 from scenarios.api.vehicle import Vehicle
 from scenarios.files.declarations import TIME
 from scenarios.identification.assessment import Options
@@ -47,6 +47,7 @@ from scenarios.identification.identify import Identified, identify_files
 from scenarios.prediction import PredictionRequest, figures_of, predict_record
 from scenarios.preparation.plan import Request
 from scenarios.report.figure_formats import formats_wanted
+from sim.errors import DeclarationError
 
 if TYPE_CHECKING:
     import control
@@ -343,7 +344,7 @@ def identify(
     )
     request = with_parts(request, maneuver, maneuvers)
     return Identification(
-        identify_files(request, method, Options(_profiled(profile), band, engine))
+        identify_files(request, method, Options(_profiled(profile), band_of(band), engine))
     )
 
 
@@ -352,7 +353,7 @@ def _profiled(asked: bool | str | Sequence[str] | None) -> tuple[str, ...] | Non
         return None
     if asked is True or asked == "all":
         return ()
-    return (asked,) if isinstance(asked, str) else tuple(dict.fromkeys(asked))
+    return tuple(dict.fromkeys(names_of(asked, "parameter", "profile")))
 
 
 # ---- predict in Python
@@ -524,6 +525,12 @@ def predict(
     )
     if isinstance(study, str | PathLike):
         return Prediction(predict_record(replace(asked, study=Path(study))))
+    if not hasattr(study, "save"):
+        raise DeclarationError(
+            f"a {type(study).__name__} is no study",
+            where="study",
+            remedy="give what identify or diagnose returned, or the folder of a study",
+        )
     with TemporaryDirectory(prefix="flightid-") as scratch:
         found = predict_record(
             replace(asked, study=study.save(Path(scratch) / "study", figures=False))

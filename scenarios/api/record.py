@@ -21,7 +21,9 @@ from scenarios.api.records import (
     columns_of,
     columns_of_record,
     file_of_columns,
+    named_inputs,
     opened_source,
+    refuse_misread,
     refuse_unreadable,
 )
 from scenarios.api.tables import in_python
@@ -102,6 +104,9 @@ class Record:
     def __getitem__(self, name: str) -> np.ndarray:
         if name == TIME:
             return self.time
+        # A map or a unit that does not fit the column: its raw values are not the channel.
+        if name in self._columns or name in self.file.choices:
+            refuse_misread(self.file, name)
         if name not in self._columns:
             refuse_unreadable(self.file, name)
             raise RecordError(
@@ -152,7 +157,8 @@ class Record:
         """
         from scenarios.api.records import rows_of_file
 
-        return replace(self, file=rows_of_file(self.file, start, stop))
+        with in_python():
+            return replace(self, file=rows_of_file(self.file, start, stop))
 
     def resample(self, rate: float) -> Record:
         """Return the record at a lower rate, behind a zero-phase low-pass at 0.4 times that rate.
@@ -286,7 +292,7 @@ def read_record(
     *,
     units: Units | None = None,
     channels: Choices | None = None,
-    inputs: Iterable[str] | None = None,
+    inputs: str | Iterable[str] | None = None,
     hold: str | None = None,
     name: str | None = None,
 ) -> Record:
@@ -323,7 +329,10 @@ def read_record(
         return source
     file, told = opened_source(source, units=units, channels=channels, hold=hold, name=name)
     refuse_without_clock(file)
-    return Record(file, tuple(inputs) if inputs is not None else told)
+    record = Record(file, told)
+    if inputs is None:
+        return record
+    return replace(record, _inputs=named_inputs(inputs, record.names, record.name))
 
 
 def record_of(record: sim_record.Record) -> Record:

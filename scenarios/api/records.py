@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from os import PathLike
@@ -154,6 +154,40 @@ def refuse_unreadable(file: RecordFile, name: str) -> None:
     for index in at:
         if index in file.table.unreadable:
             numbers(file.table, index)
+
+
+def refuse_misread(file: RecordFile, name: str) -> None:
+    """Raise RecordError where the column that is chosen for a channel is not there, or has a unit
+    of another dimension.
+    """
+    if name in CHANNEL_UNITS:
+        column_of(file, name)
+
+
+def named_inputs(
+    names: str | Iterable[str], channels: Sequence[str], where: str
+) -> tuple[str, ...]:
+    """Return the names of the inputs; a text is one name.
+
+    Raises
+    ------
+    RecordError : a name that no channel has.
+    """
+    if not isinstance(names, Iterable):
+        raise RecordError(
+            f"a {type(names).__name__} is no list of channels",
+            where=f"{where}, inputs",
+            remedy='give names of channels, such as ["elevator"]',
+        )
+    chosen = (names,) if isinstance(names, str) else tuple(names)
+    for name in chosen:
+        if name not in channels:
+            raise RecordError(
+                f"there is no channel {name!r}",
+                where=f"{where}, inputs",
+                remedy=closest(str(name), list(channels)),
+            )
+    return chosen
 
 
 def refuse_units(units: Mapping[str, str], file: RecordFile) -> None:

@@ -11,6 +11,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from scenarios.api import tables as html
 from scenarios.files.aircraft_files import (
     content_of_library,
@@ -19,6 +21,7 @@ from scenarios.files.aircraft_files import (
     toml_text,
 )
 from scenarios.files.declarations import read_toml_source, toml_of
+from scenarios.files.schemas import is_quantity
 from scenarios.files.sources import Source
 from sim.errors import DeclarationError
 
@@ -301,8 +304,8 @@ class VehicleParameter:
                 where="tie",
                 remedy=f"name another parameter that is not tied: {', '.join(names)}",
             )
-        term = {"parameter": other, "factor": _number(factor, self.name)}
-        shift = _number(constant, self.name)
+        term = {"parameter": other, "factor": _plain(factor, self.name)}
+        shift = _plain(constant, self.name)
         return self._change(TIED, [term, {"constant": shift}] if shift else term)
 
     def free(self) -> Vehicle:
@@ -388,11 +391,19 @@ def _fixed(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _number(value: Any, name: str, *, open_end: bool = False) -> float | str:
-    """Return a number, or a text that the reader of vehicle files looks at."""
+    """Return a number, or a text of a number with a unit, which the reader of vehicle files
+    converts.
+    """
     if isinstance(value, str):
-        return value
+        if is_quantity(value):
+            return value
+        raise DeclarationError(
+            f"{value!r:.60} is no value of {name}",
+            where="vehicle",
+            remedy='give a number, or a text with a unit such as "2.5 1/rad"',
+        )
     try:
-        number = float(value)
+        number = math.nan if isinstance(value, bool | np.bool_) else float(value)
     except (TypeError, ValueError):
         number = math.nan
     if math.isnan(number) or (math.isinf(number) and not open_end):
@@ -400,3 +411,14 @@ def _number(value: Any, name: str, *, open_end: bool = False) -> float | str:
             f"{value!r:.60} is no value of {name}", where="vehicle", remedy="give a finite number"
         )
     return number
+
+
+def _plain(value: Any, name: str) -> float:
+    """Return a number of a tie, which has no unit of its own. Raises DeclarationError."""
+    if isinstance(value, str):
+        raise DeclarationError(
+            f"{value!r:.60} is no number for the tie of {name}",
+            where="tie",
+            remedy="give a number, in SI and radians",
+        )
+    return float(_number(value, name))

@@ -184,34 +184,33 @@ def checked_effects(effects: Sequence[Any], model: Model, where: str) -> tuple[T
 
 def _check(effect: Any, where: str) -> None:
     """Refuse what is no effect; an effect of the former form is given its traits."""
+
+    def fault(what: str, remedy: str) -> DeclarationError:
+        return DeclarationError(what, where=where, remedy=remedy)
+
+    kind = type(effect).__name__
     if isinstance(effect, type):
-        raise DeclarationError(
-            f"{effect.__name__} is a class",
-            where=where,
-            remedy=f"put an instance into EFFECTS: {effect.__name__}(...)",
-        )
+        remedy = f"put an instance into EFFECTS: {effect.__name__}(...)"
+        raise fault(f"{effect.__name__} is a class", remedy)
     wanted = _ATTRIBUTES if hasattr(effect, "traits") else (*_ATTRIBUTES, *_FORMERLY)
     missing = [attribute for attribute in wanted if not hasattr(effect, attribute)]
+    if missing == [*wanted]:
+        raise fault(
+            f"{effect!r:.60} is a {kind}, not an effect",
+            "leave effects of the library out, diagnose tries them all; of your own give objects "
+            "or the path of their file, as docs/how-to/own-effect.md shows",
+        )
     if missing == [*_FORMERLY]:
         missing = ["traits"]
     if missing:
-        shown = (
-            effect.name
-            if hasattr(effect, "name") and isinstance(effect.name, str) and effect.name
-            else type(effect).__name__
-        )
-        raise DeclarationError(
-            f"effect {shown} lacks {', '.join(missing)}",
-            where=where,
-            remedy="add it as docs/how-to/own-effect.md shows",
-        )
+        named = getattr(effect, "name", "")
+        shown = named if isinstance(named, str) and named else kind
+        remedy = "add it as docs/how-to/own-effect.md shows"
+        raise fault(f"effect {shown} lacks {', '.join(missing)}", remedy)
     if hasattr(effect, "traits") and not isinstance(effect.traits, Traits):
         remedy = "make them with sim.declaration.proposal.Traits"
-        raise DeclarationError(
-            f"effect {effect.name}: its traits are of type {type(effect.traits).__name__}",
-            where=where,
-            remedy=remedy,
-        )
+        what = f"effect {effect.name}: its traits are of type {type(effect.traits).__name__}"
+        raise fault(what, remedy)
     if not hasattr(effect, "traits"):
         # On the class, so that copies of the effect have it, too.
         type(effect).traits = property(_former_traits)
@@ -362,13 +361,15 @@ def posed_for(opened: Opened, plan: Plan) -> Posed:
     """Return the records prepared for the declared model with its biases, something held out;
     refused where they cannot tell anything.
     """
+    from scenarios.preparation import plausibility
     from scenarios.preparation.declared_model import model_of_file
-    from scenarios.preparation.plausibility import refuse_still, refuse_unpredictable
     from scenarios.preparation.reading import refuse_unfit_records
 
     ready = _ready(opened, model_of_file(opened.vehicle).with_noise(Noise()), plan)
     whole, predicted, notes, held_out_from = ready.fitted, ready.validation, ready.notes, None
     model = ready.model.with_biases(_biased(ready.model, whole))
+    plausibility.refuse_too_few(whole, model)
+    plausibility.refuse_still(whole, model)
     fitted, files = whole, (opened.records, opened.validation)
     if not opened.validation:
         split = split_off(whole, model)
@@ -380,9 +381,8 @@ def posed_for(opened: Opened, plan: Plan) -> Posed:
         )
         if held_out_from is None and len(plan.segments) == 1 and len(whole) == len(opened.records):
             files = (opened.records[:-1], opened.records[-1:])
-    refuse_still(whole, model)
     refuse_unfit_records(whole, model)
-    refuse_unpredictable(ready.predicted, model)
+    plausibility.refuse_unpredictable(ready.predicted, model)
     return Posed(
         model,
         fitted,

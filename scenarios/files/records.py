@@ -363,7 +363,7 @@ def _time(
 ) -> Window:
     """Checked time stamps of the window, s, and its rows."""
     for option, bound in (("--from", start), ("--to", stop)):
-        if bound is not None and math.isnan(bound):
+        if bound is not None and (not isinstance(bound, int | float | np.number) or bound != bound):
             raise RecordError(
                 f"{option} is not a number", where=table.file, remedy="give a time in s"
             )

@@ -162,6 +162,12 @@ def quantity_in(target: str) -> Callable[[object], float]:
     return convert
 
 
+def is_quantity(text: str) -> bool:
+    """Whether a text is a number with a unit, such as ``"24200 lb"``, of whatever dimension."""
+    match = _QUANTITY.fullmatch(text)
+    return match is not None and bool(match[2])
+
+
 def number_in(value: object, unit: str, where: str) -> float:
     """A number or ``"24200 lb"`` in ``unit``. Raises DeclarationError that names ``where``."""
     try:

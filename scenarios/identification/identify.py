@@ -498,8 +498,9 @@ def _identified(
         files[0], model_of_file(vehicle), plan, choices, files[1], flow=flow, attitude=attitude
     )
     refuse_unrelated_records(ready.fitted, ready.validation)
-    refuse_still(ready.fitted, ready.model)
+    # The number of samples first: a record of three shows no control moving either.
     refuse_too_few(ready.fitted, ready.model)
+    refuse_still(ready.fitted, ready.model)
     refuse_unfit_records(ready.fitted, ready.model)
     refuse_unpredictable(ready.predicted, ready.model)
     trusted = plan.trusted or method == FREQUENCY

@@ -333,7 +333,17 @@ def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> G
                     return _of_column(channel, topic, index, degrees)
     for each in words.get("expression", ()):
         if all(_has(name, topics) for name in each["needs"]):
-            return Guess(channel, ColumnChoice(each["text"]), each["reason"])
+            unit, reason = each.get("unit"), each["reason"]
+            if each.get("of_angles"):  # in the unit of the column that moves most
+                cells = topics[0].table.header
+                units = {
+                    _of_column(channel, topics[0], cells.index(name), degrees).choice.unit
+                    for name in each["needs"]
+                    if name in cells
+                }
+                unit = "deg" if "deg" in units else None
+                reason = f"{reason}; taken as {unit or CHANNEL_UNITS[channel]}"
+            return Guess(channel, ColumnChoice(each["text"], unit), reason)
     return _clock(topics[0]) if channel == TIME and len(topics) == 1 else None
 
 

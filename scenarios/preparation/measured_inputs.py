@@ -19,6 +19,9 @@ from typing import Any
 import numpy as np
 
 from ident.statistics.noise_levels import input_spikes
+from scenarios.files.declarations import ColumnChoice
+from scenarios.files.measured.columns import RecordFile
+from scenarios.files.records import read_with_notes
 from scenarios.files.user_models import is_own
 from scenarios.preparation.plan import ATTITUDE, DENSITY, LIFT, SPEED
 from sim.declaration.effect import Signal
@@ -190,7 +193,8 @@ def with_load_factors(record: Record, kept: Collection[str] = ()) -> tuple[Recor
 
 # ---- Measured airspeed and dynamic pressure as recorded inputs of the equations
 
-MEASURED = ("airspeed", "dynamic_pressure")
+SPEED_NAME = "airspeed"
+MEASURED = (SPEED_NAME, "dynamic_pressure")
 # s, of the weights that smooth a measured speed: the short period is faster, the speed slower
 SPEED_SMOOTHING_TIME = 1.0
 SPIKE_MEDIANS = 9.0  # medians of the distance from the neighbours' median
@@ -216,6 +220,53 @@ def able(model: Model) -> tuple[str, ...]:
     if is_own(model) or not {SPEED, LIFT} <= ports or "airspeed" not in model.parameters:
         return ()
     return MEASURED if DENSITY in ports else MEASURED[:1]
+
+
+def unused_airspeed(
+    file: RecordFile,
+    model: Model,
+    channels: Mapping[str, ColumnChoice] | None,
+    start: float | None = None,
+    stop: float | None = None,
+    rate: float | None = None,
+) -> tuple[str, str]:
+    """Return a sentence on a recorded airspeed that the equations hold constant, and a doubt where
+    its mean is far from the vehicle file's; both without the record's name, empty where there is
+    none.
+
+    Parameters
+    ----------
+    file : the record as opened.
+    model : whose parameter ``airspeed`` is a constant, m/s.
+    channels : channel map, None: by the names of the columns.
+    start, stop : part of the record, s. rate : Hz, of rows without a clock.
+    """
+    outputs = [signal.name for signal in model.equations.outputs]
+    if is_own(model) or able(model) or SPEED_NAME in outputs or SPEED_NAME not in model.parameters:
+        return "", ""
+    try:
+        record, _ = read_with_notes(file, (), (SPEED_NAME,), channels, start, stop, rate=rate)
+    except RecordError:  # a fault in a column that no equation uses does no harm
+        return "", ""
+    values = record[SPEED_NAME].with_gaps()
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return "", ""
+    name = model.equations.name
+    least, most = np.percentile(values, [1.0, 99.0])
+    declared = model.parameters[SPEED_NAME].value
+    said = (
+        f"the recorded airspeed, {least:.4g} to {most:.4g} m/s, is not used: the {name} model "
+        f"holds the airspeed of the vehicle file, {declared:.4g} m/s"
+    )
+    usual = float(np.median(values))
+    if abs(usual - declared) <= NOTABLE_DIFFERENCE_SHARE * declared:
+        return said, ""
+    return said, (
+        f"the recorded airspeed, {usual:.4g} m/s, is far from {declared:.4g} m/s in the vehicle "
+        f"file, which the {name} model holds: derivatives are in error with it; mend airspeed "
+        "there, or check the unit of the column and whether it is a true airspeed"
+    )
 
 
 def without_flow(record: Record) -> Record:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -70,10 +71,22 @@ class Plan:
 
     def __post_init__(self) -> None:
         for option, value in (("--rate", self.rate), ("--lowpass", self.lowpass)):
-            if value is not None and not (math.isfinite(value) and value > 0.0):
+            if value is None:
+                continue
+            if not _is_number(value):
+                raise DeclarationError(
+                    f"{value!r:.60} is no frequency",
+                    where=option,
+                    remedy="give a number in Hz, above zero",
+                )
+            if not (math.isfinite(value) and value > 0.0):
                 raise DeclarationError(
                     f"{value:g} Hz is no frequency", where=option, remedy="give a number above zero"
                 )
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def refuse_turned(start: float | None, stop: float | None, where: str) -> None:

@@ -43,6 +43,7 @@ from scenarios.preparation.measured_inputs import (
     measured_flow,
     of_totals,
     trim_sentence,
+    unused_airspeed,
     wants_attitude,
     with_attitude,
     with_flow,
@@ -299,6 +300,14 @@ def prepare(
     RecordError : anything in a file that keeps it from being used, in one line.
     """
     split = len(files) * len(plan.segments)
+    beside = [
+        (named(file.identity.name, each, several=len(plan.segments) > 1), *said)
+        for file in files
+        for each in plan.segments
+        if any(
+            said := unused_airspeed(file, model, channels, each.start, each.stop, rate=plan.rate)
+        )
+    ]
     parts = [(file, segment) for file in files for segment in plan.segments] + [
         (file, part) for file in validate
     ]
@@ -311,6 +320,7 @@ def prepare(
         for n, (file, segment) in enumerate(parts)
     ]
     texts = [f"{each[0].name}: {note}" for each, notes in parted for note in notes]
+    texts += [f"{name}: {said}" for name, said, _ in beside]
     read: list[Read] = []
     for (record, stated), _ in parted[:split]:
         pieces, of_gaps = split_at_gaps(record)
@@ -328,7 +338,15 @@ def prepare(
     ready = for_model(read[:split], model, plan, read[split:], decided)
     notes = (*plan.chosen, *grouped(texts, names), *ready.notes)
     return replace(
-        ready, notes=notes, doubts=(*look.doubts, *ready.doubts), look=look, parted=tuple(whole)
+        ready,
+        notes=notes,
+        doubts=(
+            *look.doubts,
+            *ready.doubts,
+            *(f"{name}: {doubt}" for name, _, doubt in beside if doubt),
+        ),
+        look=look,
+        parted=tuple(whole),
     )
 
 

@@ -80,6 +80,22 @@ def test_pages_fit_every_screen(name: str, site: str, screen: Page) -> None:
     assert screen.evaluate(CUT_OFF) == []
 
 
+# Tables that are wider than the text beside the contents, with the heading above them.
+WIDER = """() => [...document.querySelectorAll('article table')].filter(table => {
+    const box = table.closest('.pst-scrollable-table-container') || table.parentElement;
+    return table.scrollWidth > box.clientWidth + 1;
+}).map(table => table.closest('section').querySelector('h1, h2, h3, h4').textContent)"""
+
+
+@pytest.mark.parametrize(
+    "name", ["papers", "estimators", "own-models", "how-to/own-effect", "how-to/python"]
+)
+def test_tables_fit_beside_the_contents(name: str, site: str, page: Page) -> None:
+    page.goto(f"{site}{name}.html")
+    assert page.locator("article table").count() > 0
+    assert page.evaluate(WIDER) == []
+
+
 def test_equations_are_drawn_with_their_font(site: str, page: Page) -> None:
     page.goto(site + "nomenclature.html")
     assert page.locator("math").count() > 100

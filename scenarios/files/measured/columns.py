@@ -195,7 +195,7 @@ def missing_column(channel: str, header: Sequence[str], file: str) -> RecordErro
     shown = ", ".join(present[:20]) + (", ..." if len(present) > 20 else "")
     remedy = (
         f"name the column {channel}, or give --channels a map with {channel} = {{column = "
-        f'"HEADER"}}'
+        f'"HEADER"}}; flightid map FILE drafts one'
     )
     if header and header[0] == "column 1":  # the file has no header
         remedy = (

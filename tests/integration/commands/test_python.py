@@ -327,6 +327,18 @@ WRONG: list[tuple[Callable[[], object], str]] = [
         lambda: fid.diagnose({"time": [0.0, 1.0]}, "rigid", {}, effects=3),  # type: ignore[arg-type]
         "effects: a int is no list of effects",
     ),
+    (
+        lambda: fid.identify({"time": [0.0, 1.0]}, "rigid", {}, band="x"),  # type: ignore[arg-type]
+        "band: 'x' is no band; give the lowest and the highest frequency",
+    ),
+    (
+        lambda: fid.identify({"time": [0.0, 1.0]}, "rigid", {}, profile=3),  # type: ignore[arg-type]
+        "profile: 3 names no parameter; give a name or a list of names",
+    ),
+    (
+        lambda: fid.predict(3, {"time": [0.0, 1.0]}),  # type: ignore[arg-type]
+        "study: a int is no study; give what identify or diagnose returned",
+    ),
 ]
 
 
@@ -374,7 +386,13 @@ def test_a_model_and_an_effect_made_in_python(tmp_path: Path) -> None:
         in_memory.parameters.to_dict() == in_file.parameters.to_dict()
         and in_memory.model == "antenna"
     )
-    with pytest.raises(
-        fid.InputError, match=r"effects: object is a class|effects: effect object lacks"
+    for given, told in (
+        (object(), "object"),
+        ("input-delay", "str"),
+        (object, "object is a class"),
     ):
-        fid.diagnose(fid.read_record(columns), module["MODEL"], effects=[object()])  # type: ignore[list-item]
+        with pytest.raises(fid.InputError) as raised:
+            fid.diagnose(fid.read_record(columns), module["MODEL"], effects=[given])  # type: ignore[list-item]
+        line = str(raised.value)
+        assert line.startswith("effects: ") and "lacks" not in line
+        assert (told if "class" in told else f"is a {told}, not an effect") in line

@@ -221,6 +221,15 @@ def test_a_fault_is_told_as_a_file_would_be(columns: dict[str, Any], told: str) 
             "column",
         ),
         ({"channels": {"beta": "sideslip"}}, ""),
+        (
+            {"inputs": ["alfa"]},
+            "record, inputs: there is no channel 'alfa'; did you mean 'alpha'?",
+        ),
+        (
+            {"inputs": 3},
+            "record, inputs: a int is no list of channels; give names of channels, such as "
+            '["elevator"]',
+        ),
         ({"hold": "next"}, "--hold: there is no hold 'next'; use previous or linear"),
     ],
 )
@@ -232,6 +241,27 @@ def test_what_is_said_of_a_record_has_to_fit_it(told: dict[str, Any], line: str)
     with pytest.raises(fid.InputError) as raised:
         fid.read_record(columns, **told)
     assert str(raised.value) == line
+
+
+@pytest.mark.parametrize(
+    ("told", "line"),
+    [
+        ({"channels": {"alpha": "vane"}}, "there is no column 'vane', which the channel map names"),
+        ({"channels": {"alpha": ("alpha", "furlong")}}, "unit 'furlong' does not measure an angle"),
+        ({"units": {"alpha": "m"}}, "unit 'm' does not measure an angle"),
+    ],
+)
+def test_a_channel_with_a_wrong_column_or_unit_has_no_values(
+    told: dict[str, Any], line: str
+) -> None:
+    record = fid.read_record(frame(alpha=ALPHA, q=TIME), **told)
+    with pytest.raises(fid.InputError, match=line):
+        record["alpha"]
+    assert np.array_equal(record["q"], TIME)
+
+
+def test_one_input_may_be_named_by_a_text() -> None:
+    assert fid.read_record(frame(alpha=ALPHA), inputs="alpha").input_names == ("alpha",)
 
 
 @pytest.mark.parametrize("source", [3.0, object(), [1.0, 2.0], None])
@@ -274,9 +304,11 @@ def test_a_window_is_a_record_of_its_own() -> None:
     )
     with pytest.raises(
         fid.InputError,
-        match=r"there is no row between --from and --to; the record covers 0 to 0\.5 s",
+        match=r"there is no row between start= and stop=; the record covers 0 to 0\.5 s",
     ):
         record.window(0.6)
+    with pytest.raises(fid.InputError, match=r"start= is not a number; give a time in s"):
+        record.window("a")  # type: ignore[arg-type]
     broken = fid.read_record(frame(alpha=[*ALPHA[:5], "x"]))
     assert broken.window(stop=0.35)["alpha"].tolist() == ALPHA[:4].tolist()
     with pytest.raises(fid.InputError, match="row 6"):

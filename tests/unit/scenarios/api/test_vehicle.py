@@ -163,6 +163,12 @@ def test_a_list_of_fixed_names_stays_fixed() -> None:
     [
         (lambda p: p["Cm_q"].bound(1.0, -1.0), "wrong order"),
         (lambda p: p["Cm_q"].fix(float("nan")), "finite number"),
+        (lambda p: p["Cm_q"].fix("abc"), "'abc' is no value of Cm_q; give a number, or a text"),
+        (lambda p: p["Cm_q"].fix("3"), "'3' is no value of Cm_q"),
+        (lambda p: p["Cm_q"].fix(True), "True is no value of Cm_q"),
+        (lambda p: p["Cm_q"].bound("a", 1.0), "'a' is no value of Cm_q"),
+        (lambda p: p["Cm_q"].tie("CL_q", factor="x"), "'x' is no number for the tie of Cm_q"),
+        (lambda p: p["Cm_q"].tie("CL_q", constant="1 deg"), "'1 deg' is no number for the tie"),
         (lambda p: p["Cm_q"].tie("Cm_q"), "cannot be tied"),
         (lambda p: p["Cm_q"].tie("nothing"), "cannot be tied"),
     ],

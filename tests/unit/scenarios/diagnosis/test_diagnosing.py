@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import flightid as fid
 from ident.tracing.diagnosis import Diagnosis, Verdict
 from scenarios.diagnosis.diagnose import Tracing, diagnose_files
 from scenarios.diagnosis.kinematics import Kinematics
@@ -324,6 +325,18 @@ def test_wrong_calls_are_refused_in_one_line(
         diagnosed([lean], "rigid", vehicle, [other], trace=Loop())
 
 
+def test_three_samples_are_too_few_and_no_fault_of_the_elevator(
+    files: tuple[Path, Path, Path], tmp_path: Path
+) -> None:
+    train, validate, vehicle = files
+    short = tmp_path / "short.csv"
+    short.write_text("\n".join(train.read_text().splitlines()[:4]) + "\n")
+    with pytest.raises(FlightidError, match=r"short\.csv: 3 rows with \d+ samples .* too few"):
+        diagnosed([short], "rigid", vehicle, [validate], trace=Loop())
+    with pytest.raises(FlightidError, match=r"short\.csv: 3 rows with \d+ samples .* too few"):
+        fid.identify(short, "rigid", vehicle)
+
+
 def example() -> str:
     return EXAMPLE.read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
 
@@ -358,7 +371,7 @@ def test_documented_effect_joins_the_candidates(
             "line 3: ModuleNotFoundError: No module named 'nothing_of_that_name'",
         ),
         ("def f(:", "line 1: SyntaxError: invalid syntax"),
-        ("EFFECTS = [1]", "effect int lacks name, station"),
+        ("EFFECTS = [1]", "1 is a int, not an effect"),
         (
             "from sim.effects.library import find_effect\nEFFECTS = [find_effect('input-delay')]",
             "the library has one of this name",

@@ -140,12 +140,35 @@ def test_an_archive_with_a_file_for_each_channel_is_one_log(tmp_path: Path) -> N
         ("KTAS (kts)", "airspeed", "kts"),
         ("Elev Pos [deg]", "elevator", "deg"),
         ("Querruder [deg]", "aileron", "deg"),
+        ("EPOS [deg]", "elevator", "deg"),
+        ("RPOS [deg]", "rudder", "deg"),
+        ("HP [ft]", "altitude", "ft"),
     ],
 )
 def test_usual_headers_are_recognised(tmp_path: Path, header: str, channel: str, unit: str) -> None:
     rows = [f"{time:.2f},{50.0 + 9.0 * a:.6f}" for time, a in zip(TIME, ALPHA, strict=True)]
     found = choice(drafted(opened(tmp_path, f"time,{header}", rows)), channel)
     assert (found.column, found.unit) == (header, unit)
+
+
+@pytest.mark.parametrize("largest", [100.0, 3.0])  # in degrees, in radians
+def test_elevons_are_elevator_and_aileron_and_indicated_airspeed_is_a_pressure(
+    tmp_path: Path, largest: float
+) -> None:
+    left, right = largest * ALPHA, 0.5 * largest * ALPHA**2
+    rows = [f"{t:.2f},{a:.9f},{b:.9f},100" for t, a, b in zip(TIME, left, right, strict=True)]
+    rows[0] = rows[0].removesuffix("100") + "101"  # a channel that never moves is no measurement
+    file = opened(tmp_path, "time,ELEVON_L,ELEVON_R,IAS_kt", ["s,,,kt", *rows])
+    draft = drafted(file)
+    chosen = {name: choice(draft, name) for name in ("elevator", "aileron", "dynamic_pressure")}
+    record = read_with_notes(file, ("elevator", "aileron"), ("dynamic_pressure",), chosen)[0]
+    radians = np.deg2rad(1.0) if largest > 10.0 else 1.0
+    for name, sign in (("elevator", 1.0), ("aileron", -1.0)):
+        expected = 0.5 * radians * (left + sign * right)
+        np.testing.assert_allclose(record[name].values, expected, atol=1e-6)
+    # A speed of 100 kt is 51.444 m/s.
+    pressure = record["dynamic_pressure"].values[-1]
+    assert pressure == pytest.approx(0.5 * 1.225 * 51.4444**2, rel=1e-4)
 
 
 def test_the_draft_is_for_the_axis_whose_motion_is_recorded(tmp_path: Path) -> None:

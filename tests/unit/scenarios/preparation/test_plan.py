@@ -32,6 +32,8 @@ def test_one_end_may_be_open_and_several_come_in_pairs() -> None:
         (dict(starts=[1.0, float("nan")], stops=[2.0, 3.0]), ("--from nan is not before",)),
         (dict(hold="zero"), ("there is no hold 'zero'", "previous or linear")),
         (dict(rate=0.0), ("--rate", "0 Hz is no frequency")),
+        (dict(rate="x"), ("--rate: 'x' is no frequency", "give a number in Hz")),
+        (dict(lowpass=[2.0]), ("--lowpass: [2.0] is no frequency",)),
         (dict(lowpass=float("inf")), ("--lowpass", "inf Hz is no frequency")),
     ],
 )

@@ -116,6 +116,37 @@ def test_airspeed_and_attitude_are_outputs_of_one_and_unused_by_the_other(
     same(ready.fitted[0], records["lateral"])
 
 
+@pytest.mark.parametrize(
+    ("cells", "noted", "doubted"),
+    [
+        ("62.1", True, False),
+        ("45.0", True, True),
+        ("x", False, False),  # a fault in a column that no equation uses does no harm
+    ],
+)
+def test_a_recorded_airspeed_that_a_model_holds_constant_is_told(
+    tmp_path: Path, records: dict[str, Record], cells: str, noted: bool, doubted: bool
+) -> None:
+    path = write_flown(tmp_path, "lateral", records["lateral"])
+    header, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([header + ",airspeed", *(f"{row},{cells}" for row in rows)]))
+    ready = prepare(
+        read_record_files([path]),
+        model_of_file(read_vehicle(tmp_path / "vehicle.toml", "lateral")),
+        HELD,
+    )
+    same(ready.fitted[0], records["lateral"])
+    said = (
+        f"lateral.csv: the recorded airspeed, {float(cells):.4g} to {float(cells):.4g} m/s, is not "
+        "used: the lateral model holds the airspeed of the vehicle file"
+        if noted
+        else "recorded airspeed"
+    )
+    assert any(note.startswith(said) for note in ready.notes) is noted
+    far = "lateral.csv: the recorded airspeed, 45 m/s, is far from"
+    assert any(doubt.startswith(far) for doubt in ready.doubts) is doubted
+
+
 def test_a_column_in_degrees_that_says_radians_is_refused(
     tmp_path: Path, records: dict[str, Record]
 ) -> None:
