@@ -23,7 +23,7 @@ import numpy as np
 
 from ident.statistics.intervals import inverse_information
 from ident.tracing.context import search_context
-from ident.tracing.fitted_model import FittedModel, added_parameters, is_event, known_beforehand
+from ident.tracing.fitted_model import FittedModel, added_parameters, declared_priors, is_event
 from ident.tracing.names import CLAIM_LEVEL
 from ident.tracing.priors import FAMILY_ODDS, FEWEST_FAMILY_MEMBERS
 from ident.tracing.scan import SCANNED_PLACES, starts_at
@@ -188,7 +188,7 @@ def _laid_out(
         plain,
         start=np.clip(np.array([item.value for item in items], dtype=float), plain.low, plain.high),
     )
-    return replace(layout, prior=known_beforehand(planned.model, effects, layout))
+    return replace(layout, prior=declared_priors(planned.model, effects, layout))
 
 
 def _as_model(

@@ -18,8 +18,8 @@ from ident.tracing.between_records import (
 from ident.tracing.decision import (
     NEGLIGIBLE_RATIO,
     Decision,
-    decided,
-    searched,
+    decide,
+    search_white_noise,
 )
 from ident.tracing.declared import Declared, fit_declared, held_out_data
 from ident.tracing.diagnosis import (
@@ -146,7 +146,7 @@ def _searched(
     where times were found and that is likelier; and the problem with the records as they were read.
     """
     declared = fit_declared(problem)
-    search = searched(declared.problem, discrepancy)
+    search = search_white_noise(declared.problem, discrepancy)
     times = [item.name for each in search.best().fitted.effects for item in each.parameters]
     if reread is None or not set(times) & set(TIMES):
         return problem, declared, search
@@ -235,7 +235,7 @@ def _decided(
 ) -> tuple[Decision, HeldOut]:
     """Return the decision, its set fitted to the end, and what that predicts of data not fitted."""
     against = _HeldOutCheck(search.problem, held)
-    decision = decided(search, discrepancy, against.leaves_noise, against.predicts_well)
+    decision = decide(search, discrepancy, against.leaves_noise, against.predicts_well)
     best, out = against.ended(decision.best)
     return replace(decision, best=best), out
 
