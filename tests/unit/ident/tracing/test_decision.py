@@ -116,7 +116,7 @@ def test_beside_a_discrepancy_what_acts_all_along_is_named(
     assert found.verdict is Verdict.PARTIAL
     assert [each.name for each in found.named] == [ARM]
     assert found.named[0].spread is not None and found.named[0].spread > 3.5
-    monkeypatch.setattr(decision, "LARGE_RATIO", 1.2)
+    monkeypatch.setattr(decision, "LARGE_ERROR_RATIO", 1.2)
     alone = decide(search, discrepancy)
     assert alone.verdict is Verdict.UNEXPLAINED and alone.named == ()
     (hint,) = [each for each in alone.hints if each.name == ARM]
