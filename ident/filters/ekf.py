@@ -48,8 +48,7 @@ from sim.record import Record
 
 # ---- Extended Kalman filter for states and parameters, on filterpy's ExtendedKalmanFilter
 
-# of a standard deviation: below it a further pass changes nothing that matters
-SETTLED_SIGMAS = 0.01
+SETTLED_SIGMAS = 0.01  # change in sigmas below which no further pass is needed
 OnePass = Callable[..., Estimate]
 _FEW_COLUMNS = 6  # states and parameters below which column by column is the cheaper Jacobian
 

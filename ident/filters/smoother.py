@@ -81,7 +81,7 @@ def _backwards(history: FilterHistory) -> tuple[np.ndarray, np.ndarray]:
     """
     H, G, later = history.sensitivity[1:], history.transition[1:], slice(1, None)
     N, n = len(G), len(history.names)
-    # A channel that is missing has zeros in H and one in S: it brings nothing.
+    # A missing channel has zeros in H and one in S, which is neutral.
     weighted = np.linalg.solve(history.innovation_covariance[later], H).transpose(0, 2, 1)
     M = G - (history.predicted_covariance[later] @ weighted) @ (H @ G)
     gain_to_state = G.transpose(0, 2, 1) @ weighted
@@ -115,7 +115,8 @@ def _at_most(P: np.ndarray, largest: np.ndarray) -> np.ndarray:
 
 # of the standard deviations 1/sqrt(N) that an autocorrelation of white noise has
 _SIGNIFICANT_SIGMAS = 4.0
-_ROUNDING_SHARE = 1e-9  # of a covariance, below which a difference of two is no process noise
+# smallest process noise, relative to a covariance; smaller differences are rounding
+_ROUNDING_SHARE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)

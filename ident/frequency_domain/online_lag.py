@@ -32,7 +32,7 @@ LAG, DELAY, STATE = "inv_tau", "delay", "delta"
 SHORTEST_LAG = 0.005  # s, smallest time constant of the lag
 LONGEST_LAG = 2.0  # s, largest time constant of the lag
 LONGEST_DELAY = 0.5  # s, largest delay
-FACTORS = (1.0, 0.4, 2.5)  # of the lag, from which a search begins
+FACTORS = (1.0, 0.4, 2.5)  # factors on the lag where a search starts
 # times as many rows as at the last search from everywhere: the next one
 GROWTH_BEFORE_FULL_SEARCH = 2
 MOST_STEPS = 8  # most steps of a search

@@ -49,7 +49,7 @@ from sim.record import Record
 _PROGRESS_STEPS = 8  # steps over which the progress is measured
 # log likelihood (0.04 sigmas): a smaller gain over these steps ends the search
 _NEGLIGIBLE_GAIN = 1e-3
-_EXACT_FIT_SHARE = 1e-24  # of an output's mean square, below which it is met exactly
+_EXACT_FIT_SHARE = 1e-24  # largest residual of an exact fit, relative to an output's mean square
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,9 +33,9 @@ from sim.record import Hold, Record
 
 # ---- Records as Fourier transforms at the harmonics of their own length, in a band
 
-EVEN_SAMPLING_TOLERANCE = 0.01  # of the interval, by which a sample may be off
-MOST_BRIDGED_SHARE = 0.05  # of a channel's samples, that may be missing and are bridged
-BAND_POWER_SHARE = 0.95  # of every input's power that the usual band holds
+EVEN_SAMPLING_TOLERANCE = 0.01  # largest error of a sample's time, relative to the interval
+MOST_BRIDGED_SHARE = 0.05  # largest share of missing, interpolated samples of a channel
+BAND_POWER_SHARE = 0.95  # share of every input's power in the default band
 _REMEDY = "resample with --rate, cut with --from and --to, or use output-error"
 
 
@@ -164,7 +164,8 @@ def step_of(record: Record) -> float:
 
 # ---- The matrices of a linear System and their slopes by its parameters
 
-NONLINEARITY_TOLERANCE = 1e-7  # of a rate's or reading's own change, by which rounding may bend it
+# largest nonlinearity by rounding, relative to the change of a rate or reading
+NONLINEARITY_TOLERANCE = 1e-7
 _TRIAL_POINTS = 6  # points at which a System is compared with its matrices
 
 

@@ -23,8 +23,8 @@ from sim.record import Record
 
 # ---- Smoothing and slopes by polynomials fitted to a moving window of samples
 
-_EVEN_SAMPLING_TOLERANCE = 1e-9  # of an interval, by which intervals of even sampling may differ
-_SMOOTHING_DEGREE = 2  # of the local polynomials that smooth a channel
+_EVEN_SAMPLING_TOLERANCE = 1e-9  # largest relative difference of even intervals
+_SMOOTHING_DEGREE = 2  # degree of the local polynomials that smooth a channel
 HALF_WIDTHS = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64)
 
 

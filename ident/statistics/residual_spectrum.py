@@ -1,14 +1,13 @@
 """Power spectra of residuals by autoregressions, and parameter covariance corrected for coloured
 residuals.
 
-The residuals of a fit are the noise less what the fitted unknowns have followed of it. Of noise
-with a long memory that is a large part of its power at low frequency, where maneuvers have theirs
-too: autocovariances of residuals are too small, and their taper makes them smaller (Kiefer and
-Vogelsang, Econometric Theory 21(6), 2005). Here the noise is an autoregression, its order by
-Akaike's criterion (Berk, Annals of Statistics 2(3), 1974; den Haan and Levin, NBER technical
-paper 197, 1996): of each output by itself, or of all together, as gusts move them. Its
-autocovariance is moved by the difference between noise and residual that this autoregression
-itself leads to, until both agree.
+The residuals of a fit are the noise minus the part that the unknowns have fitted. For noise of long
+correlation this part is large at the low frequencies of maneuvers: autocovariances of residuals are
+too small, and tapering reduces them further (Kiefer and Vogelsang, Econometric Theory 21(6), 2005).
+Here the noise is an autoregression, its order by Akaike's criterion (Berk, Annals of Statistics
+2(3), 1974; den Haan and Levin, NBER technical paper 197, 1996): one for each output, or one for all
+if a common cause such as gusts acts. Its autocovariance is corrected by the difference between
+noise and residual that it implies, until both agree.
 
 Morelli and Klein, "Accuracy of Aerodynamic Model Parameters Estimated from Flight Test Data", J.
 Guidance, Control and Dynamics 20(1), 1997: the information matrix stays, the scatter of the
@@ -27,8 +26,8 @@ from scipy.special import ndtr, stdtrit
 
 # ---- Power spectra of the residuals of a fit
 
-_MOST_AUTOCOVARIANCE_PASSES = 8  # of the autocovariance towards that of the noise, at most
-# of each variance of the gradient, by which a pass moves it at the end: half a percent of a sigma
+_MOST_AUTOCOVARIANCE_PASSES = 8  # most corrections of the autocovariance
+# largest relative change of a gradient variance at convergence: half a percent of a sigma
 _SETTLED_VARIANCE_SHARE = 0.01
 
 
@@ -65,7 +64,7 @@ class Autoregression:
 
 @dataclass(frozen=True, eq=False)
 class RecordScores:
-    """What one record adds to the gradient of a fit.
+    """Contribution of one record to the gradient of a fit.
 
     Attributes
     ----------
@@ -244,7 +243,8 @@ class _ScoreTransforms:
         both = moves @ other + follows @ np.conj(moves.transpose(0, 2, 1))
         taken = np.fft.irfft(both, self.size, axis=0)[: self.lags + 1]
         moved = self.measured + taken / (self.share * n)
-        # Nearly collinear unknowns may leave less than no noise: then the residuals' own stands.
+        # With nearly collinear unknowns the corrected variance may be negative: then the residuals'
+        # own is used.
         self._fit(moved if np.all(moved[0].diagonal() > 0.0) else self.measured)
 
     def spread(self, inverse: np.ndarray) -> np.ndarray:
@@ -461,7 +461,7 @@ def corrected_covariance(
     result = score_covariance(records, inverse)
     corrected = inverse @ (result.middle if prior is None else result.middle + prior) @ inverse
     white, own = np.diag(inverse), np.diag(corrected)
-    # Where the residuals say nothing at all (exact data) the white value is kept.
+    # Exact data: the white value is kept.
     shown = own > 1e-12 * white
     factor = np.sqrt(np.maximum(np.divide(white, own, out=np.zeros_like(own), where=shown), 1.0))
     factor *= shown * student_factor(own, result.spread)

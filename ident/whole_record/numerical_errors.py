@@ -32,7 +32,7 @@ from sim.record import Channel, Record
 
 # largest noise, relative to the motion, at which integration errors matter
 QUIET_NOISE_SHARE = 1e-3
-RICHARDSON_FACTOR = 16.0 / 15.0  # of the difference of steps h and h/2, order 4
+RICHARDSON_FACTOR = 16.0 / 15.0  # factor on the difference between steps h and h/2, order 4
 # largest residual over that of a simulation without noise: a larger one shows noise in the record
 LARGEST_SMOOTHING_RATIO = 3.0
 
