@@ -1,9 +1,8 @@
 """Unscented Kalman filter for states and parameters, and its iterated form.
 
-filterpy does the update and the weights; three things are put around it to make it robust. A square
-root that serves singular covariances (a state known exactly has no variance, and Cholesky's would
-fail) and is unique. All sigma points in one call of the System instead of one call each. Missing
-channels dropped row by row.
+filterpy computes the update and the weights. Three additions make it robust. A unique square root
+that also exists for singular covariances (a state known exactly has no variance). All sigma points
+in one call of the System instead of one call each. Missing channels dropped row by row.
 
 The points lie sqrt(n) sigmas out (alpha = 1, kappa = 0) and the central one weighs beta = 2 in the
 covariance, which holds part of the fourth moments of a Gaussian: with no negative weight the
@@ -244,7 +243,7 @@ def _central_differences(rows: np.ndarray) -> np.ndarray:
 
 # ---- Iterated unscented filter
 
-# half the digits: of a difference of covariances the rest may be rounding
+# half the digits: the rest of a difference of covariances may be rounding
 ROUNDING = float(np.sqrt(np.finfo(float).eps))
 # weight of the central point in a covariance, beta of the scaled points
 CENTRAL_COVARIANCE_WEIGHT = 2.0
@@ -304,8 +303,8 @@ def _cloud(about: SmoothedHistory, k: int, reach: np.ndarray) -> _Cloud:
     """Return the points about sample ``k`` of a smoothed result, out to its covariance.
 
     Where the smoother's difference of covariances is rounding alone, ``reach (n,)`` are the
-    standard deviations and directions without variance get ``ROUNDING`` of one: without points that
-    lie apart no slope along them would be seen, and the record would say nothing of them.
+    standard deviations and directions without variance get ``ROUNDING`` of one: without distinct
+    points, slopes along these directions would be unknown.
     """
     mean, P = about.mean[:, k], about.covariance[k]
     std = np.sqrt(np.maximum(np.diagonal(P), 0.0))

@@ -6,13 +6,13 @@ that window, sum_j w_j x_j = sum_j K_j (x_{j+1} - x_j), K_j = -sum_{i<=j} w_i, s
 side is averaged with the same K: a jump of the input inside a window then does no harm, and no
 frequency is lost on one side only.
 
-Least squares needs no integration, so any start will do, and an unstable aircraft is as easy as a
-stable one (Klein and Morelli, Aircraft System Identification, ch. 5). But the states in its
-regressors carry noise, and smoothing rounds them off: both bias the estimate, by up to several
-sigmas. With instrumental variables (Young, Recursive Estimation and Time-Series Analysis, 2nd ed.,
-ch. 8; Soderstrom and Stoica, Instrumental Variable Methods for System Identification, 1983) the
-regressors are the measured states as they are, and what they are multiplied with are those of a
-simulation at the last estimate: it follows the inputs, not the noise, so no bias is left.
+Least squares needs no integration, so that it works from any start and for unstable aircraft (Klein
+and Morelli, Aircraft System Identification, ch. 5). But noise and smoothing of the states in its
+regressors bias the estimate, by up to several sigmas. With instrumental variables (Young, Recursive
+Estimation and Time-Series Analysis, 2nd ed., ch. 8; Soderstrom and Stoica, Instrumental Variable
+Methods for System Identification, 1983) the regressors are the measured states as they are, and
+what they are multiplied with are those of a simulation at the last estimate: it follows the inputs,
+not the noise, so no bias is left.
 """
 
 from __future__ import annotations
@@ -40,14 +40,13 @@ from sim.maths import COMPLEX_STEP
 from sim.propagation import drive_from_record, make_grid, propagate
 from sim.record import Channel, Record
 
-SIMULATED_STEP = 0.02  # s, of the simulation that gives instruments
-# scatters of a state by which its simulation may leave the record and still serve
+SIMULATED_STEP = 0.02  # s, step of the simulation that gives instruments
+# largest distance of a usable simulation from the record, in scatters of a state
 RUNAWAY_SCATTERS = 3.0
-# at least squares and at the first estimate without its bias: a better instrument is no better
-# estimate
+# number of bias simulations: at least squares, and at the first corrected estimate
 BIAS_SIMULATIONS = 2
 NARROWER = (1.0, 0.5, 0.25, 0.125)  # shares of a slope's window that are tried with instruments
-NOISE_PAIRS = 6  # of added noise and its negative, from which the bias of least squares is found
+NOISE_PAIRS = 6  # pairs of added noise and its negative for the bias of least squares
 
 
 @dataclass(frozen=True)
