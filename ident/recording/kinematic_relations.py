@@ -1,12 +1,12 @@
 """Relations between the channels of one motion, and the alternative readings of columns that they
 test.
 
-Over a lag h of about half the motion's rhythm, alpha(t + h) - alpha(t) = int (q - (g/V) (nz -
+Over a lag h of about half a period of the motion, alpha(t + h) - alpha(t) = int (q - (g/V) (nz -
 nz_0)) dt and theta(t + h) - theta(t) = int q dt. Without nz the lift is a multiple of alpha (Z
 alpha, Z > 0); without alpha a change of nz is one of alpha (k > 0). Differences over a lag remove
 biases and slow drifts.
 
-q(t + h) - q(t) = M_alpha int alpha dt + M_q int q dt + M_delta int delta(t - late) dt + c h, by
+q(t + h) - q(t) = M_alpha int alpha dt + M_q int q dt + M_delta int delta(t - delay) dt + c h, by
 least squares; nz replaces a missing alpha.
 """
 
@@ -31,7 +31,7 @@ from sim.record import Channel, Record
 
 # ---- Relations between the channels of one motion
 
-JOINED = ("alpha", "q", "nz", "theta")
+MOTION_CHANNELS = ("alpha", "q", "nz", "theta")
 LOWEST_AIRSPEED = 20.0  # m/s, lowest airspeed where it is unknown
 HIGHEST_AIRSPEED = 400.0  # m/s, highest airspeed where it is unknown
 LARGEST_LIFT_DAMPING = 10.0  # 1/s: largest damping of alpha by lift
@@ -43,7 +43,7 @@ POWER_FLOOR = 1e-30
 # follow the motion
 FEWEST_ROWS_PER_LAG = 2
 SHIFTS = (0.0, 0.05, 0.1, 0.2)  # s: delays and lags of sensors
-LONGEST_DELAY = 0.3  # s: delays, lags, and arms over the airspeed, which are effects of their own
+LONGEST_DELAY = 0.3  # s: largest delay or lag, or arm over airspeed; these are effects of their own
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,13 +82,17 @@ class KinematicColumns:
 
 
 def columns_of(record: Record, expected: Expectations) -> KinematicColumns | None:
-    """Return the channels of one motion; None if they are fewer than two or too short. nz is -az/g0
+    """Return the channels of one motion; None if there are none or they are too short. nz is -az/g0
     if az is given.
     """
     if len(record) < FEWEST_ROWS:
         return None
     rows = slice(0, MOST_ROWS)
-    outputs = {name: _bridged(record, name)[rows] for name in JOINED if name in record.output_names}
+    outputs = {
+        name: _bridged(record, name)[rows]
+        for name in MOTION_CHANNELS
+        if name in record.output_names
+    }
     if "nz" not in outputs and "az" in record.output_names:
         outputs["nz"] = -_bridged(record, "az")[rows] / G0
     if len(outputs) < 1:
@@ -96,7 +100,7 @@ def columns_of(record: Record, expected: Expectations) -> KinematicColumns | Non
     control = record.inputs[0] if record.inputs else None
     finite_rows = [
         np.flatnonzero(record[name].valid)
-        for name in (*JOINED, "az")
+        for name in (*MOTION_CHANNELS, "az")
         if name in record.output_names
     ]
     sparse = max(
@@ -105,7 +109,7 @@ def columns_of(record: Record, expected: Expectations) -> KinematicColumns | Non
     over = (
         expected.gravity / expected.airspeed
         if expected.airspeed
-        else _from_record(record, expected.gravity)
+        else _gravity_over_recorded_speed(record, expected.gravity)
     )
     values = control.values[rows] if control is not None else None
     columns = KinematicColumns(
@@ -215,7 +219,7 @@ def _share_of_lift(load: np.ndarray, flow: np.ndarray, surface: np.ndarray) -> f
 
 
 def lag_of(columns: KinematicColumns) -> int:
-    """Return the rows over which the motion changes most: where its autocorrelation has halved."""
+    """Return the lag, in rows, at which the autocorrelation of the motion has halved."""
     name = next((name for name in ("q", "alpha", "nz", "theta") if name in columns.outputs), None)
     if name is None:
         return 1
@@ -267,7 +271,7 @@ def _bridged(record: Record, name: str) -> np.ndarray:
     return np.concatenate([values[:1], middle, values[-1:]])
 
 
-def _from_record(record: Record, gravity: float) -> float | None:
+def _gravity_over_recorded_speed(record: Record, gravity: float) -> float | None:
     if "airspeed" not in record.output_names:
         return None
     speed = float(np.median(record["airspeed"].values[record["airspeed"].valid]))
@@ -422,7 +426,11 @@ def control_power(columns: KinematicColumns) -> ControlPower | None:
     result = [
         fitted
         for delay in CONTROL_DELAYS
-        if (fitted := _fitted(left, sums, change(_delayed(columns.time, moved, delay), lag), lag))
+        if (
+            fitted := _control_power_fit(
+                left, sums, change(_delayed(columns.time, moved, delay), lag), lag
+            )
+        )
         is not None
     ]
     if not result:
@@ -450,7 +458,7 @@ def sure(power: ControlPower) -> bool:
     )
 
 
-def _fitted(
+def _control_power_fit(
     left: np.ndarray, sums: list[np.ndarray], moved: np.ndarray, lag: int
 ) -> ControlPower | None:
     rows = np.stack([*sums, moved, np.ones(len(left))])
@@ -493,8 +501,8 @@ VELOCITY_PARTS = 40  # the velocity is a slope over two fortieths of the record
 
 
 def height_unit(record: Record, expected: Expectations) -> list[RecordFinding]:
-    """Return a finding where a height that falls under ``expected.gravity`` obeys it in another
-    unit than metres, and not in metres.
+    """Return a finding if the height of a falling body obeys ``expected.gravity`` in another unit
+    than metres only.
 
     Of h(t) in a unit of f metres, f h = c0 + c1 t - g t^2/2 + k D(t), where D is the double
     integral of -v |v| exp(-f h/H), v = f dh/dt, and the drag k is not negative. Near the terminal
@@ -538,17 +546,17 @@ def _unexplained_height(
         density = np.exp(-np.clip((y - y[0]) / (expected.scale_height or math.inf), -50.0, 50.0))
     drag = _integral(t, _integral(t, -velocity * np.abs(velocity) * density))
     line = np.stack([np.ones(len(t)), t / t[-1]], axis=1)
-    rest = _off(line, y + 0.5 * expected.gravity * t**2)
-    along = _off(line, drag)
+    rest = _residual_of(line, y + 0.5 * expected.gravity * t**2)
+    along = _residual_of(line, drag)
     power = float(along @ along)
     if power > 0.0:
         rest = rest - max(float(rest @ along) / power, 0.0) * along
-    about = _off(line, y)
+    about = _residual_of(line, y)
     total = float(about @ about)
     return float(rest @ rest) / total if total > 0.0 else math.inf
 
 
-def _off(line: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _residual_of(line: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.asarray(values - line @ np.linalg.lstsq(line, values, rcond=None)[0])
 
 

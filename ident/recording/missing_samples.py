@@ -241,9 +241,9 @@ REPEAT_FACTOR = 1.0
 ABRUPT_END_SHARE = 0.7
 IRREGULAR_SHARE = 0.05  # smallest share of repeated samples at uneven updates
 LONGEST_OUTPUT_LEAD = 0.5  # s, longest time by which one output moves before another (sensor lags)
-REPEATS_MOVES = 6.0  # smallest motion, in sigmas of the noise and in least bits
+FEWEST_MOTION_SIGMAS = 6.0  # smallest motion, in sigmas of the noise and in least bits
 # smallest step of an input that a channel may respond to, as a share of its span
-INPUT_STEPS = 0.05
+INPUT_STEP = 0.05
 CATCH_UP_RATIO = 3.0  # smallest step at the end of a run, over the usual step
 
 
@@ -426,7 +426,7 @@ def _catches_up(series: Series, inputs: Sequence[Series], begin: int, end: int) 
         near = (other.time >= series.time[end - 2]) & (other.time <= series.time[end + 2])
         if (
             np.count_nonzero(near) > 2
-            and float(np.max(np.abs(np.diff(other.values[near], 2)))) > INPUT_STEPS * other.span
+            and float(np.max(np.abs(np.diff(other.values[near], 2)))) > INPUT_STEP * other.span
         ):
             return False
     return True
@@ -451,7 +451,7 @@ def _another_moves(others: Sequence[Series], begin: float, end: float) -> bool:
             continue
         smooth = np.median(np.lib.stride_tricks.sliding_window_view(inside, 5), axis=1)
         if float(np.ptp(smooth)) > max(
-            REPEATS_MOVES * (other.noise + other.least_bit), 0.1 * other.span
+            FEWEST_MOTION_SIGMAS * (other.noise + other.least_bit), 0.1 * other.span
         ):
             return True
     return False
@@ -469,11 +469,11 @@ SINGLE_SHARE = 2e-7  # rounding of single precision, as a share of the largest v
 # in ten
 BEND_TO_ROUNDING_RATIO = 8.0
 STRAIGHT_ROUNDINGS = 4.0  # largest bend of a nearly straight sample, in roundings
-INTERPOLATED_FEW = 0.05  # largest share of nearly straight samples: noise gives more
+LARGEST_NEARLY_STRAIGHT_SHARE = 0.05  # largest share of nearly straight samples: noise gives more
 STRAIGHT_SAMPLE_SHARE = 0.3  # smallest share of straight samples at uneven updates
 # smallest share of the bends on their phases; missing rows shift the rest
 INTERPOLATED_ON_PHASE = 0.97
-INTERPOLATED_EVEN = 0.02  # largest deviation of an evenly sampled step, as a share
+EVEN_STEP_TOLERANCE = 0.02  # largest deviation of an evenly sampled step, as a share
 # share of the bends at changes of an input from which they are the vehicle's response
 ANSWERED_BEND_SHARE = 0.9
 
@@ -493,8 +493,8 @@ def interpolated(
     """Find samples interpolated between updates of a lower rate, and mask them; in an input they
     are only noted.
 
-    Straight lines need an update every two samples or fewer often, at uneven updates every three;
-    cubics every four, on an even clock.
+    Updates must be at least two samples apart for straight lines (three if uneven), and four for
+    cubics, on an even clock.
     """
     if len(series.values) < 2 * FEWEST_UPDATES:
         return None
@@ -557,7 +557,7 @@ def _straight(series: Series, inputs: Sequence[Series]) -> _Pattern | None:
 
 def _cubic(series: Series, inputs: Sequence[Series]) -> _Pattern | None:
     steps = np.diff(series.time)
-    if np.max(np.abs(steps - np.median(steps))) > INTERPOLATED_EVEN * np.median(steps):
+    if np.max(np.abs(steps - np.median(steps))) > EVEN_STEP_TOLERANCE * np.median(steps):
         return None
     off, least = np.abs(np.diff(series.values, 4)), 16.0 * _rounding(series)
     bent = off > least
@@ -584,7 +584,7 @@ def _is_bimodal(off: np.ndarray, least: float, bent: np.ndarray) -> bool:
         or np.median(off[bent]) < BEND_TO_ROUNDING_RATIO * least
     ):
         return False
-    return bool(np.mean(bent & (off < STRAIGHT_ROUNDINGS * least)) < INTERPOLATED_FEW)
+    return bool(np.mean(bent & (off < STRAIGHT_ROUNDINGS * least)) < LARGEST_NEARLY_STRAIGHT_SHARE)
 
 
 def _bends_are_response(times: np.ndarray, inputs: Sequence[Series]) -> bool:

@@ -137,7 +137,7 @@ def belongs_to_record(effect: Traceable) -> bool:
 
 
 def local_names(effect: Traceable) -> list[str]:
-    """Full names of an effect's free parameters of which each record has its own."""
+    """Return the full names of an effect's free parameters that are fitted for each record."""
     if not belongs_to_record(effect):
         return []
     shared = {full_name(effect, local) for local in effect.traits.of_aircraft}
@@ -145,8 +145,8 @@ def local_names(effect: Traceable) -> list[str]:
 
 
 def added_parameters(effect: Traceable, records: int) -> int:
-    """Return the number of parameters that an effect adds to a fit of so many records, those that
-    any aircraft has left out.
+    """Return the number of parameters that an effect adds to a fit of ``records`` records, without
+    those that every aircraft has.
     """
     known = {full_name(effect, local) for local in effect.traits.of_aircraft}
     own = local_names(effect)
@@ -329,8 +329,8 @@ def quantities(fitted: FittedModel, effect: Traceable) -> dict[str, Quantity]:
 
 
 def records_of(fitted: FittedModel, effect: Traceable) -> tuple[int, ...]:
-    """Return the numbers, from 0, of the records that an effect with parameters of its own for each
-    acts on; empty where it acts on all.
+    """Return the numbers, from 0, of the records on which a record-specific effect acts; empty if
+    it acts on all.
     """
     each = _quantities_by_record(fitted, effect)
     seen = tuple(

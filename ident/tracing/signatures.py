@@ -137,7 +137,8 @@ def _alternatives(
 
 # ---- Outputs of many candidates at once
 
-_AT_ONCE = 60_000  # numbers of an output computed together; more do not fit the processor's cache
+# numbers of an output computed together; more do not fit the processor's cache
+_LARGEST_BATCH = 60_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +146,7 @@ class BaseMotion:
     """Motion of the base, about which alternatives are simulated.
 
     ``slopes (known, known, K)`` of the states after each interval by those before; ``states (known,
-    K + 1)`` as the equations have them with the steps of this grid.
+    K + 1)`` of the equations on this grid.
     """
 
     slopes: np.ndarray
@@ -155,8 +156,8 @@ class BaseMotion:
 def base_motion(
     problem: RecordProblem, p: np.ndarray, states: np.ndarray, known: int, drive: Drive
 ) -> BaseMotion:
-    """Return the motion about parameters ``p (np,)`` and a trajectory ``states (nx, K + 1)``, of
-    which the first ``known`` are not added; ``drive`` rows ``(M,)``.
+    """Return the motion about parameters ``p (np,)`` and a trajectory ``states (nx, K + 1)``, whose
+    first ``known`` states belong to the base; ``drive`` rows ``(M,)``.
     """
     size = np.sqrt(np.mean(states[:known] ** 2, axis=1))
     steps = DIFFERENCE_STEP_SHARE * np.where(size > 0, size, 1.0)
@@ -186,14 +187,14 @@ def alternative_outputs(
     problem : the record laid out for a System. p : ``(np,)`` parameters of the base.
     states : ``(nx, K + 1)`` trajectory of the base, which obeys its equations; added states are
     zero in it. alternatives : ``(np, a)`` all parameters, a column an alternative. known : the
-    first so many states are the base's own, the others are added. base : its motion under these
-    inputs, where that is known already.
+    number of states of the base; further ones are added. base : its motion under these inputs, if
+    computed before.
 
     Returns
     -------
     Base outputs ``(m, N)`` and those of the alternatives ``(m, N, a)``.
     """
-    few = max(1, _AT_ONCE // states.shape[1])
+    few = max(1, _LARGEST_BATCH // states.shape[1])
     varied = np.flatnonzero(np.any(alternatives != p[:, None], axis=1))
     outputs = np.empty(
         (len(problem.system.outputs), alternatives.shape[1], len(problem.grid.sample))
@@ -217,8 +218,8 @@ def _outputs_of_some(
     known: int,
     base: BaseMotion | None,
 ) -> tuple[np.ndarray, np.ndarray, BaseMotion]:
-    """Return the same for a few alternatives, whose outputs are ``(m, a, N)``; ``varied``
-    parameters of all; and the base's motion, for the others.
+    """Return the base outputs, those of a few alternatives ``(m, a, N)``, and the base's motion;
+    ``varied`` are the parameters that differ in any alternative.
     """
     n_x, a, K = len(states), alternatives.shape[1], states.shape[1] - 1
     rows: list[Any] = p.tolist()
@@ -273,7 +274,7 @@ def _added_states(
     from scipy.linalg.lapack import dtbtrs
 
     added, intervals = len(states) - known, states.shape[1] - 1
-    acting = _acting(problem, alternatives, varied, states, known)
+    acting = _parameters_of_added_states(problem, alternatives, varied, states, known)
     keys, share = np.unique(alternatives[acting], axis=1, return_inverse=True)
     chosen = [int(np.flatnonzero(share.ravel() == k)[0]) for k in range(keys.shape[1])]
     few = alternatives[:, chosen]
@@ -307,14 +308,14 @@ def _added_states(
     return found
 
 
-def _acting(
+def _parameters_of_added_states(
     problem: RecordProblem,
     alternatives: np.ndarray,
     varied: np.ndarray,
     states: np.ndarray,
     known: int,
 ) -> list[int]:
-    """Return the varied parameters that move the rates of the added states."""
+    """Return the varied parameters that act on the rates of the added states."""
     system = problem.system
     x = states[:, states.shape[1] // 2] + 1e-2
     u = [0.01] * len(system.inputs)
