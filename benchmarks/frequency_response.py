@@ -15,7 +15,7 @@ import control
 import numpy as np
 from scipy import signal
 
-from ident.frequency_response import Signals, Spectra, estimate_responses
+from ident.frequency_response import EvenSignals, Spectra, estimate_responses
 from ident.frequency_response.estimate import decimated, frequencies, window_lengths
 
 RATE, DURATION = 400.0, 600.0
@@ -36,7 +36,7 @@ def record() -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
 
 def composite(x: np.ndarray, y: np.ndarray, high: float) -> tuple[np.ndarray, np.ndarray]:
     """flightid's estimate up to ``high``, Hz: frequencies and response."""
-    records, _ = decimated([Signals(1.0 / RATE, x[None], y[None])], high)
+    records, _ = decimated([EvenSignals(1.0 / RATE, x[None], y[None])], high)
     windows = window_lengths([DURATION])
     at = frequencies(2.0 / windows[0], high)
     return at, estimate_responses(records, at, Spectra(windows)).response[0, 0]

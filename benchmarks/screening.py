@@ -59,7 +59,7 @@ def least(act: Callable[[], object], runs: int) -> float:
 def main() -> None:
     from ident.tracing.context import search_context
     from ident.tracing.priors import set_prior
-    from ident.tracing.scan import leads_of, prepared, shown_by
+    from ident.tracing.scan import leads_of, prepared, candidate_signatures
     from scenarios.diagnosis.opening import candidates_for
 
     parser = argparse.ArgumentParser(
@@ -79,13 +79,13 @@ def main() -> None:
         first = least(lambda f=fitted, p=prior: prepared(f, p), runs)
         known = least(
             lambda f=fitted, r=ready, e=named, c=context: leads_of(
-                f, r, [*shown_by(f, e, c).values()], c
+                f, r, [*candidate_signatures(f, e, c).values()], c
             ),
             runs,
         )
         general = least(
             lambda f=fitted, r=ready, e=instances, c=context: leads_of(
-                f, r, [*shown_by(f, e, c).values()], c
+                f, r, [*candidate_signatures(f, e, c).values()], c
             ),
             runs,
         )

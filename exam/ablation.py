@@ -152,21 +152,21 @@ RULES: Mapping[str, Rule] = {
     "small misfit": Rule(
         "where the best set leaves hardly more than noise, it is judged as under white noise",
         decision,
-        "_decided_with_small_misfit",
+        "_decide_with_small_misfit",
         _nothing,
         _given,
     ),
     "general forms": Rule(
         "forms without a cause of their own are tried where nothing else leaves noise",
         decision,
-        "_decided_with_general_forms",
+        "_decide_with_general_forms",
         _nothing,
         _given,
     ),
     "other faults": Rule(
         "beside a discrepancy, other faults of a sensor that kinematics name are tried",
         decision,
-        "_other_forms",
+        "_exchange_fault_forms",
         _second,
         _not_second,
     ),
@@ -180,7 +180,7 @@ RULES: Mapping[str, Rule] = {
     "two events": Rule(
         "two loads or gusts in passing are not named",
         decision,
-        "_events",
+        "_passing_events",
         lambda *_: set(),
         lambda before, result, *_: len(result) > 1,
     ),

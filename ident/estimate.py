@@ -10,7 +10,7 @@ from enum import Enum
 
 import numpy as np
 
-LARGEST_NUMBER = 1e100  # beyond it squares and sums leave the range of finite numbers
+LARGEST_NUMBER = 1e100  # largest number whose squares and sums are finite
 
 
 class Outcome(Enum):
@@ -80,7 +80,7 @@ class FilterHistory:
     predicted_mean, predicted_covariance, covariance, transition : ``(n, N)`` and ``(N, n, n)``, for
         smoothers; ``transition[k]`` leads from sample ``k - 1`` to ``k``.
     sensitivity, innovation_covariance : ``(N, m, n)`` and ``(N, m, m)``, for smoothers; rows of
-        samples that are missing are zero, and those of the unit matrix.
+        missing samples are zero in the first, and of the unit matrix in the second.
     """
 
     time: np.ndarray
@@ -121,7 +121,7 @@ class Estimate:
         fit.
     output_names, noise_std : outputs used and the measurement noise assumed or estimated.
     fitted : estimator's output at the samples of each record, ``(m, N)`` each; of a filter its
-        prediction from the past, from the last sound sample on held where it broke down.
+        prediction from the past, held at the last finite sample if it failed.
     history : of a filter; None for whole-record methods.
     iterations : passes over the data.
     """
@@ -182,7 +182,7 @@ class Estimate:
 
 @contextmanager
 def quiet_numerics() -> Iterator[None]:
-    """No warnings of overflow or ill condition from a computation whose result is judged by
+    """Suppress warnings of overflow and ill condition; the caller tests the result with
     ``breakdown``.
     """
     from scipy.linalg import LinAlgWarning
@@ -194,7 +194,7 @@ def quiet_numerics() -> Iterator[None]:
 
 @contextmanager
 def counted_numerics() -> Iterator[None]:
-    """Suppress NumPy warnings of a computation that leaves out overflows; a function set by
+    """Suppress NumPy warnings of a computation that discards overflows; a function set by
     ``np.errstate(call=...)`` still counts them.
     """
     with np.errstate(all="ignore" if np.geterrcall() is None else "call", under="ignore"):

@@ -23,7 +23,7 @@ import numpy as np
 
 from ident.statistics.intervals import inverse_information
 from ident.tracing.context import search_context
-from ident.tracing.fitted_model import FittedModel, added_parameters, is_event, known_beforehand
+from ident.tracing.fitted_model import FittedModel, added_parameters, declared_priors, is_event
 from ident.tracing.names import CLAIM_LEVEL
 from ident.tracing.priors import FAMILY_ODDS, FEWEST_FAMILY_MEMBERS
 from ident.tracing.scan import SCANNED_PLACES, starts_at
@@ -81,8 +81,8 @@ class KnownLevels(WithoutUnknowns):
 
 # ---- A flight that is planned
 
-LARGEST_TRAJECTORY_GAP = 1e-9  # of a state's size: gaps of a trajectory that is simulated
-NEWTON_PASSES = 12  # of Newton's method on the trajectory, which doubles the digits
+LARGEST_TRAJECTORY_GAP = 1e-9  # largest gap of a simulated trajectory, relative to the state
+NEWTON_PASSES = 12  # Newton iterations on the trajectory; each doubles the digits
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +188,7 @@ def _laid_out(
         plain,
         start=np.clip(np.array([item.value for item in items], dtype=float), plain.low, plain.high),
     )
-    return replace(layout, prior=known_beforehand(planned.model, effects, layout))
+    return replace(layout, prior=declared_priors(planned.model, effects, layout))
 
 
 def _as_model(
@@ -208,15 +208,15 @@ def _gap(fit: Fit) -> float:
     return float(max(gaps) / max(size, 1e-300))
 
 
-# ---- How likely a flight tells which of two effects acts
+# ---- Probability that a flight distinguishes two effects
 
-# of twice the log likelihood: one name is then certain
+# twice the log likelihood ratio of a certain claim
 DECISIVE_LOG_LIKELIHOOD_RATIO = 2.0 * math.log(CLAIM_LEVEL / (1.0 - CLAIM_LEVEL))
 
 
 @dataclass(frozen=True)
 class RivalDecision:
-    """What a flight under one effect says against another.
+    """Decision between two effects by a flight under the first.
 
     ``mean`` and ``std`` of twice the difference of the log likelihoods; ``price``: by how much more
     the loop charges for the other's parameters.
@@ -284,18 +284,16 @@ def normal_above(mean: float, std: float) -> float:
     return 0.5 * math.erfc(-mean / (std * math.sqrt(2.0))) if std > 0.0 else float(mean > 0.0)
 
 
-# ---- Two effects that could explain the same
+# ---- Two confusable effects
 
 RIVAL_STARTS = 2
-# what the prior odds of an effect cost, of twice the log evidence
+# cost of an effect's prior odds, in twice the log evidence
 ODDS_COST = -2.0 * math.log(FAMILY_ODDS / FEWEST_FAMILY_MEMBERS)
 
 
 @dataclass(frozen=True, eq=False)
 class Acting:
-    """An effect as it acts: in the form that it has, with ``values`` of its own parameters by local
-    name.
-    """
+    """An acting effect in its present form, with ``values`` of its own parameters by local name."""
 
     effect: Traceable
     values: Mapping[str, float]
@@ -308,7 +306,7 @@ class Acting:
 
 @dataclass(frozen=True, eq=False)
 class Contest:
-    """What a flight under ``true`` says against ``rival``.
+    """Comparison of ``true`` and ``rival`` by a flight under the former.
 
     ``gain`` : gain of the log likelihood of the true effect over the declared model alone,
     ``shown`` the probability that this is enough for a search; ``rival`` has the values that fit
@@ -343,7 +341,7 @@ def declared_fit(planned: Planned, true: Acting) -> tuple[Planned, FittedModel]:
 def contest(
     planned: Planned, true: Acting, rival: Traceable, hint: Mapping[str, float] | None = None
 ) -> Contest:
-    """Fly an effect, fit its rival as well as that can, and weigh what is left.
+    """Simulate an effect, fit its rival as well as possible, and evaluate the residual.
 
     ``hint`` : values of the rival by local name from which a fit begins as well. A rival that
     explains nothing leaves what the declared model does.

@@ -37,7 +37,7 @@ def without_one(
     value: np.ndarray, covariance: np.ndarray, own: np.ndarray, own_covariance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Return a pooled ``value (k,)`` with ``covariance (k, k)`` without one of the flights in it;
-    None where nothing is left.
+    None if it was the only one.
     """
     information = np.linalg.inv(covariance) - np.linalg.inv(own_covariance)
     if np.linalg.eigvalsh(0.5 * (information + information.T))[0] <= 1e-9 * np.trace(
@@ -73,7 +73,7 @@ def adjusted(p_values: np.ndarray) -> np.ndarray:
 
 # ---- A common value of estimates from many flights, with the scatter between flights
 
-POOLED_CONFIDENCE = 0.95  # of an interval that a common value states
+POOLED_CONFIDENCE = 0.95  # confidence of the interval of a common value
 
 
 @dataclass(frozen=True)
@@ -166,8 +166,8 @@ def scatter_between(values: np.ndarray, sigmas: np.ndarray, design: np.ndarray) 
 
 # ---- Flights whose value lies beyond the scatter of the others
 
-NORMAL_QUARTILE = 0.6745  # of a Gaussian in standard deviations
-FALSE_DISCOVERY_RATE = 0.01  # rate of false discoveries among the flights that are told
+NORMAL_QUARTILE = 0.6745  # upper quartile of a Gaussian, standard deviations
+FALSE_DISCOVERY_RATE = 0.01  # rate of false discoveries among reported flights
 FEWEST_FLIGHTS = 5  # flights: with fewer, the median is no measure of the others
 
 
@@ -193,7 +193,7 @@ def outlying_flights(residuals: np.ndarray, sigmas: np.ndarray) -> tuple[np.ndar
 
 # ---- A value that changes with the flight condition
 
-TREND_FEWEST = 4  # flights: with three, a line has one degree of freedom and its sigma says nothing
+TREND_FEWEST = 4  # fewest flights: with three, a line has one degree of freedom and no usable sigma
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,19 +255,19 @@ def trend(values: np.ndarray, sigmas: np.ndarray, condition: np.ndarray) -> Tren
     )
 
 
-# ---- Whether an effect recurs: acts in more than one flight, with one value, and in which
+# ---- Recurring effects: in more than one flight with a common value
 
-# of a false recurrence in a survey, over all candidates. chosen: a page of every morning tells a
-# false one once in three years
+# probability of a false recurrence in a survey, over all candidates; chosen: once in three years of
+# daily surveys
 FALSE_RECURRENCE_PROBABILITY = 1e-3
-# probability from which a flight is said to have the effect, and below 1 - MEMBERSHIP_PROBABILITY
-# not to have it
+# smallest probability that a flight has the effect; below 1 - MEMBERSHIP_PROBABILITY it has not
 MEMBERSHIP_PROBABILITY = 0.95
-SCATTERS = (0.0, 0.03, 0.1, 0.2, 0.4, 0.8)  # of the value, between flights, that are tried
+# trial values of the scatter between flights, relative to the value
+SCATTERS = (0.0, 0.03, 0.1, 0.2, 0.4, 0.8)
 # twice the log likelihood: theorem, chi-squared with one degree of freedom, one in twenty
 COMMON_VALUE_CHI_SQUARE = 3.84
 MOST_ITERATIONS = 60
-SETTLED_LOG_LIKELIHOOD = 1e-4  # log likelihood, below which a gain ends them
+SETTLED_LOG_LIKELIHOOD = 1e-4  # smallest gain of log likelihood of an iteration
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,7 +289,7 @@ class Evidence:
 
 @dataclass(frozen=True, eq=False)
 class Recurrence:
-    """What all flights say of an effect together.
+    """Joint result of all flights for one effect.
 
     ``value (k,)`` with ``covariance (k, k)``: the common one. ``scatter``: between flights, as a
     share of the value; ``agrees``: none is needed. ``share``: of the flights that have it.
@@ -351,8 +351,8 @@ def recurrence(evidence: Evidence, candidates: int = 1) -> Recurrence:
 
     Where no flight has it, twice the gain is bounded by chi-squared with k + 1 degrees of freedom,
     two more for its start being chosen among the flights (``tests/unit/ident/pooling`` counts
-    simulated nulls); times ``candidates`` (Bonferroni). The flight that speaks loudest takes no
-    part in this, so that no single flight makes a recurrence.
+    simulated nulls); times ``candidates`` (Bonferroni). The flight with the largest gain is left
+    out, so that no single flight makes a recurrence.
     """
     n, k = evidence.value.shape
     best = _best(evidence)

@@ -32,13 +32,14 @@ from sim.record import Hold
 # ---- The time grid of a simulation
 
 INPUT_CELL_TIME = 0.001
-MOST_STEPS = 20_000_000  # of a simulation, some 100 bytes and a microsecond each
-MOST_CELLS = 500  # of a sub-step: one of more than half a second is of a motion that takes minutes
+MOST_STEPS = 20_000_000  # most steps of a simulation, some 100 bytes and a microsecond each
+# most cells of a sub-step: longer ones than half a second belong to motion over minutes
+MOST_CELLS = 500
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Where a simulation steps.
+    """Time grid of a simulation.
 
     Attributes
     ----------
@@ -163,7 +164,7 @@ def cell_edges(grid: Grid) -> np.ndarray:
     """Boundaries of the cells that input-path effects act on, s: ``INPUT_CELL_TIME`` or less where
     sub-steps are short, these met exactly.
 
-    One further sub-step after the last sample carries the feed-through there.
+    One further sub-step after the last sample gives the feed-through there.
     """
     steps = np.append(grid.steps, grid.steps[-1])
     per_step = _cells_per_step(grid)
@@ -203,8 +204,7 @@ def _mean(split: np.ndarray) -> np.ndarray:
 def _changed_by_input_path(
     linear: Drive, system: System, p: Any, rows: list[Any], time: np.ndarray, grid: Grid
 ) -> Drive:
-    # Cells carry means only. What the input path changes is added to the straight input, exact at
-    # the stages.
+    # Cells hold means only. The input path's change is added to the linear input.
     edges = cell_edges(grid)
     cells = [0.5 * (a[:-1] + a[1:]) for a in (_prolonged(edges, time, row) for row in rows)]
     acted = system.input_path(p, cells, edges)
@@ -227,7 +227,7 @@ def _changed_by_input_path(
 
 
 def _prolonged(edges: np.ndarray, time: np.ndarray, row: np.ndarray) -> np.ndarray:
-    # The last sample's feed-through is taken from the cell after it: the line goes on.
+    # The feed-through of the last sample is extrapolated.
     further = row[-1] + (row[-1] - row[-2]) / (time[-1] - time[-2]) * (edges[-1] - time[-1])
     return np.interp(edges, np.append(time, edges[-1]), np.append(row, further))
 
@@ -373,9 +373,9 @@ def _outputs(
 
 Inputs = Callable[[np.ndarray], list[np.ndarray]]
 
-_GAUSS_NODES = 8  # of Gauss's rule: exact for polynomials up to degree 15
+_GAUSS_NODES = 8  # nodes of Gauss's rule: exact for polynomials up to degree 15
 _NODE_SPACING = 0.05  # s at most, so that inputs of some ten hertz are met to rounding
-_AFFINE_TOLERANCE = 1e-11  # of the terms: largest difference from A x + B u + c
+_AFFINE_TOLERANCE = 1e-11  # largest difference from A x + B u + c, relative to its terms
 _SAME_STEP_TOLERANCE = 1e-12  # s: intervals that differ by less are the same
 
 
@@ -419,10 +419,10 @@ def exact_motion(
         u = np.array(
             [np.broadcast_to(row, times.size) for row in inputs(times.ravel())], dtype=float
         ).reshape(m, *times.shape)
-        x = _carried(affine, np.asarray(x0, dtype=float), u, lengths, share, weight)
+        x = _edge_states(affine, np.asarray(x0, dtype=float), u, lengths, share, weight)
         between = x[:, None, :-1] + share[:, None] * np.diff(x)[:, None, :]
         flat_x, flat_u = between.reshape(n, times.size), u.reshape(m, times.size)
-        if not np.all(np.isfinite(x)) or not _holds(
+        if not np.all(np.isfinite(x)) or not _is_affine_along(
             system, p, affine, times.ravel(), flat_x, flat_u
         ):
             return None
@@ -484,7 +484,7 @@ def _edges(
     return edges, np.searchsorted(edges, time)
 
 
-def _carried(
+def _edge_states(
     affine: Affine,
     x0: np.ndarray,
     u: np.ndarray,
@@ -513,7 +513,7 @@ def _carried(
     return x.T
 
 
-def _holds(
+def _is_affine_along(
     system: System, p: Sequence[float], affine: Affine, t: np.ndarray, x: np.ndarray, u: np.ndarray
 ) -> bool:
     """Return whether the rates are those of the coefficients everywhere along the motion."""
@@ -537,7 +537,7 @@ Stretch = Callable[[float, float], InputsAt]
 # relative tolerance of a step; the error of a flight is then below 1e-9 of its motion
 RELATIVE_TOLERANCE = 1e-10
 ABSOLUTE_TOLERANCE = 1e-12  # absolute tolerance of each state, SI
-_MOST_STEPS = 5000  # between two samples: one that needs more is not of this kind
+_MOST_STEPS = 5000  # most steps between two samples
 
 
 def smooth_motion(

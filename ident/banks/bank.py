@@ -1,11 +1,10 @@
 """Banks of extended Kalman filters: one batched pass, one filter, and the iterated filter.
 
-A pass goes over its samples in stretches: by the table of its equations where they have one
-(`ident.banks.equation_kernels`), else step by step (`ident.banks.equation_kernels`). What broke
-down is looked for once a stretch.
+A pass filters its samples in blocks: with the table of bilinear equations if there is one, else
+step by step (`ident.banks.equation_kernels`). Each block ends with a check for failed runs.
 
-The same filter as `ident.filters.ekf`, with runs on a batch axis (`ident.banks.bank`); it agrees
-with filterpy's to rounding.
+The filter is that of `ident.filters.ekf`, with runs on a batch axis; it agrees with filterpy's to
+rounding.
 
 The smoothed trajectory to linearise about comes from the modified Bryson-Frazier recursion, which
 inverts nothing but the innovations' covariance (Bierman, "Fixed Interval Smoothing with Discrete
@@ -45,7 +44,7 @@ from sim.record import Record
 # ---- One pass of many extended Kalman filters over one time base, runs on a batch axis
 
 LOG_TWO_PI = float(np.log(2.0 * np.pi))
-_SAMPLES_PER_CHECK = 32  # samples; more gain nothing and cost memory
+_SAMPLES_PER_CHECK = 32  # samples of a block; more gain nothing and cost memory
 
 
 def run_pass(
@@ -98,16 +97,16 @@ def run_pass(
             if history is not None:
                 _keep(history, slice(first, last), done, good, (last_x, last_P))
             last_x, last_P, sound = *_last_sound(done, good, last_x, last_P), good[-1]
-    # What rounding left unsymmetric in between is of its own order; the rows of the states are
-    # mirrored in every step.
+    # Remaining asymmetry is of the order of rounding; the rows of the states are mirrored in every
+    # step.
     return BankPass(
         last_x, 0.5 * (last_P + np.swapaxes(last_P, 1, 2)), log_likelihood, nis, sound, history
     )
 
 
 def worth(innovation: np.ndarray, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Log-likelihood and normalised square, ``(K, B)`` each, of innovations ``(K, B, m, 1 + m)`` as
-    in ``PassStretch``; ``valid (m, K)``.
+    """Return log-likelihood and normalised square, ``(K, B)`` each, of innovations ``(K, B, m, 1 +
+    m)`` as in ``PassStretch``; ``valid (m, K)``.
     """
     rows = innovation.copy()
     variance = decorrelated(rows)
@@ -121,8 +120,8 @@ def sound_so_far(done: PassStretch, squared: np.ndarray, before: np.ndarray) -> 
     given ``before (B,)``.
     """
     variance = np.diagonal(done.covariance, axis1=2, axis2=3)
-    # What is not finite stays so: the last sample tells of all. Sums of squares are the cheapest
-    # bound, and a NaN fails the comparison.
+    # Values stay non-finite, so that the last sample is enough. Sums of squares are the cheapest
+    # bound; a NaN fails the comparison.
     ends = [each.ravel() for each in (done.mean[-1], done.covariance[-1], squared)]
     if (
         before.all()
@@ -165,7 +164,7 @@ def _keep(
     mean, variance = done.mean, np.diagonal(done.covariance, axis1=2, axis2=3)
     if not good.all():
         count = np.count_nonzero(good, axis=0)
-        # the last sound sample so far, -1 where it lies before the stretch
+        # the last finite sample, -1 if before this block
         row = np.minimum(np.arange(len(mean))[:, None], count - 1)
         mean = np.where(
             (row >= 0)[:, :, None],
@@ -205,8 +204,7 @@ class BankEstimate:
     iterations : ``(B,)`` passes over the data of each run.
     innovation, innovation_std : ``(m, N, B)``, kept when asked for; zero and one where a sample is
         missing.
-    history, history_std : ``(n, N, B)`` means and standard deviations after each update, kept when
-        asked for.
+    history, history_std : ``(n, N, B)`` means and standard deviations after each update, if kept.
     """
 
     names: tuple[str, ...]
@@ -245,7 +243,7 @@ def run_bank(
     record : time, inputs, and the validity of the outputs, shared by all runs.
     system : compiled with ``online=True``.
     settings : as for ``run_ekf``. With several passes each run stops by itself as ``run_ekf`` does:
-        settled or broken down, it takes no further part, and the bank ends when no run is left.
+        converged or failed; the bank ends when no run is left.
     z : outputs of each run, ``(m, N, B)``; the record's own for all when None.
     fixed_values : fixed parameters, ``(B,)`` each, e.g. ``{"input-delay.delay": delays}``.
     start : starting mean of states and free parameters, ``(n,)`` or ``(n, B)``; the System's when
@@ -271,8 +269,7 @@ def run_bank(
             )
         problem = replace(problem, covariance=covariance)
 
-    # Runs with data of their own are a campaign's: hundreds, each of which must not depend on the
-    # others.
+    # Runs with their own data belong to a campaign of hundreds and must not depend on each other.
     filtered = partial(run_pass, problem, settings, in_rows=z is not None)
     result, iterations = filtered(runs, keep), np.ones(count, dtype=int)
     active = np.flatnonzero(result.sound)
@@ -298,7 +295,7 @@ def run_bank(
 def bank_estimate(
     problem: FilterProblem, result: BankPass, iterations: np.ndarray, *, sound: np.ndarray
 ) -> BankEstimate:
-    """Return a pass as an estimate; the likelihood of a run that is not ``sound`` is zero."""
+    """Return a pass as an estimate; a failed run has zero likelihood."""
     kept = result.history
     log_likelihood = np.where(sound, result.log_likelihood, -np.inf)
     estimate = (
@@ -371,7 +368,7 @@ def _number_of_runs(counts: Mapping[str, int]) -> int:
 
 
 def _merged(old: BankPass, new: BankPass, at: np.ndarray) -> BankPass:
-    """Return the old pass with the runs ``at`` replaced by those of the new one."""
+    """Return a pass with the runs ``at`` replaced by those of a new one."""
 
     def put(whole: np.ndarray, part: np.ndarray, leading: bool = False) -> np.ndarray:
         out = whole.copy()
@@ -396,7 +393,7 @@ def _merged(old: BankPass, new: BankPass, at: np.ndarray) -> BankPass:
     )
 
 
-# ---- The own kernel for one filter with its whole history
+# ---- The batched kernel for one filter with its whole history
 
 
 def filter_alone(
@@ -425,7 +422,7 @@ def filter_batched(
 ) -> Estimate:
     """Run ``filter_by_filterpy`` with the batched kernel, same arguments.
 
-    A filter that diverges is passed on to ``filter_by_filterpy``, which reports how.
+    If it diverges, ``filter_by_filterpy`` repeats the pass and reports the cause.
     """
     by_table = filter_by_table(problem, settings, start, about)
     if by_table is not None:
@@ -459,14 +456,14 @@ def filter_batched(
 def _history(
     problem: FilterProblem, trace: BankTrace, about: np.ndarray | None
 ) -> tuple[FilterHistory, np.ndarray]:
-    """Return the history of a pass of one run, and the outputs ``(m, N)`` that the filter expected,
-    also of channels without a sample.
+    """Return the history of a pass of one run, and the outputs ``(m, N)`` predicted by the filter,
+    also for missing samples.
     """
     system, N, n = problem.system, len(problem.time), len(problem.names)
     n_x = len(problem.system.states)
     mean, covariance = trace.mean[:, :, 0], trace.covariance[:, 0]
     HP, S, y = trace.HP[:, 0], trace.S[:, 0], trace.y[:, 0]
-    # What the update took from the prediction, put back.
+    # Reverse the update to get the prediction.
     gain = np.swapaxes(np.linalg.solve(S, HP), 1, 2)
     before, P_before = mean - (gain @ y[:, :, None])[:, :, 0], covariance + gain @ HP
     transition = np.array(np.broadcast_to(np.eye(n), (N, n, n)))
@@ -550,7 +547,7 @@ def run_iterated_bank(
         result = run_pass(problem, settings, runs, False, about, trace)
         with np.errstate(all="ignore"):
             about = smoothed(trace)
-        # A run that broke down is linearised at the start; it only must not disturb the others.
+        # A failed run is linearised at the start, so that it does not disturb the others.
         about[:, :, ~result.sound] = runs.start[:, None, ~result.sound]
         if before is not None:
             std = np.sqrt(
@@ -572,7 +569,7 @@ def run_iterated_bank(
 
 
 def smoothed(trace: BankTrace) -> np.ndarray:
-    """Smoothed means, ``(n, N, B)``, of the linearised problem of a pass.
+    """Return the smoothed means, ``(n, N, B)``, of the linearised problem of a pass.
 
     lambda[k] = l - H^T S^-1 (H P l + y) with l = Phi[k+1]^T lambda[k+1] and zero at the end; x_s =
     x - P_filtered l.

@@ -1,17 +1,16 @@
 """Pure delays by a bank of filters, and the two engines of the extended Kalman filter.
 
-Both solve the same equations and agree to rounding (docs/decisions/0022-who-runs-the-bank.md says
-what each costs). A single record is filtered by filterpy unless the user asks otherwise; a bank of
-delays is filtered by the batched kernel, and ``against_filterpy`` compares its likeliest filter
+Both solve the same equations and agree to rounding; docs/decisions/0022-who-runs-the-bank.md
+compares their costs. A single record is filtered by filterpy unless the user asks otherwise; a bank
+of delays is filtered by the batched kernel, and ``against_filterpy`` compares its likeliest filter
 with filterpy's.
 
-NASA TM-101722 ran nine filters from 0 to 200 ms and took the most likely one, having considered the
-likelihood-weighted sum. Both are given here as the plain filters find them, in one pass, and a
-delay between the grid points. That one asks more than the plain filter can give: its path from a
-start that is off leaves a mark on the parameters (delay, lag and short period trade against each
-other), so further banks are linearised about their own smoothed result (`ident.banks.bank`). They
-close in on the maximum until the log-likelihood falls like a parabola, whose vertex and curvature
-are delay and sigma.
+NASA TM-101722 ran nine filters from 0 to 200 ms, and considered the most likely one and the
+weighted sum. Both are given here, and a refined delay between the grid points. Plain filters are
+biased by wrong starting values (delay, lag and short period are correlated). The refined banks are
+therefore linearised about their own smoothed result (`ident.banks.bank`). Their grids shrink about
+the maximum until the log-likelihood is a parabola, whose vertex and curvature give the delay and
+its sigma.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ class BankEngine:
     Attributes
     ----------
     name : key in ``ENGINES``; the same in scenario files, on the command line and in study files.
-    label : for people.
+    label : name in reports.
     run : a filter for each value of a held parameter, as ``run_bank``.
     iterated : the same, each linearised anew about its own smoothed result, as
         ``run_iterated_bank``.
@@ -110,7 +109,7 @@ def run_iterated_one_by_one(
             for problem, point in zip(problems, points, strict=True)
         ]
         sound = np.array([each.outcome is Outcome.CONVERGED for each in result])
-        # A filter that broke down is linearised at its start, as in the batched bank.
+        # A failed filter is linearised at its start.
         points = [
             smooth(each.history).mean
             if good and each.history is not None
@@ -250,7 +249,7 @@ class BankDifferences:
 
 
 def agreement(one: BankEstimate, other: BankEstimate) -> BankDifferences:
-    """Return how far two banks of the same runs are apart, in the sigmas of ``one``."""
+    """Return the differences of two banks of the same runs, in sigmas of ``one``."""
     both = one.sound & other.sound
     sigma = np.maximum(one.std[:, both], np.finfo(float).tiny)
     likelihood = one.log_likelihood[both]
@@ -279,7 +278,7 @@ def _systems(system: System, fixed_values: Mapping[str, np.ndarray]) -> list[Sys
 
 
 def _bank(estimates: list[Estimate], sound: np.ndarray) -> BankEstimate:
-    """Estimates of single filters as a bank; the likelihood of a run that is not sound is zero."""
+    """Estimates of single filters as a bank; a failed run has zero likelihood."""
     histories = [each.history for each in estimates if each.history is not None]
     assert len(histories) == len(estimates)
     return BankEstimate(
@@ -296,16 +295,14 @@ def _bank(estimates: list[Estimate], sound: np.ndarray) -> BankEstimate:
 # ---- A pure delay found by a bank of filters
 
 DELAYS = tuple(0.025 * i for i in range(9))  # s
-# a fall of the log-likelihood to a neighbour (three sigmas) up to which it counts as a parabola
-_LARGEST_PARABOLA_FALL = 4.5
-_FINEST_SPACING = 1e-4  # s, closer together filters do not stand
+_LARGEST_PARABOLA_FALL = 4.5  # largest fall of a parabola to a neighbour, three sigmas
+_FINEST_SPACING = 1e-4  # s, smallest distance of two filters
 _REFINED_POINTS = 7  # delays in a refined bank
 _MOST_BANKS = 8
-_REFINED_REACH = 6.0  # sigmas to either side of the vertex; seven filters then stand two apart
-_SETTLED_SIGMAS = 0.1  # sigmas; the likelihood then lies within 0.005 of its final value
+_REFINED_REACH = 6.0  # sigmas on either side of the vertex
+_SETTLED_SIGMAS = 0.1  # sigmas; within 0.005 of the final likelihood
 WIDENINGS = 4
-# sigmas of its prior that a parameter may end from its start before the two contradict each other
-FAR_SIGMAS = 3.0
+FAR_SIGMAS = 3.0  # largest change in sigmas of a prior that it allows
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,14 +318,14 @@ class DelayBank:
     most_likely : the delay of the largest likelihood, s.
     weighted_mean : the sum of all delays by their weights, s.
     refined, refined_std : delay between the grid points with its standard deviation, s; the latter
-        is that of white innovations and knows nothing of a model that is wrong.
+        assumes white innovations and a correct model.
     at_edge : no maximum was found inside the grid; the refined delay has no sigma then.
     estimate : the iterated filter at the refined delay, with its history. Where refinement gave a
         sigma, the delay is the last name and the covariance holds what its uncertainty adds to the
         others; else the delay is not among the names. Its message tells of contradicted priors.
     contradicted : parameters whose estimate lies more than ``FAR_SIGMAS`` sigmas of the
-        prior from the start, with these sigmas. The start holds them back: they hang on it.
-    system : the one that gave ``estimate``, its priors as wide as they were made.
+        prior from the start, with these distances. Their estimates depend on the start.
+    system : the system of ``estimate``, with the widened priors.
     about : ``(n, N)`` the smoothed trajectory that the refined filters were linearised about; None
         where none was sound.
     """
@@ -365,10 +362,10 @@ def run_delay_bank(
     system : compiled with ``online=True``; its parameter ``name`` is held, and its value does not
         matter.
     delays : at least three, increasing, s.
-    widenings : at most how often the refined bank goes on with priors made wide enough where the
-        record contradicts them, so that the result hangs on no start that is far off; each such
-        prior's sigma becomes the distance from start to estimate. With 0 the declared priors stand.
-    engine : who runs the filters; the result is the same.
+    widenings : most repetitions with widened priors where the record contradicts them, so that the
+        result does not depend on a wrong start; each such prior's sigma becomes the distance from
+        start to estimate. With 0 the declared priors are kept.
+    engine : runs the filters; both give the same result.
 
     Raises
     ------
@@ -386,7 +383,7 @@ def run_delay_bank(
     bank = engine.run(record, system, settings, fixed_values={name: grid})
     weights, best = likelihood_weights(bank.log_likelihood), int(np.argmax(bank.log_likelihood))
     between = (float(grid[max(best - 1, 0)]), float(grid[min(best + 1, grid.size - 1)]))
-    bank_result = _closing_in(
+    bank_result = _refine_delay(
         engine, record, system, settings, name, grid, float(grid[best]), between, None
     )
     for _ in range(widenings):
@@ -399,7 +396,7 @@ def run_delay_bank(
             max(bank_result.delay - half, float(grid[0])),
             min(bank_result.delay + half, float(grid[-1])),
         )
-        bank_result = _closing_in(
+        bank_result = _refine_delay(
             engine,
             record,
             system,
@@ -457,7 +454,9 @@ def contradicted(system: System, values: Mapping[str, float]) -> tuple[tuple[str
 
 
 def widened(system: System, contradicted_parameters: Sequence[tuple[str, float]]) -> System:
-    """Return the System with the prior of each of these as wide as its estimate is far."""
+    """Return the System with the sigmas of these priors widened to the distance of the
+    estimates.
+    """
     return replace(
         system,
         parameters=system.parameters.with_prior(
@@ -470,7 +469,7 @@ def widened(system: System, contradicted_parameters: Sequence[tuple[str, float]]
 
 
 def likelihood_weights(log_likelihood: np.ndarray) -> np.ndarray:
-    """Likelihoods ``(..., B)`` normalised to a sum of one; equal if no filter is finite."""
+    """Return likelihoods ``(..., B)`` normalised to a sum of one; equal if no filter is finite."""
     top = np.max(log_likelihood, axis=-1, keepdims=True)
     finite = np.isfinite(top)
     weights = np.exp(np.where(finite, log_likelihood - np.where(finite, top, 0.0), 0.0))
@@ -478,7 +477,9 @@ def likelihood_weights(log_likelihood: np.ndarray) -> np.ndarray:
 
 
 def vertex(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Vertex of the parabola through three points ``(3,)`` and minus its second derivative."""
+    """Return the vertex of the parabola through three points ``(3,)``, and minus its second
+    derivative.
+    """
     d1, d2 = (y[1] - y[0]) / (x[1] - x[0]), (y[2] - y[1]) / (x[2] - x[1])
     curvature = -2.0 * (d2 - d1) / (x[2] - x[0])
     if not curvature > 0:
@@ -500,7 +501,7 @@ class _RefinedDelay:
     parameters: Mapping[str, float]
 
 
-def _closing_in(
+def _refine_delay(
     engine: BankEngine,
     record: Record,
     system: System,
@@ -511,10 +512,10 @@ def _closing_in(
     between: tuple[float, float],
     about: np.ndarray | None,
 ) -> _RefinedDelay:
-    """Run iterated banks on ever narrower grids around the maximum of the likelihood.
+    """Run iterated banks on shrinking grids around the maximum likelihood.
 
-    A grid whose maximum is at its end is first moved there. Each grid is centred on the vertex of
-    the previous one, scaled by its curvature. Only the last bank is iterated to convergence.
+    Each grid is centred on the vertex of the previous one and scaled by its curvature; a maximum at
+    an end moves the grid first. Only the last bank is iterated to convergence.
     """
     low, high = between
     nowhere = _RefinedDelay(best, 0.0, np.zeros(0), about, {})
@@ -583,7 +584,9 @@ def _at_end(system: System, trajectory: np.ndarray) -> Mapping[str, float]:
 def _with_delay(
     estimate: Estimate, name: str, unit: str, found: _RefinedDelay, n_x: int
 ) -> Estimate:
-    """The estimate with the delay as its last parameter, and its uncertainty in the others."""
+    """Return the estimate with the delay as its last parameter, and the delay's uncertainty
+    included in the others.
+    """
     n = len(estimate.names)
     covariance = np.zeros((n + 1, n + 1))
     covariance[:n, :n] = estimate.covariance

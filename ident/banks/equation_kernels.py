@@ -24,13 +24,14 @@ from sim.declaration.model import System
 from sim.maths import COMPLEX_STEP
 from sim.propagation import Drive, rk4_step
 
-# ---- What goes into a pass of a bank of filters and what comes out
+# ---- Inputs and results of a pass of a bank of filters
 
 
 @dataclass(frozen=True, eq=False)
 class BankRuns:
-    """What differs between B runs: all parameters ``p`` (entries floats or ``(B,)``), the drive,
-    outputs ``z (m, N, B)`` or ``(m, N, 1)``, starting means ``start (n, B)``."""
+    """Data of B runs that may differ: all parameters ``p`` (entries floats or ``(B,)``), the drive,
+    outputs ``z (m, N, B)`` or ``(m, N, 1)``, starting means ``start (n, B)``.
+    """
 
     p: list[Any]
     drive: Drive
@@ -55,8 +56,9 @@ class BankRuns:
 @dataclass(frozen=True, eq=False)
 class BankHistory:
     """Sample by sample, each ``(rows, N, B)``: innovations with their standard deviations, means
-    and standard deviations after each update. From the sample on where a run broke down its mean
-    stays; an innovation that is missing is zero with standard deviation one."""
+    and standard deviations after each update. A failed run keeps its last mean; an innovation that
+    is missing is zero with standard deviation one.
+    """
 
     innovation: np.ndarray
     innovation_std: np.ndarray
@@ -79,10 +81,11 @@ class BankPass:
 
 @dataclass(frozen=True, eq=False)
 class BankTrace:
-    """What a smoother needs of one pass over N samples: after each update ``mean (N, n, B)`` and
+    """Data of one pass over N samples for a smoother: after each update ``mean (N, n, B)`` and
     ``covariance (N, B, n, n)``; the state rows ``moved (N, B, n_x, n)`` of the transition from the
     sample before, less the identity; of the update ``H`` and ``HP (N, B, m, n)``, ``S (N, B, m,
-    m)`` and ``y (N, B, m)``, zero, and one in S, for a missing channel."""
+    m)`` and ``y (N, B, m)``, zero, and one in S, for a missing channel.
+    """
 
     mean: np.ndarray
     covariance: np.ndarray
@@ -124,8 +127,7 @@ class March(Protocol):
     (B, n, n)`` after the sample before.
 
     ``about (n, N, B)`` is a trajectory to linearise about instead of the filter's own; ``trace`` is
-    filled where given. What breaks down goes on with numbers that are not finite, or variances that
-    are negative.
+    filled where given. A failed run continues with non-finite numbers or negative variances.
     """
 
     def __call__(
@@ -139,7 +141,7 @@ class March(Protocol):
     ) -> PassStretch: ...
 
 
-# ---- A stretch of a pass for any equations
+# ---- A block of a pass for any equations
 
 
 def march_of_steps(problem: FilterProblem, settings: FilterSettings, runs: BankRuns) -> March:
@@ -298,7 +300,7 @@ def moved_covariance(
 
 
 def leave_out(rows: np.ndarray, missing: np.ndarray) -> None:
-    """Make the missing channels of ``[H P, y, S] (B, m, width)`` ones that say nothing: zeros, and
+    """Write neutral values for the missing channels of ``[H P, y, S] (B, m, width)``: zeros, and
     one on the diagonal of S.
     """
     m, width = rows.shape[1:]
@@ -308,11 +310,10 @@ def leave_out(rows: np.ndarray, missing: np.ndarray) -> None:
 
 
 def decorrelated(rows: np.ndarray) -> np.ndarray:
-    """Return the variances ``(..., m)`` of channels freed in place of what those before them tell,
-    rows ``[..., y, S] (..., m, width)``: Gaussian elimination.
+    """Return the variances ``(..., m)`` of channels after elimination of those before them, rows
+    ``[..., y, S] (..., m, width)``: Gaussian elimination.
 
-    What is left on the diagonal of S are the variances of independent scalars: the update for a
-    joint S without its inverse.
+    The pivots of S are variances of independent scalars, so that the update needs no inverse.
     """
     m, width = rows.shape[-2:]
     for i in range(m - 1):
@@ -340,9 +341,9 @@ def values_and_jacobians(
     )
 
 
-# ---- A stretch of a pass for bilinear equations under held inputs
+# ---- A block of a pass for bilinear equations with held inputs
 
-_SERIES = Taylor(3)  # the fundamental matrix that is made here
+_SERIES = Taylor(3)  # order of the fundamental matrix here
 
 
 @dataclass(frozen=True, eq=False)
@@ -361,10 +362,11 @@ class Tables:
 
 
 class Legs(NamedTuple):
-    """The way between K samples: which steps lead to each; of all steps their sizes ``dt`` (s) and
+    """Steps between K samples: the steps before each; of all steps their sizes ``dt`` (s) and
     inputs ``u (M, B, n_u)`` or ``(M, 1, n_u)``; of the samples the inputs that act on the outputs,
     where they do, measurements ``z (K, B, m, 1)`` or ``(K, 1, m, 1)``, and the missing channels of
-    each."""
+    each.
+    """
 
     steps: Sequence[Sequence[int]]
     dt: Sequence[float]
@@ -378,7 +380,7 @@ def tables_of(
     system: System, p: Sequence[Any], density: np.ndarray, variance: np.ndarray
 ) -> Tables | None:
     """Return the tables of a System whose free parameters are states, at held values ``p``; None
-    where its equations have none.
+    without tables.
 
     ``density (n,)`` as in ``FilterProblem``. None also for equations that ask for the time, for
     parameters that are random walks, and for a held parameter of several values that acts anywhere

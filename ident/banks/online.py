@@ -1,19 +1,17 @@
 """The bank of delays on line, row by row, and its sensitivity to the start.
 
-The same filters as one pass of `ident.banks.bank.run_bank` with its usual settings, equal to
-rounding. What differs is where the input at the vehicle comes from: it is the mean of the delayed
-stick over each interval, from the recent rows alone. Rows that wait are filtered together, and what
-is rare is looked for afterwards: where a sample turns out to be a spike, the rows from there on are
+The filters equal one pass of `ident.banks.bank.run_bank` with its default settings, to rounding.
+The input at the vehicle is the mean of the delayed stick over each interval, from the recent rows
+alone. Waiting rows are filtered together and then tested for spikes; from a spike on they are
 filtered again without it.
 
-An extended Kalman filter is linearised on its way, so that its covariance shrinks before its
-estimate is right, and where the way ends hangs on where it began. A linear filter forgets its start
-as its covariance says. Here the starts of the factors are moved by one sigma of their prior, up or
-down by the columns of a Hadamard matrix: each factor is moved in half of the starts one way and in
-half the other, free of the rest (Plackett and Burman, Biometrika 33(4), 1946), so that the mean
-square of the differences from the declared start is, to first order, the variance which a start
-drawn from that prior causes. By the law of total variance it adds to the filter's own. The median
-stands for the mean: a start from which the filter fails outright says nothing of the others.
+An extended Kalman filter is linearised at its current estimate: its covariance shrinks too early,
+and its result depends on the start. This dependence is measured with further starts. Each chosen
+quantity is changed by one sigma of its prior, up or down by the columns of a Hadamard matrix,
+independently of the others (Plackett and Burman, Biometrika 33(4), 1946). The mean square of the
+differences from the declared start is then, to first order, the variance due to a start drawn from
+that prior. By the law of total variance it adds to the filter's own. The median replaces the mean,
+so that single failed filters do not matter.
 """
 
 from __future__ import annotations
@@ -33,7 +31,7 @@ from sim.errors import ModelError
 
 # ---- The bank of delays one row at a time: a state and new rows in, a state for each row out
 
-LONGEST_SPIKE = 3  # samples in a row of one channel; what lasts longer is the motion
+LONGEST_SPIKE = 3  # longest spike, samples in a row of one channel
 
 
 class Rows(NamedTuple):
@@ -55,7 +53,7 @@ class BankState(NamedTuple):
         ``BankEstimate``.
     innovation : ``(m,)`` of the most likely filter in standard deviations, NaN where nothing was
         measured.
-    expected : ``(m,)`` what that filter expected of the row's samples, NaN where nothing was
+    expected : ``(m,)`` that filter's prediction of the row's samples, NaN where nothing was
         measured.
     skipped : ``(m,)`` samples of this row that were taken for spikes;
     streak : ``(m,)`` how many in a row.
@@ -139,7 +137,7 @@ def online_bank(
     delays : increasing, s.
     gate : an innovation beyond so many standard deviations of the most likely filter is a spike,
         and the sample counts as missing for all filters; after ``LONGEST_SPIKE`` in a row it is
-        believed. The batch pass of the same rows has no gate: it equals this one where those
+        used. The batch pass of the same rows has no gate: it equals this one where those
         samples are missing.
 
     Raises
@@ -249,7 +247,7 @@ def begin(bank: OnlineBank, rows: Rows) -> BankState:
         rows.inputs[:, :0],
     )
     nodes = _Nodes(rows.time, rows.inputs, [range(0)], [], np.zeros((0, B, n_u)), [0], [0])
-    return _through(bank, before, nodes, rows.outputs)[0]
+    return _states_after(bank, before, nodes, rows.outputs)[0]
 
 
 def advance(bank: OnlineBank, state: BankState, rows: Rows) -> list[BankState]:
@@ -268,13 +266,13 @@ def advance(bank: OnlineBank, state: BankState, rows: Rows) -> list[BankState]:
     u = np.stack(np.broadcast_arrays(*means), axis=2)[known - 1 :]
     last = np.flatnonzero(np.diff(row, prepend=0)) + 1
     steps = [range(a, b) for a, b in zip([0, *last[:-1].tolist()], last.tolist(), strict=True)]
-    # The node at which the longest delay ends: older ones are forgotten.
+    # Nodes before the longest delay are dropped.
     at = known + last - 1
     oldest = np.maximum(np.searchsorted(time, time[at] - bank.memory, side="right") - 1, 0)
     path = _Nodes(
         time, inputs, steps, np.diff(time)[known - 1 :].tolist(), u, oldest.tolist(), at.tolist()
     )
-    return _through(bank, state, path, rows.outputs)
+    return _states_after(bank, state, path, rows.outputs)
 
 
 class _Nodes(NamedTuple):
@@ -295,8 +293,8 @@ class _Nodes(NamedTuple):
 
 
 def _nodes(bank: OnlineBank, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the times at which the filters stop after ``time[0]``, as in
-    ``sim.propagation.make_grid``, and the row whose input holds from each on.
+    """Return the times of the integration nodes after ``time[0]``, as in
+    ``sim.propagation.make_grid``, and the row whose input holds from each node on.
     """
     gaps = np.diff(time)
     pieces = np.maximum(1, np.ceil(gaps / (1.5 * bank.interval) - 1e-9)).astype(int)
@@ -310,7 +308,7 @@ def _nodes(bank: OnlineBank, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     ), np.where(last, before + 1, before)
 
 
-def _through(
+def _states_after(
     bank: OnlineBank, state: BankState, nodes: _Nodes, outputs: np.ndarray
 ) -> list[BankState]:
     """States after the rows of ``nodes`` with their samples ``(m, K)``, NaN where missing."""
@@ -324,8 +322,7 @@ def _through(
             filtered, result = _filtered(bank, state, nodes, rows, z[:, rows], spikes)
             states += filtered
             first, state = first + len(filtered), filtered[-1] if filtered else state
-            # From a spike on in ever longer parts, so that many spikes do not cost the rest of the
-            # rows each time.
+            # After a spike, rows are filtered in growing parts, so that many spikes stay cheap.
             length = 1 if result is not None else 2 * length
             if result is not None:
                 z[result.skipped, first] = np.nan
@@ -430,9 +427,9 @@ def bank_estimate(bank: OnlineBank, state: BankState) -> BankEstimate:
     )
 
 
-# ---- What an estimate on line owes to its start
+# ---- Dependence of an on-line estimate on its start
 
-# of a standard normal variable: the median of chi-square with one degree of freedom
+# median square of a standard normal variable (chi-square, one degree of freedom)
 MEDIAN_SQUARE = 0.454936
 
 
@@ -506,8 +503,8 @@ def final_states_of(bank: OnlineBank, states: Sequence[BankState], delays: int) 
 
 
 def spread_of(bank: OnlineBank, states: Sequence[BankState], ends: FinalStates) -> StartSpread:
-    """Spread of the starts about the declared one, whose bank has these ``states``, with that
-    between the points of its grid of delays.
+    """Return the spread of the starts about the declared one, whose bank has these ``states``,
+    including the spacing of its grid of delays.
     """
     likely = np.array([np.where(state.sound, state.log_likelihood, -np.inf) for state in states])
     best, each = likely.argmax(axis=1), np.arange(len(states))
@@ -516,13 +513,13 @@ def spread_of(bank: OnlineBank, states: Sequence[BankState], ends: FinalStates) 
     slope = (means[each, :, high] - means[each, :, low]) / (bank.delays[high] - bank.delays[low])[
         :, None
     ]
-    # A delay is known to a step of the grid, within which any is as likely.
+    # A delay is uniform within one step of the grid.
     step = float(np.diff(bank.delays).mean())
     differences = ends.mean - means[each, :, best][:, None]
-    typical = _typical(differences, ends.sound[:, :, None])
+    typical = _median_variance(differences, ends.sound[:, :, None])
     return StartSpread(
         np.sqrt(typical + np.square(slope) * step**2 / 12.0),
-        np.sqrt(_typical(ends.delay - bank.delays[best][:, None], ends.sound)),
+        np.sqrt(_median_variance(ends.delay - bank.delays[best][:, None], ends.sound)),
         np.where(ends.sound[:, :, None], differences, 0.0),
     )
 
@@ -539,8 +536,8 @@ def spread_covariance(std: np.ndarray, differences: np.ndarray) -> np.ndarray:
     return out
 
 
-def _typical(differences: np.ndarray, sound: np.ndarray) -> np.ndarray:
-    """Return the variances by the median square over the starts, the second axis; of a diverged
-    start infinite.
+def _median_variance(differences: np.ndarray, sound: np.ndarray) -> np.ndarray:
+    """Return the variances from the median square over the starts (second axis); infinite for a
+    failed start.
     """
     return np.median(np.where(sound, np.square(differences), np.inf), axis=1) / MEDIAN_SQUARE

@@ -1,10 +1,10 @@
-"""The bank of delays on line, linearised anew while rows arrive: its estimate is that of the whole
-record so far, as `run_delay_bank` refines it.
+"""On-line bank of delays, linearised again while rows arrive: its estimate is the refined one of
+`run_delay_bank` for the record so far.
 
-When the rows have told enough, the refinement runs over all of them, and filters at delays one
-sigma apart around its result, linearised about the smoothed trajectory, go on row by row from where
-it ends. They are near the answer by then, so that an extended Kalman filter is as good as the
-iterated one; it is linearised again when what is known has grown much or the estimate has moved.
+When the rows are informative enough, the refinement runs over all of them. Filters at delays one
+sigma apart about its result, linearised at the smoothed trajectory, then continue row by row. Near
+the optimum an extended Kalman filter is as good as the iterated one. The bank is linearised again
+when the information has grown much or the estimate has moved.
 """
 
 from __future__ import annotations
@@ -22,33 +22,34 @@ from sim.declaration.model import System
 from sim.errors import FlightidError
 from sim.record import Record
 
-# filters to either side, one sigma of the delay apart: their sum is a Gaussian's integral to 1e-4
+# filters on either side, one sigma of the delay apart: their sum gives a Gaussian's integral to
+# 1e-4
 FILTERS_ON_EITHER_SIDE = 4
-# filters over delays that are hardly known: midpoints of so many cells have a uniform density's
+# fewest filters for a poorly known delay: midpoints of as many cells give a uniform density's
 # deviation to 2 %
 FEWEST_FILTERS = 5
-# of the sigma when last linearised: a curvature that was of no account over that is of less over
-# this
+# largest sigma, relative to the one at the last linearisation, that needs no new one
 SHARPENED_SHARE = 0.5
-# sigmas when last linearised: within one the quadratic term is a small part of the linear one
+# largest change, in sigmas of the last linearisation: the quadratic term is then small
 MOVED_SIGMAS = 1.0
-# sigma of the delay over the step of the grid: below, a sum over the filters is no integral
+# smallest sigma of the delay, in steps of the grid, for which a sum approximates the integral
 COARSE_GRID_SIGMAS = 0.5
-EDGE_LIKELIHOOD = 0.01  # likelihood of the outermost filter: above, the grid stands aside
-# times the sigma that all rows give: rows that give no more hold nearly two thirds of the
+# largest likelihood of the outermost filter: above it, the grid misses likely delays
+EDGE_LIKELIHOOD = 0.01
+# largest sigma from the last rows, relative to all rows: they then hold nearly two thirds of the
 # information
 WIDENING = 1.25
 CONTRADICTED_SIGMAS = 2.0
-SETTLED_SIGMAS = 0.1  # sigmas within which iterated filters count as settled
-# sigmas: filters that settle within a tenth of one answer are not this far apart
-OTHER_OPTIMUM_SIGMAS = 0.5
+SETTLED_SIGMAS = 0.1  # largest change of converged iterated filters, in sigmas
+OTHER_OPTIMUM_SIGMAS = 0.5  # smallest distance of different optima, in sigmas
 
 
 @dataclass(frozen=True, eq=False)
 class Relinearised:
-    """The ``bank`` at fine delays and its ``state``; ``rows`` it was last linearised over, with
-    ``mean`` and ``std (n + 1,)`` then, the delay last; ``apart (n,)`` how far iterated filters
-    ended from it that were linearised elsewhere first, zero where they agree."""
+    """The ``bank`` at fine delays and its ``state``. ``rows``: number of rows at its last
+    linearisation, with ``mean`` and ``std (n + 1,)`` then, the delay last. ``apart (n,)``: distance
+    of iterated filters with other starts, zero if they agree.
+    """
 
     bank: OnlineBank
     state: BankState
@@ -59,7 +60,7 @@ class Relinearised:
 
 
 def informative_enough(bank: OnlineBank, state: BankState, names: Sequence[str]) -> bool:
-    """Return whether the most likely filter knows any of these parameters twice as well as before
+    """Return whether the most likely filter has halved the sigma of any of these parameters since
     the first row.
     """
     at = [bank.names.index(name) for name in names]
@@ -78,12 +79,12 @@ def linearise(
     elsewhere: np.ndarray,
     name: str = "delay",
 ) -> Relinearised | None:
-    """Refine over all rows and go on from there; None where the refinement finds no delay inside
-    the grid, or does not settle.
+    """Refine over all rows and continue from there; None where the refinement finds no delay inside
+    the grid or does not converge.
 
     Parameters
     ----------
-    record : the rows so far, or as many of the last as shall count.
+    record : the rows so far, or the last ones of them.
     system : for them, as for ``run_delay_bank``.
     first_pass, state : the bank on line after the last row; ``state`` knows the recent inputs.
     elsewhere : means ``(n, K)`` whose parameters are taken as other points to linearise about
@@ -99,7 +100,7 @@ def linearise(
         or bank_result.about is None
     ):
         return None
-    fine = _fine(
+    fine = _fine_delays(
         bank_result.refined,
         bank_result.refined_std,
         float(first_pass.delays.min()),
@@ -157,15 +158,15 @@ def along(current: Relinearised, rows: Rows) -> list[Relinearised]:
 
 
 def on_a_grid_that_fits(current: Relinearised) -> Relinearised:
-    """Return the same, its delays laid anew where they have become too far apart for a sum over
-    them, or stand aside of the likely ones.
+    """Return the bank, with a new grid of delays if the present one is too coarse for a sum or
+    misses likely delays.
     """
     bank, state = current.bank, current.state
     mean, covariance = joint(bank, state)
     weights = likelihood_weights(np.where(state.sound, state.log_likelihood, -np.inf))
     step = float(np.diff(bank.delays).mean())
-    # Where there is no room for a further filter the Gaussian is cut off: laid anew, it would be
-    # cut again and become narrower without a row.
+    # At a bound of the delays the Gaussian is cut off; a new grid would cut it again and narrow it
+    # without data.
     inside = (weights[0] < EDGE_LIKELIHOOD or bank.delays[0] < step) and (
         weights[-1] < EDGE_LIKELIHOOD or bank.delays[-1] > bank.memory - step
     )
@@ -173,14 +174,14 @@ def on_a_grid_that_fits(current: Relinearised) -> Relinearised:
     return (
         current
         if not state.sound.any() or (inside and dense)
-        else _laid_anew(current, mean, covariance)
+        else _split_at(current, mean, covariance)
     )
 
 
 def due(current: Relinearised, names: Sequence[str]) -> bool:
-    """Whether the filters should be linearised again: these parameters have become much sharper, or
-    moved. Constant terms need not be among them: they act alike wherever the filters are
-    linearised."""
+    """Return whether the filters need a new linearisation: the sigmas of these parameters have
+    fallen much, or their means moved. Constant terms need not be included: they are linear.
+    """
     mean, covariance = joint(current.bank, current.state)
     at = [*(current.bank.names.index(name) for name in names), len(mean) - 1]
     std, before = np.sqrt(np.diagonal(covariance))[at], current.std[at]
@@ -195,9 +196,9 @@ def sharper_of(
 ) -> Relinearised | None:
     """Return the bank that continues, if ``linearised`` comes from the last rows alone.
 
-    It does if these parameters are hardly less sharp by it: then these rows hold what is known.
-    Else the current one does, which was linearised over other rows; where the two contradict each
-    other by more than two of the new sigmas its deviations span both.
+    The new bank continues if its sigmas of these parameters are hardly larger: its rows then hold
+    nearly all information. Else the current one continues; its deviations are widened to span both
+    where they differ by more than two of the new sigmas.
     """
     if linearised is None or current is None:
         return current if linearised is None else linearised
@@ -231,15 +232,15 @@ def joint(bank: OnlineBank, state: BankState) -> tuple[np.ndarray, np.ndarray]:
     covariance = (share * away) @ away.T
     n = len(mean) - 1
     covariance[:n, :n] += np.einsum("b,bij->ij", share, state.covariance[use])
-    # A filter that is alone says nothing of the delay: any within its step of the grid.
+    # A single filter leaves the delay open within one step of the grid.
     if use.size == 1:
         covariance[n, n] = float(np.diff(bank.delays).mean()) ** 2 / 12.0
     return mean, 0.5 * (covariance + covariance.T)
 
 
 def joint_estimate(current: Relinearised) -> Estimate:
-    """Return the parameters with the delay as the last one; what other points of linearisation
-    ended apart by stands in the sigmas.
+    """Return the parameters with the delay as the last one; sigmas include the distance from other
+    linearisations.
     """
     bank, state = current.bank, current.state
     n_x = len(bank.system.states)
@@ -263,9 +264,9 @@ def joint_estimate(current: Relinearised) -> Estimate:
     )
 
 
-def _fine(delay: float, std: float, least: float, most: float) -> np.ndarray:
-    """Return the delays one sigma apart, or less, in the middle of even cells; together these reach
-    as far as the Gaussian does between two bounds.
+def _fine_delays(delay: float, std: float, least: float, most: float) -> np.ndarray:
+    """Return delays at most one sigma apart, at the centres of equal cells that cover the Gaussian
+    between two bounds.
     """
     low, high = (
         min(max(delay + side * (FILTERS_ON_EITHER_SIDE + 0.5) * std, least), most)
@@ -275,11 +276,11 @@ def _fine(delay: float, std: float, least: float, most: float) -> np.ndarray:
     return low + (high - low) / count * (np.arange(count) + 0.5)
 
 
-def _laid_anew(current: Relinearised, mean: np.ndarray, covariance: np.ndarray) -> Relinearised:
-    """Return the same Gaussian of states, parameters and delay, cut at other delays."""
+def _split_at(current: Relinearised, mean: np.ndarray, covariance: np.ndarray) -> Relinearised:
+    """Return the same Gaussian of states, parameters and delay, split at other delays."""
     bank, state, n = current.bank, current.state, len(mean) - 1
     variance = max(float(covariance[n, n]), 1e-12)
-    fine = _fine(float(mean[n]), variance**0.5, 0.0, bank.memory)
+    fine = _fine_delays(float(mean[n]), variance**0.5, 0.0, bank.memory)
     slope = covariance[:n, n] / variance
     within = covariance[:n, :n] - np.outer(slope, slope) * variance
     means = mean[:n, None] + slope[:, None] * (fine - mean[n])
@@ -304,7 +305,7 @@ def _start_dependence(
     std: np.ndarray,
 ) -> np.ndarray:
     """Return the distance ``(n, K)`` of iterated filters with other starting parameters from the
-    rest of the filters; zero if all end together.
+    rest of the filters; zero if all agree.
     """
     n_x, count = len(system.states), elsewhere.shape[1]
     points = np.repeat(about[:, :, None], 1 + count, axis=2)
@@ -320,7 +321,7 @@ def _start_dependence(
     others[0] = False
     if not others.any():
         return np.zeros(len(std))
-    # One that ends with a lower likelihood has been refuted by the rows: beyond three sigmas of it.
+    # Lower likelihood by three sigmas or more excludes a filter.
     others &= runs.log_likelihood > runs.log_likelihood[0] - 4.5
     far = np.max(np.abs(runs.mean[:, others] - runs.mean[:, :1]), axis=1, initial=0.0)
     return np.where(far > OTHER_OPTIMUM_SIGMAS * std, far, 0.0)

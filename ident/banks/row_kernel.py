@@ -73,8 +73,7 @@ def value_terms(table: Bilinear) -> list[RowTerm]:
     halves = table.table.reshape(width, -1, n + width)[:, :, n:]
     by_row = []
     for row in range(halves.shape[1]):
-        # Of two entries the table holds half a coefficient twice; what is linear it holds once, at
-        # (0, b).
+        # The table holds half of each quadratic coefficient twice, and linear ones once, at (0, b).
         whole = np.triu(halves[:, row] + halves[:, row].T - np.diag(np.diag(halves[:, row])))
         pairs = zip(*(index.tolist() for index in np.nonzero(whole)), strict=True)
         by_row.append([RowTerm(row, float(whole[a, b]), b, a) for a, b in pairs])
@@ -418,7 +417,7 @@ def _prepared(
 
 
 def _runs_of(rows: Sequence[np.ndarray], part: slice) -> list[np.ndarray]:
-    """Rows ``(count,)`` as they are, and of rows ``(count, B)`` the columns of a part."""
+    """Return rows ``(count,)`` unchanged, and the columns of a part of rows ``(count, B)``."""
     return [
         row if row.ndim == 1 or row.shape[1] == 1 else row[:, part] for row in map(np.asarray, rows)
     ]

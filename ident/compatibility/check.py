@@ -59,10 +59,11 @@ def compatibility(
 ) -> Compatibility:
     """Flight-path reconstruction from records of one set of sensors.
 
-    Outputs (alpha, theta, airspeed) are integrated from measured inputs (q, nz or az, ax); what
-    does not fit is laid to biases of each record and to sensor faults that all records share, each
-    estimated by output error and by a smoother. No vehicle is known. Where the channels close a
-    relation of sideslip, bank, heading or height, all six degrees of freedom are (``six_degrees``).
+    Outputs (alpha, theta, airspeed) are integrated from measured inputs (q, nz or az, ax).
+    Differences are explained by biases of each record and by sensor faults shared by all records,
+    estimated by output error and by a smoother. No model of the vehicle is needed. If the channels
+    have a relation of sideslip, bank, heading or height, all six degrees of freedom are used
+    (``six_degrees``).
 
     Parameters
     ----------
@@ -81,7 +82,7 @@ def compatibility(
     try:
         return _compatibility(records, settings, each=each, six=six)
     finally:
-        weigher.cache_clear()  # it holds the records of this check
+        weigher.cache_clear()  # frees the records of this check
         shortened.cache_clear()
 
 
@@ -203,9 +204,8 @@ def _result(search_result: FaultSearch, biases: tuple[SensorEstimate, ...]) -> C
 def _by_itself(
     base: KinematicFit, joint: FaultSearch, settings: CompatibilitySettings, count: int
 ) -> CheckResult:
-    """Faults from one record of several: each one beside the same others as in all records.
-
-    Drifts belong to one record and are added to all accepted faults.
+    """Return the faults from one record of several, each with the same others as in all records; a
+    drift, which belongs to one record, with all accepted faults.
     """
     current = with_more_faults(base, joint.fit.faults, joint.fit.sizes)
     by_fault: dict[SensorFault, FaultTrial] = {}
@@ -229,7 +229,7 @@ def _by_itself(
 
 
 def _together(bases: Sequence[KinematicFit]) -> KinematicFit:
-    """Fits of single records as the start of a fit of all."""
+    """Return the fits of single records joined, as the start of a fit of all."""
     white = np.exp(np.mean([np.log(base.noise.white) for base in bases], axis=0))
     density = np.exp(np.mean([np.log(base.noise.density) for base in bases], axis=0))
     return replace(
@@ -282,7 +282,7 @@ def _closed_by(channels: Sequence[str], joined: dict[str, tuple[str, ...]]) -> t
 
 
 def _longitudinal(record: Record) -> Record:
-    """Return the record without controls that move another motion."""
+    """Return the record without the controls of lateral motion."""
     inputs = tuple(control for control in record.inputs if control.name not in LATERAL_CONTROLS)
     return record if len(inputs) == len(record.inputs) else replace(record, inputs=inputs)
 

@@ -1,6 +1,6 @@
 """Search for the set of sensor faults that the kinematics require.
 
-The kinematics see differences of times only, so that one channel has to stand for the time of all.
+Kinematics show differences of delays only, so that one channel must be the time reference.
 """
 
 from __future__ import annotations
@@ -26,20 +26,19 @@ from ident.compatibility.trials import (
 
 # ---- Sets of sensor faults fitted jointly
 
-_BEAM_WIDTH = 5  # sets of one size that are kept, and faults that are tried beside each of them
-TIE_LOG_LIKELIHOOD = 0.5  # of log likelihood: what two fits of the same thing may differ by
-_LEAST_PROJECTED_GAIN = 2.5  # first-order gain from which a fault is fitted in full
-# what the relations tie within a fraction of a second; speed changes too slowly to be a clock
+_BEAM_WIDTH = 5  # sets of each size kept, and faults tried with each of them
+TIE_LOG_LIKELIHOOD = 0.5  # difference of log likelihood below which two fits are equal
+_LEAST_PROJECTED_GAIN = 2.5  # smallest first-order gain of a fault that is fitted completely
+# channels related within a fraction of a second; speed changes too slowly
 _TIMED = ("alpha", "q", "nz", "theta")
 
 
 @dataclass(frozen=True, eq=False)
 class FaultSet:
-    """A joint fit of some faults. ``widening`` of variances by the colour of what is left, the mean
-    over its faults. ``sound``: each fault is ``determined``, of a size worth having, within its
-    bounds, and of a sign that can be. ``early``: its last is a load ahead of its time. ``given``:
-    how many faults of the fit, its first ones, are no choice of the set. ``surprise``: log
-    likelihood lost by its sizes a priori.
+    """A joint fit of some faults. ``widening``: factor of variances by coloured residuals, mean
+    over its faults. ``sound``: each fault is ``determined``, notable, within bounds and of a
+    possible sign. ``early``: the last fault is a load with a negative delay. ``given``: number of
+    leading faults that were prescribed. ``surprise``: log likelihood lost by priors of sizes.
     """
 
     fit: KinematicFit
@@ -59,14 +58,14 @@ def charge_of(false_alarm: float, count: int) -> float:
     """Return the log likelihood that a fault must gain: ln of the number of candidates, minus ln of
     the share of false alarms.
 
-    A gain has an exponential tail or a shorter one where the fault is absent, so that the best of
-    ``count`` exceeds this in fewer than ``false_alarm`` of clean sets of records.
+    Without the fault, the gain has an exponential tail or a shorter one: the best of ``count``
+    gains exceeds this in fewer than ``false_alarm`` of sound sets of records.
     """
     return math.log(max(count, 1)) - math.log(false_alarm)
 
 
 def fault_set(kinematic_fit: KinematicFit, given: int = 0, *, early: bool = False) -> FaultSet:
-    """Return a fit judged as a set of faults, of which the first few are ``given``."""
+    """Return a fit evaluated as a set of faults, the first few of them ``given``."""
     k = len(kinematic_fit.faults) - given
     if not k:
         return FaultSet(kinematic_fit, 1.0, sound=True, given=given)
@@ -123,11 +122,11 @@ def grow(
     charge: float,
     most: int,
 ) -> list[FaultSet]:
-    """Return the sets of 0, 1, ... ``most`` faults, a few of each size, begun with the best of
-    ``singles``: forward selection that keeps several ways open.
+    """Return the sets of 0, 1, ... ``most`` faults, a few of each size, starting with the best of
+    ``singles`` (forward selection with a beam).
 
     It ends where the best set of one more fault does not gain ``charge`` over the best without.
-    Where no control is recorded, sets with a load ahead of its time are among them, marked.
+    Without recorded controls, sets with an early load are included and marked.
     """
     given = len(base.faults)
     out = [fault_set(base, given)]
@@ -170,7 +169,7 @@ def chosen(sets: Sequence[FaultSet], charge: float) -> FaultSet:
 
 
 def needed(base: KinematicFit, chosen_set: FaultSet, charge: float) -> FaultSet:
-    """Return the set less every fault without which the others do nearly as well."""
+    """Return the set without the faults that the others hardly need."""
     while len(chosen_set.faults) > 1:
         less = [
             fit(
@@ -206,7 +205,7 @@ def _extended(
     faults: Sequence[SensorFault],
     done: dict[frozenset[SensorFault], KinematicFit],
 ) -> list[KinematicFit]:
-    """Fits of a set with one more fault each: those that promise most to first order."""
+    """Fits of a set with one more fault each: those with the largest first-order gain."""
     timed = clocks(kinematic_fit.signals)
     free = [
         fault
@@ -232,10 +231,10 @@ def _extended(
 def _early(
     kinematic_fit: KinematicFit, faults: Sequence[SensorFault], given: int
 ) -> list[FaultSet]:
-    """Return a load recorded before it happens, beside a set; which no sensor does.
+    """Return the set with an early load, which no sensor fault can cause.
 
-    A gust moves the vane and the load at once, the path only later: the load then seems early, and
-    alpha and q late.
+    A gust changes vane and load at once and the path later: the load then seems early, alpha and q
+    late.
     """
     ahead = [
         fault
@@ -256,10 +255,10 @@ def _early(
 
 
 def clocks(signals: Sequence[KinematicSignals]) -> tuple[str, ...]:
-    """Return the channels of which one at least has to be on time.
+    """Return the channels of which at least one must have no delay.
 
-    Where no control is recorded the load is none of them: a gust moves it before the path, and
-    alpha and q then seem late by as much.
+    Without recorded controls the load is not among them: a gust changes it before the path, so that
+    alpha and q seem late.
     """
     return tuple(
         name
@@ -276,10 +275,10 @@ def delayed_channels(faults: Iterable[SensorFault]) -> set[str]:
 
 
 def leaves_a_reference(faults: Sequence[SensorFault], timed: Sequence[str]) -> bool:
-    """Return whether one of the clocks ``timed`` is on time beside these faults: with all of them
-    late, only differences of times are there to be fitted.
+    """Return whether one of the channels ``timed`` has no delay among these faults: otherwise only
+    differences of delays are determined.
 
-    Nothing is recorded before it happens, so that what remains is the channel that is least late.
+    The reference is the channel with the least delay.
     """
     # An accelerometer ahead is a lag of q.
     delayed = delayed_channels(faults) | {"q" for fault in faults if fault.rare}
@@ -301,15 +300,15 @@ def reference_sentence(faults: Sequence[SensorFault], timed: Sequence[str]) -> s
     return f"{first}: a delay common to all channels cannot be detected from kinematics"
 
 
-# ---- Faults that the records do not tell from one that stands
+# ---- Confusable faults of an accepted one
 
 ALIKE = ((BOOM, PACKAGE), ("alpha", "nz", "az"), ("beta", "ny", "ay"))
 
 
 @dataclass(frozen=True, eq=False)
 class Slot:
-    """One position of a set: every fault tried in it beside the ``others``, the best first;
-    ``losses (k,)`` of log likelihood against the best.
+    """One position of a set: every fault tried in it with the ``others``, the best first; ``losses
+    (k,)`` of log likelihood against the best.
     """
 
     others: KinematicFit
@@ -317,7 +316,7 @@ class Slot:
     losses: np.ndarray
 
     def within(self, chance: float) -> list[FaultTrial]:
-        """Return the best fault and those not distinguished from it: sound faults that lose at most
+        """Return the best fault and those confusable with it: sound faults that lose at most
         ``chance``.
         """
         pairs = list(zip(self.trials, self.losses.tolist(), strict=True))
@@ -346,8 +345,8 @@ def chance_of(false_alarm: float, count: int) -> float:
 
 
 def probabilities(among: Sequence[tuple[SensorFault, FaultQuantity, float]]) -> dict[str, float]:
-    """Return the probability of each of some faults, one of which is there, by name: from its
-    estimate and the log likelihood that is lost with it.
+    """Return the probability of each of some faults, exactly one of which is present, by name: from
+    its estimate and loss of log likelihood.
     """
     scores = np.array(
         [
@@ -401,12 +400,12 @@ def slots_of(
             break
         chosen_set = changed
     return chosen_set, [
-        _led_by(slot, fault) for slot, fault in zip(slots, chosen_set.faults, strict=True)
+        _slot_led_by(slot, fault) for slot, fault in zip(slots, chosen_set.faults, strict=True)
     ]
 
 
 def same_lateness(one: SensorFault, other: SensorFault) -> bool:
-    """Return whether both delay the same channel, in different ways."""
+    """Return whether both delay the same channel by different laws."""
     return (
         one.channel == other.channel
         and {one.kind, other.kind} <= {DELAY, LAG, ARM}
@@ -415,8 +414,8 @@ def same_lateness(one: SensorFault, other: SensorFault) -> bool:
 
 
 def same_trace(one: SensorFault, other: SensorFault) -> bool:
-    """Return whether two arms ahead leave the same trace, the one where the other is behind: of a
-    vane, and of the accelerometer across its flow.
+    """Return whether two arms have the same effect with opposite signs: of a vane, and of the
+    accelerometer of the same plane.
     """
     channels = {one.channel, other.channel}
     return one.kind == other.kind == ARM and any(
@@ -443,7 +442,7 @@ def _slot(
         others = fit(base.signals, rest, base)
         trials = tried(others, free)
     misfit = misfits([others, chosen_set.fit, *(t.fit for t in trials)])
-    # The fault that stands has been fitted as long as any: its fit in the set serves.
+    # The accepted fault is fitted already: its fit in the set is used.
     here = [
         misfit[1] if t.fault is fault else value
         for t, value in zip(trials, misfit[2:].tolist(), strict=True)
@@ -462,8 +461,8 @@ def _slot(
     return Slot(others, tuple(led), (gains[order[0]] - gains)[order])
 
 
-def _led_by(slot: Slot, fault: SensorFault) -> Slot:
-    """Return the slot with a fault in front."""
+def _slot_led_by(slot: Slot, fault: SensorFault) -> Slot:
+    """Return the slot with a given fault first."""
     at = (
         [t.fault for t in slot.trials].index(fault)
         if fault in [t.fault for t in slot.trials]
@@ -475,16 +474,16 @@ def _led_by(slot: Slot, fault: SensorFault) -> Slot:
     )
 
 
-# ---- Which sensor faults the kinematics demand
+# ---- Search for the required sensor faults
 
 
 @dataclass(frozen=True, eq=False)
 class FaultSearch:
-    """Findings, the standing ones first; of every fault the trial that counts: of what stands and
-    of its group that beside everything else that stands, of what shares a sensor's lateness with it
-    that in its place, of all others that beside everything that stands. ``fit`` is the joint fit
-    of the best of each group. ``early``: s by which a load would be ahead of its time, which no
-    sensor can show, where that explains more than any fault: nothing further stands then.
+    """Findings, accepted ones first, and the relevant trial of every fault. An accepted fault and
+    its group are tried with the other accepted ones; another law of the same delay in place of the
+    accepted one; any further fault in addition to all accepted ones. ``fit`` is the joint fit of
+    the best of each group. ``early``: s by which a load would be early, if that explains more than
+    any fault; then no further fault is accepted.
     """
 
     findings: tuple[SensorFinding, ...]
@@ -501,9 +500,9 @@ def search(
 ) -> FaultSearch:
     """Return the set of faults that the records ask for, each with its group.
 
-    Forward selection that keeps several sets of each size; each fault has to bring what
-    ``charge_of`` says, over the colour of what is left, beside all the others, and the records by
-    themselves have to agree on it. ``bases`` are the base fits of each record alone.
+    Forward selection that keeps several sets of each size; each fault must gain ``charge_of`` under
+    coloured residuals with all the others, and single records must agree on it. ``bases`` are the
+    base fits of each record alone.
     """
     charge = charge_of(settings.false_alarm, len(faults))
     chance = chance_of(settings.false_alarm, len(faults))
@@ -532,8 +531,8 @@ def _selected(
     charge: float,
     most: int,
 ) -> tuple[FaultSet, float | None]:
-    """Return the best set, each of whose faults is needed; and by how much a load would be early
-    where that belongs to what is best.
+    """Return the best set, each of whose faults is needed, and the time by which a load would be
+    early if that is in the best set.
     """
     best = chosen(grow(base, singles, faults, charge, most), charge)
     early = float(best.fit.sizes[-1]) if best.early else None
@@ -557,7 +556,7 @@ def _searched(
     early: float | None,
 ) -> FaultSearch:
     lost, instead = _in_place(slots)
-    # What would do in the place of two is told once: where it is the best, else in the first.
+    # An alternative of two faults is reported once: where it is best, else first.
     grouped = {t.fault: t for group in reversed(groups) for t in group} | {
         group[0].fault: group[0] for group in groups
     }

@@ -44,7 +44,7 @@ from ident.statistics.residual_spectrum import corrected_covariance
 # ---- Fits of the kinematics to records
 
 _MOST_ITERATIONS = 8
-_NEGLIGIBLE_GAIN = 2e-3  # twice the gain of a step that is not worth taking
+_NEGLIGIBLE_GAIN = 2e-3  # smallest gain of a step, times two
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,13 +53,13 @@ class KinematicFit:
 
     Attributes
     ----------
-    faults, sizes : what was fitted beside each record's own unknowns.
+    faults, sizes : fitted in addition to each record's own unknowns.
     own : values of these, one array a record.
     noise : of the residual.
     cost : minus the log likelihood, priors included.
     residuals : ``(m, N)`` a record, zero where a sample is missing.
     jacobians : ``(m, N, own + faults)`` a record, of the reconstruction.
-    outputs : ``(m, N)`` what the sensors should read.
+    outputs : ``(m, N)`` expected sensor readings.
     """
 
     signals: tuple[KinematicSignals, ...]
@@ -142,7 +142,7 @@ Reached = tuple[list[np.ndarray], np.ndarray, list[tuple[np.ndarray, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class KinematicDescent:
-    """What Gauss-Newton steps on records need, of whatever kinematics.
+    """Functions and settings for Gauss-Newton steps on records, for any kinematics.
 
     ``evaluate`` and ``linearised`` are those of the kinematics; ``shares`` of a step are tried in
     turn until one gains, at most ``steps`` times, or until a step gained less than ``enough``.
@@ -160,7 +160,9 @@ class KinematicDescent:
 
 
 def descended(search: KinematicDescent, at: Reached, whiteners: Sequence[Weigher]) -> Reached:
-    """Unknowns and sizes of least squares under a given noise, and the lines there."""
+    """Return the least-squares unknowns and sizes under a given noise, and the
+    linearisation there.
+    """
     (own, sizes, lines), signals, priors = at, search.signals, search.priors
     largest = np.array([fault.largest for fault in search.faults])
     here = misfit(signals, priors, own, [y for y, _ in lines], whiteners)
@@ -203,7 +205,7 @@ def misfit(
     total = 0.0
     for s, prior, o, y, white in zip(signals, priors, own, outputs, whiteners, strict=True):
         residual = residual_of(s, y)
-        # What runs away is no candidate, and its square no number.
+        # A divergent reconstruction is no candidate, and its square overflows.
         if not np.all(np.abs(residual) < 1e6):
             return float("inf")
         total += 0.5 * float(np.sum(white(residual[:, :, None]) ** 2)) + 0.5 * float(
@@ -213,11 +215,10 @@ def misfit(
 
 
 def whitened(kinematic_fit: KinematicFit) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Residual ``(m, N)`` and jacobian ``(m, N, c)`` of each record as those of independent samples
-    of variance one.
+    """Residual ``(m, N)`` and jacobian ``(m, N, c)`` of each record whitened to unit variance.
 
-    With instruments the jacobian is their part of it: its product with the residual is the gradient
-    all the same.
+    With instruments the jacobian is projected onto them; its product with the residual is still the
+    gradient.
     """
     out = []
     for s, residual, jacobian in zip(
@@ -313,7 +314,7 @@ def residual_of(s: KinematicSignals, y: np.ndarray) -> np.ndarray:
     return np.where(s.valid, measured - y, 0.0)
 
 
-# ---- Both methods side by side
+# ---- Output error and smoother compared
 
 _MOST_PASSES = 4
 
@@ -419,8 +420,8 @@ def output_error(kinematic_fit: KinematicFit) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sandwich(inverse: np.ndarray, spread: np.ndarray) -> np.ndarray:
-    """inverse spread inverse' as a product of a matrix with its transpose: rounding makes no
-    variance negative.
+    """Return inverse spread inverse' as a product of a matrix with its transpose, so that rounding
+    makes no variance negative.
     """
     scale = np.sqrt(np.maximum(np.diag(spread), 1e-300))
     values, vectors = np.linalg.eigh(spread / np.outer(scale, scale))
@@ -432,14 +433,14 @@ def difference_in_sigmas(one: float, var_one: float, other: float, var_other: fl
     """``one - other`` over its standard deviation where ``other`` is efficient: the variances
     subtract (Hausman, Econometrica 46(6), 1978).
     """
-    # Where both are all but equal, what the linear theory leaves out is more than their difference.
+    # If both variances are nearly equal, nonlinear terms exceed their difference.
     variance = max(var_one - var_other, 0.2 * max(var_one, var_other))
     return (one - other) / math.sqrt(variance) if variance > 0 else 0.0
 
 
-# ---- What the channels can and cannot tell
+# ---- Unobservable faults
 
-_LEAST_PART = 0.2  # of the largest part: what takes less part in a combination is not named
+_LEAST_PART = 0.2  # smallest part of a fault in a named combination, relative to the largest
 _LEAST_PIVOT = 0.3
 _CONFUSABLE_CORRELATION = 0.95
 FAMILIES = ((DELAY,), (SCALE,), (BIAS, DRIFT))
@@ -448,12 +449,12 @@ FAMILIES = ((DELAY,), (SCALE,), (BIAS, DRIFT))
 def unobservable_sentences(
     base: KinematicFit, noise: RelationNoise, channels: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return the sentences for records fitted without a fault. Sizes count in units of what is
-    common in practice (``SensorFault.plausible``).
+    """Return the sentences for records fitted without a fault. Sizes are in units of common sizes
+    (``SensorFault.plausible``).
 
-    A fault, or a combination of faults of one family (times, scales, biases and drifts), has no
-    trace where its standard deviation is above one such unit; two faults look alike where what they
-    change has a projected cosine of 0.95.
+    A fault, or a combination of faults of one family (times, scales, biases and drifts), is
+    unobservable if its standard deviation exceeds one such unit; two faults are confusable if their
+    projected signatures have a cosine of 0.95.
     """
     faults = faults_of(channels, drifts=True, biases=True)
     return unobservable_faults(fault_information(base, noise, faults), faults, channels)
@@ -501,7 +502,7 @@ def fault_information(
     """Return the information on the faults, each in units of its plausible size, when starts,
     gravity's turn and jumps are free: ``(k, k)``.
 
-    A lag's trace is that of its plausible size: at zero it is a delay's.
+    A lag is linearised at its plausible size, since at zero it equals a delay.
     """
     k = len(faults)
     total = np.zeros((k, k))
@@ -531,7 +532,9 @@ def fault_information(
 
 
 def _simple_rows(rows: np.ndarray, named: Sequence[SensorFault]) -> list[np.ndarray]:
-    """Return the same space by rows with few members: Gauss-Jordan, drifts expressed by biases."""
+    """Return rows with few members that span the same space: Gauss-Jordan, with drifts expressed by
+    biases.
+    """
     rows, out, done = rows.copy(), [], np.zeros(len(rows), dtype=bool)
     order = sorted(range(len(named)), key=lambda i: named[i].kind != DRIFT)
     for column in order:
@@ -554,9 +557,7 @@ def _simple_rows(rows: np.ndarray, named: Sequence[SensorFault]) -> list[np.ndar
 def _alike(
     information: np.ndarray, faults: Sequence[SensorFault], seen: Sequence[int]
 ) -> list[list[SensorFault]]:
-    """Groups of faults that cannot be distinguished from each other; biases and drifts are told by
-    their combinations.
-    """
+    """Return groups of confusable faults; biases and drifts are described by their combinations."""
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     left, out = [i for i in seen if faults[i].kind not in (BIAS, DRIFT)], []
     while left:

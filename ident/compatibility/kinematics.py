@@ -22,7 +22,7 @@ import numpy as np
 from ident.compatibility.signals import KinematicSignals
 from sim.maths import G0, linear_recurrence
 
-# ---- What may be wrong with a sensor, each under its effect's name
+# ---- Sensor faults, by the names of their effects
 
 BIAS, SCALE, DELAY, LAG, DRIFT, ARM = "bias", "scale", "delay", "lag", "drift", "arm"
 RIGHT = "arm-right"  # position of a sensor along the right wing, as ARM along the fuselage
@@ -77,7 +77,7 @@ _NOTABLE_BIASES = {  # a bias that is worth a word
 
 @dataclass(frozen=True)
 class SensorFault:
-    """One way in which one channel is wrong; its ``size`` is zero where the sensor is right.
+    """One fault of one channel; ``size`` zero is a correct sensor.
 
     bias: added, channel's unit. scale: the reading is (1 + size) times the true value. delay, lag:
     s, the reading is late. drift: channel's unit/s from the record's begin. arm: m, the vane
@@ -91,12 +91,12 @@ class SensorFault:
 
     @property
     def spread(self) -> float:
-        """Standard deviation of the sizes that aircraft have, infinite where nothing is stated.
+        """Standard deviation of the sizes on aircraft; infinite if unknown.
 
         A vane on a boom metres ahead is common: 5 m, or three chords of a large aircraft. An
         accelerometer is mounted within about half a chord of the centre of gravity: 1 m, or a
-        quarter of a chord, so that half a chord is two of these. A delay or lag, which an arm looks
-        like, has the size that is common in practice.
+        quarter of a chord, so that half a chord is two of these. A delay or lag, confusable with an
+        arm, has its common size.
         """
         if self.kind in (DELAY, LAG):
             return self.plausible
@@ -109,7 +109,9 @@ class SensorFault:
         )
 
     def surprise(self, size: float | np.ndarray, variance: float | np.ndarray) -> np.ndarray:
-        """Log likelihood that an estimated size with its variance loses by the prior ``spread``."""
+        """Return the log likelihood lost by the prior ``spread``, for an estimate with its
+        variance.
+        """
         return np.asarray(0.5 * np.square(size) / (self.spread**2 + variance))
 
     @property
@@ -135,7 +137,7 @@ class SensorFault:
 
     @property
     def plausible(self) -> float:
-        """A size that is common in practice: the scale of observability."""
+        """A common size: the unit of observability."""
         own = {SCALE: 0.1, DELAY: 0.05, LAG: 0.05} | dict.fromkeys(ARMS, 5.0)
         return own.get(self.kind) or (
             0.05 * _NOTABLE_BIASES[self.channel]
@@ -152,7 +154,7 @@ class SensorFault:
 
     @property
     def largest(self) -> float:
-        """The size beyond which no fit looks, either sign."""
+        """The largest size that is searched, either sign."""
         own = {SCALE: 0.6, DELAY: 0.5, LAG: 0.5} | dict.fromkeys(ARMS, 60.0)
         return own.get(self.kind, 1e6)
 
@@ -163,7 +165,7 @@ class SensorFault:
 
     @property
     def rare(self) -> bool:
-        """Whether something more common leaves the same trace: an accelerometer ahead is a lag of q
+        """Whether a more common fault has the same effect: an accelerometer ahead equals a lag of q
         or r, one behind an arm of the vane.
         """
         return self.kind == ARM and self.channel in ("nz", "az", "ny", "ay")
@@ -191,7 +193,7 @@ def faults_of(
 
 # (channel, kind) -> sizes (P, 1); zero where nothing is fitted
 Values = Callable[[str, str], np.ndarray]
-# alpha stands on the right side under small factors: each sweep gains a factor of ten and more
+# alpha on the right-hand side has small factors: each sweep gains a factor of ten or more
 _FIXED_POINT_SWEEPS = 5
 
 
@@ -306,7 +308,9 @@ def samples(s: KinematicSignals, name: str, value: Values) -> np.ndarray:
 def _read(
     s: KinematicSignals, name: str, state: np.ndarray, value: Values, speed: np.ndarray
 ) -> np.ndarray:
-    """Reading of the sensor of a state: arm (with the true pitch rate), then as ``shown``."""
+    """Return the reading of a state's sensor: arm (with the true pitch rate), then the faults of
+    ``shown``.
+    """
     arm = value(name, ARM) + s.vane_arm
     if name == "alpha" and np.any(arm):
         state = state - arm / speed * samples(s, "q", value)
@@ -314,8 +318,8 @@ def _read(
 
 
 def shown(s: KinematicSignals, name: str, y: np.ndarray, value: Values) -> np.ndarray:
-    """Reading of a sensor of a signal ``(P, N)``: lag, delay, scale, bias and drift, in this
-    order.
+    """Return the reading of a sensor of a signal ``(P, N)``: lag, delay, scale, bias and drift, in
+    this order.
     """
     t = s.time
     delay, lag = value(name, DELAY), value(name, LAG)
@@ -405,7 +409,7 @@ def _slopes(y: np.ndarray, t: np.ndarray) -> np.ndarray:
 # ---- Unknowns of each record
 
 Key = tuple[str, str]
-# share by which an airspeed that is not recorded may be off: it divides the load as a scale does
+# relative uncertainty of an unrecorded airspeed; it acts like a scale of the load
 _AIRSPEED_UNCERTAINTY = 0.015
 
 
@@ -478,7 +482,7 @@ def evaluate(
 
 
 def difference_step(fault: SensorFault) -> float:
-    """Step of a central difference; a lag's and a delay's are felt over several samples."""
+    """Return the step of a central difference; lags and delays need several samples."""
     return 0.004 if fault.kind in (DELAY, LAG) else 1e-3 * fault.plausible
 
 

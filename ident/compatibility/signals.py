@@ -1,14 +1,14 @@
 """Records made ready for the kinematics: bridged gaps, noise of each relation, instruments.
 
-Differences between neighbouring samples are correlated with their neighbours alone, so that the
-exact likelihood takes one banded Cholesky factorisation: what a Kalman filter with the inputs'
-noise as process noise gives, at once for all columns.
+Differences of samples are correlated with their neighbours only, so that one banded Cholesky
+factorisation gives the exact likelihood for all columns. The result equals that of a Kalman filter
+with the inputs' noise as process noise.
 
-A gust w stands in the vane's reading as w/V, and the load answers to it at once: what is left of
-the kinematics then goes with nz and with the rate of alpha, and a regression on these is biased.
-The controls know nothing of the gust. Filtered in any way they are instruments: regression after
-projection on them is unbiased, whatever the aircraft's response is (two-stage least squares;
-Sargan, Econometrica 26(3), 1958).
+A gust w changes the vane's reading by w/V and the load at once. The residual of the kinematics is
+then correlated with nz and the rate of alpha, and a regression on these is biased. The controls are
+independent of the gust, so that filtered controls are instruments: regression after projection on
+them is unbiased for any response of the aircraft (two-stage least squares; Sargan, Econometrica
+26(3), 1958).
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from sim.record import Hold, Record
 
 # ---- A record made ready for the kinematics
 
-# s at both ends of a record that no residual counts: a late channel has nothing to show there
+# s at both ends of a record without residuals: a delayed channel has no data there
 IGNORED_ENDS = 0.1
 CHANNELS = ("alpha", "q", "nz", "az", "theta", "airspeed", "ax")
-SPIKE_SIGMAS = 8.0  # robust sigmas
-LEAST_SPIKE = 0.03  # of a channel's range
+SPIKE_SIGMAS = 8.0  # smallest spike, in robust sigmas
+LEAST_SPIKE = 0.03  # smallest spike, relative to the channel's range
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +90,7 @@ class KinematicSignals:
         return wide
 
 
-# begins the note that says which relations lack it
-NO_AIRSPEED = "no airspeed is recorded or given"
+NO_AIRSPEED = "no airspeed is recorded or given"  # beginning of the note on missing relations
 
 
 def relations(names: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
@@ -150,13 +149,13 @@ def signals_of(
         speed,
         gravity,
         vane_arm,
-        _jumps(record, raw) if "alpha" in relation_list else np.zeros(0),
+        _load_jumps(record, raw) if "alpha" in relation_list else np.zeros(0),
         spikes,
     )
 
 
 def measured_channels(record: Record) -> tuple[str, ...]:
-    """Return the channels of a record that the kinematics know, az under nz."""
+    """Return the channels of a record that the kinematics use, with az as nz."""
     have = set(record.output_names)
     names = [
         name
@@ -173,8 +172,8 @@ def _channel(record: Record, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def isolated(t: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """True at single samples that neither the line before, nor the line behind, nor the neighbours'
-    mean explains: a corner is no spike.
+    """Return True at single samples that neither adjacent line, nor the neighbours' mean, explains;
+    corners are not spikes.
     """
     out = np.zeros(len(x), dtype=bool)
     if len(x) < 12:
@@ -190,16 +189,16 @@ def isolated(t: np.ndarray, x: np.ndarray) -> np.ndarray:
         LEAST_SPIKE * float(np.ptp(x)),
     )
     large[:2] = large[-2:] = False
-    # A spike spoils what its neighbours are compared with; they are smaller.
+    # A spike also disturbs its neighbours' comparison, by less.
     for i in np.flatnonzero(large):
         near = slice(max(i - 2, 0), i + 3)
         out[i] = least[i] == least[near].max()
     return out
 
 
-def _jumps(record: Record, raw: Mapping[str, np.ndarray]) -> np.ndarray:
-    """nz per unit of a held input by regression, times that input: where a load jumps between two
-    samples no one sees when.
+def _load_jumps(record: Record, raw: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return the regression of nz on a held input, times that input: the part of the load that
+    jumps between samples.
     """
     if record.hold is not Hold.PREVIOUS or not record.inputs:
         return np.zeros(0)
@@ -230,7 +229,7 @@ def differences(columns: np.ndarray) -> np.ndarray:
 
 # ---- The residual of an integrated relation
 
-_MISSING_VARIANCE_FACTOR = 1e8  # times the noise variance: such a sample says nothing
+_MISSING_VARIANCE_FACTOR = 1e8  # variance of a missing sample, times the noise variance
 _INPUTS = {"alpha": ("q", "nz", "az"), "theta": ("q",), "airspeed": ("ax", "nx")} | {
     **{
         "phi": ("p",),
@@ -263,8 +262,8 @@ class RelationNoise:
 
 
 def walking_inputs(outputs: Sequence[str]) -> tuple[str, ...]:
-    """Inputs whose noise can be estimated; if alpha alone is integrated, q includes the noise of
-    nz.
+    """Return the inputs whose noise can be estimated; if alpha alone is integrated, q includes the
+    noise of nz.
     """
     if tuple(outputs) == ("alpha",):
         return ("q",)
@@ -276,14 +275,12 @@ def walking_inputs(outputs: Sequence[str]) -> tuple[str, ...]:
 
 
 def inputs_of(output: str) -> tuple[str, ...]:
-    """Return the channels whose noise walks in an output."""
+    """Return the inputs whose noise causes a random walk in an output."""
     return _INPUTS[output]
 
 
 def first_noise(all_signals: Sequence[KinematicSignals]) -> RelationNoise:
-    """Starting values of the noise from third differences, which contain little of a smooth
-    motion.
-    """
+    """Return starting values of the noise from third differences, which suppress smooth motion."""
     outputs = all_signals[0].outputs
     inputs = walking_inputs(outputs)
     rough = {
@@ -299,12 +296,12 @@ def first_noise(all_signals: Sequence[KinematicSignals]) -> RelationNoise:
 
 
 def resolution(x: np.ndarray) -> float:
-    """Return the variance of what a column cannot show: rounding to its least step, or to single
-    precision, in which recorders store at best.
+    """Return the variance of rounding in a column: to its least step, or to single precision, the
+    best of recorders.
 
     A value rounded to steps of d has an error of variance d^2/12. A single-precision number of size
-    x has steps of 2^-23 x. The least step of a column is its smallest third difference beyond that,
-    of smooth or noisy samples far less than their noise: differences of multiples are multiples.
+    x has steps of 2^-23 x. The least step of a column is its smallest third difference above that;
+    without steps this is far below the noise.
     """
     single = 2.0**-23 * float(np.max(np.abs(x), initial=0.0))
     third = np.abs(np.diff(x, 3))
@@ -322,7 +319,7 @@ def floors(all_signals: Sequence[KinematicSignals], names: Sequence[str]) -> np.
 def roughness(x: np.ndarray) -> float:
     """Return the variance of a channel's noise as its third differences show it."""
     third = np.diff(x, 3)
-    # The median is not moved by the few samples at which a held input switches.
+    # The median is robust against the few switches of a held input.
     middle = float(np.median(np.abs(third))) / 0.6745 if third.size else 0.0
     return max(middle**2 / 20.0, 1e-10 * float(np.var(x)), resolution(x), 1e-20)
 
@@ -405,9 +402,10 @@ def whitener(s: KinematicSignals, noise: RelationNoise) -> RelationWhitener:
 
 @dataclass(frozen=True, eq=False)
 class NoiseEvidence:
-    """What variances are estimated from: residuals ``(m, N)`` of each record and the sensitivities
-    ``(m, N, n)`` to its own unknowns, whose fit has taken some of the noise away; ``priors (n,)``
-    information on these."""
+    """Data from which variances are estimated: residuals ``(m, N)`` of each record and the
+    sensitivities ``(m, N, n)`` to its own unknowns, whose fit has removed some of the noise;
+    ``priors (n,)`` information on these.
+    """
 
     signals: tuple[KinematicSignals, ...]
     residuals: tuple[np.ndarray, ...]
@@ -461,8 +459,8 @@ def noise_cost(evidence: NoiseEvidence, noise: RelationNoise) -> float:
     """Minus the log restricted likelihood (Patterson and Thompson, Biometrika 58(3), 1971), without
     constants; infinite where it fails.
 
-    The inputs' densities have a prior about the roughness of their channels: hardly less, for white
-    noise shows there in full; far more where a filter has taken the roughness away.
+    The inputs' densities have a prior about the roughness of their channels: hardly less, since
+    roughness includes all white noise; possibly far more, if a filter has reduced the roughness.
     """
     total = 0.0
     for s, flat, prior in zip(evidence.signals, evidence.differences, evidence.priors, strict=True):
@@ -483,8 +481,8 @@ def noise_cost(evidence: NoiseEvidence, noise: RelationNoise) -> float:
 
 
 def smoothed_walk(s: KinematicSignals, noise: RelationNoise, residual: np.ndarray) -> np.ndarray:
-    """Return the walk ``(m, N)`` that the inputs' noise has most likely made, given residuals ``(m,
-    N)`` of the whole record.
+    """Return the most likely random walk ``(m, N)`` from the inputs' noise, given the residuals
+    ``(m, N)``.
 
     The fixed-interval smoother in one solve: the residual less the expected noise of the
     measurement, R S^-1 r.
@@ -500,21 +498,21 @@ def smoothed_walk(s: KinematicSignals, noise: RelationNoise, residual: np.ndarra
     return np.asarray(residual - own * back)
 
 
-# ---- What the recorded controls have moved
+# ---- Instruments: filtered controls
 
-# s back from now, in which the mean of a control is taken: an impulse response in steps.
-_BACK = (0.0, 0.08, 0.16, 0.28, 0.4, 0.55, 0.75, 1.0, 1.3, 1.7, 2.2, 2.8, 3.5, 4.5)
-_SAMPLES_PER_INSTRUMENT = 6  # samples for each instrument, at least
-_ROUNDING_EIGENVALUE_SHARE = 1e-9  # of the largest: such a combination is rounding
+# s before the sample, bounds of the intervals of control means (an impulse response in steps)
+_INTERVAL_BOUNDS = (0.0, 0.08, 0.16, 0.28, 0.4, 0.55, 0.75, 1.0, 1.3, 1.7, 2.2, 2.8, 3.5, 4.5)
+_SAMPLES_PER_INSTRUMENT = 6  # fewest samples per instrument
+_ROUNDING_EIGENVALUE_SHARE = 1e-9  # smallest eigenvalue above rounding, relative to the largest
 
 Weigher = Callable[[np.ndarray], np.ndarray]
 
 
 def instruments_of(record: Record, every: int = 1) -> np.ndarray:
-    """Return the columns ``(N, L)``: means of each control over stretches of the past, its
-    integrals, a parabola; without a control that moves none.
+    """Return the columns ``(N, L)``: means of each control over past intervals, its integrals, a
+    parabola; none without a moving control.
 
-    ``every``: of the times that bound the stretches, only every so many.
+    ``every``: use only every n-th bound of the intervals.
     """
     t = record.time - record.time[0]
     moved = [
@@ -524,7 +522,7 @@ def instruments_of(record: Record, every: int = 1) -> np.ndarray:
     ]
     if not moved:
         return np.empty((len(t), 0))
-    back: tuple[float, ...] = _BACK[::every]
+    back: tuple[float, ...] = _INTERVAL_BOUNDS[::every]
     while len(moved) * len(back) * _SAMPLES_PER_INSTRUMENT > len(t) and len(back) > 3:
         back = back[::2]
     columns = [np.ones(len(t)), t, t**2]
@@ -544,8 +542,8 @@ def instrumented(signals: Sequence[KinematicSignals]) -> bool:
 # many faults are tried under one noise; the records of a check and a few noises stay
 @lru_cache(maxsize=24)
 def weigher(s: KinematicSignals, noise: RelationNoise) -> Weigher:
-    """Return the columns ``(m, N, c)``, zero where a sample is missing, as those of independent
-    samples of variance one, with instruments only their part.
+    """Return the columns ``(m, N, c)``, zero where a sample is missing, whitened to unit variance;
+    with instruments projected onto them.
     """
     white = whitener(s, noise)
     if not s.instruments.shape[1]:
@@ -567,8 +565,8 @@ def shortened(s: KinematicSignals, noise: RelationNoise) -> Callable[[np.ndarray
 
 
 def part_of_controls(s: KinematicSignals) -> Weigher:
-    """Return the columns ``(m, N, c)`` to the part that the instruments explain, every sample
-    alike; without instruments the columns themselves.
+    """Return the part of the columns ``(m, N, c)`` that the instruments explain; without
+    instruments the columns.
     """
     if not s.instruments.shape[1]:
         return lambda columns: columns

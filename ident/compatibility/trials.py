@@ -24,18 +24,17 @@ from ident.compatibility.signals import instrumented, weigher
 from ident.statistics.intervals import bounded_inverse
 from sim.maths import G0
 
-# ---- What a check of the kinematics says
+# ---- Result of a check
 
 
 @dataclass(frozen=True)
 class CompatibilitySettings:
-    """What a check needs beside the records.
+    """Settings of a check.
 
-    ``airspeed`` (m/s) serves where none is recorded; None leaves the relation of alpha out there.
-    ``gravity`` in m/s2; ``vane_arm`` (m) that is known, a finding comes on top of it. ``chord`` (m)
-    scales where sensors usually are; zero where it is not known. ``false_alarm``: share of clean
-    sets of records in which anything stands, over all faults together. ``most``: faults that may
-    stand together.
+    ``airspeed`` (m/s) is used if none is recorded; None omits the relation of alpha then.
+    ``gravity`` in m/s2. ``vane_arm`` (m) is the known arm; findings add to it. ``chord`` (m) scales
+    usual sensor positions; zero if unknown. ``false_alarm`` : share of sound sets of records with
+    any accepted fault. ``most`` : largest number of accepted faults.
     """
 
     airspeed: float | None = None
@@ -56,12 +55,12 @@ class FaultQuantity:
 
 @dataclass(frozen=True)
 class SensorEstimate:
-    """One fault alone, by both methods; the other sensors are taken as right.
+    """One fault alone, by both methods; the other sensors are assumed correct.
 
     ``difference``: output error less smoother, in standard deviations of that difference.
     ``determined``: whether the standard deviation is below the size that is common in practice.
     ``gain``: increase of the log likelihood under coloured residuals; ``p_value`` of that gain,
-    one-sided where only one sign can be.
+    one-sided if only one sign is possible.
     """
 
     name: str
@@ -83,15 +82,14 @@ class SensorEstimate:
 
 @dataclass(frozen=True)
 class SensorFinding:
-    """One fault tested against coloured residuals, beside the faults that stand.
+    """One fault tested under coloured residuals, in addition to the accepted ones.
 
     ``kind``: scale, delay, lag, drift or arm; ``name`` the effect's name. ``value`` is the effect's
-    own parameter: a scale is a factor. ``gain`` of the log likelihood. ``stands``: the fault, or
-    one of its ``group`` (names), is needed. ``replicates``: the records by themselves agree; always
-    so for one record. ``lost``: log likelihood lost with it in the place of the nearest that
-    stands, zero for the best of a group; None where nothing stands, or where it has been refused.
-    ``probabilities`` of the fault and its group by name: of their likelihoods and of how far
-    sensors usually are from the centre of gravity.
+    own parameter: a scale is a factor. ``gain`` of the log likelihood. ``stands``: accepted, itself
+    or one of its ``group`` (names). ``replicates``: single records agree; True for one record.
+    ``lost``: log likelihood lost with it in place of the nearest accepted fault, zero for the best
+    of a group; None without an accepted fault or if it was refused. ``probabilities`` of the fault
+    and its group by name, from likelihoods and priors of sensor positions.
     """
 
     channel: str
@@ -110,12 +108,12 @@ class SensorFinding:
 
 @dataclass(frozen=True, eq=False)
 class Reconstruction:
-    """One record: by output, what was measured, what the kinematics make of the other channels, and
-    what is left. ``(N,)`` each, SI.
+    """One record: by output, the measurement, its reconstruction from other channels, and the
+    residual. ``(N,)`` each, SI.
 
-    ``recorded`` follows from the measured inputs as they are, ``integrated`` from them less the
-    faults that stand, ``smoothed`` also from the output; ``used`` is False where a sample is
-    missing or set aside.
+    ``recorded`` is integrated from the measured inputs, ``integrated`` from them without the
+    accepted faults, ``smoothed`` also uses the output; ``used`` is False where a sample is missing
+    or set aside.
     """
 
     record: str
@@ -132,7 +130,7 @@ class CheckResult:
     """A check of one record, or of several together (``records``: their names).
 
     ``biases``: of one record only. ``noise_std`` by channel, unit of the channel: of the outputs,
-    and of the inputs as their integral shows it.
+    and of the inputs by the walk of their integral.
     """
 
     records: tuple[str, ...]
@@ -170,9 +168,9 @@ class Compatibility:
         return self.joint.findings
 
 
-# ---- One fault tried beside others
+# ---- Trial of one fault in addition to others
 
-_LEAST_PROJECTED_GAIN = 2.5  # first-order gain from which a fault is fitted in full
+_LEAST_PROJECTED_GAIN = 2.5  # smallest first-order gain of a fault that is fitted completely
 _CONTRADICTION_P_VALUE = 1e-3  # p-value below which the records contradict each other
 _LEAST_FAULT_SIGMAS = 3.0
 
@@ -212,8 +210,8 @@ def _trial(base: KinematicFit, fault: SensorFault, kinematic_fit: KinematicFit) 
     sigmas = smoother_sigmas(kinematic_fit)
     white = float(sigmas.covariance[-1, -1])
     widening = float(sigmas.widening[-1])
-    # A likelihood counts what a gust explains too: with controls recorded only their part of the
-    # residual counts.
+    # A likelihood includes gusts: with recorded controls, only the part of the residual that they
+    # explain counts.
     before, after = base.cost, kinematic_fit.cost
     if instrumented(base.signals):
         whiteners = [weigher(s, kinematic_fit.noise) for s in kinematic_fit.signals]
@@ -231,7 +229,7 @@ def _trial(base: KinematicFit, fault: SensorFault, kinematic_fit: KinematicFit) 
 
 
 def p_value(gain: float, size: float, fault: SensorFault) -> float:
-    """Chance of such a gain of the log likelihood where the fault is absent."""
+    """Return the probability of such a gain of log likelihood without the fault."""
     from scipy.special import chdtrc
 
     if fault.one_sided:
@@ -265,7 +263,7 @@ def estimate_of(trial: FaultTrial) -> SensorEstimate:
 
 
 def bias_estimates(base: KinematicFit) -> tuple[SensorEstimate, ...]:
-    """Return the biases that every fit of one record leaves free."""
+    """Return the biases that are free in every fit of one record."""
     sigmas, (values, covariance) = smoother_sigmas(base), output_error(base)
     out = []
     for i, item in enumerate(unknowns_of(base.signals[0])):

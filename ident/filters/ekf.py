@@ -9,8 +9,8 @@ they have one, else from complex steps.
 
 For the dynamics and noise declared this is the Gauss-Newton method for the most probable trajectory
 and parameters (Bell, "The Iterated Kalman Smoother as a Gauss-Newton Method", SIAM J. Optimization
-4(3), 1994). A start that is far off no longer leaves its mark: the prior keeps its mean and weight,
-only the point of linearisation moves, so no datum counts twice.
+4(3), 1994). The result no longer depends on a poor start: the prior keeps its mean and weight, only
+the point of linearisation moves, so no datum counts twice.
 """
 
 from __future__ import annotations
@@ -48,10 +48,9 @@ from sim.record import Record
 
 # ---- Extended Kalman filter for states and parameters, on filterpy's ExtendedKalmanFilter
 
-# of a standard deviation: below it a further pass changes nothing that matters
-SETTLED_SIGMAS = 0.01
+SETTLED_SIGMAS = 0.01  # change in sigmas below which no further pass is needed
 OnePass = Callable[..., Estimate]
-_FEW_COLUMNS = 6  # states and parameters below which column by column is the cheaper Jacobian
+_FEW_COLUMNS = 6  # states and parameters up to which the Jacobian by columns is cheaper
 
 
 @dataclass(frozen=True)
@@ -90,8 +89,8 @@ def run_ekf(
     record : measured data; outputs that the System does not know are ignored.
     system : compiled with ``online=True``; initial state, priors and noise from its declaration.
     settings : integration; RK4 mean and three Taylor terms when None.
-    by : what runs a pass; ``filter_by_filterpy`` when None. ``ident.banks.bank.filter_batched`` is
-        the own kernel, equal to rounding.
+    by : function that runs a pass; ``filter_by_filterpy`` when None. ``filter_batched`` of
+        ``ident.banks.bank`` is equal to rounding.
 
     Returns
     -------
@@ -205,7 +204,7 @@ def _filtered(
                 trouble = _update(
                     ekf, problem, equations, k, keeper, None if about is None else about[:, k]
                 )
-            # what math and linear algebra raise where arrays would turn infinite
+            # errors of scalar functions where arrays would become infinite
             except (ArithmeticError, ValueError):
                 trouble = Outcome.DIVERGED
             if trouble is not None:
@@ -376,7 +375,7 @@ def run_iterated_ekf(
         sigma.
     first : the same system with another start and narrower priors, for the first pass alone: it
         gives the first point to linearise at.
-    by : what runs a pass, as for ``run_ekf``.
+    by : function that runs a pass, as for ``run_ekf``.
 
     Returns
     -------

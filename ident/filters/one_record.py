@@ -36,11 +36,10 @@ class Transition(Protocol):
     """Maps ``F (..., n, n)``, the diagonal of the spectral density ``(n,)`` and the step (s) to
     ``Phi``, ``Q_k``.
 
-    ``of_rows`` serves batches in which F ``(..., r, n)`` stands for a matrix whose rows below the
-    first r are zero: it prepares what stays the same, and returns a function of F and the step that
-    gives the first r rows of ``Phi - I`` and of ``Q_k``, of the latter only the first r columns
-    where those beyond are zero, None without noise. Below them Phi is the identity and Q_k is
-    diag(density) dt.
+    ``of_rows`` is for batches in which F ``(..., r, n)`` are the first r rows of a matrix, all
+    others zero. It returns a function of F and the step that gives the first r rows of ``Phi - I``
+    and of ``Q_k``, of the latter only the first r columns where those beyond are zero, None without
+    noise. Below them Phi is the identity and Q_k is diag(density) dt.
     """
 
     def __call__(
@@ -363,8 +362,8 @@ def _motion(
     slopes, halves, A = coefficients[:, :, :n], coefficients[:, :, n:], coefficients[:, :, :n_x]
     none, one = np.zeros((width, n_x, n_x)), np.zeros((width, n_x, n_x))
     one[0] = np.eye(n_x)
-    # Each block with what is to be multiplied by the step, and what is not. The last but one, times
-    # F above I, gives Phi.
+    # Each block with its terms with and without the factor of the step. The last but one, times F
+    # above I, gives Phi.
     half = (0.5 * A, one) if terms > 2 else (none, one)
     blocks = [
         ([[halves]], [[0.0 * halves]]),
@@ -415,8 +414,8 @@ def _motion(
 def _stages(
     A: np.ndarray, none: np.ndarray, one: np.ndarray, steps: int
 ) -> list[tuple[list[list[np.ndarray]], list[list[np.ndarray]]]]:
-    """Return the matrices that lead from f to (I + A/2 (I + A/3 (I + A/4))) f one after the other;
-    none for a single step.
+    """Return the matrices that lead in steps from f to (I + A/2 (I + A/3 (I + A/4))) f; none for a
+    single step.
     """
     if steps == 1:
         return []

@@ -16,7 +16,7 @@ from sim.errors import ModelError
 from sim.propagation import Drive, Grid, drive_from_record, make_grid
 from sim.record import Record
 
-# ---- What every filter needs before its first sample
+# ---- Problem of a filter
 
 PRIOR_SHARE = 0.25  # prior standard deviation of a parameter over its starting value
 
@@ -51,7 +51,7 @@ class FilterProblem:
 
 
 def filter_problem(record: Record, system: System, max_step: float) -> FilterProblem:
-    """Check that a filter can run and lay out what it needs.
+    """Check that a filter can run, and return its problem.
 
     Raises
     ------
@@ -348,7 +348,7 @@ def finished(problem: FilterProblem, buffers: FilterBuffers, method: str) -> Est
         root = np.linalg.cholesky(buffers.S)
     except np.linalg.LinAlgError:
         return None
-    # A channel that is missing has zero in y and one in S, which adds nothing.
+    # A missing channel has zero in y and one in S, which adds nothing.
     nis = np.square(np.linalg.solve(root, buffers.innovation[:, :, None])[:, :, 0]).sum(axis=1)
     if not np.all(nis < LARGEST_NUMBER):
         return None

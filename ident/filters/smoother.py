@@ -5,9 +5,9 @@ The Rauch-Tung-Striebel smoother (AIAA Journal 3(8), 1965) in the form of Bryson
 same numbers without inverting the predicted covariance, which is singular where a state is known
 exactly, and nearly so for parameters without process noise.
 
-A filter's covariance holds for white measurement noise. Coloured noise repeats itself from sample
-to sample, so that the record says less than the filter believes. The correction is that of
-whole-record fits (`ident.statistics.residual_spectrum`): the information stays, and the scatter
+A filter's covariance holds for white measurement noise. Coloured noise is correlated between
+samples, so that the record has less information than the filter assumes. The correction is that of
+whole-record fits (`ident.statistics.residual_spectrum`): the information is kept, and the scatter
 of the gradient is formed with the spectra of the residuals. These are the residuals of the filter
 that knows the smoothed initial state exactly; without process noise those of output error.
 """
@@ -81,7 +81,7 @@ def _backwards(history: FilterHistory) -> tuple[np.ndarray, np.ndarray]:
     """
     H, G, later = history.sensitivity[1:], history.transition[1:], slice(1, None)
     N, n = len(G), len(history.names)
-    # A channel that is missing has zeros in H and one in S: it brings nothing.
+    # A missing channel has zeros in H and one in S, which is neutral.
     weighted = np.linalg.solve(history.innovation_covariance[later], H).transpose(0, 2, 1)
     M = G - (history.predicted_covariance[later] @ weighted) @ (H @ G)
     gain_to_state = G.transpose(0, 2, 1) @ weighted
@@ -113,9 +113,10 @@ def _at_most(P: np.ndarray, largest: np.ndarray) -> np.ndarray:
 
 # ---- Parameter covariance of a filter, corrected for innovations that are not white
 
-# of the standard deviations 1/sqrt(N) that an autocorrelation of white noise has
+# smallest significant autocorrelation, in standard deviations 1/sqrt(N) of white noise
 _SIGNIFICANT_SIGMAS = 4.0
-_ROUNDING_SHARE = 1e-9  # of a covariance, below which a difference of two is no process noise
+# smallest process noise, relative to a covariance; smaller differences are rounding
+_ROUNDING_SHARE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,8 +221,8 @@ def _whitened(history: FilterHistory, variance: np.ndarray) -> tuple[np.ndarray,
     """Return the residuals ``(m, N)`` and slopes ``(m, N, n)`` at the smoothed initial state and
     parameters, scaled to unit variance.
 
-    The history is that of a linear filter: its predictions, matrices and innovations give the same
-    filter from another start, whose covariance is that of the process noise alone.
+    As for a linear filter, the history gives the same filter from another start, whose covariance
+    is that of the process noise alone.
     """
     H, Phi, n, N = history.sensitivity, history.transition, len(history.names), len(history.time)
     noise = _process_noise(history)

@@ -1,20 +1,18 @@
 """Unscented Kalman filter for states and parameters, and its iterated form.
 
-filterpy does the update and the weights; three things are put around it to make it robust. A square
-root that serves singular covariances (a state known exactly has no variance, and Cholesky's would
-fail) and is unique. All sigma points in one call of the System instead of one call each. Missing
-channels dropped row by row.
+filterpy computes the update and the weights. Three additions make it robust. A unique square root
+that also exists for singular covariances (a state known exactly has no variance). All sigma points
+in one call of the System instead of one call each. Missing channels dropped row by row.
 
-The points lie sqrt(n) sigmas out (alpha = 1, kappa = 0) and the central one weighs beta = 2 in the
-covariance, which holds part of the fourth moments of a Gaussian: with no negative weight the
-predicted covariance is semi-definite by construction, and nothing cancels (alpha = 0.001 loses six
-digits).
+The points are sqrt(n) sigmas from the mean (alpha = 1, kappa = 0). The central one has the weight
+beta = 2 in the covariance, for part of the fourth moments of a Gaussian. Without negative weights
+the predicted covariance is semi-definite, and no digits cancel (alpha = 0.001 loses six).
 
 Posterior linearisation (Garcia-Fernandez, Svensson and Sarkka, "Iterated Posterior Linearization
-Smoother", IEEE Transactions on Automatic Control 62(4), 2017). The plain filter's points reach over
-the prior, as far as the product of a wide zero and a wide derivative bends, and what that bends
-away is never given back; these reach over what the whole record leaves open. The prior keeps its
-mean and weight, so no datum counts twice.
+Smoother", IEEE Transactions on Automatic Control 62(4), 2017). The points of the plain filter cover
+the prior. If it is wide, products of unknowns are strongly nonlinear there, and the estimate is
+biased. The points of the iterated filter cover the posterior of the whole record. The prior keeps
+its mean and weight, so no datum counts twice.
 """
 
 from __future__ import annotations
@@ -47,8 +45,8 @@ def run_ukf(record: Record, system: System, settings: FilterSettings | None = No
     Parameters
     ----------
     record, system : as for ``run_ekf``.
-    settings : ``step``, ``max_step`` and ``passes`` as for ``run_ekf``; ``transition`` serves the
-        process noise only.
+    settings : ``step``, ``max_step`` and ``passes`` as for ``run_ekf``; ``transition`` is for
+        the process noise only.
 
     Returns
     -------
@@ -56,7 +54,7 @@ def run_ukf(record: Record, system: System, settings: FilterSettings | None = No
     of the interval: with P the covariance after the update before and C the cross-covariance of
     that state with the predicted one, C = P G^T in each sub-step; ``history.sensitivity`` H
     likewise from the cross-covariance with the outputs, P H^T. With these the fixed-interval
-    smoother serves both filters.
+    smoother applies to both filters.
 
     Raises
     ------
@@ -83,12 +81,12 @@ def run_ukf(record: Record, system: System, settings: FilterSettings | None = No
 
 
 def square_root(P: np.ndarray) -> np.ndarray:
-    """``U (n, n)`` with ``U^T U = P`` for a symmetric semi-definite ``P``, zero columns for what
-    has no variance.
+    """``U (n, n)`` with ``U^T U = P`` for a symmetric semi-definite ``P``, zero columns for entries
+    without variance.
 
-    U is the symmetric root of the correlation matrix times the standard deviations. There is one
-    such root only, and it moves little when P does; the axes of alike eigenvalues, as an
-    uncorrelated P has them, are rounding's choice, and so would the points be.
+    U is the symmetric root of the correlation matrix times the standard deviations. This root is
+    unique and continuous in P. Eigenvectors of equal eigenvalues (an uncorrelated P) depend on
+    rounding, and points along them would too.
     """
     return roots(P)[0]
 
@@ -104,7 +102,9 @@ def slopes(P: np.ndarray, half_differences: np.ndarray) -> np.ndarray:
 
 
 def roots(P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """``square_root(P)`` and its inverse ``(n, n)``, the latter zero for what has no variance."""
+    """``square_root(P)`` and its inverse ``(n, n)``, the latter zero for entries without
+    variance.
+    """
     values, vectors, scale, inverse = _decomposed(P)
     reciprocal = np.divide(1.0, np.sqrt(values), out=np.zeros_like(values), where=values > 0)
     return (vectors * np.sqrt(values)) @ vectors.T * scale, inverse[:, None] * (
@@ -244,7 +244,7 @@ def _central_differences(rows: np.ndarray) -> np.ndarray:
 
 # ---- Iterated unscented filter
 
-# half the digits: of a difference of covariances the rest may be rounding
+# half the digits: the rest of a difference of covariances may be rounding
 ROUNDING = float(np.sqrt(np.finfo(float).eps))
 # weight of the central point in a covariance, beta of the scaled points
 CENTRAL_COVARIANCE_WEIGHT = 2.0
@@ -304,8 +304,8 @@ def _cloud(about: SmoothedHistory, k: int, reach: np.ndarray) -> _Cloud:
     """Return the points about sample ``k`` of a smoothed result, out to its covariance.
 
     Where the smoother's difference of covariances is rounding alone, ``reach (n,)`` are the
-    standard deviations and directions without variance get ``ROUNDING`` of one: without points that
-    lie apart no slope along them would be seen, and the record would say nothing of them.
+    standard deviations and directions without variance get ``ROUNDING`` of one: without distinct
+    points, slopes along these directions would be unknown.
     """
     mean, P = about.mean[:, k], about.covariance[k]
     std = np.sqrt(np.maximum(np.diagonal(P), 0.0))

@@ -23,7 +23,7 @@ from ident.frequency_response.transfer_function import (
 NEUTRAL_PHASE = -180.0  # deg, phase of neutral stability
 BANDWIDTH_PHASE_MARGIN = 45.0  # deg, phase margin that defines the bandwidth
 GAIN_MARGIN = 6.0  # dB, gain margin that defines the bandwidth
-PARABOLA_HALF_WIDTH = 0.2  # of ln(omega), about a crossing, over which a parabola is fitted
+PARABOLA_HALF_WIDTH = 0.2  # half width in ln(omega) of the parabola about a crossing
 _FEWEST_PARABOLA_POINTS = 5
 _PHASE_DELAY_POINTS = 41  # points of the straight line of the phase delay
 _STARTING_PHASE = -60.0  # deg, about which the phase of an attitude begins; settles its sign
@@ -316,7 +316,7 @@ LEVELS = (3.0, 9.0)  # dB, of the resonance: limits of levels 1 and 2
 PILOT_DELAY = 0.25  # s
 RESPONSE_DRAWS = 100  # samples of the response for standard deviations
 SCAN_POINTS = 60  # frequencies of a scan
-SEED = 20  # of the random numbers
+SEED = 20  # seed of the random numbers
 _LARGEST_COMPENSATION = 85.0  # deg of lead or lag
 _COMPENSATION_POINTS = 69  # compensations that are tried
 

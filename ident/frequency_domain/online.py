@@ -42,11 +42,10 @@ from sim.record import Hold
 LOWEST_FREQUENCY = 0.1  # Hz, as Morelli's: above slow drifts
 HIGHEST_FREQUENCY = 2.0  # Hz, as Morelli's: below structural modes
 FREQUENCY_SPACING = 0.04  # Hz
-# share of a rate by which an equation may bend with its parameters, rounding
-NONLINEARITY_TOLERANCE = 1e-7
-NOISE_SPECTRUM_PASSES = 4  # of the regression, each with the noise spectrum that the last one left
-# least share of the information that must be left when the noise's is taken off
-LEAST_INFORMATION_SHARE = 0.5
+NONLINEARITY_TOLERANCE = 1e-7  # largest nonlinearity by rounding, relative to a rate
+# passes of the regression, each with the noise spectrum of the previous one
+NOISE_SPECTRUM_PASSES = 4
+LEAST_INFORMATION_SHARE = 0.5  # smallest share of the information without that of the noise
 _THIRD_DIFFERENCE_VARIANCE = 20.0  # variance of a third difference of white noise of variance one
 _SIGMA_PER_MEDIAN_DEVIATION = 1.4826  # standard deviation over median absolute deviation
 
@@ -57,9 +56,9 @@ class OnlineEquations:
 
     Attributes
     ----------
-    system : what is identified.
+    system : the identified model.
     names : of its parameters, ``(q,)``; ``positions`` among all.
-    states : rows of the System's states whose equations count.
+    states : rows of the System's states whose equations are used.
     readings : rows of its outputs that are no states.
     sources : of each state, the row of the output that measures it, -1 where the caller computes
         it.
@@ -92,7 +91,7 @@ class Sums:
 
     Attributes
     ----------
-    rows : that counted.
+    rows : number of rows used.
     time, x, u : of the last, ``(n,)`` and ``(r,)``; None before the first.
     left : ``(e, F)``, known sides.
     regressors : ``(e, q, F)``.
@@ -307,7 +306,7 @@ def advance(
     u = np.concatenate([before, inputs[:, there] if linear else mean], axis=1)
     within = np.repeat(u[None, :, :-1], 3, axis=0)
     if linear and times.size > 1:
-        # The middle gives Simpson's rule the mean over rows that are bridged.
+        # Simpson's rule gets the mean over interpolated rows as its middle value.
         means = np.concatenate([0.5 * (before + u[:, 1:2]) if begun else before, mean], axis=1)
         middle = 1.5 * means[:, : times.size - 1] - 0.25 * (u[:, :-1] + u[:, 1:])
         within = np.array([u[:, :-1], middle, u[:, 1:]])
@@ -333,7 +332,7 @@ def advance(
 def _means_between(
     time: np.ndarray, inputs: np.ndarray, there: np.ndarray, *, linear: bool
 ) -> np.ndarray:
-    """Inputs from each row that counts to the next, means over rows that are bridged; ``(r,
+    """Return the mean inputs between successive used rows, over interpolated rows as well; ``(r,
     K)``.
     """
     at = np.flatnonzero(there)
@@ -416,7 +415,7 @@ def _with_steps(
             what, where="equation error on line", remedy="check units and start values"
         )
     if not np.any(sums.apart):
-        _refuse_bent(equations, times[:-1], first, within[0])
+        _refuse_nonlinear(equations, times[:-1], first, within[0])
     rows = list(equations.states)
     turns = np.exp(-1j * np.outer(times[:-1], equations.omega))
     spaced = equations.omega[1] - equations.omega[0]
@@ -515,10 +514,10 @@ def _with_noise(
     return replace(sums, noisy=noisy, noise=noise, counted=counted)
 
 
-def _refuse_bent(
+def _refuse_nonlinear(
     equations: OnlineEquations, times: np.ndarray, x: np.ndarray, u: np.ndarray
 ) -> None:
-    """Raise ModelError for a parameter by which a rate or reading is not linear."""
+    """Raise ModelError for a parameter in which a rate or reading is nonlinear."""
     system, few = equations.system, slice(0, 8)
     p = list(system.parameters.values())
 
@@ -581,7 +580,8 @@ def estimate(
             return None
         theta, gain, unknown = result
         residuals = sums.left - np.einsum("ecf,c->ef", whole, theta)
-        # What the regression takes of each equation: the trace of its part of the hat matrix.
+        # Degrees of freedom used by the regression in each equation: the trace of its part of the
+        # hat matrix.
         spare = 2.0 * independent - np.einsum("aef,eaf->e", gain, whole).real
         if np.any(spare < 2.0):
             return None
@@ -647,10 +647,10 @@ def _inverse(matrix: np.ndarray, values: np.ndarray, vectors: np.ndarray) -> np.
 
 @dataclass(frozen=True, eq=False)
 class SensorLevels:
-    """Spectrum of the residuals ``(e, F)`` that the noise of the samples makes by itself.
+    """Spectrum of the residuals ``(e, F)`` due to sample noise alone.
 
-    ``within`` : of all samples but the ends of a sum of increments. ``ends`` : of these, two
-    samples in all, whose errors all frequencies share.
+    ``within`` : of all samples except the ends of a sum of increments. ``ends`` : of these two
+    samples, whose errors are common to all frequencies.
     """
 
     within: np.ndarray
@@ -684,9 +684,9 @@ def _levels(
     sizes: np.ndarray,
     known: np.ndarray,
 ) -> np.ndarray:
-    """Spectrum of each equation's residuals, ``(e, F)``: that of the samples' noise, which is
-    ``known``, and a + b omega^2 beyond it: noise that acts on the motion, and noise of sensors that
-    is not white. ``larger`` : ``(e,)``, for what the regression took.
+    """Return the spectrum of each equation's residuals, ``(e, F)``: that of the samples' noise,
+    which is ``known``, and a + b omega^2 beyond it: noise that acts on the motion, and noise of
+    sensors that is not white. ``larger`` : ``(e,)``, for what the regression took.
     """
     from scipy.optimize import nnls
 

@@ -32,12 +32,11 @@ LAG, DELAY, STATE = "inv_tau", "delay", "delta"
 SHORTEST_LAG = 0.005  # s, smallest time constant of the lag
 LONGEST_LAG = 2.0  # s, largest time constant of the lag
 LONGEST_DELAY = 0.5  # s, largest delay
-FACTORS = (1.0, 0.4, 2.5)  # of the lag, from which a search begins
-# times as many rows as at the last search from everywhere: the next one
-GROWTH_BEFORE_FULL_SEARCH = 2
+FACTORS = (1.0, 0.4, 2.5)  # factors on the lag where a search starts
+GROWTH_BEFORE_FULL_SEARCH = 2  # growth of the number of rows that triggers a search from all starts
 MOST_STEPS = 8  # most steps of a search
 SHARES = (1.0, 0.3, 0.1, 0.03)  # shares of a step that are tried
-MOST_ROWS = 6000  # that the pseudo-control is filtered over anew: two and a half minutes at 40 Hz
+MOST_ROWS = 6000  # most rows of the pseudo-control: two and a half minutes at 40 Hz
 
 
 @dataclass(frozen=True, eq=False)

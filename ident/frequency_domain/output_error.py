@@ -49,7 +49,7 @@ from sim.record import Record
 _PROGRESS_STEPS = 8  # steps over which the progress is measured
 # log likelihood (0.04 sigmas): a smaller gain over these steps ends the search
 _NEGLIGIBLE_GAIN = 1e-3
-_EXACT_FIT_SHARE = 1e-24  # of an output's mean square, below which it is met exactly
+_EXACT_FIT_SHARE = 1e-24  # largest residual of an exact fit, relative to an output's mean square
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class FrequencyProblem:
     ----------
     system : linear.
     records : their transforms.
-    delays : position of an input -> name of the parameter by which it is late.
+    delays : position of an input -> name of its delay parameter.
     names : the shared parameters.
     start, low, high : of them, ``(q,)``.
     prior : information on each, ``(q,)``, about the start; zero: none.
@@ -103,7 +103,7 @@ class FrequencyProblem:
 
     @property
     def open(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest and highest values of all unknowns; the ends of a motion may be any."""
+        """Lowest and highest values of all unknowns; the end terms have no bounds."""
         free = np.full(len(self.records) * len(self.system.states), np.inf)
         return np.concatenate([self.low, -free]), np.concatenate([self.high, free])
 
@@ -195,7 +195,7 @@ def evaluate(problem: FrequencyProblem, theta: np.ndarray) -> FrequencyFit | Non
         for r, record in enumerate(problem.records):
             try:
                 result = response(model, record, delays, theta[problem.columns(r)[q:]])
-            # a root upon a harmonic, or matrices beyond all numbers
+            # a root at a harmonic, or overflow
             except (np.linalg.LinAlgError, ValueError):
                 return None
             slope = np.concatenate([result.by_parameter, result.by_ends], axis=2)
@@ -315,9 +315,8 @@ def _refit(
 # ---- Output error in the frequency domain: from records to an Estimate
 
 METHOD = "frequency-domain"
-# of a residual, that a fit leaves where it follows a frequency as closely as it may
-_LEAST_LEFT = 0.2
-_NUMBERS_PER_UNKNOWN = 2.0  # real numbers in the transforms for each unknown, at least
+_LEAST_LEFT = 0.2  # smallest remaining share of a residual at a frequency
+_NUMBERS_PER_UNKNOWN = 2.0  # fewest real numbers per unknown
 
 
 @dataclass(frozen=True)
@@ -344,7 +343,7 @@ def fit_frequency_domain(
     ----------
     records : one or more, evenly sampled; each begins and ends as it will. Biases have no part in
         it.
-    delays : input -> the parameter by which it is late, s; the only effect on the input path that
+    delays : input -> its delay parameter, s; the only effect on the input path that
         may act.
 
     Returns
@@ -387,7 +386,8 @@ def frequency_fit(
 
 
 def _as_if_left_out(fit: FrequencyFit, r: int, inverse: np.ndarray) -> np.ndarray:
-    """Return the residuals ``(m, f)`` scaled as if their record had not been fitted.
+    """Return the residuals ``(m, f)`` scaled for their leverage, as if their record had not been
+    fitted.
 
     Their squares are divided by one minus the leverage (MacKinnon and White, J. Econometrics 29,
     1985: HC2), the mean over real and imaginary parts.
@@ -443,7 +443,7 @@ def covariance_of(fit: FrequencyFit, *, colour: bool) -> tuple[np.ndarray, bool]
         shared = about_each(
             (residual[:, None] * np.conj(residual[None])).reshape(m * m, -1)
         ).reshape(m, m, -1)
-        # An output was measured with others, or it was not: where not, its weight is zero.
+        # Outputs that were not measured have zero weight.
         middle[np.ix_(at, at)] += (
             0.5
             * np.einsum("ifc,ijf,jfd->cd", np.conj(weighted), shared, weighted, optimize=True).real

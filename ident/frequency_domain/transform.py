@@ -33,9 +33,9 @@ from sim.record import Hold, Record
 
 # ---- Records as Fourier transforms at the harmonics of their own length, in a band
 
-EVEN_SAMPLING_TOLERANCE = 0.01  # of the interval, by which a sample may be off
-MOST_BRIDGED_SHARE = 0.05  # of a channel's samples, that may be missing and are bridged
-BAND_POWER_SHARE = 0.95  # of every input's power that the usual band holds
+EVEN_SAMPLING_TOLERANCE = 0.01  # largest error of a sample's time, relative to the interval
+MOST_BRIDGED_SHARE = 0.05  # largest share of missing, interpolated samples of a channel
+BAND_POWER_SHARE = 0.95  # share of every input's power in the default band
 _REMEDY = "resample with --rate, cut with --from and --to, or use output-error"
 
 
@@ -68,8 +68,8 @@ class TransformedRecord:
         """Transform ``(f,)`` of input ``i`` as it was ``late`` samples before: exp(-j omega late
         dt) times its own, and its end terms.
 
-        Before its first sample it had that value; what came after the last one is taken up by the
-        vector of the ends.
+        Before its first sample the input has that value; values after the last one are part of the
+        end vector.
         """
         count = self.inputs.shape[1]
         at = np.clip(np.arange(count) - late, 0, count - 1)
@@ -164,7 +164,8 @@ def step_of(record: Record) -> float:
 
 # ---- The matrices of a linear System and their slopes by its parameters
 
-NONLINEARITY_TOLERANCE = 1e-7  # of a rate's or reading's own change, by which rounding may bend it
+# largest nonlinearity by rounding, relative to the change of a rate or reading
+NONLINEARITY_TOLERANCE = 1e-7
 _TRIAL_POINTS = 6  # points at which a System is compared with its matrices
 
 
@@ -221,17 +222,17 @@ def linear_model(system: System, p: np.ndarray, free: Sequence[int]) -> LinearMo
 
 
 def bent(system: System, records: Sequence[Record]) -> str:
-    """Return the first rate or output that is no linear function of states and inputs, the same at
-    all times, over the records' extent; else empty.
+    """Return the first rate or output that is no time-invariant linear function of states and
+    inputs within the records' range; else empty.
     """
     p = system.parameters.values()
-    with np.errstate(all="ignore"):  # what is not finite at rest is not linear
+    with np.errstate(all="ignore"):  # non-finite values at rest are not linear
         model = linear_model(system, p, ())
     names = [f"the rate of {name}" for name in system.state_names] + list(system.output_names)
     matrix = np.block([[model.A, model.B], [model.C, model.D]])
     sizes = np.array([_size(name, records) for name in (*system.state_names, *system.input_names)])
     times = np.concatenate([np.zeros(1), *(record.time for record in records)])
-    # At sines of no common period, which reach every corner of a few dimensions, and at rest.
+    # Points on sines without a common period, which cover a few dimensions, and at rest.
     points = [
         *(
             sizes * np.sin(1.0 + np.arange(len(sizes)) * (k + 1.0) + 0.7 * k)
@@ -274,7 +275,7 @@ def _size(name: str, records: Sequence[Record]) -> float:
 
 # ---- Response of a linear model to recorded inputs at the harmonics of a record
 
-# samples, beside the last one before a delayed interval begins, that move the state
+# neighbours of the last sample before a delayed interval that act on the state
 NEIGHBOURS = (-1, 0, 1)
 
 
@@ -366,8 +367,8 @@ def _gains(
     """Return the contributions ``(q, n)`` of the samples u[k-1], u[k], u[k+1] of an input to
     x[k+1], if the input is late by ``part`` of a sample.
 
-    Over the first ``part`` of the interval the input still is what it was between the two samples
-    before.
+    During the first ``part`` of the interval the input is still that between the two previous
+    samples.
     """
     dt = record.step
     _, step1, ramp1 = _transition(A, b, part * dt)
@@ -405,8 +406,8 @@ def _transition(
 def _read(
     model: LinearModel, record: TransformedRecord, delays: Mapping[int, Delay]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Inputs as the outputs feel them at the samples ``(f, r)``, and their slopes by the wanted
-    parameters ``(f, r, q)``.
+    """Return the inputs of the output equations at the samples ``(f, r)``, and their derivatives by
+    the wanted parameters ``(f, r, q)``.
     """
     q, count = len(model.dA), model.B.shape[1]
     U = np.zeros((len(record.omega), count), dtype=complex)
@@ -425,15 +426,15 @@ def _read(
     return U, dU
 
 
-# ---- The noise of each output along the frequency
+# ---- Noise level of each output over frequency
 
-# probability, over all outputs, below which one level is not believed
+# smallest probability, over all outputs, of equal noise levels
 LEAST_UNIFORM_NOISE_PROBABILITY = 1e-3
-FEWEST_HARMONICS = 12  # harmonics of a band: its level is then known to 20 %
-# bands: the noise of a sensor or of slow turbulence changes by decades, not from line to line
+FEWEST_HARMONICS = 12  # fewest harmonics of a band: its level is then known to 20 %
+# most bands: noise of sensors and slow turbulence changes by decades, not from line to line
 MOST_NOISE_BANDS = 6
-# harmonics on either side that tell the level about one: seven give it to 40 %, which a sum over
-# all averages out
+# harmonics on either side for a local level: seven give it to 40 %, which the sum over all averages
+# out
 NEIGHBOURING_HARMONICS = 3
 
 
@@ -443,8 +444,8 @@ def one_band(count: int) -> np.ndarray:
 
 
 def equal_bands(omegas: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Band of each frequency of each record, so that each holds as many of all of them; as many
-    bands as ``FEWEST_HARMONICS`` and ``MOST_NOISE_BANDS`` allow.
+    """Return the band of each frequency of each record; bands hold equal numbers, as many as
+    ``FEWEST_HARMONICS`` and ``MOST_NOISE_BANDS`` allow.
     """
     every = np.sort(np.concatenate(omegas))
     count = int(np.clip(len(every) // FEWEST_HARMONICS, 1, MOST_NOISE_BANDS))
@@ -504,7 +505,7 @@ def coloured(
 
 
 def about_each(power: np.ndarray) -> np.ndarray:
-    """Means of the powers, or cross powers, ``(k, f)`` over the neighbours of each frequency."""
+    """Return means of powers, or cross powers, ``(k, f)`` over the neighbours of each frequency."""
     width = min(2 * NEIGHBOURING_HARMONICS + 1, power.shape[1])
     kernel = np.ones(width)
     count = np.convolve(np.ones(power.shape[1]), kernel, mode="same")

@@ -33,7 +33,7 @@ LEAST_COHERENCE = 0.6  # Tischler and Remple's limits of a usable response: cohe
 RANDOM_ERROR = 0.2  # and random error of the magnitude
 # over the window's length: mean distance of an input's power from a usable frequency
 LARGEST_POWER_OFFSET = 0.6
-WINDOW_DERIVATIVES = 2  # of the window, that the regression takes along
+WINDOW_DERIVATIVES = 2  # derivatives of the window in the regression
 MAIN_LOBE_HALF_WIDTH = 2.0  # over its length: half width of the main lobe of a Hann window
 # periods in a window that alone has enough averages for its derivatives
 FEWEST_PERIODS_OF_SINGLE_WINDOW = 3.0
@@ -508,7 +508,7 @@ def _ends(frequency: np.ndarray, usable: np.ndarray) -> tuple[float, float] | No
 # ---- What an estimate needs and a record suggests: band, frequencies, rate, window lengths
 
 FEWEST_SAMPLES_PER_PERIOD = 5.0  # a period, that are left at the highest frequency
-BAND_POWER_SHARE = 0.99  # of the inputs, that lies within a band that is not given
+BAND_POWER_SHARE = 0.99  # share of the inputs' power in the default band
 PER_DECADE = 40  # frequencies
 _FEWEST_FREQUENCIES = 12  # frequencies of a narrow band
 WINDOW_COUNT = 4  # lengths, each half of the one before

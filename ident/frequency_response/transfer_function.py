@@ -23,8 +23,8 @@ _COST_FREQUENCIES = 20.0  # frequencies to which the cost is normalised
 _DECIBELS_PER_NEPER = 20.0 / math.log(10.0)  # dB per unit of the natural logarithm of a gain
 _DEGREES_PER_RADIAN = 180.0 / math.pi  # deg in a rad
 _DELAYS = (0.0, 0.03, 0.1, 0.25)  # s, from which the search starts
-_SHARES = (0.5, 0.75, 1.0)  # of the group delay: the rest of it is that of the poles
-_START_ITERATIONS = 12  # of the linear iterations that find a start
+_SHARES = (0.5, 0.75, 1.0)  # starting delays, relative to the group delay; the poles give the rest
+_START_ITERATIONS = 12  # linear iterations for a start
 
 
 @dataclass(frozen=True)

@@ -149,9 +149,9 @@ def _averaged(values: np.ndarray, block: int) -> np.ndarray:
 # ---- Turns, pull-ups and trim points, from the motion of the aircraft
 
 LEAST_TURN_BANK = math.radians(12.0)  # a smaller one is no turn
-TURN_EDGE_SHARE = 0.25  # of the bank, at which a turn begins and ends
+TURN_EDGE_SHARE = 0.25  # bank at which a turn begins and ends, relative to its largest
 HELD_BANK_TIME = 8.0  # s, for which the bank is held to a fifth of itself
-LEAST_HELD_SHARE = 0.5  # of a turn, for which at least the bank is held
+LEAST_HELD_SHARE = 0.5  # smallest share of a turn with constant bank
 PULL_UP_LOAD = 0.25  # g about that of the bank, which a pull-up exceeds
 PULL_UP_TIME = 1.2  # s, for which half of it lasts
 MOTION_AVERAGING_TIME = 0.5  # s, over which motion is averaged
@@ -304,7 +304,7 @@ QUIET_TIME = 1.5  # s below ACTIVE_EDGE_RATIO that part two active parts
 REST_MARGIN = 2.0  # s of rest with which an active part is looked at
 FEWEST_PULSES_IN_WEAK_OSCILLATION = 2  # pulses within a weak oscillation from which it is accepted
 LEAST_WEAK_STRENGTH = 3.0  # smallest strength of such an oscillation
-# of an oscillation's energy, from which on one pattern of levels explains it
+# smallest share of an oscillation's energy that a pattern of levels explains
 EXPLAINED_ENERGY_SHARE = 0.5
 # s about a pattern of levels in which there is no smaller one: neither began at rest
 REST_AROUND_PATTERN = 1.5

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.ndimage import median_filter, percentile_filter, uniform_filter1d
 
-# ---- Nouns of the search for maneuvers
+# ---- Data classes of the search for maneuvers
 
 # Controls by the axis that they move; of several controls of an axis each is searched.
 AXES: Mapping[str, str] = {
@@ -24,13 +24,14 @@ AXES: Mapping[str, str] = {
     "thrust_command": "throttle",
 }
 HIGHEST_RATE = 50.0  # Hz; a faster record is averaged down to at most this rate
-LONGEST_GAP = 1.0  # s without a row, behind which another stretch begins
+LONGEST_GAP = 1.0  # s without a row between two segments
 TRIM_WINDOW = 60.0  # s; an input held shorter than half of it is no trim
 TRIM_RATE = 2.0  # Hz, of the running median
 REST_WINDOW = 300.0  # s, in which the rest level is a low quantile
-REST_SHARE = 25.0  # per cent: three quarters of the window may be filled by maneuvers
+# per cent, quantile for the rest level: maneuvers may fill three quarters of the window
+REST_SHARE = 25.0
 ENERGY_WINDOW = 1.0  # s, of the short-time energy
-LEAST_REST = 0.02  # of the largest deviation, below which a rest level is not believed
+LEAST_REST = 0.02  # smallest rest level, relative to the largest deviation
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +201,7 @@ def rest_level(stretch: EvenSegment, deviation: np.ndarray) -> np.ndarray:
     size = round(REST_WINDOW / ENERGY_WINDOW)
     if coarse.size <= size:
         rest = np.full(coarse.size, float(np.percentile(coarse, REST_SHARE)))
-    else:  # near its ends a record is judged by its first and last whole window
+    else:  # near the ends of a record its first or last whole window is used
         half = size // 2
         rest = percentile_filter(coarse, REST_SHARE, size=size)
         rest[:half], rest[-half:] = rest[half], rest[-half - 1]
@@ -226,39 +227,40 @@ def trim_of(stretch: EvenSegment, values: np.ndarray) -> np.ndarray:
 
 # ---- The kind of an input
 
-RISES = (0.4, 1.0)  # s, within which a level change is complete
-EDGE_STRENGTH = 5.5  # of the rest level of such changes, from which on one is a level change
-MINOR = (0.25, 0.4)  # of the largest level change within 5 s, below which one may be the pilot's
+RISES = (0.4, 1.0)  # s, durations of a level change that are tried
+EDGE_STRENGTH = 5.5  # smallest level change, relative to changes at rest
+# sizes, relative to the largest level change within 5 s, below which a change may be the pilot's
+# correction
+MINOR = (0.25, 0.4)
 NEAR = 5.0  # s
-LONG_PULSE = 4.0  # s, from which on a level that returns is a step
-LONGEST_LEVEL = 16.0  # s, of one level
-LEAST_LEVEL_SHARE = 0.3  # of the largest level, which each must reach
+LONG_PULSE = 4.0  # s, longest pulse; a longer level is a step
+LONGEST_LEVEL = 16.0  # s, longest level of a pattern
+LEAST_LEVEL_SHARE = 0.3  # smallest level of a pattern, relative to the largest
 RETURN_SHARE = 0.6  # of the largest level, to which the input must return
-# of the larger, by which the two level changes of a pulse or a step may differ where the pilot
-# moves the trim meanwhile
+# largest relative difference of the two level changes of a pulse or step, which a trim change may
+# cause
 CHANGE_DIFFERENCE_SHARE = 0.35
-# of the largest level, by which the sum of a pattern's level changes may differ from zero
+# largest sum of a pattern's level changes, relative to the largest level
 LARGEST_NET_CHANGE_SHARE = 0.8
-# power of the number of levels in the merit of a pattern: of two that are alike the fuller one
-# counts
+# exponent of the number of levels in the merit of a pattern: it prefers the more complete of two
+# similar ones
 LEVEL_COUNT_EXPONENT = 0.15
 STEADY_BEFORE = 2.0  # s of constant level before a lasting step
 STEADY_AFTER = LONG_PULSE  # s of constant level after it
-STEP_SCATTER_SHARE = 0.15  # of a lasting step, by which these levels may scatter
-LASTING_STEP_TIME = 10.0  # s of a lasting step that are its maneuver
+STEP_SCATTER_SHARE = 0.15  # largest scatter of these levels, relative to the step
+LASTING_STEP_TIME = 10.0  # s, duration of the maneuver of a lasting step
 OUTSIDE_TIME = 0.6  # s before and after a pattern, over which the levels outside are averaged
 SHARES = {"3-2-1-1": np.array([3.0, 2.0, 1.0, 1.0]) / 7.0}
-SHARE_ERROR = 0.1  # of the whole duration, by which a level of a 3-2-1-1 may be off
-# flatness and edge of each half of a doublet with a pause, as of a pulse that counts by itself
+SHARE_ERROR = 0.1  # largest error of a level's duration in a 3-2-1-1, relative to the whole
+# smallest flatness and edge of each half of a doublet with a pause, as for a single pulse
 PAUSED = (0.75, 7.0)
 LARGEST_DOUBLET_RATIO = 2.2  # ratio of durations of the two levels of a doublet
-HALF_WAVE_EDGE_SHARE = 0.35  # of the amplitude, at which a half wave begins and ends
+HALF_WAVE_EDGE_SHARE = 0.35  # level at which a half wave begins and ends, relative to the amplitude
 AMPLITUDE_PERCENTILE = 95.0  # per cent of the larger samples that do not exceed the amplitude
-FEWEST_HALF_WAVES = 7  # half waves, from which on an input is an oscillation
-# rank correlation of the half waves' lengths with their order, from which on an oscillation is a
-# sweep
+FEWEST_HALF_WAVES = 7  # fewest half waves of an oscillation
+# smallest rank correlation of the half waves' lengths with their order in a sweep
 SWEEP_RANK_CORRELATION = 0.65
-SAME_SPECTRUM_LIKENESS = 0.7  # likeness of two spectra, from which on one follows the other
+SAME_SPECTRUM_LIKENESS = 0.7  # smallest similarity of two spectra of which one follows the other
 SWEEP_LENGTH_RATIO = 1.6  # ratio of the first third's to the last third's mean length in a sweep
 
 

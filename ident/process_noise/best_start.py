@@ -1,8 +1,9 @@
-"""One fit with process noise from a given start, and the start that leads to an accepted maximum.
+"""Filter-error fits: one fit from a given start, and the search for a start that gives a valid
+maximum.
 
-The likelihood of a filter-error fit has no bound: with a sensor's noise gone to zero a filter may
-follow that sensor alone, at derivatives of any size and sigmas of next to nothing. From a start
-near the truth the honest maximum is found; which of the two was found has to be asked.
+The likelihood of a filter-error fit is unbounded: as a sensor's noise level tends to zero, the
+filter follows that sensor alone, with arbitrary derivatives and tiny sigmas. A start near the truth
+gives the valid local maximum. Each result is therefore tested for degeneracy.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from sim.errors import FlightidError
 # ---- One fit with process noise from a given start
 
 _STENCIL = np.array([-1.0, 3.0, -3.0, 1.0])
-_FEWEST_DIFFERENCES = 20  # third differences that tell a scatter
+_FEWEST_DIFFERENCES = 20  # fewest third differences that give a noise level
 _LEAST_INTENSITY_SHARE = 1e-3  # smallest intensity, relative to its start
 COARSE_TOLERANCE = 0.1  # tolerance, in sigmas, of the output-error fit that only gives a start
 
@@ -43,14 +44,13 @@ def fit_with_process_noise(
     Parameters
     ----------
     layout : of a System with process noise.
-    guesses : trajectories to begin with. levels : measurement noise by output, and
-    ``process_noise_scale`` if wanted, of a
-        fit of nearly the same model: a warm start. When None they come from an output-error fit,
-        which also moves the other unknowns' start.
-    least : smallest measurement noise by output. Process noise can take in the noise of a sensor,
-    whose level then has no optimum above zero.
+    guesses : starting trajectories.
+    levels : measurement noise by output, and ``process_noise_scale`` if wanted, from a fit of
+        nearly the same model. None takes them, and starting values, from an output-error fit.
+    least : smallest measurement noise by output. It is needed where process noise can explain
+        all noise of a sensor.
     """
-    layout = _never_still(layout)
+    layout = _with_positive_intensities(layout)
     if levels is None:
         coarse = replace(
             layout.settings, tolerance=max(COARSE_TOLERANCE, layout.settings.tolerance)
@@ -60,8 +60,8 @@ def fit_with_process_noise(
             return None
         start, guesses = first.theta.copy(), [line.states for line in first.lines]
         noise = noise_start(first)
-        factor = _size_of_motion(first, noise)
-        for position, value in _amplitudes(layout).items():
+        factor = _intensity_factor(first, noise)
+        for position, value in _intensities(layout).items():
             start[position] = np.clip(factor * value, layout.low[position], layout.high[position])
         layout = replace(layout, start=start)
         levels = {
@@ -91,9 +91,9 @@ def fit_with_process_noise(
     )
 
 
-def _amplitudes(layout: FitLayout) -> dict[int, float]:
-    """Unknowns that nothing forces a state without (intensities): positions in theta and starting
-    values.
+def _intensities(layout: FitLayout) -> dict[int, float]:
+    """Return the noise intensities, each the only source of a state's noise: position in theta ->
+    starting value.
     """
     found = {}
     for r in range(len(layout.problems)):
@@ -107,19 +107,17 @@ def _amplitudes(layout: FitLayout) -> dict[int, float]:
     return found
 
 
-def _never_still(layout: FitLayout) -> FitLayout:
-    """Return the same layout with intensities kept off zero, where the likelihood is flat and a fit
-    would stay for ever.
-    """
+def _with_positive_intensities(layout: FitLayout) -> FitLayout:
+    """Return the layout with noise intensities bounded above zero, where the likelihood is flat."""
     low = layout.low.copy()
-    for position, value in _amplitudes(layout).items():
+    for position, value in _intensities(layout).items():
         low[position] = _LEAST_INTENSITY_SHARE * value
     return replace(layout, low=low)
 
 
-def _size_of_motion(fit: Fit, noise: np.ndarray) -> float:
-    """Factor on the start's forcing that makes the process noise as large as what the residuals
-    hold beyond noise ``(m,)``.
+def _intensity_factor(fit: Fit, noise: np.ndarray) -> float:
+    """Return the factor on the starting intensity that makes the process noise match the residuals
+    beyond the measurement noise ``(m,)``.
     """
     layout = fit.layout
     expected, beyond = np.zeros(len(noise)), np.maximum(fit.variance - noise**2, 1e-4 * noise**2)
@@ -127,7 +125,7 @@ def _size_of_motion(fit: Fit, noise: np.ndarray) -> float:
         motion = discretised_noise(
             problem, line.states, Variation(layout.split(layout.start, r)[0], 1.0)
         )
-        # A filter that trusts no measurement propagates the covariance of the motion itself.
+        # Without measurements the filter propagates the covariance of the process noise.
         spread = whitener(
             motion, 1e12 * noise**2, np.zeros((len(problem.grid.nodes), len(noise)), dtype=bool)
         ).predicted
@@ -140,11 +138,11 @@ def _size_of_motion(fit: Fit, noise: np.ndarray) -> float:
 
 
 def noise_start(fit: Fit) -> np.ndarray:
-    """Measurement noise ``(m,)`` read off the residuals of an output-error fit, of which the slow
+    """Return the measurement noise ``(m,)`` from the residuals of an output-error fit, whose slow
     part is process noise.
 
-    Scatter of third differences of samples in a row, which pass white noise and hardly anything
-    slow; not more than the residual.
+    It is the scatter of third differences of consecutive samples, which suppress slow motion, and
+    at most the residual's.
     """
     std = np.sqrt(fit.variance)
     shown = third_differences(fit.residuals, [problem.valid for problem in fit.layout.problems])
@@ -152,8 +150,8 @@ def noise_start(fit: Fit) -> np.ndarray:
 
 
 def third_differences(rows: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the level ``(m,)`` of white noise that third differences of ``rows (m, N)`` a record
-    show; infinite with too few ``valid`` samples in a row.
+    """Return the level ``(m,)`` of white noise from third differences of ``rows (m, N)`` of each
+    record; infinite with too few ``valid`` samples in a row.
     """
     out = np.full(len(rows[0]), np.inf)
     for i in range(len(out)):
@@ -167,34 +165,29 @@ def third_differences(rows: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -
     return out
 
 
-# ---- Where a fit with process noise begins, and whether it ended at an honest maximum
+# ---- Starts of a fit with process noise, and tests for degenerate fits
 
-# times the lowest (or one over that times the highest) value of a noise level: it has run there, or
-# would with one step more
-AT_ITS_LIMIT = 2.0
-# of the sigma that all samples together could give a parameter each of them shows fully: no record
-# knows it better
+AT_ITS_LIMIT = 2.0  # a noise level within this factor of its lowest or highest value has run to it
+# smallest plausible sigma, as a share of the one that all samples give a fully visible parameter
 IMPLAUSIBLE_SIGMA_SHARE = 1e-3
-# draws about the fit, and the change of each parameter relative to its value
-_CHANGES, _CHANGED = 100, 0.3
-# of an output's change, below which it follows from the others: far above rounding, far below any
-# parameter's part
+# random changes about the fit: their number, and the relative size for parameters
+_CHANGES, _RELATIVE_CHANGE = 100, 0.3
+# share of an output's change below which it depends on the others: far above rounding
 _DEPENDENT_OUTPUT_SHARE = 1e-6
-_NEGLIGIBLE_GAIN = 1e-4  # of log likelihood: a step that gains less is none
-# Of a motion that grows: in gusts fits settle in ten to thirty steps with it, and creep with 1e-7;
-# in still air the usual one does better.
-_LEAST_DAMPING = 1e-10
-Begun = tuple[FitLayout, Mapping[str, float] | None]
+_NEGLIGIBLE_GAIN = 1e-4  # smallest gain of log likelihood by a step
+# Least damping for unstable motion: in gusts fits converge in ten to thirty steps with it, hardly
+# with 1e-7; in still air the default is better.
+_UNSTABLE_LEAST_DAMPING = 1e-10
+StartOfFit = tuple[FitLayout, Mapping[str, float] | None]
 
 
 def fit_from_best_start(layout: FitLayout, calm: System | None = None) -> Fit | None:
     """Return the filter-error fit of a layout; None where no start has a finite cost.
 
-    ``calm`` is the same model without the effect that forces its states (None: the layout's own),
-    of which equation error and output error give further starts: where the motion grows at the
-    declared values, and where the fit from them does not settle or is degenerate. The first fit
-    that settles at an honest maximum is returned, else the best by that order: honest, settled,
-    likely.
+    ``calm`` is the same model without the noise effect (None: the layout's own). Equation error and
+    output error of it give further starts, used if the motion is unstable at the declared values or
+    the fit from them does not converge or is degenerate. The first converged, valid fit is
+    returned; else the best, compared by valid, converged, likelihood.
     """
     tried: list[Fit] = []
     plain = without_process_noise.quiet(layout)
@@ -213,24 +206,26 @@ def fit_from_best_start(layout: FitLayout, calm: System | None = None) -> Fit | 
 
 
 def degenerate(fit: Fit) -> bool:
-    """Return whether the noise level of a measured output has run to its limit, or to the rounding
-    of its samples, and the record does not explain that.
+    """Return whether the noise level of a measured output ran to its limit, or to the rounding of
+    its samples, although the record has measurement noise.
     """
     return bool(levels_at_limit(fit)) and not without_measurement_noise(fit)
 
 
 def without_measurement_noise(fit: Fit) -> bool:
-    """Return whether the record itself has hardly any measurement noise: all outputs are met so,
-    and more of them than process noise has sources.
+    """Return whether the record has hardly any measurement noise: all outputs are fitted almost
+    exactly, and there are more of them than sources of process noise.
 
-    A filter may follow as many outputs exactly as process noise has sources, whatever the
-    derivatives are; each further output is met exactly by the right ones only, unless it repeats
-    others (see ``_distinct_outputs``). Noise levels and sigmas are then upper bounds.
+    With any derivatives a filter can follow as many outputs exactly as there are sources of process
+    noise. A further output is fitted exactly by the right derivatives only, unless it repeats
+    others (``_distinct_outputs``). Noise levels and sigmas are then upper bounds.
     """
     noise_model = fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
     own, low, _ = _levels_and_limits(fit)
-    quiet = QUIET_NOISE_SHARE * np.array([_motion(fit.layout, i) for i in noise_model.estimated])
+    quiet = QUIET_NOISE_SHARE * np.array(
+        [_rms_about_mean(fit.layout, i) for i in noise_model.estimated]
+    )
     sources = max(
         int(
             np.count_nonzero(
@@ -246,12 +241,10 @@ def without_measurement_noise(fit: Fit) -> bool:
 
 
 def _distinct_outputs(fit: Fit) -> int:
-    """Return the number of estimated outputs of which none is the same function of others at every
-    value of the parameters, a constant apart.
+    """Return the number of functionally independent outputs among the estimated ones.
 
-    A channel recorded twice, or an angle computed from a measured velocity, repeats another one: a
-    filter that follows the one meets both, at any derivatives. The number is the rank of the
-    outputs at states, inputs and parameters all changed about the fit.
+    A channel that is recorded twice, or computed from another one, adds no information. The number
+    is the rank of the outputs under random changes of states, inputs and parameters about the fit.
     """
     noise_model, layout, rng = fit.noise_model, fit.layout, np.random.default_rng(0)
     assert isinstance(noise_model, ProcessNoise)
@@ -267,7 +260,7 @@ def _distinct_outputs(fit: Fit) -> int:
             states = x[:, min(k, x.shape[1] - 1)] + x_size * rng.standard_normal(len(x_size))
             inputs = u[:, k] + u_size * rng.standard_normal(len(u_size))
             changed = p.copy()
-            changed[at] *= 1.0 + _CHANGED * rng.standard_normal(len(at))
+            changed[at] *= 1.0 + _RELATIVE_CHANGE * rng.standard_normal(len(at))
             rows.append(
                 system.h(float(record.time[k]), states.tolist(), inputs.tolist(), changed.tolist())
             )
@@ -282,7 +275,7 @@ def _distinct_outputs(fit: Fit) -> int:
     )
 
 
-def _motion(layout: FitLayout, output: int) -> float:
+def _rms_about_mean(layout: FitLayout, output: int) -> float:
     """Return the root mean square of an output's samples about the mean of each record."""
     rows = [problem.z[output, problem.valid[output]] for problem in layout.problems]
     away = np.concatenate([row - np.mean(row) for row in rows if row.size])
@@ -290,9 +283,7 @@ def _motion(layout: FitLayout, output: int) -> float:
 
 
 def levels_at_limit(fit: Fit) -> tuple[str, ...]:
-    """Return the outputs of which a fit knows no noise level: it has run to its limit, or to the
-    rounding of their samples.
-    """
+    """Return the outputs whose noise level ran to its limit or to the rounding of their samples."""
     noise_model = fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
     own, low, high = _levels_and_limits(fit)
@@ -303,7 +294,7 @@ def levels_at_limit(fit: Fit) -> tuple[str, ...]:
 
 
 def _levels_and_limits(fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Estimated noise levels with the lowest and highest value of each, ``(k,)``."""
+    """Return the estimated noise levels with the lowest and highest value of each, ``(k,)``."""
     noise_model = fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
     count = len(noise_model.estimated)
@@ -315,12 +306,12 @@ def _levels_and_limits(fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def absurd_sigmas(fit: Fit, std: np.ndarray) -> list[str]:
-    """Shared parameters whose sigma ``(s,)`` is smaller than any record of this length and noise
-    can give.
+    """Return the shared parameters whose sigma ``(s,)`` is impossibly small for the length and
+    noise of the records.
 
-    A sample whose motion is r sigmas of its noise knows a factor on that motion to 1/r; all
-    together to 1/sqrt(sum r^2). The noise is that which the third differences of the measurements
-    show, whatever the fit made of it.
+    One sample with a motion of r sigmas of its noise determines a factor on the motion to 1/r; all
+    samples together to 1/sqrt(sum r^2). The noise is that of the third differences of the
+    measurements.
     """
     layout = fit.layout
     shown = third_differences(
@@ -340,9 +331,9 @@ def absurd_sigmas(fit: Fit, std: np.ndarray) -> list[str]:
     ]
 
 
-def _starts(layout: FitLayout, calm: System, *, plain: bool) -> Iterator[Begun]:
-    """Layouts and noise levels to begin with; of a motion that grows, derivatives are exact, and
-    the declared values come last.
+def _starts(layout: FitLayout, calm: System, *, plain: bool) -> Iterator[StartOfFit]:
+    """Yield starting layouts and noise levels. For unstable motion, derivatives are exact and the
+    declared values come last.
     """
     if plain:
         yield layout, None
@@ -351,20 +342,22 @@ def _starts(layout: FitLayout, calm: System, *, plain: bool) -> Iterator[Begun]:
         for exact in (
             (layout,)
             if plain
-            else (_exactly(layout, _LEAST_DAMPING), _exactly(layout, layout.settings.least_damping))
+            else (
+                _for_unstable_motion(layout, _UNSTABLE_LEAST_DAMPING),
+                _for_unstable_motion(layout, layout.settings.least_damping),
+            )
         ):
             if not plain:
-                # In gusts fits from here settle in ten steps, where those from equation error
-                # creep.
+                # In gusts these starts converge in ten steps, those of equation error hardly.
                 yield from _from_output_error(exact, records, calm)
             yield from _from_regression(exact, records, calm)
     if not plain:
         yield layout, None
 
 
-def _exactly(layout: FitLayout, least_damping: float) -> FitLayout:
-    """Return the layout with exact derivatives, settled where its cost is: an initial state that
-    grows by e^15 never stands still in its own sigmas.
+def _for_unstable_motion(layout: FitLayout, least_damping: float) -> FitLayout:
+    """Return the layout with exact derivatives that ends once the cost settles: the initial state
+    of an unstable motion (growth e^15) never settles within its sigmas.
     """
     problems = tuple(replace(problem, exact=True) for problem in layout.problems)
     settings = layout.settings
@@ -377,7 +370,7 @@ def _exactly(layout: FitLayout, least_damping: float) -> FitLayout:
     )
 
 
-def _from_regression(layout: FitLayout, records: Sequence, calm: System) -> Iterator[Begun]:
+def _from_regression(layout: FitLayout, records: Sequence, calm: System) -> Iterator[StartOfFit]:
     try:
         found = run_equation_error(records, calm)
     except FlightidError:
@@ -388,10 +381,10 @@ def _from_regression(layout: FitLayout, records: Sequence, calm: System) -> Iter
         and np.all(found.noise_std > 0.0)
     ):
         levels = dict(zip(found.output_names, found.noise_std.tolist(), strict=True))
-        yield _begun(layout, found.as_dict()), {**levels, SCALE: 1.0}
+        yield _started_at(layout, found.as_dict()), {**levels, SCALE: 1.0}
 
 
-def _from_output_error(layout: FitLayout, records: Sequence, calm: System) -> Iterator[Begun]:
+def _from_output_error(layout: FitLayout, records: Sequence, calm: System) -> Iterator[StartOfFit]:
     masks = [problem.valid for problem in layout.problems]
     fit = without_process_noise.fit_from_best_start(
         lay_out(records, calm, layout.settings, local=layout.local, masks=masks)
@@ -399,12 +392,12 @@ def _from_output_error(layout: FitLayout, records: Sequence, calm: System) -> It
     if fit is not None:
         levels = dict(zip(calm.output_names, noise_start(fit).tolist(), strict=True))
         yield (
-            _begun(layout, dict(zip(fit.layout.names, fit.theta.tolist(), strict=True))),
+            _started_at(layout, dict(zip(fit.layout.names, fit.theta.tolist(), strict=True))),
             {**levels, SCALE: 1.0},
         )
 
 
-def _begun(layout: FitLayout, values: Mapping[str, float]) -> FitLayout:
+def _started_at(layout: FitLayout, values: Mapping[str, float]) -> FitLayout:
     start = np.array(
         [
             values.get(name, old)

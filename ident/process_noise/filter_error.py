@@ -77,13 +77,11 @@ def fit_filter_error(
     Parameters
     ----------
     records : one or more; each has its own initial state and its own ``bias_*`` parameters.
-    system : not compiled on line; white noise forces a state, by a noise effect or as declared. The
-    parameters of a noise
-        effect are estimated where they are free; of declared process noise a common factor on its
-        standard deviation.
-    calm : the same model without the noise effect, of which equation error gives a start where the
-    declared values lead astray. local : further parameters of which each record has its own; they
-    are not returned.
+    system : not compiled on line; white noise acts on a state, by a noise effect or as declared.
+        Free parameters of a noise effect are estimated; declared process noise gets one factor
+        on its standard deviation.
+    calm : the same model without the noise effect; equation error of it gives a second start.
+    local : further parameters of which each record has its own; they are not returned.
 
     Returns
     -------
@@ -106,9 +104,9 @@ def fit_filter_error(
             where=f"model with states {', '.join(system.state_names)}",
             remedy="add a noise effect, declare process noise, or use output-error",
         )
-    found, fit = _fitted(records, system, settings, calm or system, local)
-    # One that ends unstable from a start that was not has been made as if nothing grew: what it
-    # calls settled has often crept.
+    found, fit = _estimate_and_fit(records, system, settings, calm or system, local)
+    # A fit that ends unstable from a stable start used settings for stable motion, and may have
+    # stopped early.
     if fit is not None and fit.outcome is Outcome.CONVERGED and quiet(fit.layout, fit.theta):
         return found
     unstable = started_unstable(records, calm or system, settings, local)
@@ -120,31 +118,33 @@ def fit_filter_error(
     mine = started_at(
         system, {name: value for name, value in values.items() if name in system.parameters}
     )
-    again, fit = _fitted(records, mine, settings, unstable, local)
+    again, fit = _estimate_and_fit(records, mine, settings, unstable, local)
     return (
         again
-        if fit is not None and fit.outcome is Outcome.CONVERGED and _no_worse(again, found)
+        if fit is not None and fit.outcome is Outcome.CONVERGED and _may_replace(again, found)
         else found
     )
 
 
-def _no_worse(again: Estimate, found: Estimate) -> bool:
-    """Return whether a second estimate of the same records may stand for the first: not where it is
-    less sound, or as sound and less likely.
+def _may_replace(again: Estimate, found: Estimate) -> bool:
+    """Return whether a second estimate of the same records may replace the first: its outcome is
+    better, or equal with at least the likelihood.
     """
     if found.outcome is not Outcome.CONVERGED:
         return True
     return again.outcome is Outcome.CONVERGED and again.log_likelihood >= found.log_likelihood
 
 
-def _fitted(
+def _estimate_and_fit(
     records: Sequence[Record],
     system: System,
     settings: FitSettings,
     calm: System,
     local: Collection[str],
 ) -> tuple[Estimate, Fit | None]:
-    """The estimate from the System's starting values, and its fit; None where there is none."""
+    """Return the estimate from the System's starting values, and its fit; None if no cost is
+    finite.
+    """
     pieces = in_pieces(records, calm, settings, local)
     layout = lay_out([piece for each in pieces for piece in each], system, settings, local=local)
     if not layout.shared:
@@ -162,8 +162,8 @@ def _fitted(
 
 
 def noise_levels(fit: Fit) -> dict[str, float]:
-    """Measurement noise by output, and the scale of declared process noise, of a fit with process
-    noise: a warm start for another.
+    """Return measurement noise by output, and the scale of declared process noise, of a fit with
+    process noise: a warm start for another.
     """
     noise_model = fit.noise_model
     if not isinstance(noise_model, ProcessNoise):
@@ -178,9 +178,8 @@ def filter_error_estimate(fit: Fit) -> Estimate:
     """Return the shared parameters of a fit with process noise, and the scale of declared process
     noise, as an Estimate.
 
-    Noise levels, turbulence's parameters among them, are those of the adjusted likelihood, and
-    sigmas count that these are estimates (Student's quantile): see
-    `ident.process_noise.innovations_model`.
+    Noise levels and turbulence parameters maximise the adjusted likelihood, and sigmas include
+    their uncertainty (Student's quantile): see `ident.process_noise.innovations_model`.
     """
     layout, system, noise_model = fit.layout, fit.layout.system, fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
@@ -214,9 +213,7 @@ def filter_error_estimate(fit: Fit) -> Estimate:
 
 
 def one_step_prediction(fit: Fit, r: int) -> np.ndarray:
-    """Outputs ``(m, N)`` of record ``r`` that a fit with process noise expects from the samples
-    before each.
-    """
+    """Return the outputs ``(m, N)`` of record ``r`` predicted from the samples before each."""
     problem, filter = fit.layout.problems[r], filters_of(fit.weighted)[r]
     motion, state = filter.whitener.motion, filter.residual.state[:, :, None]
     predicted = np.zeros_like(state)
@@ -226,8 +223,8 @@ def one_step_prediction(fit: Fit, r: int) -> np.ndarray:
 
 
 def turbulence_worth_trying(fit: Fit) -> float:
-    """p-value of the residuals of a fit being white: the smallest of Ljung and Box's over channels
-    and records, times their number.
+    """Return the p-value of white residuals: the smallest Ljung-Box value over channels and
+    records, times their number.
     """
     p_values = [
         ljung_box(residual[i], problem.valid[i], name, _LJUNG_BOX_LAGS).p_value
@@ -249,7 +246,7 @@ def predictive_log_likelihood(
     masks: Sequence[np.ndarray] | None = None,
     begin: Sequence[Mapping[str, float]] = (),
 ) -> float:
-    """Log likelihood of one-step predictions of records that were not fitted; -inf where it is not
+    """Return the log likelihood of one-step predictions of held-out records; -inf where it is not
     finite.
 
     Parameters
@@ -261,7 +258,7 @@ def predictive_log_likelihood(
     sample is set aside. begin : where parameters of its own start in each record, by name; those of
     the system where it does not say, which no event elsewhere finds.
 
-    Two models compare when both see the same records, masks and local parameters.
+    Two models are comparable for the same records, masks and local parameters.
     """
     fit = fit_under_held_noise(
         records, system, values, levels, settings, local=local, masks=masks, begin=begin
@@ -281,11 +278,10 @@ def fit_under_held_noise(
     begin: Sequence[Mapping[str, float]] = (),
     freed: Collection[str] = (),
 ) -> Fit | None:
-    """Fit what each record has of its own, all noise levels held; None where no cost is finite.
-    Arguments as of ``predictive_log_likelihood``.
+    """Fit the local parameters of each record with fixed noise levels; None where no cost is
+    finite. Arguments as of ``predictive_log_likelihood``.
 
-    ``freed`` : parameters that each record then has of its own as well, fitted from ``values``:
-    what one record says of them.
+    ``freed`` : further parameters that each record then has of its own, started at ``values``.
     """
     own = {
         name for name in system.parameters.free_names if name.startswith("bias_") or name in local
@@ -307,7 +303,7 @@ def fit_under_held_noise(
             layout.local, layout.columns(r)[len(layout.shared) :], strict=False
         ):
             layout.start[position] = known.get(name, layout.start[position])
-    # A first fit without process noise brings the trajectory near the record.
+    # A first fit without process noise gives a trajectory near the record.
     plain = fit_whole_records(
         FitProblem(replace(layout, settings=replace(settings, tolerance=COARSE_TOLERANCE)))
     )

@@ -1,22 +1,21 @@
-"""Noise model of a fit with process noise (Maine and Iliff 1981; Jategaonkar, ch. 5), its slopes,
-and REML.
+"""Noise model of a fit with process noise (Maine and Iliff 1981; Jategaonkar, ch. 5), its
+derivatives, and REML.
 
-Central differences of the linearised motion. Where that bends little from step to step, as it does
-wherever no limit or dead band acts, the slopes of the discrete motion are worked out at every
-eighth step and drawn straight between.
+Derivatives of the process noise are central differences of the linearised motion. Where the motion
+is smooth, they are computed at every eighth step and interpolated linearly.
 
 The likelihood is that of the innovations of a Kalman filter linearised about the fitted trajectory.
-Its gradient and expected information include how the filter depends on the parameters, noise levels
-among them, so that all unknowns are estimated together by Fisher scoring.
+Its gradient and expected information include the dependence of the filter on the parameters and
+noise levels, so that Fisher scoring estimates all unknowns together.
 
-Maximum likelihood takes for process noise what initial states, biases and derivatives could as well
-have explained, and finds noise too small: the fewer correlation lengths a record holds, the more.
-The adjusted profile likelihood adds -0.5 ln det I, I the information on those unknowns (Cox and
-Reid, J. Royal Statistical Society B 49(1), 1987); one step towards its maximum.
+Maximum likelihood underestimates noise levels: part of the noise is fitted by initial states,
+biases and derivatives. The bias grows as records get shorter. The adjusted profile likelihood adds
+-0.5 ln det I, with I the information on those unknowns (Cox and Reid, J. Royal Statistical Society
+B 49(1), 1987). One step towards its maximum is taken.
 
-Sigmas of everything else are computed with these noise levels, which are estimates themselves:
-`Levels.spread` is what that makes of the variances (Giesbrecht and Burns, Biometrics 41(2), 1985;
-Kenward and Roger, Biometrics 53(3), 1997).
+Sigmas of the other unknowns are computed with these noise levels. `Levels.spread` is the effect of
+the levels' own uncertainty on the variances (Giesbrecht and Burns, Biometrics 41(2), 1985; Kenward
+and Roger, Biometrics 53(3), 1997).
 """
 
 from __future__ import annotations
@@ -40,15 +39,15 @@ from ident.process_noise.whitener import (
     combine_affine,
     every_node,
     filtered,
+    from_left,
+    from_right,
     joined,
     rows,
     scan,
+    transposed,
     turned,
     whitener,
 )
-from ident.process_noise.whitener import from_left as _left
-from ident.process_noise.whitener import from_right as _right
-from ident.process_noise.whitener import transposed as _each_turned
 from ident.statistics.intervals import inverse_information
 from ident.whole_record.gauss_newton import Fit
 from ident.whole_record.layout import LaidOut, WeightedResiduals
@@ -56,20 +55,20 @@ from ident.whole_record.linearise import Linearisation
 from ident.whole_record.record_problem import DIFFERENCE_STEP_SHARE, RecordProblem
 from sim.declaration.model import System
 
-# ---- How process noise along a trajectory changes with the parameters
+# ---- Derivatives of the process noise along a trajectory
 
-_DIFFERENCE_STEP_SHARE = 1e-5  # of a parameter's size, for central differences
-# steps from one place to the next where slopes are worked out, if straight lines between them are
-# good enough
+_DIFFERENCE_STEP_SHARE = 1e-5  # step of central differences, relative to the parameter
+# steps between computed derivatives where linear interpolation is good enough
 _STEPS_BETWEEN_SLOPES = 8
-# of the largest entry: over a step an error of F is a hundredth or tenth of that of Phi
+# largest error of interpolation, relative to the largest entry of F: that of Phi is 10 to 100 times
+# smaller
 _LARGEST_INTERPOLATION_ERROR = 0.005
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseSlopes:
-    """Derivatives of a DiscretisedNoise by the quantities ``of`` (positions among those asked for)
-    that change it.
+    """Derivatives of the discretised noise by the quantities ``of``, positions among those
+    requested; quantities without influence are left out.
     """
 
     of: tuple[int, ...]
@@ -82,8 +81,8 @@ def noise_slopes(
     at: Variation,
     moved: Sequence[tuple[Variation, Variation, float]],
 ) -> NoiseSlopes:
-    """Return the derivatives of the process noise at the given trajectory; that the trajectory
-    moves too is left out.
+    """Return the derivatives of the process noise at the given trajectory, which itself is held
+    fixed.
 
     ``moved`` holds for each quantity two variations and the distance between them: see
     ``slope_pairs``.
@@ -97,7 +96,7 @@ def noise_slopes(
         for i in range(len(moved))
         if any(np.any(part[:, 1 + 2 * i] != part[:, 2 + 2 * i]) for part in parts)
     )
-    # the others would only be worked out to be the same
+    # quantities without influence are left out
     chosen = [0, *(end for i in of for end in (1 + 2 * i, 2 + 2 * i))]
     width = np.array([moved[i][2] for i in of])[:, None, None]
 
@@ -105,11 +104,11 @@ def noise_slopes(
         return np.asarray((part[:, 2::2] - part[:, 1::2]) / width)
 
     F, steps = F[:, chosen], np.diff(problem.grid.nodes)
-    at_these = _where_it_bends(np.concatenate([F[:, :1], slope(F)], axis=1), steps)
+    at_these = _computed_steps(np.concatenate([F[:, :1], slope(F)], axis=1), steps)
     by_Phi, by_Q, start = discrete_motion(
         F[at_these], steps[at_these] if len(F) > 1 else steps, density[chosen], stationary, slope
     )
-    by_Phi, by_Q = (_between(slopes, at_these, len(steps)) for slopes in (by_Phi, by_Q))
+    by_Phi, by_Q = (_interpolated(slopes, at_these, len(steps)) for slopes in (by_Phi, by_Q))
     return NoiseSlopes(
         of, DiscretisedNoise(by_Phi, by_Q, slope(H[:, chosen]), slope(start[None])[0])
     )
@@ -118,8 +117,8 @@ def noise_slopes(
 def slope_pairs(
     at: Variation, positions: Sequence[int], sizes: Sequence[float], scale: bool
 ) -> list[tuple[Variation, Variation, float]]:
-    """Return the pairs for central differences by the parameters at ``positions``, whose sizes are
-    given, then by the scale if wanted.
+    """Return the pairs of parameter sets for central differences by the parameters at ``positions``
+    (with their sizes), then by the scale if wanted.
     """
     pairs = []
     for position, size in zip(positions, sizes, strict=True):
@@ -137,22 +136,22 @@ def slope_pairs(
     return pairs
 
 
-def _where_it_bends(shape: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Return the steps at which slopes are worked out, straight lines being good enough between
-    them: all, unless every ``shape (K, D, n, n)`` is smooth.
+def _computed_steps(shape: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Return the steps at which derivatives are computed: every eighth if all ``shape (K, D, n,
+    n)`` are smooth, else all.
     """
     every = np.arange(len(shape))
     if len(shape) < 2 * _STEPS_BETWEEN_SLOPES or np.ptp(steps) > 1e-9 * steps.max():
         return every
     some = np.append(every[:-1:_STEPS_BETWEEN_SLOPES], every[-1])
-    away = np.abs(_between(shape[some], some, len(shape)) - shape).max(axis=0)
+    away = np.abs(_interpolated(shape[some], some, len(shape)) - shape).max(axis=0)
     largest = np.abs(shape).max(axis=0).max(axis=(-2, -1), keepdims=True)
     return some if np.all(away <= _LARGEST_INTERPOLATION_ERROR * largest) else every
 
 
-def _between(values: np.ndarray, at: np.ndarray, count: int) -> np.ndarray:
-    """``values (len(at), ...)`` at ``count`` steps, by straight lines; the same where they are
-    alike everywhere or known at each.
+def _interpolated(values: np.ndarray, at: np.ndarray, count: int) -> np.ndarray:
+    """Return ``values (len(at), ...)`` interpolated linearly at ``count`` steps; unchanged if
+    constant or known at each step.
     """
     if len(values) in (1, count):
         return values
@@ -163,19 +162,19 @@ def _between(values: np.ndarray, at: np.ndarray, count: int) -> np.ndarray:
     return np.asarray(values[left] + share * (values[left + 1] - values[left]))
 
 
-# ---- How the likelihood of a filter moves with the quantities that its gains depend on
+# ---- Derivatives of the likelihood through the filter's gains
 
-# numbers of a covariance's slopes that are worked out together: more do not stay in a processor's
-# cache
-_AT_ONCE = 800_000
+# covariance derivatives computed together; more do not fit the processor's cache
+_LARGEST_BATCH = 800_000
 
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodSlopes:
-    """What the dependence of the filter on D quantities adds to a fit.
+    """Derivatives of the log likelihood through the filter's dependence on D quantities.
 
     ``gradient (D,)`` and expected ``information (D, D)`` of the log likelihood through gains and
-    innovation covariances; ``scores (K + 1, D)`` are what each node adds to the gradient.
+    innovation covariances; ``scores (K + 1, D)`` are the contributions of the nodes to the
+    gradient.
     """
 
     gradient: np.ndarray
@@ -186,16 +185,16 @@ class LikelihoodSlopes:
 def likelihood_slopes(
     filter: Whitener, residual: Filtered, slopes: NoiseSlopes, by_variance: np.ndarray
 ) -> LikelihoodSlopes:
-    """Return the slopes by the quantities that move the process noise, then by those that move the
+    """Return the derivatives by the quantities of the process noise, then by those of the
     measurement variances.
 
     ``residual`` is one column; ``by_variance (d, m)`` are derivatives of the measurement variances.
     """
     T, n, D = len(filter.covariance), filter.covariance.shape[-1], len(slopes.of) + len(by_variance)
     by_variance = np.concatenate([np.zeros((len(slopes.of), len(filter.variance))), by_variance])
-    few = max(1, _AT_ONCE // max(1, T * n * n))
+    few = max(1, _LARGEST_BATCH // max(1, T * n * n))
     parts = [
-        _slopes_of_some(filter, residual, slopes, by_variance, slice(k, k + few))
+        _covariance_derivatives(filter, residual, slopes, by_variance, slice(k, k + few))
         for k in range(0, D, few)
     ]
     flat = (
@@ -218,11 +217,11 @@ def likelihood_slopes(
     return LikelihoodSlopes(scores.sum(axis=0), information + columns.T @ columns, scores)
 
 
-def _slopes_of_some(
+def _covariance_derivatives(
     filter: Whitener, residual: Filtered, slopes: NoiseSlopes, by_variance: np.ndarray, some: slice
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the slopes by ``some`` of the D quantities: of normalised innovation covariances ``(d,
-    T m m)``, and of normalised innovations ``((K + 1) m, d)``.
+    """Return the derivatives by ``some`` of the D quantities: of normalised innovation covariances
+    ``(d, T m m)``, and of normalised innovations ``((K + 1) m, d)``.
     """
     T, m, n = len(filter.covariance), filter.valid.shape[1], filter.covariance.shape[-1]
     of_variance = by_variance[some]
@@ -231,9 +230,9 @@ def _slopes_of_some(
     P, Phi = filter.covariance, filter.motion.Phi
     present = np.where(filter.valid[:1] if len(filter.seen) == 1 else filter.valid, 1.0, 0.0)
     by_Phi, by_Q, by_start = (
-        _beside(M, some, d) for M in (slopes.motion.Phi, slopes.motion.Q, slopes.motion.start[None])
+        _padded(M, some, d) for M in (slopes.motion.Phi, slopes.motion.Q, slopes.motion.start[None])
     )
-    by_H = _beside(slopes.motion.H, some, d) * present[:, :, None, None]
+    by_H = _padded(slopes.motion.H, some, d) * present[:, :, None, None]
     by_R = np.zeros((len(present), m, d, m))
     for i in range(m):
         by_R[:, i, :, i] = of_variance[:, i] * present[:, i, None]
@@ -242,39 +241,46 @@ def _slopes_of_some(
     open_loop = np.eye(n) - K @ H
     # Covariance after an update: dP = (I - KH) dP_before (I - KH)^T + K dR K^T - P dH^T K^T - K dH
     # P.
-    dK_straight = _left(K, _right(dH, P))
-    own = _right(_left(K, dR), turned(K)) - dK_straight - _each_turned(dK_straight)
-    first = (_right(_left(open_loop[:1], by_start), turned(open_loop[:1])) + own[:1])[0]
+    dK_straight = from_left(K, from_right(dH, P))
+    own = from_right(from_left(K, dR), turned(K)) - dK_straight - transposed(dK_straight)
+    first = (from_right(from_left(open_loop[:1], by_start), turned(open_loop[:1])) + own[:1])[0]
     dP = np.empty((T, n, d, n))
     dP_before = np.empty((T, n, d, n))
     dP[0], dP_before[0] = first, by_start[0]
     if T > 1:
         F, dF, dQ = (rows(M, slice(T - 1)) for M in (Phi, by_Phi, by_Q))
-        pushed = _right(dF, P[:-1] @ turned(F))
-        forcing = pushed + _each_turned(pushed) + dQ
+        pushed = from_right(dF, P[:-1] @ turned(F))
+        forcing = pushed + transposed(pushed) + dQ
         inside = open_loop[1:]
         through, added = scan(
-            combine_affine, (inside @ F, _right(_left(inside, forcing), turned(inside)) + own[1:])
+            combine_affine,
+            (inside @ F, from_right(from_left(inside, forcing), turned(inside)) + own[1:]),
         )
         dP[1:] = (
-            _right(_left(through, np.broadcast_to(first, (T - 1, n, d, n))), turned(through))
+            from_right(
+                from_left(through, np.broadcast_to(first, (T - 1, n, d, n))), turned(through)
+            )
             + added
         )
-        dP_before[1:] = _right(_left(F, dP[:-1]), turned(F)) + forcing
-    crossed = _right(dH, filter.predicted @ turned(H))
-    dS = crossed + _each_turned(crossed) + _right(_left(H, dP_before), turned(H)) + dR
-    flat = _right(_left(filter.root, dS), turned(filter.root)).transpose(2, 0, 1, 3).reshape(d, -1)
+        dP_before[1:] = from_right(from_left(F, dP[:-1]), turned(F)) + forcing
+    crossed = from_right(dH, filter.predicted @ turned(H))
+    dS = crossed + transposed(crossed) + from_right(from_left(H, dP_before), turned(H)) + dR
+    flat = (
+        from_right(from_left(filter.root, dS), turned(filter.root))
+        .transpose(2, 0, 1, 3)
+        .reshape(d, -1)
+    )
     if n == 0:
         return flat, np.zeros((e.size, d))
-    # K = P H^T R^-1, and the state through the gain that moves.
-    dK = (_right(dP, turned(H)) + _right_turned(P, dH) - _left(K, dR)) / filter.variance
+    # K = P H^T R^-1; the state changes with the gain.
+    dK = (from_right(dP, turned(H)) + _right_transposed(P, dH) - from_left(K, dR)) / filter.variance
     predicted = np.zeros((len(e), n, 1))
     predicted[1:] = Phi @ x[:-1]
     pushed_state = np.zeros((len(e), n, d))
-    pushed_state[1:] = _right(by_Phi, x[:-1])[..., 0]
-    straight = _right(by_H, predicted)[..., 0]
+    pushed_state[1:] = from_right(by_Phi, x[:-1])[..., 0]
+    straight = from_right(by_H, predicted)[..., 0]
     source = (
-        _right(every_node(dK, filter), residual.innovation[..., None])[..., 0]
+        from_right(every_node(dK, filter), residual.innovation[..., None])[..., 0]
         + every_node(open_loop, filter) @ pushed_state
         - every_node(K, filter) @ straight
     )
@@ -283,9 +289,9 @@ def _slopes_of_some(
     return flat, (every_node(filter.root, filter) @ (straight + filter.seen @ moved)).reshape(-1, d)
 
 
-def _beside(stack: np.ndarray, some: slice, d: int) -> np.ndarray:
-    """Return the derivatives ``(B, D, a, b)`` by ``some``, those beyond zero, as ``(B, a, d, b)``:
-    see `ident.process_noise.whitener`.
+def _padded(stack: np.ndarray, some: slice, d: int) -> np.ndarray:
+    """Return the derivatives ``(B, D, a, b)`` by ``some``, padded with zeros, in the axis order
+    ``(B, a, d, b)`` of `ident.process_noise.whitener`.
     """
     found = stack[:, some].swapaxes(1, 2)
     out = np.zeros((*found.shape[:2], d, found.shape[3]))
@@ -293,21 +299,23 @@ def _beside(stack: np.ndarray, some: slice, d: int) -> np.ndarray:
     return out
 
 
-def _right_turned(left: np.ndarray, stack: np.ndarray) -> np.ndarray:
-    """``left`` times the transpose of each matrix of ``stack (B, m, D, n)``: ``(T, n, D, m)``."""
-    return _each_turned(_right(stack, turned(left)))
+def _right_transposed(left: np.ndarray, stack: np.ndarray) -> np.ndarray:
+    """Return ``left`` times the transpose of each matrix of ``stack (B, m, D, n)``: ``(T, n, D,
+    m)``.
+    """
+    return transposed(from_right(stack, turned(left)))
 
 
 # ---- Noise model of a fit with process noise
 
 SCALE = "process_noise_scale"
-_LARGEST_NOISE_STEP_FACTOR = 4.0  # by which one step changes a noise level at most
-_LEAST, _MOST = 1e-3, 1e3  # range of a noise level, relative to its start
+_LARGEST_NOISE_STEP_FACTOR = 4.0  # largest factor on a noise level in one step
+_LOWEST_LEVEL, _HIGHEST_LEVEL = 1e-3, 1e3  # range of a noise level, relative to its start
 
 
 @dataclass(frozen=True, eq=False)
 class Filter:
-    """The whitener of one record and the residual that went through it."""
+    """The whitener of one record, with the whitened residual."""
 
     problem: RecordProblem
     whitener: Whitener
@@ -324,13 +332,17 @@ class Filter:
 
 @dataclass(frozen=True, eq=False)
 class ProcessNoise:
-    """Measurement noise with the levels ``std (m,)``, and forcing of the states as ``System.noise``
-    says.
+    """Measurement noise with levels ``std (m,)``, and process noise as ``System.noise`` declares
+    it.
 
-    ``estimated`` are positions of the outputs whose level is an unknown, started at ``std``.
-    ``scale`` multiplies the standard deviation of process noise declared on states, and is an
-    unknown where ``scaled``. ``quick`` : slopes of the gains by what sets the noise
-    alone. ``least`` ``(m,)`` : smallest levels; None sets them by the start alone.
+    ``estimated`` : positions of the outputs whose level is an unknown, started at ``std``.
+
+    ``scale`` : factor on the standard deviation of process noise declared on states; an unknown if
+    ``scaled``.
+
+    ``quick`` : derivatives of the gains by the noise's own unknowns alone.
+
+    ``least`` : ``(m,)`` smallest levels; None sets them from the start.
     """
 
     outputs: tuple[str, ...]
@@ -354,12 +366,18 @@ class ProcessNoise:
 
     @property
     def low(self) -> np.ndarray:
-        low = _LEAST * self.std if self.least is None else np.maximum(_LEAST * self.std, self.least)
+        low = (
+            _LOWEST_LEVEL * self.std
+            if self.least is None
+            else np.maximum(_LOWEST_LEVEL * self.std, self.least)
+        )
         return np.append(low[list(self.estimated)], [0.0] if self.scaled else [])
 
     @property
     def high(self) -> np.ndarray:
-        return np.append(_MOST * self.std[list(self.estimated)], [np.inf] if self.scaled else [])
+        return np.append(
+            _HIGHEST_LEVEL * self.std[list(self.estimated)], [np.inf] if self.scaled else []
+        )
 
     def levels(self, theta: np.ndarray) -> tuple[np.ndarray, float]:
         """Measurement noise ``(m,)`` and scale at ``theta``."""
@@ -391,7 +409,7 @@ class ProcessNoise:
         lines: Sequence[Linearisation],
         weighted: WeightedResiduals,
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return the terms through the filter's dependence on parameters and noise levels."""
+        """Return the gradient and information through the filter's dependence on the unknowns."""
         n = len(theta)
         gradient, information = np.zeros(n), np.zeros((n, n))
         for moving, part in self._slopes(layout, theta, lines, weighted):
@@ -406,8 +424,8 @@ class ProcessNoise:
         lines: Sequence[Linearisation],
         weighted: WeightedResiduals,
     ) -> Iterator[tuple[np.ndarray, LikelihoodSlopes]]:
-        """Yield, for each record, the positions of the unknowns that move its filter, and the
-        slopes of the likelihood by them.
+        """Yield, for each record, the positions of the unknowns of its filter, and the derivatives
+        of the likelihood by them.
         """
         std, scale = self.levels(theta)
         n, estimated = len(theta), list(self.estimated)
@@ -451,8 +469,8 @@ class ProcessNoise:
                 yield moving, LikelihoodSlopes(np.zeros(0), np.zeros((0, 0)), np.zeros((nodes, 0)))
 
     def step_bounds(self, layout: LaidOut, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return bounds of a step, which changes a noise level by at most a factor: far from the
-        optimum the likelihood is not quadratic in it.
+        """Return bounds of one step, in which a noise level changes at most by a factor: far from
+        the optimum the likelihood is not quadratic in it.
         """
         low, high = np.concatenate([layout.low, self.low]), np.concatenate([layout.high, self.high])
         for i in self.setting_noise(layout, theta):
@@ -464,8 +482,8 @@ class ProcessNoise:
         return low, high
 
     def setting_noise(self, layout: LaidOut, theta: np.ndarray) -> np.ndarray:
-        """Return the positions of the unknowns that set the noise: its own, and parameters of the
-        System that move the forcing's density.
+        """Return the positions of the unknowns of the noise: the model's own, and parameters of the
+        System that change the density of process noise.
         """
         n = len(theta)
         positions = set(range(n - len(self.names), n))
@@ -475,7 +493,7 @@ class ProcessNoise:
             setting = [
                 q
                 for q, index in enumerate(layout.order)
-                if np.any(_density(layout.system, _stretched(p, index)) != density)
+                if np.any(_density(layout.system, _slightly_changed(p, index)) != density)
             ]
             positions |= set(layout.columns(r)[setting].tolist())
         return np.array(sorted(positions), dtype=int)
@@ -527,7 +545,7 @@ def _density(system: System, p: np.ndarray) -> np.ndarray:
     return np.array(system.noise(p.tolist())[0], dtype=float)
 
 
-def _stretched(p: np.ndarray, index: int) -> np.ndarray:
+def _slightly_changed(p: np.ndarray, index: int) -> np.ndarray:
     moved = p.copy()
     moved[index] *= 1.01
     return moved
@@ -546,10 +564,10 @@ def process_noise(
     fixed: bool = False,
     scale: float = 1.0,
 ) -> ProcessNoise:
-    """Noise model for a System: noise levels started (or ``fixed``) at ``std``, those of the
-    outputs in ``present`` estimated.
+    """Return the noise model of a System: the levels of the outputs in ``present`` start at ``std``
+    and are estimated, unless ``fixed``.
 
-    Process noise declared on states gets an unknown scale, unless fixed.
+    Process noise declared on states then gets an unknown scale as well.
     """
     names = system.output_names
     levels = np.array([std[name] for name in names])
@@ -562,7 +580,7 @@ def process_noise(
 
 
 def noise_started_at(fit: Fit, theta: np.ndarray) -> ProcessNoise:
-    """Return the noise model of a fit with its unknowns started where ``theta (n,)`` has them."""
+    """Return the noise model of a fit, started at its unknowns in ``theta (n,)``."""
     noise_model = fit.noise_model
     assert isinstance(noise_model, ProcessNoise)
     std, scale = noise_model.levels(theta)
@@ -570,7 +588,9 @@ def noise_started_at(fit: Fit, theta: np.ndarray) -> ProcessNoise:
 
 
 def _at_nodes(problem: RecordProblem, values: np.ndarray) -> np.ndarray:
-    """``(m, N, c)`` at the samples to ``(K + 1, m, c)`` at the nodes, zero between samples."""
+    """Return ``(m, N, c)`` at the samples as ``(K + 1, m, c)`` at the nodes, zero between
+    samples.
+    """
     nodes, at = len(problem.grid.nodes), problem.grid.sample // problem.grid.substeps
     turned = np.ascontiguousarray(values.transpose(1, 0, 2))
     if nodes == len(at):
@@ -588,17 +608,17 @@ def _at_samples(problem: RecordProblem, values: np.ndarray) -> np.ndarray:
 
 # ---- Restricted likelihood (REML)
 
-_NOISE_DIFFERENCE_SHARE = 0.02  # of a level, for differences
-_restricted_likelihood_MOST = 0.7  # change of a level's logarithm
+_NOISE_DIFFERENCE_SHARE = 0.02  # relative step of a noise level for differences
+_LARGEST_LOG_CHANGE = 0.7  # largest change of a level's logarithm
 
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """All unknowns ``theta (n,)`` with the noise's own adjusted, and the ``factor (n,)`` by which
-    they changed.
+    """All unknowns ``theta (n,)`` with adjusted noise levels, and the ``factor (n,)`` of the
+    adjustment.
 
-    ``spread (n,)`` : variance of the logarithm of each unknown's variance, through the noise levels
-    that set it; zero for these.
+    ``spread (n,)`` : variance of the logarithm of each unknown's variance due to uncertain noise
+    levels; zero for the levels.
     """
 
     theta: np.ndarray
@@ -607,26 +627,24 @@ class Levels:
 
 
 def restricted_levels(fit: Fit, covariance: np.ndarray) -> Levels:
-    """Noise levels adjusted. ``covariance (n, n)`` is the fit's; a level at its bound stays. Sigmas
-    of noise levels go with the levels.
+    """Return the adjusted noise levels, from the fit's ``covariance (n, n)``. A level at its bound
+    is kept; sigmas of the levels scale with them.
     """
     noise_model, theta, low, high = fit.noise_model, fit.theta, fit.problem.low, fit.problem.high
     assert isinstance(noise_model, ProcessNoise)
     setting = noise_model.setting_noise(fit.layout, theta)
     inside = (theta[setting] > low[setting]) & (theta[setting] < high[setting])
     moved, others = setting[inside], np.setdiff1d(np.arange(len(theta)), setting)
-    base, variance = _determined(fit, theta, others)
+    base, variance = _information_of(fit, theta, others)
     slope, moves = np.zeros(len(moved)), np.zeros((len(moved), len(others)))
     for i, position in enumerate(moved):
         stretched = theta.copy()
         stretched[position] *= 1.0 + _NOISE_DIFFERENCE_SHARE
-        determinant, other = _determined(fit, stretched, others)
+        determinant, other = _information_of(fit, stretched, others)
         slope[i] = 0.5 * (determinant - base) / (_NOISE_DIFFERENCE_SHARE * theta[position])
         moves[i] = np.log(other / variance) / (_NOISE_DIFFERENCE_SHARE * theta[position])
     among = covariance[np.ix_(moved, moved)]
-    change = np.clip(
-        -among @ slope / theta[moved], -_restricted_likelihood_MOST, _restricted_likelihood_MOST
-    )
+    change = np.clip(-among @ slope / theta[moved], -_LARGEST_LOG_CHANGE, _LARGEST_LOG_CHANGE)
     factor, spread = np.ones(len(theta)), np.zeros(len(theta))
     if np.all(np.isfinite(change)):
         factor[moved] = np.exp(change)
@@ -637,11 +655,11 @@ def restricted_levels(fit: Fit, covariance: np.ndarray) -> Levels:
     return Levels(adjusted, factor, spread)
 
 
-def _determined(fit: Fit, theta: np.ndarray, positions: np.ndarray) -> tuple[float, np.ndarray]:
-    """Log determinant of the information on the unknowns at ``positions`` with the noise of
-    ``theta``, and the diagonal of its inverse.
+def _information_of(fit: Fit, theta: np.ndarray, positions: np.ndarray) -> tuple[float, np.ndarray]:
+    """Return the log determinant of the information on the unknowns at ``positions``, with the
+    noise of ``theta``, and the diagonal of its inverse.
 
-    About the fit's trajectories; not a number where the noise has no likelihood.
+    Computed about the fitted trajectories; NaN where the likelihood is not finite.
     """
     layout, n = fit.layout, len(theta)
     residuals = [

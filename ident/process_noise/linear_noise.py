@@ -6,7 +6,7 @@ x, with F and H linearised there and w of the System's spectral density. Only th
 A free initial state is an unknown of the fit, so its deviation starts at zero; states of a noise
 effect start from their stationary spread.
 
-What a sensor with memory makes of that random motion adds a state: see ``_through_sensors``.
+A sensor with a lag, delay or hold adds a state: see ``_through_sensors``.
 """
 
 from __future__ import annotations
@@ -21,22 +21,21 @@ from ident.whole_record.record_problem import RecordProblem
 from sim.declaration.model import System
 from sim.maths import COMPLEX_STEP
 
-_TAYLOR_TERMS = 14  # of a Taylor series, to rounding
-_FEW_TERMS = 4  # for slopes that differ from step to step: good to a ten-thousandth or better
-_AT_ONCE = 16_000  # numbers that are worked on together: more do not stay in a processor's cache
-# Chebyshev points over the step sizes: a smooth function of a step within a factor of three, to
-# rounding
+_TAYLOR_TERMS = 14  # terms of a Taylor series that is exact to rounding
+_DERIVATIVE_TERMS = 4  # the same for derivatives at each step, exact to 1e-4 or better
+_LARGEST_BATCH = 16_000  # numbers processed together; more do not fit the processor's cache
+# Chebyshev points for a smooth function of step sizes within a factor of three, exact to rounding
 _CHEBYSHEV_POINTS = 14
-_SHORTEST_MEMORY_SHARE = 0.2  # of a sub-step: the memory of a sensor lasts that long at least
+_SHORTEST_MEMORY_SHARE = 0.2  # shortest time constant of a sensor, in sub-steps
 
 
 @dataclass(frozen=True, eq=False)
 class DiscretisedNoise:
     """Linear process noise over the nodes ``0 .. K`` of a record, ``n`` states.
 
-    ``Phi``, ``Q`` ``(K, n, n)`` lead from node k to k + 1; ``H (K + 1, m, n)``; ``start (n, n)``.
-    The leading axis has length 1 where nothing changes over the record. In derivatives by D
-    quantities a further axis D precedes the matrices.
+    ``Phi``, ``Q`` ``(K, n, n)`` are for the step from node k to k + 1; ``H (K + 1, m, n)``; ``start
+    (n, n)``. The leading axis has length 1 where nothing changes over the record. In derivatives by
+    D quantities a further axis D precedes the matrices.
     """
 
     Phi: np.ndarray
@@ -62,8 +61,8 @@ NoiseReport = Callable[[np.ndarray], np.ndarray]
 def discretised_noise(
     problem: RecordProblem, states: np.ndarray, at: Variation
 ) -> DiscretisedNoise:
-    """Process noise about ``states (nx, K + 1)``; without any state where white noise reaches
-    none.
+    """Return the process noise about ``states (nx, K + 1)``; it has no states if white noise acts
+    on none.
     """
     F, H, density, stationary = linear_motion(problem, states, [at])
     Phi, Q, start = discrete_motion(F, np.diff(problem.grid.nodes), density, stationary)
@@ -88,7 +87,7 @@ def linear_motion(
         )
     F = _jacobians(system, system.f, _middles(problem, states), variations)
     H = _jacobians(system, system.h, (nodes, states, _inputs(problem, nodes)), variations)
-    kept = _reached(np.any(F[:, 0] != 0, axis=0), density[0] > 0)
+    kept = _states_reached(np.any(F[:, 0] != 0, axis=0), density[0] > 0)
     stationary = np.array([system.state_names[i] in system.stationary for i in kept])
     if len(kept) < len(states):
         F, H, density = F[..., kept[:, None], kept], H[..., kept], density[:, kept]
@@ -98,7 +97,7 @@ def linear_motion(
 def _through_sensors(
     problem: RecordProblem, variations: Sequence[Variation], motion: LinearMotion
 ) -> LinearMotion:
-    """Return the motion with a state for each sensor with memory: what it shows is late.
+    """Return the motion with a state added for each sensor with a lag, delay or hold.
 
     A lag is exact; a delay, and a hold in the mean, is Pade's approximation of first order. The
     deviation of a sensor starts at zero. Times much shorter than a sub-step are lengthened to a
@@ -156,7 +155,9 @@ def _density(system: System, variation: Variation) -> np.ndarray:
 
 
 def _inputs(problem: RecordProblem, times: np.ndarray) -> np.ndarray:
-    """Recorded inputs ``(nu, len(times))``; a lag on their way hardly changes a linearisation."""
+    """Return the recorded inputs ``(nu, len(times))``; lags of actuators hardly change the
+    linearisation.
+    """
     rows = problem.record.input_array(problem.system.input_names)
     return np.array([np.interp(times, problem.record.time, row) for row in rows]).reshape(
         len(rows), len(times)
@@ -192,8 +193,7 @@ def _jacobian(
     where: tuple[np.ndarray, np.ndarray, np.ndarray],
     variations: Sequence[Variation],
 ) -> np.ndarray:
-    # Exact to rounding: complex steps, one column a state. Times stand last: whatever is the same
-    # for all of them meets long rows.
+    # Complex steps, one column a state. Times are the last axis, for speed.
     t, X, U = where
     n_x, values = len(X), np.array([variation.p for variation in variations])
     same = np.all(values == values[0], axis=0)
@@ -201,7 +201,7 @@ def _jacobian(
         float(values[0, i]) if same[i] else values[:, i][:, None, None]
         for i in range(values.shape[1])
     ]
-    rows, out = max(1, _AT_ONCE // (len(variations) * n_x)), None
+    rows, out = max(1, _LARGEST_BATCH // (len(variations) * n_x)), None
     for k in range(0, len(t), rows):
         at = slice(k, k + rows)
         x = [np.repeat(row[None, None, at].astype(complex), n_x, axis=1) for row in X]
@@ -219,8 +219,10 @@ def _jacobian(
     return out
 
 
-def _reached(coupled: np.ndarray, forced: np.ndarray) -> np.ndarray:
-    """Positions of the states that the forcing reaches through the couplings ``(nx, nx)``."""
+def _states_reached(coupled: np.ndarray, forced: np.ndarray) -> np.ndarray:
+    """Return the positions of the states that the noise reaches through the couplings
+    ``(nx, nx)``.
+    """
     reached = forced.copy()
     for _ in range(len(reached)):
         reached = reached | np.any(coupled & reached, axis=1)
@@ -238,14 +240,14 @@ def _over_steps(
     if len(F) > 1:
         steps = np.full(len(steps), steps.mean()) if even else steps
         at, back = _distinct(np.concatenate([F[:, 0].reshape(len(F), -1), steps[:, None]], axis=1))
-        if len(at) < len(F):  # else the others differ as well, whatever more they have
+        if len(at) < len(F):  # else the other arrays differ as well
             at, back = _distinct(np.concatenate([F.reshape(len(F), -1), steps[:, None]], axis=1))
         some = slice(None) if len(at) == len(F) else at
         Phi, Q = discretised(
             F[some],
             density,
             steps[some, None],
-            _TAYLOR_TERMS if F.shape[1] == 1 else _FEW_TERMS,
+            _TAYLOR_TERMS if F.shape[1] == 1 else _DERIVATIVE_TERMS,
             told,
         )
         return (Phi, Q) if len(at) == len(F) else (Phi[back], Q[back])
@@ -262,10 +264,10 @@ def _over_steps(
 
 
 def _distinct(rows: np.ndarray) -> tuple[list[int], list[int]]:
-    """Return the first position of each distinct row of ``rows (K, c)``, and the index of the
-    distinct row that each row equals.
+    """Return the first position of each distinct row of ``rows (K, c)``, and the index of its
+    distinct row for every row.
 
-    A dead band or a limit changes F at a few inputs only: most of a record's steps are one of few.
+    Dead bands and limits change F at few inputs: most steps are equal.
     """
     first: dict[bytes, int] = {}
     at: list[int] = []
@@ -300,7 +302,7 @@ def discretised(
     of Q_dot = F Q + Q F^T + diag(density) on a short step, then doubling. ``told`` of each part is
     put together, else all of it.
     """
-    rows = max(1, _AT_ONCE // max(1, F[0].size))
+    rows = max(1, _LARGEST_BATCH // max(1, F[0].size))
     parts = [(F[k : k + rows], dt[k : k + rows]) for k in range(0, len(F), rows)]
     size = max(
         float(np.max(np.sum(np.abs(part), axis=-1).max(axis=-1) * steps, initial=0.0))

@@ -45,8 +45,8 @@ def scan(combine: Combine, elements: Elements) -> Elements:
 
 
 def powers(combine: Combine, element: Elements, count: int) -> Elements:
-    """Prefixes of ``count`` equal elements, each given with a first axis of length 1; ``count`` a
-    power of two.
+    """Return the combinations of the first 1, 2, ... of ``count`` equal elements, given with a
+    first axis of length 1; ``count`` is a power of two.
     """
     out = element
     while len(out[0]) < count:
@@ -56,8 +56,8 @@ def powers(combine: Combine, element: Elements, count: int) -> Elements:
 
 
 def covariance_steps(Phi: np.ndarray, Q: np.ndarray, H: np.ndarray, R: np.ndarray) -> Elements:
-    """Elements from one filtered covariance to the next: ``Phi``, ``Q`` ``(K, n, n)``, ``H (K, m,
-    n)``, ``R (m,)``.
+    """Return the elements from one filtered covariance to the next: ``Phi``, ``Q`` ``(K, n, n)``,
+    ``H (K, m, n)``, ``R (m,)``.
     """
     Ht = _t(H)
     QH = Q @ Ht
@@ -69,7 +69,7 @@ def covariance_steps(Phi: np.ndarray, Q: np.ndarray, H: np.ndarray, R: np.ndarra
 
 
 def combine_covariances(first: Elements, second: Elements) -> Elements:
-    """Return the element of two steps in a row."""
+    """Return the element of two consecutive steps."""
     A, C, J = first
     B, D, L = second
     inverse = _inverse(np.eye(A.shape[-1]) + C @ L)
@@ -82,7 +82,9 @@ def combine_covariances(first: Elements, second: Elements) -> Elements:
 
 
 def advanced(steps: Elements, P: np.ndarray) -> np.ndarray:
-    """Filtered covariances after each element of ``steps``, starting from ``P (n, n)``."""
+    """Return the filtered covariances after each element of ``steps``, starting from ``P
+    (n, n)``.
+    """
     A, C, J = steps
     inside = _inverse(np.eye(len(P)) + P @ J) @ P
     return _symmetric(A @ inside @ _t(A)) + C
@@ -143,7 +145,7 @@ _SETTLED_COVARIANCE_CHANGE = 1e-12  # relative change of the covariance over a c
 class Whitener:
     """The filter of one record: gains and innovation covariances at the nodes ``0 .. K``.
 
-    Per-node arrays end where the filter has settled: node k has entry ``at[k]``. ``covariance`` and
+    Arrays over nodes end once the filter is steady: node k has entry ``at[k]``. ``covariance`` and
     ``predicted`` ``(T, n, n)`` after and before each update, ``gain (T, n, m)``,
     ``innovation_covariance`` and ``root`` ``(T, m, m)``, the latter the inverse of its Cholesky
     factor; rows of samples that are missing are those of the unit matrix. ``valid (K + 1, m)``.
@@ -220,7 +222,9 @@ def whitener(motion: DiscretisedNoise, variance: np.ndarray, valid: np.ndarray) 
 
 
 def filtered(filter: Whitener, columns: np.ndarray) -> Filtered:
-    """Innovations of ``columns (K + 1, m, c)``; what stands at missing samples does not matter."""
+    """Return the innovations of ``columns (K + 1, m, c)``; values at missing samples are
+    ignored.
+    """
     e = np.where(filter.valid[:, :, None], columns, 0.0)
     n = filter.covariance.shape[-1]
     if n == 0:
@@ -241,15 +245,15 @@ def _updated(P: np.ndarray, H: np.ndarray, variance: np.ndarray) -> np.ndarray:
 
 
 def _until_settled(steps: tuple[np.ndarray, ...], first: np.ndarray, nodes: int) -> np.ndarray:
-    """Filtered covariances of a steady system until they no longer change, at most at ``nodes``
-    nodes.
+    """Return the filtered covariances of a time-invariant system until they are steady, for at most
+    ``nodes`` nodes.
     """
     parts, P, done = [first[None]], first, 1
     while done < nodes:
         chunk = advanced(steps, P)
         parts.append(chunk)
         done += len(chunk)
-        # rounding may leave it below zero where nothing is noisy
+        # without noise, rounding may make it negative
         size = np.sqrt(np.maximum(np.diag(chunk[-1]), 0.0))
         if np.all(np.abs(chunk[-1] - P) <= _SETTLED_COVARIANCE_CHANGE * np.outer(size, size)):
             break
@@ -258,7 +262,7 @@ def _until_settled(steps: tuple[np.ndarray, ...], first: np.ndarray, nodes: int)
 
 
 def closed_loop(filter: Whitener) -> np.ndarray:
-    """(I - K H) Phi from node k to k + 1, ``(K, n, n)``."""
+    """Return (I - K H) Phi from node k to k + 1, ``(K, n, n)``."""
     n = filter.covariance.shape[-1]
     if len(filter.seen) == 1 and len(filter.motion.Phi) == 1:
         return ((np.eye(n) - filter.gain @ filter.seen) @ filter.motion.Phi)[filter.at[1:]]
@@ -281,12 +285,12 @@ def joined(T: np.ndarray, source: np.ndarray) -> np.ndarray:
 
 
 def every_node(stack: np.ndarray, filter: Whitener) -> np.ndarray:
-    """Return the values at every node from those kept until the filter has settled."""
+    """Return the values at every node from those up to the steady state."""
     return stack if len(stack) == len(filter.at) else stack[filter.at]
 
 
 def rows(stack: np.ndarray, part: slice) -> np.ndarray:
-    """Return the matrices of some nodes; a single one stands for all."""
+    """Return the matrices of some nodes; a single one is valid for all."""
     return stack if len(stack) == 1 else stack[part]
 
 

@@ -31,22 +31,20 @@ from sim.errors import instant
 
 # ---- Flat extremes
 
-FEWEST_AT_LEVEL = 4  # samples at the level
+FEWEST_AT_LEVEL = 4  # fewest samples at the level
 FEWEST_IN_A_ROW = 3
 CHANCE_OF_PILE = 1e-6
-CORNER_BENDS = 6.0  # times the usual bend: the corner where a moving signal meets a level
+CORNER_BENDS = 6.0  # smallest slope at a corner, over the usual second difference or the noise
 CORNER_BITS = 3.0
-# standard deviations of the noise, from the channel's middle, so that it is a motion that is cut
-# and not the noise
+# distance of a level from the median, in sigmas of the noise: nearer extremes are noise
 CUT_MOTION_SIGMAS = 6.0
-# share of samples of an input that differ from the one before: a commanded square is flat and no
-# fault
+# smallest share of changing samples of an input: commanded square waves change less often
 CONTINUOUS_INPUT_SHARE = 0.3
 
 
 def clipped(series: Series, count: int, *, is_input: bool = False) -> list[RecordFinding]:
-    """Find levels at which a channel is flat, and mask these samples. An input may be at its stop:
-    its flat levels are noted and not masked.
+    """Find levels at which a channel is flat, and mask these samples. An input may rest at its
+    stop: its flat levels are reported, not masked.
     """
     if is_input and np.mean(np.diff(series.values) != 0.0) < CONTINUOUS_INPUT_SHARE:
         return []
@@ -56,7 +54,7 @@ def clipped(series: Series, count: int, *, is_input: bool = False) -> list[Recor
         level = float(np.max(values))
         at_level = values == level
         runs = runs_of(at_level)
-        # A run at either end of the record may be a rest.
+        # A run at either end of the record may be trimmed flight.
         inside = [(b, e) for b, e in runs if b > 0 and e < len(values)]
         if (
             np.count_nonzero(at_level) < FEWEST_AT_LEVEL
@@ -65,10 +63,10 @@ def clipped(series: Series, count: int, *, is_input: bool = False) -> list[Recor
         ):
             continue
         if _piles_up(series, values, level, at_level) or any(
-            _cornered(series, values, b, e) for b, e in inside
+            _has_corners(series, values, b, e) for b, e in inside
         ):
             out.append(
-                _finding(
+                _clipping_finding(
                     series,
                     at_level,
                     sign * level,
@@ -81,19 +79,17 @@ def clipped(series: Series, count: int, *, is_input: bool = False) -> list[Recor
 
 
 def _piles_up(series: Series, values: np.ndarray, level: float, at_level: np.ndarray) -> bool:
-    """Return whether more samples are at the level than noise leaves there; the density of noise
-    falls towards an extreme.
-    """
+    """Return whether more samples are at the level than noise explains."""
     if not series.resolved or level - float(np.median(values)) < CUT_MOTION_SIGMAS * series.noise:
         return False
     width = max(series.least_bit, 0.25 * series.noise)
     below = np.count_nonzero((values < level) & (values >= level - 3.5 * width))
     per_level = below / 3.0 * (min(1.0, series.least_bit / width) if series.least_bit else 1e-6)
-    # Poisson's probability of as many samples at the level or more.
+    # Poisson probability of at least as many samples at the level.
     return bool(gammainc(np.count_nonzero(at_level), 2.0 * per_level + 0.5) < CHANCE_OF_PILE)
 
 
-def _cornered(series: Series, values: np.ndarray, begin: int, end: int) -> bool:
+def _has_corners(series: Series, values: np.ndarray, begin: int, end: int) -> bool:
     """Return whether a moving signal meets the level at a corner on both sides."""
     if end - begin < FEWEST_IN_A_ROW or begin < 3 or end + 3 > len(values):
         return False
@@ -101,8 +97,7 @@ def _cornered(series: Series, values: np.ndarray, begin: int, end: int) -> bool:
     before, behind = values[max(0, begin - 8) : begin], values[end : end + 8]
     bends = np.concatenate([np.abs(np.diff(before, 2)), np.abs(np.diff(behind, 2))])
     usual = float(np.median(bends)) if bends.size else math.inf
-    # The level cuts the slope at some place between two samples: the slope beside it is the one
-    # further out.
+    # Clipping shortens the first difference beside the level; the next one outwards is complete.
     slopes = (
         abs(float(values[begin - 1] - values[begin - 2])),
         abs(float(values[end + 1] - values[end])),
@@ -112,7 +107,7 @@ def _cornered(series: Series, values: np.ndarray, begin: int, end: int) -> bool:
     )
 
 
-def _finding(
+def _clipping_finding(
     series: Series, at_level: np.ndarray, level: float, word: str, count: int, *, is_input: bool
 ) -> RecordFinding:
     runs = runs_of(at_level)
@@ -148,27 +143,23 @@ def _finding(
     )
 
 
-# ---- A channel that jumps within one sample and stays
+# ---- Zero steps: a channel jumps within one sample and keeps the offset
 
-LINE_TIME = 0.25  # s, of either line: a quarter of a quick short period
+LINE_TIME = 0.25  # s, length of each line: a quarter period of a fast short period
 FEWEST_LINE_SAMPLES = 5  # fewest samples of a straight line
 MOST_LINE_SAMPLES = 25  # most samples of a straight line
-# Standard deviations: the extreme of 3000 correlated Gaussian rows is 4.5; motion that lines do not
-# follow makes the tails of a clean record longer.
-STEP_SIGMAS = 8.0
-# times the largest elsewhere within SURROUNDINGS_TIME, where the motion is as lively
-STEP_TO_SURROUNDINGS_RATIO = 3.0
+STEP_SIGMAS = 8.0  # Smallest step, sigmas: 3000 Gaussian rows reach 4.5, curved motion more.
+STEP_TO_SURROUNDINGS_RATIO = 3.0  # smallest step over the largest jump within SURROUNDINGS_TIME
 SURROUNDINGS_TIME = 1.0  # s
-OTHER_JUMP_SIGMAS = 4.0  # standard deviations that no other channel's jump exceeds at that row
-INPUT_STEP_SHARE = 0.05  # of an input's span
-# of a line's length, to which a step of an input must keep: kinks are followed to first order only
+OTHER_JUMP_SIGMAS = 4.0  # largest jump of another channel at that row, in standard deviations
+INPUT_STEP_SHARE = 0.05  # smallest step of an input, as a share of its span
+# smallest distance to an input's step, in line lengths: its effect is removed to first order only
 INPUT_DISTANCE = 0.6
-# of a jump: one of the other sign within two windows makes it a bump; a step by itself has side
-# lobes of 0.35
+# largest opposite jump within two windows, as a share: side lobes are 0.35, a pulse has 1
 OPPOSITE_JUMP_RATIO = 0.7
 CORNER_SIGMAS = 4.0
 CORNER_TIME = 0.8  # s, on either side of a jump of nz
-MOST_JUMPS = 3  # jumps told of one channel
+MOST_JUMPS = 3  # most jumps reported of one channel
 
 
 def zero_steps(
@@ -177,10 +168,10 @@ def zero_steps(
     masked: Mapping[str, np.ndarray],
     gravity_over_speed: float | None = None,
 ) -> list[RecordFinding]:
-    """Find steps of single channels, a warning each.
+    """Find steps of single channels; each is a warning.
 
     ``masked``: rows by channel that are masked already. ``gravity_over_speed`` in 1/s: a step of nz
-    counts as a load if the path of alpha bends as a load bends it.
+    counts as a load if alpha changes as the load requires.
     """
     if not series or len(series[0].values) < 4 * FEWEST_LINE_SAMPLES:
         return []
@@ -190,27 +181,27 @@ def zero_steps(
     if len(rows) < 6 * length:
         return []
     values = {
-        each.name: _filtered(each, rows, masked.get(each.name)) for each in (*series, *inputs)
+        each.name: _resampled(each, rows, masked.get(each.name)) for each in (*series, *inputs)
     }
     jumps = {name: _jumps(column, length) for name, column in values.items()}
-    # A step of the control is a kink of the pitch rate: the input's sum goes beside it.
+    # A control step is a kink of the pitch rate: the input's running sum explains it.
     input_sums = [
         _jumps(np.cumsum(values[each.name] - np.mean(values[each.name])), length) for each in inputs
     ]
     noise_gain = float(np.sqrt(2.0 * np.sum(_weights(length) ** 2)))
     quiet = {
-        each.name: max(noise_gain * each.noise + each.least_bit, _usual(jumps[each.name]))
+        each.name: max(noise_gain * each.noise + each.least_bit, _robust_std(jumps[each.name]))
         for each in series
     }
-    still = _still(
+    still = _quiet_rows(
         [values[each.name] for each in inputs], len(rows), round(INPUT_DISTANCE * length)
     )
     out = []
     for each in series:
-        residual = _unexplained(
+        residual = _unexplained_jumps(
             jumps[each.name], [*(jumps[name] for name in jumps if name != each.name), *input_sums]
         )
-        for peak in _peaks(
+        for peak in _step_rows(
             residual,
             noise_gain * each.noise + each.least_bit,
             length,
@@ -242,9 +233,10 @@ def _is_load(
     size: float,
     gravity_over_speed: float | None,
 ) -> bool:
-    """Return whether a step of nz is a load: alpha - int (q - (g/V) nz) dt is then straight there.
+    """Return whether a step of nz is a real load: alpha - int (q - (g/V) nz) dt is then a straight
+    line.
 
-    A sensor fault would show a corner of ``CORNER_SIGMAS`` standard deviations of alpha's noise.
+    A sensor fault would show a corner of at least ``CORNER_SIGMAS`` standard deviations.
     """
     known = {each.name: each for each in series}
     time = known["nz"].time
@@ -269,7 +261,7 @@ def _is_load(
     return expected > CORNER_SIGMAS * std and abs(corner) < 0.5 * expected
 
 
-def _still(inputs: Sequence[np.ndarray], count: int, spacing: int) -> np.ndarray:
+def _quiet_rows(inputs: Sequence[np.ndarray], count: int, spacing: int) -> np.ndarray:
     """Return the rows at which no input steps within ``spacing`` rows."""
     steps = np.zeros(count)
     for values in inputs:
@@ -291,8 +283,10 @@ def _zero_steps_finding(series: Series, row: int, size: float) -> RecordFinding:
     )
 
 
-def _filtered(series: Series, rows: np.ndarray, masked: np.ndarray | None) -> np.ndarray:
-    """A channel on common rows, gaps bridged, single wrong samples removed by a median of three."""
+def _resampled(series: Series, rows: np.ndarray, masked: np.ndarray | None) -> np.ndarray:
+    """Return a channel on common rows: gaps interpolated, single wrong samples removed by a median
+    of three.
+    """
     good = np.ones(len(series.rows), dtype=bool) if masked is None else ~masked[series.rows]
     if np.count_nonzero(good) < 2:
         return np.zeros(len(rows))
@@ -307,22 +301,24 @@ def _filtered(series: Series, rows: np.ndarray, masked: np.ndarray | None) -> np
 
 
 def _weights(length: int) -> np.ndarray:
-    """Weights of samples at 0.5, 1.5, ... in the value at 0 of the straight line through them."""
+    """Return the weights of samples at 0.5, 1.5, ... that give the value at 0 of their regression
+    line.
+    """
     position = np.arange(length) + 0.5
     matrix = np.stack([np.ones(length), position])
     return np.asarray(np.linalg.solve(matrix @ matrix.T, matrix)[0])
 
 
 def _jumps(values: np.ndarray, length: int) -> np.ndarray:
-    """Line after each row minus the line before it, of ``length`` rows each, between the rows."""
+    """Return the line after each row minus the line before it, each fitted to ``length`` rows."""
     weights = _weights(length)
     kernel = np.concatenate([-weights[::-1], weights])
     return np.asarray(np.correlate(values, kernel, mode="valid"))
 
 
-def _unexplained(jump: np.ndarray, others: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the steps minus the part that steps of other channels explain by least squares; the
-    largest steps take no part in this fit.
+def _unexplained_jumps(jump: np.ndarray, others: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the jumps less what other channels' jumps explain (least squares without the
+    largest).
     """
     moving = [other for other in others if np.any(other)]
     if not moving:
@@ -333,22 +329,22 @@ def _unexplained(jump: np.ndarray, others: Sequence[np.ndarray]) -> np.ndarray:
     for _ in range(2):
         coefficients = np.linalg.lstsq(rows[keep], jump[keep], rcond=None)[0]
         residual = jump - rows @ coefficients
-        keep = np.abs(residual) < 4.0 * _usual(residual)
+        keep = np.abs(residual) < 4.0 * _robust_std(residual)
         if np.count_nonzero(keep) < 4 * rows.shape[1]:
             break
     return np.asarray(residual)
 
 
-def _usual(jump: np.ndarray) -> float:
+def _robust_std(jump: np.ndarray) -> float:
     """Return the robust standard deviation of the jumps, above zero."""
     return max(robust_sigma_about_zero(jump), 1e-300)
 
 
-def _peaks(residual: np.ndarray, noise: float, length: int, around: int) -> list[int]:
-    """Rows of steps above the noise and their surroundings, without a partner of opposite sign."""
+def _step_rows(residual: np.ndarray, noise: float, length: int, around: int) -> list[int]:
+    """Return the rows of jumps above noise and surroundings, without an opposite jump near."""
     size = np.abs(residual)
     out: list[int] = []
-    least = STEP_SIGMAS * max(_usual(residual), noise)
+    least = STEP_SIGMAS * max(_robust_std(residual), noise)
     taken = np.zeros(len(residual), dtype=bool)
     for at in np.argsort(size)[::-1][: 20 * MOST_JUMPS]:
         if size[at] < least or len(out) > MOST_JUMPS:
@@ -378,26 +374,26 @@ def _touches(masked: np.ndarray | None, rows: np.ndarray) -> bool:
 # ---- Hum
 
 LOWEST_HUM = 4.0  # Hz: short periods and first elastic modes of piloted aircraft lie below
-EVEN_TOLERANCE = 0.02  # of the usual step, within which steps are even
+EVEN_TOLERANCE = 0.02  # largest deviation of an evenly sampled step, as a share
 FEWEST_HUM_SAMPLES = 128
 MOST_SAMPLES = 20_000  # most samples that are used
 FLOOR_BINS = 24  # frequencies on either side of a line whose median is the noise floor
 LINE_BINS = 3  # frequencies on either side that belong to a line
-# Power over the floor's mean is exponentially distributed under noise: ln(number of
-# frequencies/chance), a third more for the floor's own scatter.
+# The power of noise is exponential: threshold ln(frequencies/chance) times FLOOR_SCATTER_FACTOR.
 HUM_CHANCE = 1e-5  # probability of a false line
 FLOOR_SCATTER_FACTOR = 1.35
 FEWEST_PARTS = 6  # parts of a record in which the amplitude of a line is compared
 MOST_PARTS = 16  # parts for a strong line, so that ringing after steps is recognised
-INFORMATION_PER_PART = 80.0  # N (amplitude/noise)^2: the amplitude is known to a seventh
-# share of the parts' power that their sum keeps: 1 for one phase and amplitude, 1/6 for noise
+INFORMATION_PER_PART = 80.0  # N (amplitude/noise)^2 that gives an amplitude to one seventh
+# smallest power of the mean amplitude over the mean power: 1 for a constant phase, 1/6 for noise
 LEAST_COHERENT_SHARE = 0.85
-# ratio of the largest to the smallest amplitude of 16 parts: 1.8 by noise at most once in a hundred
-# hums
+# largest ratio of the amplitudes of 16 parts: noise gives 1.8 in one of a hundred hums
 LARGEST_AMPLITUDE_RATIO = 2.5
-HUM_TO_NOISE = 0.3  # of the channel's noise, below which a line changes no estimate
-HUM_TO_BIT = 0.5  # of the least bit: rounding of a periodic motion makes lines below that
-# of an input's span, from which a line of one phase in it may be what the output answers to
+HUM_TO_NOISE = 0.3  # smallest amplitude over the noise: a smaller one changes no estimate
+# smallest amplitude over the least bit: rounding of a periodic motion makes smaller lines
+HUM_TO_BIT = 0.5
+# smallest amplitude of the same line in an input, as a share of its span: the output may respond to
+# it
 INPUT_LINE_SHARE = 1e-4
 
 
@@ -416,14 +412,13 @@ def hum(series: Series, inputs: Sequence[Series]) -> RecordFinding | None:
         or 0.5 / usual <= LOWEST_HUM
     ):
         return None
-    # Differences take the motion down, which falls with frequency; what they do to a line is undone
-    # below.
+    # Second differences suppress the motion at low frequencies; their gain is removed below.
     bent = np.diff(series.values, 2)
     window = np.hanning(len(bent) + 2)[1:-1]
     power = np.abs(np.fft.rfft(window * (bent - np.mean(bent)))) ** 2
     frequency = np.fft.rfftfreq(len(bent), usual)
     first = int(np.searchsorted(frequency, LOWEST_HUM))
-    ratio = _over_floor(
+    ratio = _power_over_floor(
         power / np.maximum(2.0 * np.sin(math.pi * frequency * usual), 1e-3) ** 4, first
     )
     if not ratio.size:
@@ -431,10 +426,10 @@ def hum(series: Series, inputs: Sequence[Series]) -> RecordFinding | None:
     peak = first + int(np.argmax(ratio))
     if ratio[peak - first] < FLOOR_SCATTER_FACTOR * math.log(len(ratio) / HUM_CHANCE):
         return None
-    at = _refined(bent, usual, float(frequency[peak]), float(frequency[1]))
-    amplitude = float(abs(np.mean(_parts(bent, usual, at, FEWEST_PARTS))))
+    at = _refine_frequency(bent, usual, float(frequency[peak]), float(frequency[1]))
+    amplitude = float(abs(np.mean(_amplitudes(bent, usual, at, FEWEST_PARTS))))
     finer = n * (amplitude / max(series.noise, 1e-6 * amplitude)) ** 2 / INFORMATION_PER_PART
-    parts = _parts(
+    parts = _amplitudes(
         bent, usual, at, int(np.clip(min(finer, at * n * usual / 4.0), FEWEST_PARTS, MOST_PARTS))
     )
     sizes = np.abs(parts)
@@ -444,7 +439,7 @@ def hum(series: Series, inputs: Sequence[Series]) -> RecordFinding | None:
         or amplitude < max(HUM_TO_NOISE * series.noise, HUM_TO_BIT * series.least_bit)
     ):
         return None
-    if any(_in_input(other, at) for other in inputs):
+    if any(_has_line(other, at) for other in inputs):
         return None
     text = (
         f"hums at {at:.4g} Hz with an amplitude of {shown(amplitude, series.unit)}, the same in "
@@ -462,9 +457,9 @@ def hum(series: Series, inputs: Sequence[Series]) -> RecordFinding | None:
     return RecordFinding(series.name, Kind.HUM, Certainty.LIKELY, text, remedy, (), numbers)
 
 
-def _over_floor(power: np.ndarray, first: int) -> np.ndarray:
-    """Return the power of each frequency over the noise floor, from the median of its neighbours;
-    from ``first`` on, without the last.
+def _power_over_floor(power: np.ndarray, first: int) -> np.ndarray:
+    """Return the power over the noise floor at each frequency from ``first`` to the last
+    but one.
     """
     above_lowest = power[first:-1]
     if len(above_lowest) < FLOOR_BINS:
@@ -478,8 +473,8 @@ def _over_floor(power: np.ndarray, first: int) -> np.ndarray:
     return np.asarray(above_lowest / np.maximum(floor, 1e-300))
 
 
-def _refined(bent: np.ndarray, step: float, near: float, spacing: float) -> float:
-    """Return the line's frequency between two bins, Hz."""
+def _refine_frequency(bent: np.ndarray, step: float, near: float, spacing: float) -> float:
+    """Return the line's frequency to a fraction of a bin, Hz."""
     number = np.arange(len(bent))
     window = np.hanning(len(bent) + 2)[1:-1]
     grid = near + spacing * np.linspace(-1.0, 1.0, 41)
@@ -487,7 +482,7 @@ def _refined(bent: np.ndarray, step: float, near: float, spacing: float) -> floa
     return float(grid[int(np.argmax(np.abs(turn @ (window * bent))))])
 
 
-def _parts(bent: np.ndarray, step: float, line_frequency: float, count: int) -> np.ndarray:
+def _amplitudes(bent: np.ndarray, step: float, line_frequency: float, count: int) -> np.ndarray:
     """Complex amplitude of the line in each part of a record; ``bent``: second differences."""
     number = np.arange(len(bent))
     turned = bent * np.exp(-2j * math.pi * line_frequency * step * number)
@@ -504,34 +499,33 @@ def _coherence(parts: np.ndarray) -> float:
     return float(abs(np.mean(parts)) ** 2) / power if power > 0.0 else 0.0
 
 
-def _in_input(other: Series, line_frequency: float) -> bool:
-    """Whether an input has the line itself with one phase throughout, at its own sample rate."""
+def _has_line(other: Series, line_frequency: float) -> bool:
+    """Return whether an input has the same line with a constant phase, at its own sample rate."""
     step = float(np.median(np.diff(other.time)))
-    parts = _parts(np.diff(other.values[:MOST_SAMPLES], 2), step, line_frequency, FEWEST_PARTS)
+    parts = _amplitudes(np.diff(other.values[:MOST_SAMPLES], 2), step, line_frequency, FEWEST_PARTS)
     return abs(np.mean(parts)) > INPUT_LINE_SHARE * other.span and _coherence(parts) > 0.5
 
 
 # ---- Channels whose noise ends at a frequency
 
 FEWEST_SPECTRUM_SAMPLES = 256
-BAND_COUNT = 40  # of equal width, up to half the sample rate
-# of the level below the cutoff, that no band above it exceeds: noise of a hundredth of the size
+BAND_COUNT = 40  # bands of equal width up to half the sample rate
+# largest power above the cutoff over the power below it: a noise amplitude of one hundredth
 EMPTY_SHARE = 1e-4
-# Ratio of the first empty frequency to the last flat one. Power falls by 1e-4 within 1.8 behind
-# Butterworth filters of order 4 that run both ways; behind an analog filter of order 4, as
-# recorders have against aliasing, within 3.2.
+# Smallest ratio of the first empty frequency to the cutoff: two-way Butterworth filters of order 4
+# fall by 1e-4 within 1.8.
 CUTOFF_WIDTH_RATIO = 1.8
 FEWEST_FLAT_BANDS = 4  # fewest bands of noise of one level
 FEWEST_EMPTY_BANDS = 4  # fewest bands without noise
-BAND_LIMITED_CHANCE = 1e-3  # that a part of a flat spectrum is called uneven
-WINDOW_WIDENING = 2.0  # frequencies of a windowed spectrum for an independent one
+BAND_LIMITED_CHANCE = 1e-3  # probability that a flat spectrum fails the test
+WINDOW_WIDENING = 2.0  # frequencies of a windowed spectrum per independent one
 
 
 def band_limited(series: Series) -> RecordFinding | None:
     """Return a note if a channel has noise up to a cutoff frequency and none above; else None.
 
-    None also for uneven or few samples. Filters that fall less steeply are not recognised, nor
-    channels whose motion hides the noise.
+    None also for uneven or few samples, for less steep filters, and where the motion hides the
+    noise.
     """
     time, values = series.time[:MOST_SAMPLES], series.values[:MOST_SAMPLES]
     step = np.diff(time)
@@ -541,12 +535,12 @@ def band_limited(series: Series) -> RecordFinding | None:
         or np.max(np.abs(step - usual)) > EVEN_TOLERANCE * usual
     ):
         return None
-    levels, bins = _levels(values), len(values) / 2.0 / BAND_COUNT
+    levels, bins = _band_powers(values), len(values) / 2.0 / BAND_COUNT
     for flat in range(BAND_COUNT - FEWEST_EMPTY_BANDS - 1, 2 * FEWEST_FLAT_BANDS - 1, -1):
         below = levels[flat // 2 : flat]
         first = int(np.ceil(CUTOFF_WIDTH_RATIO * flat))
         above = levels[min(first, BAND_COUNT - FEWEST_EMPTY_BANDS) :]
-        if np.max(above) >= EMPTY_SHARE * np.median(below) or not _flat(
+        if np.max(above) >= EMPTY_SHARE * np.median(below) or not _is_flat(
             below, 2.0 * bins / WINDOW_WIDENING
         ):
             continue
@@ -569,7 +563,7 @@ def band_limited(series: Series) -> RecordFinding | None:
     return None
 
 
-def _levels(values: np.ndarray) -> np.ndarray:
+def _band_powers(values: np.ndarray) -> np.ndarray:
     """Return the mean power in each of the bands, ``(BAND_COUNT,)``, of second differences."""
     bent = np.diff(values, 2)
     phase = 2.0 * np.pi * (np.arange(len(bent)) + 0.5) / len(bent)
@@ -589,8 +583,10 @@ def _levels(values: np.ndarray) -> np.ndarray:
     )
 
 
-def _flat(levels: np.ndarray, freedom: float) -> bool:
-    """Whether both halves of a part of the spectrum have one level, and its outer quarters too."""
+def _is_flat(levels: np.ndarray, freedom: float) -> bool:
+    """Return whether the halves of a part of the spectrum, and its outer quarters, have equal
+    power.
+    """
     for count in (len(levels) // 2, max(len(levels) // 4, 1)):
         ratio = float(np.mean(levels[:count]) / np.mean(levels[-count:]))
         if max(ratio, 1.0 / ratio) > fdtri(

@@ -1,11 +1,10 @@
-"""The record check: every kind of fault of raw columns in turn, misread columns and time base among
-them.
+"""The record check: searches the raw columns for faults, misread columns and a wrong time base
+included.
 
-The columns are read as they stand and as each simple fault would have them; what counts is how well
-the kinematics then hold (``motion``). Sound sensors leave a tenth of the power unexplained or less,
-also with the sensor effects of the library; rough air may leave half, but then no other reading
-does better. A fault of this kind leaves a third to all of it, and its own reading takes that to a
-hundredth.
+Columns are compared as read and as each simple fault would require; the measure is the share of the
+motion that the kinematics leave unexplained. Sound sensors leave a tenth or less, also with the
+sensor effects of the library. Rough air may leave half, but then no other reading is better. A
+misread column leaves a third to all; its correct reading leaves a hundredth.
 """
 
 from __future__ import annotations
@@ -59,30 +58,33 @@ from ident.recording.series import (
 )
 from sim.record import Channel, Record
 
-# ---- A time base that runs grossly fast or slow
+# ---- A time base with a gross scale error
 
-# unexplained share of the motion from which a clock is suspected (0.2 at twice the rate)
+# smallest unexplained share that suggests a wrong clock (0.2 at twice the rate)
 SUSPECT_CLOCK_SHARE = 0.12
-CORRECT_CLOCK_SHARE = 0.06  # share that a correct clock leaves at most
-CLOCK_IMPROVEMENT_RATIO = 4.0  # times less than as read
-# of ln 2: scales of a sensor are nearer to one, and a clock that is less wrong is an effect for the
-# fit
+CORRECT_CLOCK_SHARE = 0.06  # largest unexplained share of a correct clock
+CLOCK_IMPROVEMENT_RATIO = 4.0  # smallest ratio of the unexplained shares, as read to corrected
+# smallest error, in octaves: smaller ones may be a sensor's scale, and are left to the fit
 GROSS_CLOCK_ERROR = 0.7
-PER_OCTAVE = 4  # clock rates tried in an octave
+RATES_PER_OCTAVE = 4  # clock rates tried in an octave
 SEARCHED_OCTAVES = 4
-# of a logarithm: starting values of a vehicle file and effects make up to a factor of two
+# largest |ln| of a ratio of control powers: starting values and effects differ by a factor of two
 PLAUSIBLE_LOG_RATIO = 0.7
 
 
 def wrong_clock(
     columns: KinematicColumns, as_read: float, expected: Expectations
 ) -> RecordFinding | None:
-    """Certain where the control's power, or pitch attitude, tell it from a scale of a sensor, else
-    likely; None where time is right.
+    """Return the finding of a wrong time base; None where time is right.
+
+    It is certain if the control power, or the pitch attitude, excludes a sensor's scale error; else
+    likely.
     """
     factors = [
-        2.0 ** (step / PER_OCTAVE)
-        for step in range(-PER_OCTAVE * SEARCHED_OCTAVES, PER_OCTAVE * SEARCHED_OCTAVES + 1)
+        2.0 ** (step / RATES_PER_OCTAVE)
+        for step in range(
+            -RATES_PER_OCTAVE * SEARCHED_OCTAVES, RATES_PER_OCTAVE * SEARCHED_OCTAVES + 1
+        )
         if step
     ]
     left = {
@@ -104,8 +106,8 @@ def wrong_clock(
         f"disagrees with the kinematics: they hold if time runs {best:.2g} times as long as the "
         "column says"
     )
-    # Attitude rules out a scale of alpha; one of the pitch rate does the same to it as the clock,
-    # and is told by nz alone.
+    # Attitude excludes a scale of alpha. A scale of the pitch rate looks like a wrong clock, except
+    # in nz.
     attitude = {"theta", "alpha"} <= set(columns.outputs)
     by_rate = min(max(disagreement(columns.times({"q": factor})).values()) for factor in factors)
     if (attitude and CLOCK_IMPROVEMENT_RATIO * left[best] < by_rate) or _control_agrees(
@@ -131,8 +133,8 @@ def wrong_clock(
 
 
 def _control_agrees(columns: KinematicColumns, factor: float, expected: Expectations) -> bool:
-    """Return whether the control's power is that of the vehicle's data only with the other clock:
-    accelerations go with its square.
+    """Return whether the control power agrees with the vehicle file only if the clock is corrected:
+    accelerations change with the square of the factor.
     """
     if expected.control_power is None or not expected.control_power or not expected.angular_control:
         return False
@@ -145,76 +147,76 @@ def _control_agrees(columns: KinematicColumns, factor: float, expected: Expectat
     return estimates[1] < min(PLAUSIBLE_LOG_RATIO, 0.5 * estimates[0])
 
 
-# ---- Columns that are not what their header says
+# ---- Mislabelled columns
 
-# Chosen between the two: records with any effect of the library leave 0.12 at most, a wrong column
-# 0.28 at least; the noise of a small motion leaves 0.1 of the right reading, too.
+# Between the observed extremes: effects of the library leave at most 0.12, a wrong column at least
+# 0.28; small motions leave 0.1 by their noise.
 WRONG_COLUMN_SHARE = 0.2  # unexplained share from which a column is wrong
 CORRECT_COLUMN_SHARE = 0.15  # largest unexplained share of a correct column
-RIGHT_WITH_CONTROL = 0.1  # the same where a control confirms it
-READINGS_CLEARLY = 4.0  # times less than as read, and than any reading of another kind
-# factor within which a control power is that of the vehicle's data; effects and starting values
-# differ by 2, degrees by 57
+CORRECT_EXCHANGE_SHARE = 0.1  # the same for an exchange with the control
+READING_IMPROVEMENT_RATIO = 4.0  # smallest ratio of the unexplained shares, as read to corrected
+# largest ratio to the vehicle file's control power: effects change it by 2, degrees by 57
 CONTROL_POWER_FACTOR = 3.0
-# Correlation of changes of nz and alpha: 0.88 at least with any effect of the library; a control
-# moves otherwise.
-AGREEING_CORRELATION = 0.85  # correlation from which two channels agree
-DISAGREEING_CORRELATION = 0.7  # correlation below which they do not
-# Rows of a lag: with two, a motion has four samples a period, and of 600 sound light aircraft one
-# was read as in ms.
+# Correlation of the changes of nz and alpha: at least 0.88 with any effect of the library.
+AGREEING_CORRELATION = 0.85  # smallest correlation of channels that agree
+DISAGREEING_CORRELATION = 0.7  # largest correlation of channels that disagree
+# Rows of a lag. With two, the motion has four samples a period: one of 600 sound records was then
+# read as if its time were in ms.
 FEWEST_ROWS_PER_LAG = 3
-# of twice the log likelihood: the level of significance is one in a thousand
-CHANCE = -2.0 * math.log(1e-3)
-# in rad, of a motion that linear equations describe
+# threshold of twice the log likelihood ratio, for a significance of 0.001
+SIGNIFICANT_RATIO = -2.0 * math.log(1e-3)
+# angles that are small in linear equations of motion
 SMALL_ANGLES = ("alpha", "elevator", "beta", "aileron", "rudder")
-LARGEST_ANGLE = 1.5  # rad, largest distance of an angle from its middle
+LARGEST_ANGLE = 1.5  # rad, largest deviation of an angle from its median
 ANGLE_PERCENTILE = 99.0  # percentile of the samples that must be within
-LEVEL = (9.0, 10.7)  # g, of a middle: level flight in m/s2, a little climbing, diving or turning
-LARGEST_ALPHA_RANGE = 0.6  # rad, of an angle of attack from end to end
+# range of the median of nz in m/s2 (level flight, gentle climbs, dives and turns)
+LEVEL_FLIGHT_RANGE = (9.0, 10.7)
+LARGEST_ALPHA_RANGE = 0.6  # rad, largest peak-to-peak angle of attack
 
 
 def misread(record: Record, expected: Expectations) -> list[RecordFinding]:
-    """Return the columns that are certainly or probably mislabelled; empty if all are consistent or
-    no relation exists.
+    """Return the certainly or probably mislabelled columns; empty if all are consistent or no
+    relation between them exists.
     """
     far = [
         one
         for name in SMALL_ANGLES
         if name in (*record.input_names, *record.output_names)
-        and (one := _far(record[name])) is not None
+        and (one := _large_angle_finding(record[name])) is not None
     ]
     far += [
         one
         for name in ("nz",)
-        if name in record.output_names and (one := _gravity(record[name])) is not None
+        if name in record.output_names
+        and (one := _load_factor_unit_finding(record[name])) is not None
     ]
     columns = columns_of(record, expected)
     if columns is None:
         return far
-    result = _of_columns(columns, expected)
+    result = _column_findings(columns, expected)
     if far and not any(one.kind is Kind.EXCHANGED for one in result):
         return far
     return (
-        [_of_az(one) for one in result]
+        [_as_az_finding(one) for one in result]
         if "az" in record.output_names and "nz" not in record.output_names
         else result
     )
 
 
-def _of_columns(columns: KinematicColumns, expected: Expectations) -> list[RecordFinding]:
+def _column_findings(columns: KinematicColumns, expected: Expectations) -> list[RecordFinding]:
     shares = disagreement(columns)
     as_read = max(shares.values(), default=0.0)
-    result = _of_lift(columns, as_read) or _of_angles(columns, as_read)
+    result = _lift_finding(columns, as_read) or _degrees_finding(columns, as_read)
     if result is None and as_read > SUSPECT_CLOCK_SHARE:
-        result = _best(columns, as_read, expected)
+        result = _best_reading_finding(columns, as_read, expected)
     if result is not None:
         return [result]
-    return _of_control(columns, expected) if shares and as_read <= WRONG_COLUMN_SHARE else []
+    return _control_finding(columns, expected) if shares and as_read <= WRONG_COLUMN_SHARE else []
 
 
-def _of_az(finding: RecordFinding) -> RecordFinding:
-    """Return the finding on nz in terms of its source column: in m/s2 for nz is a factor of g0,
-    that of g for az.
+def _as_az_finding(finding: RecordFinding) -> RecordFinding:
+    """Return a finding on nz in terms of az, its source column; nz in m/s2 means az multiplied by
+    g0 once too often.
     """
     if finding.kind is Kind.UNIT and finding.channel == "nz":
         return replace(finding, channel="az", remedy="check the unit of az: m/s2 is meant")
@@ -225,8 +227,8 @@ def _of_az(finding: RecordFinding) -> RecordFinding:
     return replace(finding, channel=channel, sentence=sentence, remedy=remedy)
 
 
-def _far(channel: Channel) -> RecordFinding | None:
-    """Return a flow angle or a control that moves too far for radians."""
+def _large_angle_finding(channel: Channel) -> RecordFinding | None:
+    """Return a finding if a flow angle or control moves too far to be in radians."""
     values = channel.values[channel.valid]
     reach = (
         float(np.percentile(np.abs(values - np.median(values)), ANGLE_PERCENTILE))
@@ -250,10 +252,10 @@ def _far(channel: Channel) -> RecordFinding | None:
     )
 
 
-def _gravity(channel: Channel) -> RecordFinding | None:
-    """Return a load factor with a median of 9.8: level flight in m/s2."""
+def _load_factor_unit_finding(channel: Channel) -> RecordFinding | None:
+    """Return a finding if the median of a load factor is near 9.8: it is in m/s2."""
     middle = float(np.median(channel.values[channel.valid]))
-    if not LEVEL[0] < abs(middle) < LEVEL[1]:
+    if not LEVEL_FLIGHT_RANGE[0] < abs(middle) < LEVEL_FLIGHT_RANGE[1]:
         return None
     text = f"is in m/s2, not in g: its middle is {middle:.3g}"
     return RecordFinding(
@@ -266,9 +268,9 @@ def _gravity(channel: Channel) -> RecordFinding | None:
     )
 
 
-def _of_lift(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
-    """Sign of nz from its correlation with alpha, or exchange with the control, if the kinematics
-    agree.
+def _lift_finding(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
+    """Return a finding if nz has the wrong sign or is exchanged with the control, by its
+    correlation with alpha; the kinematics must agree.
     """
     y = columns.outputs
     if not {"alpha", "q", "nz"} <= set(y):
@@ -278,7 +280,7 @@ def _of_lift(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
     shifts = sorted({min(round(shift / step), len(alpha) // 4) for shift in SHIFTS})
 
     def goes_with_alpha(values: np.ndarray) -> float:
-        """Largest correlation of changes, with shifts up to ``SHIFTS`` of either column."""
+        """Return the largest correlation of the changes, over shifts (``SHIFTS``) of either."""
         other = change(values, lag)
         with np.errstate(invalid="ignore"):
             result = [
@@ -316,7 +318,7 @@ def _of_lift(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
     other = max(disagreement(exchanged).values())
     if (
         other > CORRECT_COLUMN_SHARE
-        or READINGS_CLEARLY * other > as_read
+        or READING_IMPROVEMENT_RATIO * other > as_read
         or not _likelier(unexplained_lift(columns), unexplained_lift(exchanged))
     ):
         return None
@@ -335,8 +337,10 @@ def _of_lift(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
     )
 
 
-def _of_angles(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
-    """All angles in degrees: consistent with each other, not with nz, and too large for radians."""
+def _degrees_finding(columns: KinematicColumns, as_read: float) -> RecordFinding | None:
+    """Return a finding if all angles are in degrees: consistent with each other, not with nz, and
+    large.
+    """
     names = [name for name in columns.outputs if name in UNITS]
     if (
         "alpha" not in names
@@ -349,7 +353,7 @@ def _of_angles(columns: KinematicColumns, as_read: float) -> RecordFinding | Non
         disagreement(columns.times({name: 1.0 / DEGREES for name in names})).values(),
         default=math.inf,
     )
-    if other > CORRECT_CLOCK_SHARE or READINGS_CLEARLY * other > as_read:
+    if other > CORRECT_CLOCK_SHARE or READING_IMPROVEMENT_RATIO * other > as_read:
         return None
     text = "are in degrees, not in radians: with nz the kinematics hold only so"
     return RecordFinding(
@@ -362,22 +366,31 @@ def _of_angles(columns: KinematicColumns, as_read: float) -> RecordFinding | Non
     )
 
 
-def _best(
+def _best_reading_finding(
     columns: KinematicColumns, as_read: float, expected: Expectations
 ) -> RecordFinding | None:
     readings = sorted(
-        (one for one in all_readings(columns) if one.left < _right(one, columns)),
+        (one for one in all_readings(columns) if one.left < _largest_correct_share(one, columns)),
         key=lambda one: one.left,
     )
     best = readings[0] if readings else None
-    if best is not None and as_read > WRONG_COLUMN_SHARE and best.left * READINGS_CLEARLY < as_read:
-        near = [best, *(one for one in readings[1:] if one.left < READINGS_CLEARLY * best.left)]
+    if (
+        best is not None
+        and as_read > WRONG_COLUMN_SHARE
+        and best.left * READING_IMPROVEMENT_RATIO < as_read
+    ):
+        near = [
+            best,
+            *(one for one in readings[1:] if one.left < READING_IMPROVEMENT_RATIO * best.left),
+        ]
         possible = [
             one for one in near if _implausible_as_read(one, columns, expected) is not False
         ]
         if not possible:
             return wrong_clock(columns, as_read, expected)
-        best, rivals = _by_control(possible, expected) if len(possible) > 1 else (possible[0], [])
+        best, rivals = (
+            _rivals_by_control(possible, expected) if len(possible) > 1 else (possible[0], [])
+        )
         numbers = {
             "unexplained": FindingQuantity(as_read, "1"),
             "unexplained_otherwise": FindingQuantity(best.left, "1"),
@@ -386,8 +399,8 @@ def _best(
             f"{best.sentence}: as read, the kinematics leave {_percent(as_read)} of the motion "
             f"unexplained, read so {_percent(best.left)}"
         )
-        # Without alpha nz stands for it, which an accelerometer off the centre of gravity does
-        # badly: only a sign is beyond that.
+        # Without alpha, nz replaces it. An accelerometer off the centre of gravity spoils that;
+        # only a sign is still certain.
         plain = ("alpha" in columns.outputs or best.kind is Kind.SIGN) and lag_of(
             columns
         ) >= FEWEST_ROWS_PER_LAG
@@ -402,26 +415,25 @@ def _best(
 def _implausible_as_read(
     reading: ColumnReading, columns: KinematicColumns, expected: Expectations
 ) -> bool | None:
-    """Return whether columns that a reading exchanges or turns are also implausible by what
-    kinematics do not use; None where nothing else is known.
+    """Return whether evidence other than the kinematics also contradicts the columns as read; None
+    without such evidence.
 
-    A sensor that is wrong, or a gust, spoils the kinematics too, and a controller makes an elevator
-    in the shape of what it feeds back: that the kinematics hold for another column is not enough.
-    Lift decides on alpha, nz and the control, the pitch acceleration that the control makes on the
-    pitch rate and the control.
+    Kinematics alone do not prove an exchange: sensor faults and gusts disturb them too, and
+    feedback makes an elevator resemble a measured output. The law of lift tests alpha, nz and the
+    control; the pitch acceleration tests the pitch rate and the control.
     """
     names, exchange = set(reading.channel.split(" and ")), reading.kind is Kind.EXCHANGED
     if not exchange and reading.kind is not Kind.SIGN:
         return True
     lift = unexplained_lift(columns)
-    # the law of lift is the same for these two exchanged
+    # exchanging alpha and nz leaves the law of lift unchanged
     if lift is not None and names & {"alpha", "nz"} and names != {"alpha", "nz"}:
         return _likelier(lift, unexplained_lift(reading.columns))
     by_control = exchange and columns.control_name in names
     if not by_control and "q" not in names:
         return True
     (here, power), (there, other) = (
-        _pitching(some, expected) for some in (columns, reading.columns)
+        _control_power_agrees(some, expected) for some in (columns, reading.columns)
     )
     if here is not None and there is not None and here is not there:
         return there
@@ -433,21 +445,21 @@ def _implausible_as_read(
     return _likelier((1.0 - power.explained, count), (1.0 - other.explained, count))
 
 
-def _pitching(
+def _control_power_agrees(
     columns: KinematicColumns, expected: Expectations
 ) -> tuple[bool | None, ControlPower | None]:
-    """Return whether the control power agrees with the vehicle file, None if unreliable; and that
+    """Return whether the control power agrees with the vehicle file (None if unreliable), and that
     power.
     """
     power = control_power(columns)
     if power is None or not sure(power) or not expected.control_power:
         return None, power
-    return _fits(power.value, expected), power
+    return _power_agrees(power.value, expected), power
 
 
-def _fits(power: float, expected: Expectations) -> bool:
-    """Return whether a control power is that of the vehicle's data, or at least of its sign where
-    only that is known.
+def _power_agrees(power: float, expected: Expectations) -> bool:
+    """Return whether a control power agrees with the vehicle file, in sign alone if its unit is
+    unknown.
     """
     ratio = power / expected.control_power if expected.control_power else 0.0
     return 1.0 / CONTROL_POWER_FACTOR < ratio < CONTROL_POWER_FACTOR or (
@@ -456,51 +468,51 @@ def _fits(power: float, expected: Expectations) -> bool:
 
 
 def _likelier(before: tuple[float, float] | None, after: tuple[float, float] | None) -> bool:
-    """Return whether the second unexplained share is significantly smaller; each with its number of
-    independent parts.
+    """Return whether the second unexplained share is significantly smaller; each share comes with
+    its number of independent samples.
     """
     if before is None or after is None:
         return False
     return (
         min(before[1], after[1])
         * math.log(max(before[0], POWER_FLOOR) / max(after[0], POWER_FLOOR))
-        > CHANCE
+        > SIGNIFICANT_RATIO
     )
 
 
-def _right(reading: ColumnReading, columns: KinematicColumns) -> float:
-    """Return the largest unexplained share of a correct reading; smaller where a control takes
-    part, since feedback makes it resemble the output.
+def _largest_correct_share(reading: ColumnReading, columns: KinematicColumns) -> float:
+    """Return the largest unexplained share of a correct reading. It is smaller for an exchange with
+    a control, since feedback makes a control resemble an output.
     """
     return (
-        RIGHT_WITH_CONTROL
+        CORRECT_EXCHANGE_SHARE
         if reading.kind is Kind.EXCHANGED and columns.control_name in reading.channel.split(" and ")
         else CORRECT_COLUMN_SHARE
     )
 
 
-def _by_control(
+def _rivals_by_control(
     rivals: Sequence[ColumnReading], expected: Expectations
 ) -> tuple[ColumnReading, list[ColumnReading]]:
-    """Return, of the readings that the kinematics do not distinguish, those whose control power
-    agrees with the vehicle file.
+    """Return the first reading and its rivals, reduced to those whose control power agrees with the
+    vehicle file if there are any.
     """
     if expected.control_power is None:
         return rivals[0], list(rivals[1:])
     fitting = []
     for one in rivals:
-        if _pitching(one.columns, expected)[0]:
+        if _control_power_agrees(one.columns, expected)[0]:
             fitting.append(one)
     kept = fitting or list(rivals)
     return kept[0], kept[1:]
 
 
-def _of_control(columns: KinematicColumns, expected: Expectations) -> list[RecordFinding]:
-    """Return a control whose sign, or unit, is not that of the vehicle's data."""
+def _control_finding(columns: KinematicColumns, expected: Expectations) -> list[RecordFinding]:
+    """Return a finding if the sign or unit of a control contradicts the vehicle file."""
     if expected.control_power is None or not expected.control_power:
         return []
     power = control_power(columns)
-    if power is None or not sure(power) or _contradicted(columns, power.value):
+    if power is None or not sure(power) or _nz_contradicts(columns, power.value):
         return []
     ratio, name = power.value / expected.control_power, columns.control_name
     text = (
@@ -543,8 +555,8 @@ def _of_control(columns: KinematicColumns, expected: Expectations) -> list[Recor
     return []
 
 
-def _contradicted(columns: KinematicColumns, power: float) -> bool:
-    """Return whether the control power has the other sign with nz in place of alpha."""
+def _nz_contradicts(columns: KinematicColumns, power: float) -> bool:
+    """Return whether nz in place of alpha gives a control power of the other sign."""
     without = replace(
         columns,
         outputs={name: values for name, values in columns.outputs.items() if name != "alpha"},
@@ -557,7 +569,7 @@ def _percent(share: float) -> str:
     return f"{100.0 * share:.2g} %" if share < 0.1 else f"{100.0 * share:.0f} %"
 
 
-# ---- The raw look at a record
+# ---- The record check
 
 ORDER = (Certainty.CERTAIN, Certainty.LIKELY, Certainty.COSTS_INFORMATION, Certainty.NOTED)
 
@@ -568,13 +580,13 @@ def inspect(record: Record, expected: Expectations | None = None) -> tuple[Recor
     Parameters
     ----------
     record : as it was read, before anything is done to it; SI and radians, nz in g.
-    expected : what it is compared with beside itself; None: itself alone.
+    expected : known values to compare with; None compares the record's channels only.
 
-    A few tens of milliseconds for a thousand rows of four channels. No finding is raised as an
-    error; what follows from one is the caller's.
+    Takes a few tens of milliseconds for a thousand rows of four channels. Findings never raise an
+    error; the caller decides.
     """
     expected = expected or Expectations()
-    over = expected.gravity / expected.airspeed if expected.airspeed else None
+    gravity_over_speed = expected.gravity / expected.airspeed if expected.airspeed else None
     outputs = [
         series_of(record, channel)
         for channel in record.outputs
@@ -585,7 +597,7 @@ def inspect(record: Record, expected: Expectations | None = None) -> tuple[Recor
     result = missing_rows(record) if len(record) >= FEWEST_SAMPLES else []
     for series in outputs:
         others = [other for other in outputs if other is not series]
-        result += _samples(series, others, inputs, len(record), masked)
+        result += _sample_findings(series, others, inputs, len(record), masked)
     for series in inputs:
         result += [
             *dropouts(series, len(record), is_input=True),
@@ -595,11 +607,11 @@ def inspect(record: Record, expected: Expectations | None = None) -> tuple[Recor
         result += [filled] if filled is not None else []
     limited = [one for series in inputs if (one := band_limited(series)) is not None]
     result += limited
-    clean = _without(record, masked)
+    clean = _without_masked(record, masked)
     whole = [
         series_of(clean, clean[series.name])
         for series in outputs
-        if not _mostly(masked.get(series.name))
+        if not _mostly_masked(masked.get(series.name))
     ]
     for series in whole:
         others = [other for other in whole if other is not series]
@@ -607,14 +619,14 @@ def inspect(record: Record, expected: Expectations | None = None) -> tuple[Recor
             coarse(series),
             changing_noise(series, len(record), inputs, others),
             hum(series, inputs),
-            _band_limited(series, limited),
+            _band_limit_finding(series, limited),
         )
         result += [one for one in looked if one is not None]
     result += zero_steps(
         [series for series in whole if series.least_bit <= 2.0 * max(series.noise, 1e-300)],
         inputs,
         masked,
-        over,
+        gravity_over_speed,
     )
     if expected.aircraft:
         result += misread(clean, expected)
@@ -622,14 +634,14 @@ def inspect(record: Record, expected: Expectations | None = None) -> tuple[Recor
     return tuple(sorted(result, key=lambda one: ORDER.index(one.certainty)))
 
 
-def _samples(
+def _sample_findings(
     series: Series,
     others: Sequence[Series],
     inputs: Sequence[Series],
     count: int,
     masked: dict[str, np.ndarray],
 ) -> list[RecordFinding]:
-    """Return the findings that mask samples of one channel; a sample is masked once."""
+    """Return the findings that mask samples of one channel; no sample is masked twice."""
     taken = np.zeros(count, dtype=bool)
     out = dropouts(series, count)
     for one in out:
@@ -652,9 +664,9 @@ def _samples(
     return out
 
 
-def _band_limited(series: Series, inputs: Sequence[RecordFinding]) -> RecordFinding | None:
-    """Return an output's end of the spectrum, unless that of an input explains it: a motion without
-    noise ends where what excites it does.
+def _band_limit_finding(series: Series, inputs: Sequence[RecordFinding]) -> RecordFinding | None:
+    """Return the finding of a band-limited output, unless an input has about the same cutoff: a
+    motion without noise has the bandwidth of its excitation.
     """
     result = band_limited(series)
     return (
@@ -668,12 +680,12 @@ def _band_limited(series: Series, inputs: Sequence[RecordFinding]) -> RecordFind
     )
 
 
-def _mostly(mask: np.ndarray | None) -> bool:
-    """Whether so many samples are masked that the rest is no longer sampled as the record is."""
+def _mostly_masked(mask: np.ndarray | None) -> bool:
+    """Return whether more than a tenth of the samples is masked."""
     return mask is not None and bool(np.mean(mask) > 0.1)
 
 
-def _without(record: Record, masked: dict[str, np.ndarray]) -> Record:
+def _without_masked(record: Record, masked: dict[str, np.ndarray]) -> Record:
     """Return the record less its masked samples."""
     if not any(np.any(mask) for mask in masked.values()):
         return record

@@ -1,13 +1,13 @@
-"""Relations between the channels of one motion, and alternative readings of columns that they can
-refute.
+"""Relations between the channels of one motion, and the alternative readings of columns that they
+test.
 
-Over a lag h of about half the motion's rhythm, alpha(t + h) - alpha(t) = int (q - (g/V) (nz -
+Over a lag h of about half a period of the motion, alpha(t + h) - alpha(t) = int (q - (g/V) (nz -
 nz_0)) dt and theta(t + h) - theta(t) = int q dt. Without nz the lift is a multiple of alpha (Z
-alpha, Z > 0); without alpha a change of nz is one of alpha (k > 0). A difference over a lag forgets
-biases and drifts.
+alpha, Z > 0); without alpha a change of nz is one of alpha (k > 0). Differences over a lag remove
+biases and slow drifts.
 
-q(t + h) - q(t) = M_alpha int alpha dt + M_q int q dt + M_delta int delta(t - late) dt + c h, by
-least squares; nz stands in for an absent alpha.
+q(t + h) - q(t) = M_alpha int alpha dt + M_q int q dt + M_delta int delta(t - delay) dt + c h, by
+least squares; nz replaces a missing alpha.
 """
 
 from __future__ import annotations
@@ -29,27 +29,27 @@ from ident.recording.series import (
 from sim.maths import G0
 from sim.record import Channel, Record
 
-# ---- What the channels of one motion have to do with each other
+# ---- Relations between the channels of one motion
 
-JOINED = ("alpha", "q", "nz", "theta")
+MOTION_CHANNELS = ("alpha", "q", "nz", "theta")
 LOWEST_AIRSPEED = 20.0  # m/s, lowest airspeed where it is unknown
 HIGHEST_AIRSPEED = 400.0  # m/s, highest airspeed where it is unknown
-LARGEST_LIFT_DAMPING = 10.0  # 1/s: no aircraft's lift damps its angle of attack faster
+LARGEST_LIFT_DAMPING = 10.0  # 1/s: largest damping of alpha by lift
 FEWEST_ROWS = 40
-MOST_ROWS = 3000  # rows that a comparison looks at
-HALF_PERIOD_CORRELATION = 0.5  # autocorrelation at which a lag is half a rhythm
+MOST_ROWS = 3000  # most rows that are compared
+HALF_PERIOD_CORRELATION = 0.5  # autocorrelation of the changes at a lag of half a period
 POWER_FLOOR = 1e-30
-# rows of a lag for a row between two samples of a channel: with fewer, straight lines between them
-# are not the motion
+# fewest rows of a lag per row between two samples of a channel: straight lines between fewer do not
+# follow the motion
 FEWEST_ROWS_PER_LAG = 2
 SHIFTS = (0.0, 0.05, 0.1, 0.2)  # s: delays and lags of sensors
-LONGEST_DELAY = 0.3  # s: delays, lags, and arms over the airspeed, which are effects of their own
+LONGEST_DELAY = 0.3  # s: largest delay or lag, or arm over airspeed; these are effects of their own
 
 
 @dataclass(frozen=True, eq=False)
 class KinematicColumns:
-    """Channels as arrays on one time base, gaps bridged and lone wrong samples taken out, ``(N,)``
-    each; ``control`` is held between samples.
+    """Channels on one time base, ``(N,)`` each: gaps interpolated, single wrong samples removed;
+    ``control`` is held between samples.
     """
 
     time: np.ndarray
@@ -59,7 +59,9 @@ class KinematicColumns:
     gravity_over_speed: float | None
 
     def times(self, factors: Mapping[str, float]) -> KinematicColumns:
-        """The columns with some channels multiplied; ``control`` and ``time`` are names, too."""
+        """Return the columns with some channels multiplied; ``control`` and ``time`` may be among
+        them.
+        """
         outputs = {name: values * factors.get(name, 1.0) for name, values in self.outputs.items()}
         control = (
             None if self.control is None else self.control * factors.get(self.control_name, 1.0)
@@ -80,13 +82,17 @@ class KinematicColumns:
 
 
 def columns_of(record: Record, expected: Expectations) -> KinematicColumns | None:
-    """Return the channels that one motion joins; None where they are fewer than two or too short.
-    ``az`` stands for nz as -az/g0.
+    """Return the channels of one motion; None if there are none or they are too short. nz is -az/g0
+    if az is given.
     """
     if len(record) < FEWEST_ROWS:
         return None
     rows = slice(0, MOST_ROWS)
-    outputs = {name: _bridged(record, name)[rows] for name in JOINED if name in record.output_names}
+    outputs = {
+        name: _bridged(record, name)[rows]
+        for name in MOTION_CHANNELS
+        if name in record.output_names
+    }
     if "nz" not in outputs and "az" in record.output_names:
         outputs["nz"] = -_bridged(record, "az")[rows] / G0
     if len(outputs) < 1:
@@ -94,7 +100,7 @@ def columns_of(record: Record, expected: Expectations) -> KinematicColumns | Non
     control = record.inputs[0] if record.inputs else None
     finite_rows = [
         np.flatnonzero(record[name].valid)
-        for name in (*JOINED, "az")
+        for name in (*MOTION_CHANNELS, "az")
         if name in record.output_names
     ]
     sparse = max(
@@ -103,7 +109,7 @@ def columns_of(record: Record, expected: Expectations) -> KinematicColumns | Non
     over = (
         expected.gravity / expected.airspeed
         if expected.airspeed
-        else _from_record(record, expected.gravity)
+        else _gravity_over_recorded_speed(record, expected.gravity)
     )
     values = control.values[rows] if control is not None else None
     columns = KinematicColumns(
@@ -120,7 +126,8 @@ def disagreement(columns: KinematicColumns) -> dict[str, float]:
     sides = relations(columns, lag)
     along = change(columns.outputs["q"], lag) if sides else np.zeros(0)
     return {
-        name: _share(left, right, along - np.mean(along)) for name, (left, right) in sides.items()
+        name: _unexplained_share(left, right, along - np.mean(along))
+        for name, (left, right) in sides.items()
     }
 
 
@@ -168,13 +175,12 @@ def relations(columns: KinematicColumns, lag: int) -> dict[str, tuple[np.ndarray
 
 
 def unexplained_lift(columns: KinematicColumns) -> tuple[float, float] | None:
-    """Return the share of the load's change that lift leaves, and the number of independent
-    stretches it is seen in; None without alpha or nz.
+    """Return the share of the change of nz that the law of lift does not explain, and the number of
+    independent samples; None without alpha or nz.
 
-    nz - nz_0 = a alpha + b delta with a >= |b|: lift rises with the angle of attack, and a surface,
-    which is a part of the wing's or the tail's area, makes less of it per radian than the whole
-    aircraft. Integrals over a lag are compared, since they average the noise of both sides. Either
-    side may be late by up to ``SHIFTS``.
+    nz - nz_0 = a alpha + b delta with a >= |b|: lift rises with the angle of attack, and a control
+    surface gives less lift per radian than the whole aircraft. Integrals over a lag are compared,
+    to average the noise. Either side may be delayed by up to ``SHIFTS``.
     """
     y = columns.outputs
     if not {"alpha", "nz"} <= set(y):
@@ -192,8 +198,8 @@ def unexplained_lift(columns: KinematicColumns) -> tuple[float, float] | None:
 
 
 def _share_of_lift(load: np.ndarray, flow: np.ndarray, surface: np.ndarray) -> float:
-    """Unexplained share of a load by the best lift: sums and differences of both angles with
-    non-negative factors.
+    """Return the unexplained share of a load after the best fit of the two angles' sum and
+    difference, with non-negative factors.
     """
     load, flow, surface = (values - np.mean(values) for values in (load, flow, surface))
     power = float(load @ load)
@@ -213,7 +219,7 @@ def _share_of_lift(load: np.ndarray, flow: np.ndarray, surface: np.ndarray) -> f
 
 
 def lag_of(columns: KinematicColumns) -> int:
-    """Return the rows over which the motion changes most: where its autocorrelation has halved."""
+    """Return the lag, in rows, at which the autocorrelation of the motion has halved."""
     name = next((name for name in ("q", "alpha", "nz", "theta") if name in columns.outputs), None)
     if name is None:
         return 1
@@ -231,9 +237,9 @@ def lag_of(columns: KinematicColumns) -> int:
     )
 
 
-def _share(left: np.ndarray, right: np.ndarray, along: np.ndarray) -> float:
-    """Unexplained share of the power of both sides, after a delayed or offset sensor (a multiple of
-    the change of ``along``) is fitted.
+def _unexplained_share(left: np.ndarray, right: np.ndarray, along: np.ndarray) -> float:
+    """Return the unexplained share of the power of both sides, after a fit of a delayed or offset
+    sensor (a multiple of the change of ``along``).
     """
     power = float(left @ left + right @ right)
     if power <= POWER_FLOOR:
@@ -265,18 +271,18 @@ def _bridged(record: Record, name: str) -> np.ndarray:
     return np.concatenate([values[:1], middle, values[-1:]])
 
 
-def _from_record(record: Record, gravity: float) -> float | None:
+def _gravity_over_recorded_speed(record: Record, gravity: float) -> float | None:
     if "airspeed" not in record.output_names:
         return None
     speed = float(np.median(record["airspeed"].values[record["airspeed"].valid]))
     return gravity / speed if speed > LOWEST_AIRSPEED else None
 
 
-# ---- Every simple way in which columns may be misread
+# ---- Simple faults that make columns misread
 
 DEGREES = math.degrees(1.0)
 PACES = {1e-3: "ms", 1e-6: "us"}
-SHORTEST_STEP = 5e-4  # s: no recorder of an aircraft's motion takes more than 2000 samples a second
+SHORTEST_STEP = 5e-4  # s: recorders of aircraft motion sample at 2000 Hz at most
 UNITS = {"alpha": "deg", "q": "deg/s", "theta": "deg"}
 RENAME = "give each column its own name, or a channel map"
 NZ_REMEDY = "name the column nz [m/s2], or say its unit in a channel map"
@@ -284,8 +290,8 @@ NZ_REMEDY = "name the column nz [m/s2], or say its unit in a channel map"
 
 @dataclass(frozen=True, eq=False)
 class ColumnReading:
-    """One interpretation of the columns: its meaning, the columns in it, and the share of the
-    motion that kinematics do not explain.
+    """One reading of the columns: the fault that it assumes, the columns in it, and the share of
+    the motion that kinematics do not explain.
     """
 
     kind: Kind
@@ -297,7 +303,7 @@ class ColumnReading:
 
 
 def all_readings(columns: KinematicColumns) -> list[ColumnReading]:
-    """Return every simple fault that the columns could have."""
+    """Return the readings of the columns under every simple fault."""
     names, out = list(columns.outputs), []
     for name in names:
         out.append(
@@ -365,27 +371,28 @@ def _reading(
 
 # ---- The pitch acceleration that a recorded control makes
 
-CONTROL_LATE = (0.0, 0.04, 0.08, 0.12, 0.16, 0.2, 0.25, 0.3)  # s, delays and lags of controls
-# standard deviations; one lag for one sample is a rough count of what is independent
-SIGNIFICANT_SIGMAS = 8.0
-# share of q's change: 0.79 at least in a hundred records with any effect of the library
+# s, delays and lags of controls that are tried
+CONTROL_DELAYS = (0.0, 0.04, 0.08, 0.12, 0.16, 0.2, 0.25, 0.3)
+SIGNIFICANT_SIGMAS = 8.0  # smallest significance; one independent sample a lag is a rough count
+# smallest explained share of the change of q: at least 0.79 in a hundred records with any effect of
+# the library
 LEAST_EXPLAINED_SHARE = 0.8
-# of what the other sign leaves: at 10 samples a second 0.37 of a light aircraft with the wrong
-# sign, at 50 0.1 with the right one
+# largest unexplained share over that of the other sign. Observed: 0.37 with the wrong sign at 10
+# samples a second, 0.1 with the right one at 50
 LARGEST_OTHER_SIGN_SHARE = 0.25
-# rows of one lag: with fewer, a pulse that begins between two of them is worth as much as what the
-# control does
+# fewest rows of a lag: with fewer, a pulse that begins between two rows changes q as much as the
+# control
 FEWEST_ROWS_PER_PULSE = 4
-CONTROL_FEWEST = 12  # independent stretches of one lag
+FEWEST_CONTROL_LAGS = 12  # fewest independent samples, one a lag
 
 
 @dataclass(frozen=True)
 class ControlPower:
-    """M_delta (rad/s2 per unit) with a standard deviation of as many samples as there are lags, and
-    the share of q's change that the fit explains.
+    """M_delta (rad/s2 per unit) with a standard deviation that counts one sample a lag, and the
+    share of q's change that the fit explains.
 
-    ``opposed`` : the largest share that a fit of the other sign explains, at another lateness of
-    the control. ``damped`` : the fit's M_q is negative, as of any aircraft.
+    ``opposed`` : the largest share that a fit of the other sign explains, at another delay of the
+    control. ``damped`` : the fit's M_q is negative, as of any aircraft.
     """
 
     value: float
@@ -396,8 +403,8 @@ class ControlPower:
 
 
 def control_power(columns: KinematicColumns) -> ControlPower | None:
-    """M_delta of the columns; None where q, a control or a second output is not there, or too
-    little of it.
+    """Return M_delta of the columns; None where q, a control or a second output is missing or too
+    short.
     """
     y = columns.outputs
     partner = next((name for name in ("alpha", "nz") if name in y), None)
@@ -405,7 +412,7 @@ def control_power(columns: KinematicColumns) -> ControlPower | None:
         return None
     lag = lag_of(columns)
     left = change(y["q"], lag)
-    if lag < FEWEST_ROWS_PER_PULSE or len(left) // lag < CONTROL_FEWEST:
+    if lag < FEWEST_ROWS_PER_PULSE or len(left) // lag < FEWEST_CONTROL_LAGS:
         return None
     sums = [
         change(integral(columns.time, y[name] - np.mean(y[name])), lag) for name in (partner, "q")
@@ -418,8 +425,12 @@ def control_power(columns: KinematicColumns) -> ControlPower | None:
     )
     result = [
         fitted
-        for delay in CONTROL_LATE
-        if (fitted := _fitted(left, sums, change(_delayed(columns.time, moved, delay), lag), lag))
+        for delay in CONTROL_DELAYS
+        if (
+            fitted := _control_power_fit(
+                left, sums, change(_delayed(columns.time, moved, delay), lag), lag
+            )
+        )
         is not None
     ]
     if not result:
@@ -434,9 +445,9 @@ def control_power(columns: KinematicColumns) -> ControlPower | None:
 def sure(power: ControlPower) -> bool:
     """Return whether sign and size of a control power can be relied on.
 
-    A few samples of a fast motion are explained as well by a control that is late by half its
-    period and works the other way, or by a motion that pitching feeds: of 1200 sound light aircraft
-    at 8 to 50 samples a second one was told a turned sign so.
+    A few samples of a fast motion also agree with a control of the other sign that is delayed by
+    half a period, or with an undamped motion. Of 1200 sound records of light aircraft at 8 to 50
+    samples a second, one was reported with a wrong sign.
     """
     unrivalled = 1.0 - power.explained < LARGEST_OTHER_SIGN_SHARE * (1.0 - power.opposed)
     return (
@@ -447,7 +458,7 @@ def sure(power: ControlPower) -> bool:
     )
 
 
-def _fitted(
+def _control_power_fit(
     left: np.ndarray, sums: list[np.ndarray], moved: np.ndarray, lag: int
 ) -> ControlPower | None:
     rows = np.stack([*sums, moved, np.ones(len(left))])
@@ -481,30 +492,30 @@ def _delayed(time: np.ndarray, moved: np.ndarray, delay: float) -> np.ndarray:
 
 HEIGHT = "altitude"
 LENGTHS = {"ft": 0.3048, "km": 1000.0, "cm": 0.01, "mm": 0.001}
-# times less power than in metres, and than in any other unit: four times the amplitude
+# smallest ratio of the unexplained power, in metres to another unit: four times the amplitude
 UNIT_POWER_RATIO = 16.0
-# share of the power about a straight line that the right unit leaves; noise and drag that varies
-# leave less
+# largest unexplained share of the power about a straight line in the right unit; noise and varying
+# drag leave less
 CORRECT_UNIT_SHARE = 0.01
-VELOCITY_PARTS = 40  # a velocity is the slope over two fortieths of the record
+VELOCITY_PARTS = 40  # the velocity is a slope over two fortieths of the record
 
 
 def height_unit(record: Record, expected: Expectations) -> list[RecordFinding]:
-    """Return a finding where a height that falls under ``expected.gravity`` obeys it in another
-    unit than metres, and not in metres.
+    """Return a finding if the height of a falling body obeys ``expected.gravity`` in another unit
+    than metres only.
 
     Of h(t) in a unit of f metres, f h = c0 + c1 t - g t^2/2 + k D(t), where D is the double
     integral of -v |v| exp(-f h/H), v = f dh/dt, and the drag k is not negative. Near the terminal
-    speed every unit fits as well as another, and nothing is found.
+    speed all units fit equally, and nothing is found.
     """
     if expected.scale_height is None or HEIGHT not in record.output_names:
         return []
     channel = record[HEIGHT]
     if np.count_nonzero(channel.valid) < 2 * FEWEST_SAMPLES:
         return []
-    as_read = _unexplained(record.time, channel, 1.0, expected)
+    as_read = _unexplained_height(record.time, channel, 1.0, expected)
     result = sorted(
-        (_unexplained(record.time, channel, factor, expected), unit)
+        (_unexplained_height(record.time, channel, factor, expected), unit)
         for unit, factor in LENGTHS.items()
     )
     (best, unit), (second, _) = result[:2]
@@ -523,11 +534,11 @@ def height_unit(record: Record, expected: Expectations) -> list[RecordFinding]:
     return [RecordFinding(HEIGHT, Kind.UNIT, Certainty.CERTAIN, text, remedy, numbers=numbers)]
 
 
-def _unexplained(
+def _unexplained_height(
     time: np.ndarray, channel: Channel, factor: float, expected: Expectations
 ) -> float:
-    """Return the share of a height's power about a straight line that gravity and drag leave, were
-    its unit ``factor`` metres.
+    """Return the share of a height's power about a straight line that gravity and drag do not
+    explain, if its unit is ``factor`` metres.
     """
     t, y = time[channel.valid] - time[channel.valid][0], factor * channel.values[channel.valid]
     velocity = _height_unit_slope(t, y)
@@ -535,17 +546,17 @@ def _unexplained(
         density = np.exp(-np.clip((y - y[0]) / (expected.scale_height or math.inf), -50.0, 50.0))
     drag = _integral(t, _integral(t, -velocity * np.abs(velocity) * density))
     line = np.stack([np.ones(len(t)), t / t[-1]], axis=1)
-    rest = _off(line, y + 0.5 * expected.gravity * t**2)
-    along = _off(line, drag)
+    rest = _residual_of(line, y + 0.5 * expected.gravity * t**2)
+    along = _residual_of(line, drag)
     power = float(along @ along)
     if power > 0.0:
         rest = rest - max(float(rest @ along) / power, 0.0) * along
-    about = _off(line, y)
+    about = _residual_of(line, y)
     total = float(about @ about)
     return float(rest @ rest) / total if total > 0.0 else math.inf
 
 
-def _off(line: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _residual_of(line: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.asarray(values - line @ np.linalg.lstsq(line, values, rcond=None)[0])
 
 

@@ -1,11 +1,11 @@
-"""Samples that are no measurement: drop-outs, missing rows, held values, interpolated channels.
+"""Samples that are not measurements: drop-outs, missing rows, held values, interpolated channels.
 
-An exact repeat is no fault where the least bit is coarse against the noise, or where the channel
-rests. So a run counts only if the channel's own noise forbids it while other channels are alive, if
-another channel moves meanwhile, or if the value catches up at its end.
+A repeated value is no fault where the least bit is coarse or the channel is at rest. A run of one
+value counts only if noise excludes it while other channels change, if another channel moves
+meanwhile, or if the value jumps at the end of the run.
 
-Between updates a straight line has no second difference and a cubic no fourth one, to the last
-printed digit; at the updates the noise of the sensor bends them.
+Interpolated samples have zero second (straight line) or fourth (cubic) differences, to the last
+printed digit; the sensor's noise bends the curve at the updates.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ from ident.recording.series import (
 from sim.errors import instant, time_span
 from sim.record import Record
 
-# ---- Values that stand for no measurement: runs of exact zeros, and a fill value such as -999
+# ---- Values that mark missing samples: runs of exact zeros, and a fill value such as -999
 
-ZERO_SIGMAS = 8.0  # of the noise, between a zero and its neighbours on both sides
+ZERO_SIGMAS = 8.0  # smallest step to and from a zero, in sigmas of the noise
 ZERO_BITS = 4.0
-OF_SPAN = 0.1  # of the channel's span without the zeros
-FILL_VALUE_SPANS = 5.0  # spans of the other samples, beyond which a repeated value is a fill
-SHORTEST_PULSE = 0.1  # s: no commanded step to zero and back is as short
-MOST_ZEROS = 5  # samples in a row
+ZERO_SPAN_SHARE = 0.1  # smallest step, as a share of the span of the other samples
+FILL_VALUE_SPANS = 5.0  # distance of a fill value, in spans of the other samples
+SHORTEST_PULSE = 0.1  # s: commanded steps to zero and back are longer
+MOST_ZEROS = 5  # most zeros in a row
 
 
 def dropouts(series: Series, count: int, *, is_input: bool = False) -> list[RecordFinding]:
-    """Find zeros and fill values among other samples and mask them; of an input, which must have no
-    gap, warn.
+    """Find zeros and fill values among other samples and mask them; in an input, which must have no
+    gap, they are a warning.
     """
     result = [("exact zeros", 0.0, _zeros(series))]
     fill, at = _fill(series)
@@ -106,7 +106,7 @@ def _zeros(series: Series) -> np.ndarray:
         return where
     rest = values[~zero]
     noise = max(ZERO_SIGMAS * series.noise, ZERO_BITS * series.least_bit)
-    least = max(noise, OF_SPAN * float(np.ptp(rest)), 1e-300)
+    least = max(noise, ZERO_SPAN_SHARE * float(np.ptp(rest)), 1e-300)
     for begin, end in runs_of(zero):
         if begin == 0 or end == len(values):
             continue
@@ -114,13 +114,13 @@ def _zeros(series: Series) -> np.ndarray:
         if (
             min(abs(before), abs(after)) > least
             and before * after > 0.0
-            and _sudden(values, begin, end, least)
+            and _is_sudden(values, begin, end, least)
         ):
             where[begin:end] = True
     return where
 
 
-def _sudden(values: np.ndarray, begin: int, end: int, least: float) -> bool:
+def _is_sudden(values: np.ndarray, begin: int, end: int, least: float) -> bool:
     """Return whether the step to zero is several times the steps before and after it."""
     before = np.abs(np.diff(values[max(0, begin - 4) : begin]))
     after = np.abs(np.diff(values[end : end + 4]))
@@ -157,19 +157,18 @@ def _lasts(series: Series, begin: int, end: int) -> float:
     return float(series.time[min(end, len(series.time) - 1)] - series.time[begin])
 
 
-# ---- Rows that are missing: gaps in time, told where an input moves across them
+# ---- Missing rows: gaps in time, reported if an input moves across them
 
-EVEN_SAMPLING_TOLERANCE = 0.05  # of the usual step, for nine tenths of an even record's steps
-EVEN_GAP = 1.6  # usual steps: a longer step of an even record means missing rows
+# largest deviation, as a share of the usual step, of nine tenths of the steps of an even record
+EVEN_SAMPLING_TOLERANCE = 0.05
+EVEN_GAP = 1.6  # longest step of an even record without missing rows, in usual steps
 UNEVEN_GAP = 4.0  # the same for an uneven record
-MOVING_INPUT_SHARE = 0.05  # of an input's span
-MOST_COUNTED_ROWS = 1e15  # a time that is wrong by more has no number of rows
+MOVING_INPUT_SHARE = 0.05  # smallest motion of an input, as a share of its span
+MOST_COUNTED_ROWS = 1e15  # largest number of missing rows that is stated
 
 
 def missing_rows(record: Record) -> list[RecordFinding]:
-    """Find gaps in time: a warning if an input moves across a gap, where it is unknown; else a
-    note.
-    """
+    """Find gaps in time: a warning if an input moves during a gap, else a note."""
     steps = np.diff(record.time)
     usual = float(np.median(steps))
     even = float(np.mean(np.abs(steps - usual) < EVEN_SAMPLING_TOLERANCE * usual)) > 0.9
@@ -220,32 +219,32 @@ def _rows_finding(
 
 
 def _range_about(values: np.ndarray, gaps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the least and greatest of the two samples on either side of each gap."""
+    """Return the minimum and maximum of the two samples on either side of each gap."""
     at = np.clip(gaps[:, None] + np.arange(-1, 3)[None, :], 0, len(values) - 1)
     return np.min(values[at], axis=1), np.max(values[at], axis=1)
 
 
 # ---- Runs of one value
 
-FEWEST_REPEATS = 3  # repeats in a row: fewer cost nothing worth a word
-CHANCE_OF_RUN = 1e-6  # of one such run in a record by chance
-# updates without which no period is known; k^-14 is the chance that all of them fall on one phase
-# of k
+FEWEST_REPEATS = 3  # fewest repeats in a row: fewer are harmless
+CHANCE_OF_RUN = 1e-6  # probability of one such run in a record without fault
+# fewest updates of a known period k: by chance all fall on one phase with probability k^-14
 FEWEST_UPDATES = 15
-LONGEST_PERIOD = 60  # samples of the longest period looked for
-ON_PHASE = 0.97  # share of changes on one phase; the rest are lost rows
-SEVERAL_BITS = 3.0  # least bits, beyond which a step is no flicker of the last digit
-LARGEST_JITTER = 0.4  # samples about an even clock: rounding alone gives 0.3
-# Differences of Gaussian noise, half of which exceed b bits, repeat with probability 0.27/b; three
-# to four times as much is no chance.
+LONGEST_PERIOD = 60  # longest period looked for, samples
+ON_PHASE_SHARE = 0.97  # smallest share of the changes on one phase; missing rows shift the rest
+FEWEST_STEP_BITS = 3.0  # smallest step in least bits that is not a flicker of the last digit
+LARGEST_JITTER = 0.4  # largest deviation from an even clock, samples: rounding alone gives 0.3
+# If half the differences of Gaussian noise exceed b bits, a repeat has probability 0.27/b; three to
+# four times as many are a fault.
 REPEAT_FACTOR = 1.0
-# share of the repeats that end with a step of several bits: those of a rest end with one
+# smallest share of the repeats that end with a step of several bits: a rest ends with one bit
 ABRUPT_END_SHARE = 0.7
-IRREGULAR_SHARE = 0.05  # share of repeated samples from which uneven updates are found
-LONGEST_OUTPUT_LEAD = 0.5  # s, by which one output may move before another: sensor lags
-REPEATS_MOVES = 6.0  # standard deviations of the noise and least bits that a motion exceeds
-INPUT_STEPS = 0.05  # of an input's span, from which its step may be what the channel answers
-CATCHES_UP = 3.0  # times the usual step
+IRREGULAR_SHARE = 0.05  # smallest share of repeated samples at uneven updates
+LONGEST_OUTPUT_LEAD = 0.5  # s, longest time by which one output moves before another (sensor lags)
+FEWEST_MOTION_SIGMAS = 6.0  # smallest motion, in sigmas of the noise and in least bits
+# smallest step of an input that a channel may respond to, as a share of its span
+INPUT_STEP = 0.05
+CATCH_UP_RATIO = 3.0  # smallest step at the end of a run, over the usual step
 
 
 def held_samples(series: Series, count: int) -> RecordFinding | None:
@@ -259,7 +258,7 @@ def held_samples(series: Series, count: int) -> RecordFinding | None:
         return None
     steps = np.diff(series.values)[changes - 1]
     bits = float(np.median(np.abs(steps))) / series.least_bit if series.least_bit else math.inf
-    dense = bits >= SEVERAL_BITS
+    dense = bits >= FEWEST_STEP_BITS
     both_ways = min(np.mean(steps > 0), np.mean(steps < 0)) > 0.2
     if not (dense or both_ways):
         return None
@@ -270,9 +269,9 @@ def held_samples(series: Series, count: int) -> RecordFinding | None:
         repeats[phase::period] = False
         repeats[changes] = False
         if phase:
-            repeats[0] = False  # the first value of the record: not known to be old
+            repeats[0] = False  # the first value may be new
         return _held_finding(series, repeats, float(period), count)
-    grid = SEVERAL_BITS * series.least_bit
+    grid = FEWEST_STEP_BITS * series.least_bit
     leaves = np.abs(np.append(np.diff(series.values), 0.0))
     abrupt = [int(end - begin) for begin, end in runs_of(same) if leaves[end] > grid]
     if (
@@ -285,7 +284,7 @@ def held_samples(series: Series, count: int) -> RecordFinding | None:
     lengths = np.diff(changes)
     usual = lengths[lengths <= 3.0 * np.median(lengths)]
     mean = float(np.mean(usual))
-    if mean > 1.15 and len(usual) > 0.9 * len(lengths) and _even(changes, mean):
+    if mean > 1.15 and len(usual) > 0.9 * len(lengths) and _fits_even_clock(changes, mean):
         return _held_finding(series, repeats, mean, count)
     short = [length for length in abrupt if length <= 2 * max(1.0, mean)]
     repeated = max(IRREGULAR_SHARE, REPEAT_FACTOR / bits) * len(same)
@@ -301,11 +300,10 @@ def stuck(
     count: int,
     taken: np.ndarray,
 ) -> RecordFinding | None:
-    """Find longer runs of one value that only a fault explains; all but the first sample are
-    masked.
+    """Find longer runs of one value that only a fault explains, and mask all but their first
+    sample.
 
-    ``taken``: rows that are masked already. Of exact zeros in a noisy channel the first is masked
-    too.
+    ``taken``: rows that are masked already. Exact zeros in a noisy channel are all masked.
     """
     same = np.diff(series.values) == 0.0
     runs = [
@@ -316,7 +314,7 @@ def stuck(
     chosen = [
         run
         for run in runs
-        if _impossible(series, others, *run) or _catches_up(series, inputs, *run)
+        if _cannot_be_equal(series, others, *run) or _catches_up(series, inputs, *run)
     ]
     if not chosen:
         return None
@@ -367,15 +365,17 @@ def _held_finding(
 
 
 def phase_period(changes: np.ndarray, count: int) -> int:
-    """The longest period on one phase of which nearly all changes fall; 1 where there is none."""
+    """Return the longest period for which nearly all changes fall on one phase; 1 where there is
+    none.
+    """
     best = 1
     for period in range(2, min(LONGEST_PERIOD, count // FEWEST_UPDATES) + 1):
-        if np.bincount(changes % period).max() >= ON_PHASE * len(changes):
+        if np.bincount(changes % period).max() >= ON_PHASE_SHARE * len(changes):
             best = period
     return best
 
 
-def _even(changes: np.ndarray, mean: float) -> bool:
+def _fits_even_clock(changes: np.ndarray, mean: float) -> bool:
     """Return whether the changes fit an even clock of another rate, in blocks of a hundred."""
     scatter = []
     for begin in range(0, len(changes) - FEWEST_UPDATES + 1, 100):
@@ -387,12 +387,11 @@ def _even(changes: np.ndarray, mean: float) -> bool:
     return bool(scatter) and max(scatter) < LARGEST_JITTER * max(1.0, 0.3 * mean)
 
 
-def _impossible(series: Series, others: Sequence[Series], begin: int, end: int) -> bool:
-    """Whether the samples from ``begin`` to ``end`` cannot all be alike by noise, or by rest."""
+def _cannot_be_equal(series: Series, others: Sequence[Series], begin: int, end: int) -> bool:
+    """Return whether neither noise nor rest can explain equal samples from ``begin`` to ``end``."""
     values, time = series.values, series.time
-    if series.resolved and _alive(others, time[begin], time[end]):
-        # Twice the noise forgives its estimate: quantised noise is measured up to a factor of 1.5
-        # too large.
+    if series.resolved and _others_change(others, time[begin], time[end]):
+        # Twice the noise allows for its estimate: quantised noise is overestimated by up to 1.5.
         alike = (
             math.erf(series.least_bit / (series.noise * math.sqrt(2.0)))
             if series.least_bit
@@ -405,9 +404,9 @@ def _impossible(series: Series, others: Sequence[Series], begin: int, end: int) 
     lively = len(elsewhere) >= FEWEST_UPDATES and float(np.mean(elsewhere == 0.0)) < 0.5
     return (
         lively
-        and leaves > SEVERAL_BITS * series.least_bit
+        and leaves > FEWEST_STEP_BITS * series.least_bit
         and time[end] - time[begin] > LONGEST_OUTPUT_LEAD
-        and _moving(others, time[begin], time[end] - LONGEST_OUTPUT_LEAD)
+        and _another_moves(others, time[begin], time[end] - LONGEST_OUTPUT_LEAD)
     )
 
 
@@ -419,7 +418,7 @@ def _catches_up(series: Series, inputs: Sequence[Series], begin: int, end: int) 
     around = np.abs(np.diff(values[max(0, begin - 15) : end + 17]))
     usual = float(np.median(around[around > 0.0]))
     if (
-        abs(float(values[end + 1] - values[end])) < CATCHES_UP * max(usual, series.least_bit)
+        abs(float(values[end + 1] - values[end])) < CATCH_UP_RATIO * max(usual, series.least_bit)
         or usual <= series.least_bit
     ):
         return False
@@ -427,14 +426,14 @@ def _catches_up(series: Series, inputs: Sequence[Series], begin: int, end: int) 
         near = (other.time >= series.time[end - 2]) & (other.time <= series.time[end + 2])
         if (
             np.count_nonzero(near) > 2
-            and float(np.max(np.abs(np.diff(other.values[near], 2)))) > INPUT_STEPS * other.span
+            and float(np.max(np.abs(np.diff(other.values[near], 2)))) > INPUT_STEP * other.span
         ):
             return False
     return True
 
 
-def _alive(others: Sequence[Series], begin: float, end: float) -> bool:
-    """Return whether some other channel changes meanwhile, or there is none."""
+def _others_change(others: Sequence[Series], begin: float, end: float) -> bool:
+    """Return whether another channel changes meanwhile, or none exists."""
     for other in others:
         inside = other.values[(other.time >= begin) & (other.time <= end)]
         if len(inside) > 1 and float(np.ptp(inside)) == 0.0:
@@ -442,15 +441,17 @@ def _alive(others: Sequence[Series], begin: float, end: float) -> bool:
     return True
 
 
-def _moving(others: Sequence[Series], begin: float, end: float) -> bool:
-    """Whether another channel moves meanwhile, by more than its noise and a tenth of its range."""
+def _another_moves(others: Sequence[Series], begin: float, end: float) -> bool:
+    """Return whether another channel moves meanwhile by more than its noise and a tenth of its
+    range.
+    """
     for other in others:
         inside = other.values[(other.time >= begin) & (other.time <= end)]
         if len(inside) < 5:
             continue
         smooth = np.median(np.lib.stride_tricks.sliding_window_view(inside, 5), axis=1)
         if float(np.ptp(smooth)) > max(
-            REPEATS_MOVES * (other.noise + other.least_bit), 0.1 * other.span
+            FEWEST_MOTION_SIGMAS * (other.noise + other.least_bit), 0.1 * other.span
         ):
             return True
     return False
@@ -461,18 +462,20 @@ def _between(times: Sequence[tuple[float, float]]) -> str:
     return f"from {first}{' and so on' if len(times) > 3 else ''}"
 
 
-# ---- Channels that a recorder or an exporter has interpolated
+# ---- Interpolated channels
 
-SINGLE_SHARE = 2e-7  # of the largest value: files of single precision round to that
-# times the rounding that the bends at updates reach in the middle: white noise then looks straight
-# at one sample in ten
+SINGLE_SHARE = 2e-7  # rounding of single precision, as a share of the largest value
+# smallest median bend at updates over the rounding: white noise then looks straight at one sample
+# in ten
 BEND_TO_ROUNDING_RATIO = 8.0
-STRAIGHT_ROUNDINGS = 4.0  # roundings: a sample bent by less than this is nearly straight
-INTERPOLATED_FEW = 0.05  # largest share of nearly straight samples: noise leaves more of them
-STRAIGHT_SAMPLE_SHARE = 0.3  # share of straight samples where updates have no even clock
-INTERPOLATED_ON_PHASE = 0.97  # share of bends on their phases; lost rows shift the rest
-INTERPOLATED_EVEN = 0.02  # of the usual step, within which steps are even
-ANSWERED_BEND_SHARE = 0.9  # share of the bends at changes of an input: the vehicle answers these
+STRAIGHT_ROUNDINGS = 4.0  # largest bend of a nearly straight sample, in roundings
+LARGEST_NEARLY_STRAIGHT_SHARE = 0.05  # largest share of nearly straight samples: noise gives more
+STRAIGHT_SAMPLE_SHARE = 0.3  # smallest share of straight samples at uneven updates
+# smallest share of the bends on their phases; missing rows shift the rest
+INTERPOLATED_ON_PHASE = 0.97
+EVEN_STEP_TOLERANCE = 0.02  # largest deviation of an evenly sampled step, as a share
+# share of the bends at changes of an input from which they are the vehicle's response
+ANSWERED_BEND_SHARE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -487,11 +490,11 @@ class _Pattern:
 def interpolated(
     series: Series, count: int, inputs: Sequence[Series] = (), *, is_input: bool = False
 ) -> RecordFinding | None:
-    """Find samples interpolated between updates of a lower rate, and mask them; of an input note
-    it.
+    """Find samples interpolated between updates of a lower rate, and mask them; in an input they
+    are only noted.
 
-    Straight lines are found from an update every two samples on, at uneven updates every three;
-    cubics from every four on, on an even clock.
+    Updates must be at least two samples apart for straight lines (three if uneven), and four for
+    cubics, on an even clock.
     """
     if len(series.values) < 2 * FEWEST_UPDATES:
         return None
@@ -532,10 +535,10 @@ def _straight(series: Series, inputs: Sequence[Series]) -> _Pattern | None:
     bent = off > least
     moves = np.abs(v[2:] - v[:-2])[~bent] > least
     if (
-        not _parted(off, least, bent)
+        not _is_bimodal(off, least, bent)
         or not moves.size
         or np.mean(moves) < 0.5
-        or _answers(t[1:-1][bent], inputs)
+        or _bends_are_response(t[1:-1][bent], inputs)
     ):
         return None
     at = np.flatnonzero(bent) + 1
@@ -547,23 +550,21 @@ def _straight(series: Series, inputs: Sequence[Series]) -> _Pattern | None:
     pieces = runs_of(~bent)
     if np.mean(~bent) < STRAIGHT_SAMPLE_SHARE or len(pieces) < FEWEST_UPDATES:
         return None
-    # Updates lie between two rows: of each line its first sample serves for the measurement beside
-    # it.
+    # Updates lie between rows: the first sample of each line is taken for them.
     fresh[[begin for begin, _ in pieces]] = True
     return _Pattern(fresh, len(v) / len(pieces), "straight lines")
 
 
 def _cubic(series: Series, inputs: Sequence[Series]) -> _Pattern | None:
     steps = np.diff(series.time)
-    if np.max(np.abs(steps - np.median(steps))) > INTERPOLATED_EVEN * np.median(steps):
+    if np.max(np.abs(steps - np.median(steps))) > EVEN_STEP_TOLERANCE * np.median(steps):
         return None
     off, least = np.abs(np.diff(series.values, 4)), 16.0 * _rounding(series)
     bent = off > least
-    if not _parted(off, least, bent) or _answers(series.time[2:-2][bent], inputs):
+    if not _is_bimodal(off, least, bent) or _bends_are_response(series.time[2:-2][bent], inputs):
         return None
     at = np.flatnonzero(bent) + 2
-    # Five samples cross an update at three places, next to each other; they are inside one piece at
-    # the others.
+    # A fourth difference spans an update at three adjacent phases only.
     for period in range(min(LONGEST_PERIOD, len(off) // FEWEST_UPDATES), 3, -1):
         phases = np.bincount(at % period, minlength=period)
         around = phases + np.roll(phases, 1) + np.roll(phases, -1)
@@ -575,19 +576,19 @@ def _cubic(series: Series, inputs: Sequence[Series]) -> _Pattern | None:
     return None
 
 
-def _parted(off: np.ndarray, least: float, bent: np.ndarray) -> bool:
-    """Return whether samples are either straight or bent by far more than their digits round."""
+def _is_bimodal(off: np.ndarray, least: float, bent: np.ndarray) -> bool:
+    """Return whether each sample is either straight or bent by far more than rounding."""
     if (
         np.count_nonzero(bent) < FEWEST_UPDATES
         or np.count_nonzero(~bent) < FEWEST_UPDATES
         or np.median(off[bent]) < BEND_TO_ROUNDING_RATIO * least
     ):
         return False
-    return bool(np.mean(bent & (off < STRAIGHT_ROUNDINGS * least)) < INTERPOLATED_FEW)
+    return bool(np.mean(bent & (off < STRAIGHT_ROUNDINGS * least)) < LARGEST_NEARLY_STRAIGHT_SHARE)
 
 
-def _answers(times: np.ndarray, inputs: Sequence[Series]) -> bool:
-    """Return whether the bends coincide with changes of an input that is constant in between."""
+def _bends_are_response(times: np.ndarray, inputs: Sequence[Series]) -> bool:
+    """Return whether the bends coincide with changes of an input that is piecewise constant."""
     for other in inputs:
         changes = other.time[np.flatnonzero(np.diff(other.values))]
         if not changes.size or len(changes) > 0.7 * len(other.time):

@@ -13,7 +13,7 @@ from ident.statistics.noise_levels import SIGMA_PER_MEDIAN_DEVIATION, robust_sig
 from sim.errors import time_span
 from sim.record import Channel, Record
 
-# ---- What the raw columns of a record show: one finding, and how certain it is
+# ---- Findings of the record check
 
 NO_ROWS = np.zeros(0, dtype=bool)
 
@@ -50,7 +50,7 @@ class Certainty(Enum):
 
 @dataclass(frozen=True)
 class FindingQuantity:
-    """A figure of a finding with its unit, SI and radians, nz in g."""
+    """A number of a finding with its unit, SI and radians, nz in g."""
 
     value: float
     unit: str
@@ -63,9 +63,9 @@ class RecordFinding:
     Attributes
     ----------
     channel : the channel's name, several joined by " and ", or ``"time"``.
-    sentence : what is seen, as it goes on from the channel's name.
-    remedy : what its user can do; empty where there is nothing to do.
-    times : from and to, s, of every place; empty where it is the whole record.
+    sentence : the finding, without its subject, the channel.
+    remedy : advice to the user; may be empty.
+    times : begin and end, s, of each place; empty for the whole record.
     mask : shape ``(N,)`` of the record's rows, True at samples of ``channel`` that carry no
         information; of length zero where none are named.
     """
@@ -121,50 +121,45 @@ def shown(value: float, unit: str) -> str:
 
 # ---- One channel as it was sampled
 
-FEWEST_SAMPLES = 20  # samples that a word on a channel needs
-# of the least bit, within which a value lies on its grid: what rounding of a conversion leaves is
-# far less
-ON_THE_GRID = 0.02
-# ratio of the noise by second and by fourth differences: 1 for white noise, 10 and more for motion
-# alone
+FEWEST_SAMPLES = 20  # fewest samples of a channel that is judged
+# largest distance of a value from its grid, in least bits: rounding of a conversion is far less
+GRID_TOLERANCE = 0.02
+# largest ratio of the noise by second and by fourth differences that is white: 1 for white noise,
+# 10 and more for motion
 LARGEST_WHITE_RATIO = 1.5
 RESOLVED_BITS = 0.7
-# of a converter's step, within which nine tenths of the differences lie on its multiples; a fifth
-# of them by chance
+# largest distance of nine tenths of the differences from multiples of a converter's step; by chance
+# a fifth of them
 MULTIPLE_TOLERANCE = 0.1
-# share of the differences that rise or rest, and that fall or rest, in a signal that shows its
-# converter
-BOTH_WAYS = 0.05
-# steps of a converter up to which differences are compared: a calibration that drifts shifts larger
-# ones
+# smallest share of the differences >= 0, and of those <= 0, in a signal that shows its converter's
+# step
+LEAST_SIGN_SHARE = 0.05
+# largest differences compared, in steps of the converter: a drifting calibration shifts larger ones
 MOST_LATTICE_STEPS = 3.5
-# A converter behind a correction that moves on (an angle of attack brought to the c.g., an airspeed
-# worked out from two pressures): within a fifth of its step lie two fifths of any other
-# differences, .7 to .97 of the ATTAS records'.
+# Scatter about multiples of the step after a varying correction (alpha at the c.g., airspeed from
+# pressures): by chance two fifths lie within it, in ATTAS records 0.7 to 0.97.
 STEP_SCATTER_SHARE = 0.2  # share of the quantisation step
-STEP_DIFFERENCE_SHARE = 0.65  # share of differences within STEP_SCATTER_SHARE that shows a step
-MOST_OTHERS = 0.9  # largest share of other differences
+STEP_DIFFERENCE_SHARE = 0.65  # smallest share of the differences within that scatter
+LARGEST_OTHER_SHARE = 0.9  # largest share of other differences
 FEWEST_DIFFERENCES = 100
-# share of the differences of other sign than the one before: of a motion without noise hardly any
-# are
+# smallest share of the differences that change sign: hardly any do in a motion without noise
 LEAST_TURN_SHARE = 0.2
-# of the usual difference: digits that are printed so coarsely have steps of their own
-FINE_DIGITS = 0.05
-# of a channel's span: the step of a converter of twenty bits, finer than any sensor's noise
+# largest printed digit, over the usual difference, that does not hide a converter
+LARGEST_DIGIT_SHARE = 0.05
+# smallest step of a converter, as a share of the channel's span (twenty bits)
 FINEST_STEP_SHARE = 1e-6
-ROUNDING_SHARE = 1e-9  # of a channel's span, below which a scatter is rounding
+ROUNDING_SHARE = 1e-9  # largest rounding, as a share of the channel's span
 
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """The valid samples of a channel, in their order.
+    """The valid samples of a channel.
 
     Attributes
     ----------
     time, values : shape ``(n,)``, s and the channel's unit.
     rows : their rows in the record.
-    least_bit : the step of a grid on which all values lie; 0 where there is none that the samples
-        show.
+    least_bit : step of the grid on which all values lie; 0 without a grid.
     noise : standard deviation of what changes from sample to sample without a motion, by fourth
         differences; robust.
     white : whether second differences give the same noise, so that it is noise indeed and not fast
@@ -182,8 +177,8 @@ class Series:
 
     @property
     def resolved(self) -> bool:
-        """Whether the noise is seen above the least bit. Rounding makes noise of a third of a bit
-        look like 0.6.
+        """Whether the noise exceeds the least bit. Rounding makes noise of a third of a bit look
+        like 0.6.
         """
         return self.white and self.noise > RESOLVED_BITS * self.least_bit
 
@@ -193,7 +188,7 @@ class Series:
 
 
 def series_of(record: Record, channel: Channel) -> Series:
-    """Valid samples of a channel, with its resolution and noise."""
+    """Return the valid samples of a channel, with its resolution and noise."""
     rows = np.flatnonzero(channel.valid)
     time, values = record.time[rows], channel.values[rows]
     noise, white = _noise(time, values)
@@ -203,21 +198,21 @@ def series_of(record: Record, channel: Channel) -> Series:
 def least_bit(values: np.ndarray) -> float:
     """Return the step of the converter; 0 where the values show none.
 
-    It is the largest step of which all differences between values are multiples (Euclid's algorithm
-    on floats), or the coarser one of which neighbouring samples differ by multiples: a calibration
-    after the converter, and printed digits, shift its levels a little.
+    It is the largest common divisor of all differences between values (Euclid's algorithm on
+    floats), or a coarser one of the differences of neighbouring samples: calibrations and printed
+    digits shift the levels a little.
     """
     exact = exact_step(values)
     return max(exact, _converter_step(values, exact))
 
 
 def measurable_noise(level: float | None, values: Sequence[np.ndarray]) -> float | None:
-    """Return an estimate of a channel's noise that its samples can bear: at least the rounding of
-    its converter, step/sqrt(12); None where they show none.
+    """Return the estimate of a channel's noise, raised to the rounding of its converter,
+    step/sqrt(12); None if the samples show no noise.
 
     ``level``: the estimate, None where there is none. ``values``: the channel's valid samples in
-    each record. An estimate below a millionth of the channel's span without a converter's step is
-    that of a computed or smoothed channel, or of an estimator at its limit.
+    each record. An estimate below a millionth of the span, without a converter's step, belongs to a
+    computed or smoothed channel or to an estimator at its limit.
     """
     if level is None:
         return None
@@ -235,12 +230,12 @@ def exact_step(values: np.ndarray) -> float:
         return 0.0
     steps = np.diff(levels)
     rounding = 64.0 * float(np.spacing(np.max(np.abs(levels))))
-    finest = max(ROUNDING_SHARE * float(np.ptp(levels)), rounding / ON_THE_GRID)
+    finest = max(ROUNDING_SHARE * float(np.ptp(levels)), rounding / GRID_TOLERANCE)
     steps = steps[steps > rounding]
     bit = float(np.min(steps)) if steps.size else 0.0
     while bit > finest:
         off = np.abs(steps - bit * np.round(steps / bit))
-        off = off[off > ON_THE_GRID * bit + rounding]
+        off = off[off > GRID_TOLERANCE * bit + rounding]
         if not off.size:
             return bit
         bit = float(np.min(off))
@@ -255,9 +250,9 @@ def _converter_step(values: np.ndarray, exact: float) -> float:
     sizes = np.abs(differences)
     if (
         sizes.size < FEWEST_SAMPLES
-        or min(np.mean(differences >= 0.0), np.mean(differences <= 0.0)) < BOTH_WAYS
+        or min(np.mean(differences >= 0.0), np.mean(differences <= 0.0)) < LEAST_SIGN_SHARE
     ):
-        # a signal that only rises or falls has steps of its rate, which say nothing of a converter
+        # a monotonic signal has steps of its rate, not of a converter
         return 0.0
     least = max(3.0 * exact, ROUNDING_SHARE * float(np.ptp(values)))
     moving = np.sort(sizes[sizes > least])
@@ -268,14 +263,14 @@ def _converter_step(values: np.ndarray, exact: float) -> float:
     turning = float(np.mean(differences[1:] * differences[:-1] < 0.0))
     return result or (
         _blurred_step(moving)
-        if exact < FINE_DIGITS * float(np.median(moving)) and turning > LEAST_TURN_SHARE
+        if exact < LARGEST_DIGIT_SHARE * float(np.median(moving)) and turning > LEAST_TURN_SHARE
         else 0.0
     )
 
 
 def _lattice_step(sizes: np.ndarray, step: float) -> float:
-    """Return the step near a first guess on whose multiples nine tenths of the smaller sizes lie; 0
-    where they do not.
+    """Return the step near a first guess of which nine tenths of the small sizes are multiples; 0
+    without one.
     """
     near, count = sizes, sizes
     for _ in range(3):
@@ -290,11 +285,11 @@ def _lattice_step(sizes: np.ndarray, step: float) -> float:
 
 
 def _blurred_step(moving: np.ndarray) -> float:
-    """Return the step on whose multiples, blurred by a correction behind the converter, most sizes
-    lie; 0 where there is none.
+    """Return the step of which most sizes are multiples, up to the scatter of a later correction; 0
+    without one.
 
-    ``moving``: sizes of differences, zeros left out. The step is at most three times smaller than
-    they usually are, and two multiples of it or more occur: a triangle has one.
+    ``moving``: sizes of differences, zeros left out. The median size is at most three steps, and at
+    least two different multiples occur (a triangle has one).
     """
     usual = float(np.median(moving))
     best, result = STEP_DIFFERENCE_SHARE, 0.0
@@ -305,14 +300,14 @@ def _blurred_step(moving: np.ndarray) -> float:
         count = np.round(ratio)
         inside = np.abs(ratio - count) < STEP_SCATTER_SHARE
         share, occurring = float(np.mean(inside)), np.bincount(count[inside].astype(int))
-        if share > best and np.max(occurring) < MOST_OTHERS * np.sum(occurring):
+        if share > best and np.max(occurring) < LARGEST_OTHER_SHARE * np.sum(occurring):
             best, result = share, step
     return result
 
 
 def scaled_differences(time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Each sample less the line between its neighbours, scaled to the noise of one sample; NaN
-    across gaps; ``(n - 2,)``.
+    """Return each sample minus the line between its neighbours, scaled to the noise of one sample;
+    NaN across gaps; ``(n - 2,)``.
     """
     before, after = np.diff(time)[:-1], np.diff(time)[1:]
     share = before / (before + after)
@@ -343,38 +338,40 @@ def _noise(time: np.ndarray, values: np.ndarray) -> tuple[float, bool]:
 
 
 def runs_of(same: np.ndarray) -> np.ndarray:
-    """Begin and end (exclusive) of every run of True, shape ``(runs, 2)``."""
+    """Return begin and end (exclusive) of every run of True, shape ``(runs, 2)``."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
     return edges.reshape(-1, 2)
 
 
 # ---- The least bit against the noise
 
-# least bits over noise: below it rounding adds a twelfth of the noise's variance at most
+# least bit over noise: below it rounding adds at most a twelfth to the noise's variance
 COARSE_STEP_BITS = 1.0
-FEWEST_LEVELS = 4  # levels, fewer of which make no measurement
+FEWEST_LEVELS = 4  # fewest levels of a measurement
 PARTS = (8, 4)
-COARSE_NOISE_BITS = 2.0  # least bits of noise, below which its median takes few levels
-NOISE_LEVEL_FEWEST = 30  # samples of a part
-NOTABLE_NOISE_RATIO = 2.0  # chosen: weights that are wrong by four in the variance are worth a word
-# Scatter of the logarithm of a robust sigma of n fourth differences, times sqrt(n): 1.17 for
-# independent ones, 1.58 by simulation for these.
+COARSE_NOISE_BITS = 2.0  # noise in least bits below which its median takes few values
+FEWEST_PART_SAMPLES = 30  # fewest samples of a part
+NOTABLE_NOISE_RATIO = 2.0  # smallest ratio of noise levels worth a note: weights are wrong by four
+# Standard deviation of the logarithm of a robust sigma of n fourth differences, times sqrt(n): 1.58
+# by simulation (1.17 if they were independent).
 LOG_SCATTER = 1.6
-# of its standard deviations, between the quietest and the loudest of eight parts: by chance once in
-# 5000 channels
+# smallest difference between the quietest and loudest of eight parts, in standard deviations: by
+# chance once in 5000 channels
 UNEVEN_SIGMAS = 4.5
-# chosen: a sample four times as uncertain as others carries a sixteenth of their information and
-# weighs as much in a fit
+# noise ratio from which samples are named: they have a sixteenth of the information and the same
+# weight
 LOUD_SAMPLE_RATIO = 4.0
-LOCAL_LEVEL_SAMPLES = 25  # samples to both sides, over which a local level is taken
-MOST_SET_ASIDE = 0.5  # of a channel may be set aside: beyond it the loud part is the record
-# ratio of the noise by second and fourth differences, beyond which a part shows motion
+LOCAL_LEVEL_SAMPLES = 25  # samples on either side for a local noise level
+LARGEST_MASKED_SHARE = (
+    0.5  # largest masked share of a channel: beyond it the loud part is the normal one
+)
+# smallest ratio of the noise by second and fourth differences that shows motion
 MOTION_NOISE_RATIO = 1.4
 
 
 def coarse(series: Series) -> RecordFinding | None:
-    """Return a note where the least bit is coarse against the noise, so that residuals are rounding
-    and not Gaussian.
+    """Return a note if the least bit is coarse against the noise: residuals are then rounding, not
+    Gaussian.
     """
     bit = series.least_bit
     if not bit or series.span < FEWEST_LEVELS * bit or bit < COARSE_STEP_BITS * series.noise:
@@ -418,19 +415,19 @@ class _NoisePart:
 def changing_noise(
     series: Series, count: int, inputs: Sequence[Series] = (), others: Sequence[Series] = ()
 ) -> RecordFinding | None:
-    """Noise of one part of a record ``count`` rows long that is several times that of another: from
-    ``LOUD_SAMPLE_RATIO`` times on its samples are named.
+    """Return a finding if the noise in one part of a record of ``count`` rows is several times that
+    in another; from ``LOUD_SAMPLE_RATIO`` on its samples are named.
 
-    Roughness that the motion or an input can have made is no noise of the sensor: a loud part
-    counts where the motion is slow against the sampling, or against a quiet part that moved as
-    much; and only by as much as no ``inputs`` were rougher there. Where ``others``, the remaining
-    outputs, became rougher in the same part, it is the air or the structure.
+    Roughness from motion or inputs is not sensor noise. A loud part counts if the motion is slow
+    against the sampling, or equal to that of a quiet part; the ratio is reduced by that of the
+    ``inputs``. If ``others``, the remaining outputs, are rougher too, the cause is the air or the
+    structure.
     """
     if not series.white or series.noise < COARSE_NOISE_BITS * series.least_bit:
         return None
     for parts in PARTS:
         result = _between_parts(
-            series, min(parts, len(series.values) // NOISE_LEVEL_FEWEST), count, (inputs, others)
+            series, min(parts, len(series.values) // FEWEST_PART_SAMPLES), count, (inputs, others)
         )
         if result is not None:
             return result
@@ -444,7 +441,7 @@ def _parts(series: Series, parts: int, inputs: Sequence[Series]) -> list[_NoiseP
     out = []
     for rows in np.array_split(np.arange(len(fourth)), parts):
         finite = np.isfinite(fourth[rows])
-        if np.count_nonzero(finite) < NOISE_LEVEL_FEWEST // 2:
+        if np.count_nonzero(finite) < FEWEST_PART_SAMPLES // 2:
             continue
         level = max(
             robust_sigma_about_zero(fourth[rows][finite]),
@@ -480,15 +477,17 @@ def _roughness(other: Series, begin: float, end: float) -> float:
     converter at least.
     """
     inside = (other.time >= begin) & (other.time <= end)
-    if np.count_nonzero(inside) < NOISE_LEVEL_FEWEST // 2:
+    if np.count_nonzero(inside) < FEWEST_PART_SAMPLES // 2:
         return 0.0
     fourth = fourth_differences(other.time[inside], other.values[inside])
     fourth = fourth[np.isfinite(fourth)]
     return max(robust_sigma_about_zero(fourth) if fourth.size else 0.0, 0.5 * other.least_bit)
 
 
-def _beyond_inputs(quiet: _NoisePart, loud: _NoisePart) -> float:
-    """Ratio of two noise levels, reduced by that of an input; zero if the motion explains it."""
+def _ratio_beyond_inputs(quiet: _NoisePart, loud: _NoisePart) -> float:
+    """Return the ratio of two noise levels divided by that of an input; zero if the motion explains
+    it.
+    """
     if not loud.slow and quiet.motion < loud.motion:
         return 0.0
     more = 1.0
@@ -498,8 +497,8 @@ def _beyond_inputs(quiet: _NoisePart, loud: _NoisePart) -> float:
     return loud.level / quiet.level / more
 
 
-def _shared(quiet: _NoisePart, loud: _NoisePart, others: Sequence[Series]) -> bool:
-    """Return whether another output is rougher as well, by more than its roughness scatters."""
+def _others_rougher(quiet: _NoisePart, loud: _NoisePart, others: Sequence[Series]) -> bool:
+    """Return whether another output is significantly rougher as well."""
     least = max(
         NOTABLE_NOISE_RATIO,
         float(
@@ -512,11 +511,9 @@ def _shared(quiet: _NoisePart, loud: _NoisePart, others: Sequence[Series]) -> bo
     )
 
 
-def _sure(quiet: _NoisePart, loud: _NoisePart) -> bool:
-    """Return whether the noise of a part is larger than that of another by more than its estimates
-    scatter.
-    """
-    ratio = _beyond_inputs(quiet, loud)
+def _is_significant(quiet: _NoisePart, loud: _NoisePart) -> bool:
+    """Return whether the noise of one part is significantly larger than that of another."""
+    ratio = _ratio_beyond_inputs(quiet, loud)
     scatter = LOG_SCATTER * np.sqrt(1.0 / quiet.samples + 1.0 / loud.samples)
     return bool(ratio >= NOTABLE_NOISE_RATIO and np.log(ratio) >= UNEVEN_SIGMAS * scatter)
 
@@ -533,7 +530,9 @@ def _between_parts(
         (quiet, loud)
         for quiet in result
         for loud in result
-        if loud.level > quiet.level and _sure(quiet, loud) and not _shared(quiet, loud, others)
+        if loud.level > quiet.level
+        and _is_significant(quiet, loud)
+        and not _others_rougher(quiet, loud, others)
     ]
     if len(result) < 3 or not pairs:
         return None
@@ -552,14 +551,16 @@ def _between_parts(
     above = [loud.level for _, loud in pairs if loud.level > between]
     below = [one.level for one in result if one.level <= between]
     if np.median(above) > LOUD_SAMPLE_RATIO * np.median(below):
-        loud = _loud(fourth_differences(series.time, series.values), between, len(series.values))
+        loud = _loud_samples(
+            fourth_differences(series.time, series.values), between, len(series.values)
+        )
         moved = [
             one
             for one in every
             if one.level > between and not any(one is other for _, other in pairs)
         ]
-        mask[series.rows[loud & ~_inside(series.time, moved)]] = True
-    if 0.0 < np.count_nonzero(mask) < MOST_SET_ASIDE * len(series.values):
+        mask[series.rows[loud & ~_in_parts(series.time, moved)]] = True
+    if 0.0 < np.count_nonzero(mask) < LARGEST_MASKED_SHARE * len(series.values):
         return RecordFinding(
             series.name,
             Kind.NOISE_LEVEL,
@@ -579,7 +580,7 @@ def _between_parts(
     )
 
 
-def _inside(time: np.ndarray, parts: Sequence[_NoisePart]) -> np.ndarray:
+def _in_parts(time: np.ndarray, parts: Sequence[_NoisePart]) -> np.ndarray:
     """Return whether times lie in one of the parts."""
     inside = np.zeros(len(time), dtype=bool)
     for one in parts:
@@ -587,7 +588,7 @@ def _inside(time: np.ndarray, parts: Sequence[_NoisePart]) -> np.ndarray:
     return inside
 
 
-def _loud(fourth: np.ndarray, above: float, count: int) -> np.ndarray:
+def _loud_samples(fourth: np.ndarray, above: float, count: int) -> np.ndarray:
     """Return the samples, of ``count``, at which the noise over a short window is above a level."""
     finite = np.isfinite(fourth)
     padded = np.pad(np.where(finite, np.abs(fourth), np.nan), LOCAL_LEVEL_SAMPLES, mode="reflect")

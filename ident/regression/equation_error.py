@@ -6,13 +6,13 @@ that window, sum_j w_j x_j = sum_j K_j (x_{j+1} - x_j), K_j = -sum_{i<=j} w_i, s
 side is averaged with the same K: a jump of the input inside a window then does no harm, and no
 frequency is lost on one side only.
 
-Least squares needs no integration, so any start will do, and an unstable aircraft is as easy as a
-stable one (Klein and Morelli, Aircraft System Identification, ch. 5). But the states in its
-regressors carry noise, and smoothing rounds them off: both bias the estimate, by up to several
-sigmas. With instrumental variables (Young, Recursive Estimation and Time-Series Analysis, 2nd ed.,
-ch. 8; Soderstrom and Stoica, Instrumental Variable Methods for System Identification, 1983) the
-regressors are the measured states as they are, and what they are multiplied with are those of a
-simulation at the last estimate: it follows the inputs, not the noise, so no bias is left.
+Least squares needs no integration, so that it works from any start and for unstable aircraft (Klein
+and Morelli, Aircraft System Identification, ch. 5). But noise and smoothing of the states in its
+regressors bias the estimate, by up to several sigmas. With instrumental variables (Young, Recursive
+Estimation and Time-Series Analysis, 2nd ed., ch. 8; Soderstrom and Stoica, Instrumental Variable
+Methods for System Identification, 1983) the regressors are the measured states as they are, and
+what they are multiplied with are those of a simulation at the last estimate: it follows the inputs,
+not the noise, so no bias is left.
 """
 
 from __future__ import annotations
@@ -40,14 +40,13 @@ from sim.maths import COMPLEX_STEP
 from sim.propagation import drive_from_record, make_grid, propagate
 from sim.record import Channel, Record
 
-SIMULATED_STEP = 0.02  # s, of the simulation that gives instruments
-# scatters of a state by which its simulation may leave the record and still serve
+SIMULATED_STEP = 0.02  # s, step of the simulation that gives instruments
+# largest distance of a usable simulation from the record, in scatters of a state
 RUNAWAY_SCATTERS = 3.0
-# at least squares and at the first estimate without its bias: a better instrument is no better
-# estimate
+# number of bias simulations: at least squares, and at the first corrected estimate
 BIAS_SIMULATIONS = 2
 NARROWER = (1.0, 0.5, 0.25, 0.125)  # shares of a slope's window that are tried with instruments
-NOISE_PAIRS = 6  # of added noise and its negative, from which the bias of least squares is found
+NOISE_PAIRS = 6  # pairs of added noise and its negative for the bias of least squares
 
 
 @dataclass(frozen=True)
@@ -217,8 +216,8 @@ def _evaluate(
     *,
     slopes: bool = True,
 ) -> list[_Equations] | None:
-    """Return the residuals of all records; ``histories`` in place of the smoothed states, the
-    biases of their sensors taken off already. Without ``slopes`` the jacobians are zero.
+    """Return the residuals of all records; ``histories``, if given, replace the smoothed states and
+    have no sensor biases. Without ``slopes`` the jacobians are zero.
     """
     with np.errstate(all="ignore"):
         parts = [
@@ -423,15 +422,15 @@ def _with_instruments(
     done: int,
     settings: RegressionSettings,
 ) -> Estimate:
-    """Return the estimate with instrumental variables, or the corrected one of least squares where
-    a simulation does not stay with the records.
+    """Return the estimate with instrumental variables, or that of corrected least squares if a
+    simulation does not follow the records.
     """
     squares = _finished(layout, theta, parts, outcome, done, replace(settings, coloured=False))
     settled = squares.outcome is Outcome.CONVERGED
     found = _instrumental(layout, theta, settings) if settled else None
     if found is None:
         squares = _finished(layout, theta, parts, outcome, done, settings)
-        return _less_bias(layout, theta, squares, settings) if settled else squares
+        return _without_bias(layout, theta, squares, settings) if settled else squares
     theta, covariance, outcome, more = found
     at_end = _evaluate(layout, theta)
     if at_end is None:
@@ -451,14 +450,14 @@ def _with_instruments(
 def _instrumental(
     layout: _Layout, theta: np.ndarray, settings: RegressionSettings
 ) -> tuple[np.ndarray, np.ndarray, Outcome, int] | None:
-    """Unknowns, their covariance, outcome and steps with instrumental variables; None where no
+    """Return unknowns, covariance, outcome and steps with instrumental variables; None where no
     simulation gives any.
     """
     _, low, high = _bounds(layout)
     simulated = _simulated(layout, theta)
     if simulated is None:
         return None
-    layout = _sharpest(layout, theta, simulated, settings)
+    layout = _with_best_windows(layout, theta, simulated, settings)
     outcome, done = Outcome.MAX_ITERATIONS, 0
     while True:
         done += 1
@@ -519,7 +518,7 @@ def _normal_problem(
     return _NormalProblem(np.linalg.inv(scaled) * np.outer(size, size), gradient, size, scores)
 
 
-def _sharpest(
+def _with_best_windows(
     layout: _Layout,
     theta: np.ndarray,
     simulated: list[list[np.ndarray]],
@@ -528,8 +527,8 @@ def _sharpest(
     """Return the layout with slopes over those windows, of several widths, with which the
     covariance of the shared parameters is least.
 
-    Wide windows leave little noise in a slope, but noise that is much alike from sample to sample;
-    other equations then count too little.
+    Wide windows leave little noise in a slope, but correlated noise; other equations then have too
+    little weight.
     """
     n, best, least = len(layout.shared), layout, np.inf
     for share in NARROWER:
@@ -564,8 +563,8 @@ def _narrower(record: Record, state: StateData, share: float) -> StateData:
 
 
 def _measured(layout: _Layout, r: int, theta: np.ndarray) -> list[np.ndarray]:
-    """States of record ``r`` as measured, smoothed ones where a sample is missing, the biases of
-    their sensors taken off.
+    """Return the states of record ``r`` as measured, smoothed at missing samples, without sensor
+    biases.
     """
     p = _parameters(layout, r, theta)
     out = []
@@ -582,8 +581,8 @@ def _parameters(layout: _Layout, r: int, theta: np.ndarray) -> np.ndarray:
 
 
 def _simulated(layout: _Layout, theta: np.ndarray) -> list[list[np.ndarray]] | None:
-    """States of all records simulated from their first smoothed ones; None where one leaves its
-    record by ``RUNAWAY_SCATTERS`` of its scatter.
+    """Return the states of all records simulated from their first smoothed ones; None if one
+    differs from its record by more than ``RUNAWAY_SCATTERS``.
     """
     out = []
     for r, (record, data) in enumerate(zip(layout.records, layout.data, strict=True)):
@@ -613,14 +612,15 @@ def _simulated(layout: _Layout, theta: np.ndarray) -> list[list[np.ndarray]] | N
     return out
 
 
-def _less_bias(
+def _without_bias(
     layout: _Layout, theta: np.ndarray, squares: Estimate, settings: RegressionSettings
 ) -> Estimate:
-    """Least squares less the bias by noise in the regressors, which is added to the sigmas.
+    """Return least squares without the bias from noise in the regressors; the bias is added to the
+    sigmas.
 
-    Noise of the size that is there already moves the estimate by as much again; of noise and its
-    negative the mean of the moves is the bias alone (SIMEX: Cook and Stefanski, J. American
-    Statistical Association 89, 1994, with antithetic pairs).
+    Added noise of the same size doubles the bias; the mean over noise and its negative cancels its
+    random part (SIMEX: Cook and Stefanski, J. American Statistical Association 89, 1994, with
+    antithetic pairs).
     """
     rng, n = np.random.default_rng(0), len(layout.shared)
     moves = []
@@ -668,8 +668,8 @@ def _noisier(record: Record, names: Sequence[str], noise: np.ndarray) -> Record:
 
 
 def _noise_std(layout: _Layout, parts: list[_Equations]) -> np.ndarray:
-    """Scatter of each channel about what the equations and the smoothed states say, one where it
-    was not recorded.
+    """Return the scatter of each channel about the equations and smoothed states; one where it was
+    not recorded.
     """
     squares, counts = np.zeros(len(layout.system.outputs)), np.zeros(len(layout.system.outputs))
     for record, part in zip(layout.records, parts, strict=True):

@@ -1,8 +1,8 @@
 """State histories for equation error from a record alone, by local polynomials.
 
 Savitzky and Golay, Analytical Chemistry 36(8), 1964, with the weights of every window formed anew,
-so that sampling may be uneven and samples may be missing. At the ends of a record the window stays
-whole and the fit is read off its side.
+so that sampling may be uneven and samples may be missing. At the ends of a record the window is
+complete and the fit is evaluated off its centre.
 
 A state that is measured under its own name is taken from its channel; a state that equals the rate
 of a known one (velocity of an altitude) is that one's slope. Nothing is simulated.
@@ -23,8 +23,8 @@ from sim.record import Record
 
 # ---- Smoothing and slopes by polynomials fitted to a moving window of samples
 
-_EVEN_SAMPLING_TOLERANCE = 1e-9  # of an interval, by which intervals of even sampling may differ
-_SMOOTHING_DEGREE = 2  # of the local polynomials that smooth a channel
+_EVEN_SAMPLING_TOLERANCE = 1e-9  # largest relative difference of even intervals
+_SMOOTHING_DEGREE = 2  # degree of the local polynomials that smooth a channel
 HALF_WIDTHS = (2, 3, 4, 6, 8, 11, 16, 23, 32, 45, 64)
 
 
@@ -60,7 +60,7 @@ def windows(time: np.ndarray, valid: np.ndarray, half_width: int, degree: int) -
     first = np.clip(np.arange(n) - half_width, 0, n - width)
     gaps = np.diff(time)
     if n > 2 * width and np.all(valid) and np.ptp(gaps) < _EVEN_SAMPLING_TOLERANCE * gaps[0]:
-        # All windows are alike but for the row that they are read at.
+        # All windows are equal except for the row of evaluation.
         few = windows(time[: 2 * width], valid[: 2 * width], half_width, degree)
         place = np.arange(n) - first
         like = np.where(place <= half_width, place, place + width)
@@ -130,8 +130,8 @@ class StateData:
 
     Attributes
     ----------
-    raw, valid : ``(N,)`` what the slope of the state is formed from, and where it is there.
-    smooth : ``(N,)`` what enters the regressors.
+    raw, valid : ``(N,)`` data for the slope of the state, and their validity.
+    smooth : ``(N,)`` values for the regressors.
     slopes : windows whose ``slope`` weights give the left-hand side of its equation.
     bias : position among all parameters of the bias of its channel; None without one.
     defines : the name of the state that was taken from this one's slope, so that this equation says
@@ -238,7 +238,7 @@ def rate_relations(system: System, times: np.ndarray) -> dict[str, str]:
 def _from_slope(
     time: np.ndarray, source: StateData, half: int, name: str
 ) -> tuple[StateData, StateData]:
-    """Return the state that is the rate of ``source``, and ``source`` marked as used up."""
+    """Return the state that is the rate of ``source``, and ``source`` marked as used."""
     fit = windows(time, source.valid, half, 3)
     if not np.any(fit.usable):
         raise ModelError(
@@ -247,8 +247,8 @@ def _from_slope(
             remedy="use a longer record",
         )
     slope = np.sum(fit.slope * fit.gather(source.raw), axis=1)
-    # Its own equation is averaged over a window as wide again, so that neighbouring slopes are not
-    # differenced.
+    # Its own equation is averaged over a window of the same width, so that neighbouring slopes are
+    # not differenced.
     slopes = windows(time, fit.usable, half, 1)
     smooth = np.interp(time, time[fit.usable], slope[fit.usable])
     used = StateData(source.raw, source.valid, source.smooth, source.slopes, source.bias, name)

@@ -3,17 +3,17 @@
 Information: inverses, normal equations, directions that data and priors determine. In units of the
 prior standard deviations the record's information is F = V diag(s^2) V', s and V the singular
 values and right vectors of its scaled sensitivities. With the prior the covariance is C = V diag(1
-/ (1 + s^2)) V': along a direction with s = 1 record and prior say equally much. The error of the
-estimate has two independent parts, noise and a wrong prior mean: C = C F C + C C, so that (C C)_ii
-/ C_ii is the share of a posterior variance that the prior is answerable for. The sum of s^2 / (1 +
-s^2) counts the numbers that the record settles (effective number of parameters; MacKay, Neural
+/ (1 + s^2)) V': along a direction with s = 1 record and prior have equal information. The error of
+the estimate has two independent parts, noise and a wrong prior mean: C = C F C + C C, so that (C
+C)_ii / C_ii is the share of a posterior variance due to the prior. The sum of s^2 / (1 + s^2) is
+the number of parameters determined by the record (effective number of parameters; MacKay, Neural
 Computation 4, 1992).
 
 Intervals: profile likelihood, shares, chi-square. A sigma is the curvature at the maximum; where
 the likelihood is no parabola (a quotient, a delay, a lag that hardly shows) the interval of 2 (ln
-L_max - ln L) = 4 is what two sigmas stand for. Venzon and Moolgavkar, Applied Statistics 37(1),
-1988; Raue et al., Bioinformatics 25(15), 2009. The signed root of that drop is nearly a straight
-line along the parameter, so a secant finds the end in a few refits.
+L_max - ln L) = 4 corresponds to two sigmas. Venzon and Moolgavkar, Applied Statistics 37(1), 1988;
+Raue et al., Bioinformatics 25(15), 2009. The signed root of that drop is nearly a straight line
+along the parameter, so a secant finds the end in a few refits.
 """
 
 from __future__ import annotations
@@ -30,8 +30,7 @@ import numpy as np
 # share of the largest eigenvalue of the scaled information below which a direction is not
 # determined: rounding
 UNDETERMINED = 1e-14
-# the same where the sensitivities themselves are good to some digits only: differences of simulated
-# kinematics
+# the same for sensitivities of limited precision: differences of simulated kinematics
 DIFFERENCED_UNDETERMINED = 1e-9
 LEAST_STEP_EIGENVALUE_SHARE = 1e-12  # share below which a step does not follow a direction at all
 
@@ -55,7 +54,7 @@ def inverse_information(
 
     A direction that holds less than ``floor`` of the scaled information keeps a finite, very large
     sigma: ``1 / sqrt(floor)`` in units of ``conditional_scale``. ``size`` of the unknowns: see
-    there. Of no unknown at all nothing is open.
+    there. Without unknowns, all is determined.
     """
     if not len(information):
         return np.zeros((0, 0)), True
@@ -86,7 +85,7 @@ def determined_and_open(
 
 def variance_along(covariance: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Return the variances ``(k,)`` of the linear combinations ``rows (k, n)`` of unknowns, each
-    with what rounding may have taken from it.
+    with its rounding error.
 
     Where directions are open, huge covariances cancel in a combination that does not contain them.
     The sum then holds no more than its rounding error, which is the variance reported: it is never
@@ -134,27 +133,26 @@ def add_normal_equations(
     residual: np.ndarray,
     weight: np.ndarray,
 ) -> None:
-    """Add to ``information (n, n)`` and ``gradient (n,)``, in place, what one record says of the
-    unknowns at the positions ``at (c,)``.
+    """Add to ``information (n, n)`` and ``gradient (n,)``, in place, the information of one record
+    on the unknowns at positions ``at (c,)``.
 
     ``jacobian (m, N, c)`` of the fitted outputs, ``residual (m, N)`` measured minus fitted,
     ``weight (m, N)`` one over the variance of a sample, zero where it is missing; negative weights
-    take a record away again.
+    remove a record.
     """
     J, w = jacobian.reshape(-1, len(at)), weight.ravel()
     information[at[:, None], at] += J.T @ (w[:, None] * J)
     gradient[at] += J.T @ (w * residual.ravel())
 
 
-# ---- What a record determines and what only the prior does
+# ---- Information of the record and of the prior
 
-# of the largest singular value: a direction below it has no influence that arithmetic could tell
-ROUNDING = 1e-10
+ROUNDING = 1e-10  # singular values below this share of the largest are rounding
 
 
 @dataclass(frozen=True, eq=False)
 class Determination:
-    """What a record and a prior say of parameters.
+    """Information of a record and of a prior on parameters.
 
     Attributes
     ----------
@@ -185,8 +183,8 @@ class Determination:
 
     @property
     def unseen(self) -> int:
-        """Directions without any influence on the record, to rounding: whatever its noise, only the
-        prior speaks of them.
+        """Directions without any influence on the record, to rounding: only the prior determines
+        them.
         """
         return (
             int(np.sum(self.strengths <= ROUNDING * max(float(self.strengths[0]), 1e-300)))
@@ -230,14 +228,14 @@ def determination(
 
 # ---- Profile-likelihood intervals
 
-# of twice the log likelihood: what two sigmas are where it is a parabola; 95.4 %
+# drop of twice the log likelihood at two sigmas of a parabola; 95.4 %
 TWICE_LOG_LIKELIHOOD_DROP = 4.0
 LEVEL = math.erf(math.sqrt(TWICE_LOG_LIKELIHOOD_DROP / 2.0))
-ENDPOINT_TOLERANCE = 0.02  # of the root, to which an end is found: a hundredth of the interval
-# times two sigmas (or the value itself, where that is less), beyond which a side is open: farther
-# out simulations fail first
+ENDPOINT_TOLERANCE = 0.02  # tolerance of the root at an end: a hundredth of the interval
+# largest distance of an end, in two sigmas (or in the value, if smaller): farther out simulations
+# fail first
 LARGEST_REACH = 16.0
-LARGEST_STEP_GROWTH = 4.0  # of a step outwards at most
+LARGEST_STEP_GROWTH = 4.0  # largest growth of a step outwards
 MOST_REFITS = 14  # refits of a side
 SKEWED_RATIO = 1.25  # ratio of the two sides from which an interval counts as skewed
 SIDE_DIFFERENCE_SHARE = 0.25  # share by which sides may differ from two sigmas
@@ -250,10 +248,11 @@ Refit = Callable[[float, State | None], tuple[float, State] | None]
 
 @dataclass(frozen=True)
 class ProfileInterval:
-    """Where the likelihood has dropped by what two sigmas stand for; None where it never does.
+    """Interval where the likelihood drops by the equivalent of two sigmas; an end is None if it
+    never does.
 
-    ``low_bound`` and ``high_bound``: the end is a bound of the parameter, not the likelihood's.
-    ``better``: by how much a refit was likelier than the estimate, which then is no maximum.
+    ``low_bound`` and ``high_bound``: the end is a bound of the parameter. ``better``: gain of a
+    refit over the estimate, which then is no maximum.
     """
 
     name: str
@@ -267,7 +266,7 @@ class ProfileInterval:
 
     @property
     def agrees(self) -> bool:
-        """Whether value +- two sigmas says the same."""
+        """Whether value +- two sigmas gives the same interval."""
         if self.low is None or self.high is None or self.low_bound or self.high_bound:
             return False
         below, above = self.value - self.low, self.high - self.value
@@ -395,8 +394,7 @@ def _end(
             ):
                 return None, False, side.better
         step = _next(inside, r_inside, outside, r_outside, goal, farthest)
-    # Where the only way out leads to values that cannot be computed, the likelihood has not said
-    # no.
+    # If values beyond cannot be computed, the side stays open.
     return (None if math.isinf(r_outside) else side.value + sign * outside), False, side.better
 
 
@@ -422,7 +420,8 @@ def _next(
 # ---- Confidence intervals of a share
 
 SHARES_LEVEL = 0.95
-BOOTSTRAP_DRAWS = 2000  # of a bootstrap: the ends of a 95 % interval rest on its 50 outermost
+# draws of a bootstrap: the ends of a 95 % interval depend on the 50 outermost
+BOOTSTRAP_DRAWS = 2000
 
 
 def clopper_pearson(count: float, of: float, level: float = SHARES_LEVEL) -> tuple[float, float]:

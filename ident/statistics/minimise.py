@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt: the one loop of every fit that damps its steps.
+"""Levenberg-Marquardt, used by all fits with damped steps.
 
 Minimised is minus a log likelihood. About a point it is a quadratic in units of each unknown's
 sigma with the others known, so that neither the units of data nor those of unknowns enter; damping
@@ -22,11 +22,10 @@ from ident.statistics.intervals import conditional_scale
 
 P = TypeVar("P")
 
-LEAST_DAMPING = 1e-12  # of a step where a quadratic holds
+LEAST_DAMPING = 1e-12  # least damping of a step where the quadratic model is accurate
 LARGEST_DAMPING = 1e8  # damping from which no descent is left
 _FIRST_DAMPING = 1e-4
-# keeps a direction without information from moving: it would follow rounding
-_LEAST_DAMPING = 1e-10
+_LEAST_DAMPING = 1e-10  # keeps directions without information from following rounding errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +81,8 @@ def local_model(
 
 
 def unresolved(samples: float) -> float:
-    """Rise of a cost (minus a log likelihood) that is not told from none: its sums' rounding and
-    what trajectory gaps leave, by samples.
+    """Return the rise of a cost (minus a log likelihood) that equals zero within rounding of its
+    sums and the remaining trajectory gaps, by number of samples.
     """
     return 5e-9 * samples
 
@@ -98,7 +97,7 @@ def _least() -> float:
 
 @dataclass(frozen=True)
 class Descent(Generic[P]):
-    """What is minimised, as functions of a point: whatever the caller keeps of one set of unknowns.
+    """The minimised function, as functions of a point (the caller's data for one set of unknowns).
 
     Attributes
     ----------
@@ -118,8 +117,8 @@ class Descent(Generic[P]):
 
 @dataclass(frozen=True, eq=False)
 class Minimum(Generic[P]):
-    """Where a search ended: the point, the quadratic about it, the steps tried, and whether it
-    ended because no damping leads downhill.
+    """End of a search: the point, the quadratic about it, the steps tried, and whether no damping
+    lowered the cost.
     """
 
     point: P

@@ -66,20 +66,21 @@ def robust_sigma_about_zero(values: np.ndarray) -> float:
 # ---- The white noise of a sensor
 
 SHORTEST_RUN = 16  # samples of a run that is looked at
-# coefficients in the band; a standard deviation of fewer is known to worse than an eighth
+# fewest coefficients in the band: fewer give a standard deviation worse than to an eighth
 FEWEST_COEFFICIENTS = 32
-# of the Nyquist frequency, above which no residual of a rigid body's motion has power
+# begin of the band, relative to the Nyquist frequency: residuals of rigid motion have no power
+# above
 BAND_START_SHARE = 0.5
-BAND_BLOCKS = 12  # in which the band grows to the whole spectrum
-FALSE_REJECTION_PROBABILITY = 0.01  # that a block of what belongs to the band is left out
+BAND_BLOCKS = 12  # blocks by which the band grows to the whole spectrum
+FALSE_REJECTION_PROBABILITY = 0.01  # probability that a block of white noise is left out
 LARGEST_GAP = 10.0  # sample intervals: a longer pause in the samples begins another run
 MOST_ITERATIONS = 12
-NEGLIGIBLE_POWER_SHARE = 1e-9  # of the power, below which none of it is white
+NEGLIGIBLE_POWER_SHARE = 1e-9  # smallest white share of the power
 
 
 def sensor_noise(series: Sequence[np.ndarray]) -> float | None:
-    """Return the standard deviation of the white part of residuals; None where they are too short
-    to tell, or have no white part.
+    """Return the standard deviation of the white part of residuals; None if they are too short or
+    have no white part.
 
     ``series``: runs of residuals at even intervals, each ``(N,)`` and finite; of several, as of
     several records, one noise is estimated.
@@ -121,7 +122,7 @@ def _cosine_transform(x: np.ndarray) -> np.ndarray:
 
 def used_runs(time: np.ndarray, residual: np.ndarray, used: np.ndarray) -> list[np.ndarray]:
     """Return the used samples of a residual ``(N,)`` at ``time`` (s), as runs without a long pause;
-    what was set aside in between is closed up.
+    masked samples in between are removed.
     """
     t, r = time[used], residual[used]
     if len(t) < 2:
@@ -131,8 +132,8 @@ def used_runs(time: np.ndarray, residual: np.ndarray, used: np.ndarray) -> list[
 
 
 def _fitted(power: np.ndarray, walk: np.ndarray) -> tuple[float, float]:
-    """s^2 and a of Whittle's likelihood, by weighted least squares with the weights of the last
-    step; neither below zero.
+    """Return s^2 and a of Whittle's likelihood, by weighted least squares with the last step's
+    weights; both at least zero.
     """
     white, random = float(np.mean(power)), 0.0
     for _ in range(MOST_ITERATIONS):
@@ -143,13 +144,13 @@ def _fitted(power: np.ndarray, walk: np.ndarray) -> tuple[float, float]:
         slope = (n * z - u * y) / determinant if determinant > 0.0 else 0.0
         level = (y - u * slope) / n
         slope, level = (slope, level) if slope > 0.0 else (0.0, y / n)
-        if level <= 0.0:  # all of it is the motion
+        if level <= 0.0:  # no white part
             level, slope = 1e-3 * NEGLIGIBLE_POWER_SHARE * float(np.mean(power)), z / v
         white, random = level, slope
     return white, random
 
 
-# ---- Measurement noise read off a record
+# ---- Measurement noise of a record
 
 WITHIN_TWO_SIGMA = 0.9545  # share of a Gaussian inside the band
 _FEWEST_DIFFERENCES = 20
@@ -202,17 +203,17 @@ def noise_envelope(record: Record, stop: float | None = None) -> dict[str, float
 # ---- Noise whose level changes along a series
 
 RECORD_PARTS = 8
-LOCAL_LEVEL_FEWEST = 40  # differences of a part
-# chosen: weights that are wrong by two in the variance hardly change a test
+LOCAL_LEVEL_FEWEST = 40  # fewest differences of a part
+# smallest ratio of levels worth a correction: weights that are wrong by two hardly change a test
 NOTABLE_NOISE_RATIO = 1.5
 # standard deviation of the logarithm of a robust sigma of n fourth differences, times sqrt(n), by
 # simulation
 LOG_SIGMA_SCATTER = 1.6
-# of its standard deviations between the quietest and the loudest part: by chance once in 5000
-# series
+# smallest difference between the quietest and loudest part, in standard deviations: by chance once
+# in 5000 series
 UNEVEN_NOISE_SIGMAS = 4.5
-# level by second over level by fourth differences, beyond which a part holds motion and tells no
-# noise
+# smallest ratio of levels by second and fourth differences in a part with motion, whose noise is
+# unknown
 MOTION_NOISE_RATIO = 1.25
 
 
@@ -220,9 +221,8 @@ def levelled(series: np.ndarray) -> np.ndarray:
     """Return a series ``(N,)`` over its local noise level, of the same mean level; itself where
     that does not change beyond chance.
 
-    What varies slowly against the sampling stays as it is, so that a residual that is not noise is
-    not hidden: a part whose second differences are larger than its fourth's takes its level from
-    the others.
+    Slow variations are kept, so that a residual that is not noise is not hidden: a part with motion
+    (second differences above fourth ones) gets the level of the other parts.
     """
     count = len(series)
     parts = min(RECORD_PARTS, count // LOCAL_LEVEL_FEWEST)
@@ -242,7 +242,7 @@ def levelled(series: np.ndarray) -> np.ndarray:
         return series
     local = _running_level(fourth, int(len(fourth) / (4 * parts)))
     middle = np.clip(np.arange(count) - 2, 0, len(local) - 1)
-    # A part with motion is no louder than the loudest part that tells.
+    # The level of a part with motion is limited to those of the others.
     level = np.clip(local, levels[determined].min(), levels[determined].max())[middle]
     return np.asarray(series / level * np.sqrt(np.mean(level**2)))
 
@@ -284,8 +284,8 @@ class Spikes:
 
 
 def provisional_mask(residual: np.ndarray, valid: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """False at samples that stand alone above their six neighbours, ``(m, N)``; ``edges (N,)`` True
-    near a switch of an input.
+    """Return False at single samples far above their six neighbours, ``(m, N)``; ``edges (N,)``
+    True near a switch of an input.
     """
     keep = np.ones_like(valid)
     for i in range(len(residual)):
@@ -337,11 +337,11 @@ def isolated_wrong(
     residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray], edges: Sequence[np.ndarray]
 ) -> list[np.ndarray]:
     """True at the isolated wrong samples of one channel in each record, ``(N,)``, from the
-    residuals of a fit that may lack something.
+    residuals of a fit that may be incomplete.
 
-    A sample that is alone above its neighbours, as while searching, or above the residual, as at
-    the end; none where the residual has heavy tails. Near the ``edges`` of an input, where a model
-    that lacks something is off every time, it is compared with the other edges.
+    A wrong sample exceeds its neighbours (as during the search) or the residual (as at the end);
+    there is none if the residual has heavy tails. Near the ``edges`` of an input, where an
+    incomplete model always fails, it is compared with the other edges.
     """
     away = [
         from_neighbours(residual, usable) for residual, usable in zip(residuals, valid, strict=True)

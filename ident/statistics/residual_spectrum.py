@@ -1,14 +1,13 @@
 """Power spectra of residuals by autoregressions, and parameter covariance corrected for coloured
 residuals.
 
-The residuals of a fit are the noise less what the fitted unknowns have followed of it. Of noise
-with a long memory that is a large part of its power at low frequency, where maneuvers have theirs
-too: autocovariances of residuals are too small, and their taper makes them smaller (Kiefer and
-Vogelsang, Econometric Theory 21(6), 2005). Here the noise is an autoregression, its order by
-Akaike's criterion (Berk, Annals of Statistics 2(3), 1974; den Haan and Levin, NBER technical
-paper 197, 1996): of each output by itself, or of all together, as gusts move them. Its
-autocovariance is moved by the difference between noise and residual that this autoregression
-itself leads to, until both agree.
+The residuals of a fit are the noise minus the part that the unknowns have fitted. For noise of long
+correlation this part is large at the low frequencies of maneuvers: autocovariances of residuals are
+too small, and tapering reduces them further (Kiefer and Vogelsang, Econometric Theory 21(6), 2005).
+Here the noise is an autoregression, its order by Akaike's criterion (Berk, Annals of Statistics
+2(3), 1974; den Haan and Levin, NBER technical paper 197, 1996): one for each output, or one for all
+if a common cause such as gusts acts. Its autocovariance is corrected by the difference between
+noise and residual that it implies, until both agree.
 
 Morelli and Klein, "Accuracy of Aerodynamic Model Parameters Estimated from Flight Test Data", J.
 Guidance, Control and Dynamics 20(1), 1997: the information matrix stays, the scatter of the
@@ -27,8 +26,8 @@ from scipy.special import ndtr, stdtrit
 
 # ---- Power spectra of the residuals of a fit
 
-_MOST_AUTOCOVARIANCE_PASSES = 8  # of the autocovariance towards that of the noise, at most
-# of each variance of the gradient, by which a pass moves it at the end: half a percent of a sigma
+_MOST_AUTOCOVARIANCE_PASSES = 8  # most corrections of the autocovariance
+# largest relative change of a gradient variance at convergence: half a percent of a sigma
 _SETTLED_VARIANCE_SHARE = 0.01
 
 
@@ -48,7 +47,7 @@ class Autoregression:
 
     @property
     def criterion(self) -> float:
-        """Akaike's; infinite where the covariance is none."""
+        """Akaike's criterion; infinite if the covariance is not positive definite."""
         sign, log = np.linalg.slogdet(self.covariance)
         return float(self.count * log + 2.0 * np.count_nonzero(self.free)) if sign > 0 else np.inf
 
@@ -65,7 +64,7 @@ class Autoregression:
 
 @dataclass(frozen=True, eq=False)
 class RecordScores:
-    """What one record adds to the gradient of a fit.
+    """Contribution of one record to the gradient of a fit.
 
     Attributes
     ----------
@@ -97,7 +96,7 @@ def score_covariance(records: Sequence[RecordScores], inverse: np.ndarray) -> Sc
 
     Parameters
     ----------
-    inverse : ``(n, n)`` by which a gradient turns into a step of the unknowns.
+    inverse : ``(n, n)`` factor from a gradient to a step of the unknowns.
     """
     spectra = [_ScoreTransforms(each) for each in records if np.any(each.residual[each.valid])]
     n = len(inverse)
@@ -122,11 +121,10 @@ def score_covariance(records: Sequence[RecordScores], inverse: np.ndarray) -> Sc
 
 
 def common_disturbance(residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -> bool:
-    """Return whether one cause moves the residuals of several outputs, as gusts do, and not the
-    noise of each sensor by itself.
+    """Return whether the residuals of several outputs have a common cause, such as gusts.
 
-    Akaike's criterion of an autoregression of all outputs ``(m, N)`` together, against one of
-    each, in any record.
+    It compares, by Akaike's criterion, one autoregression of all outputs ``(m, N)`` with one for
+    each output, in any record.
     """
     for residual, usable in zip(residuals, valid, strict=True):
         blank = np.zeros((*residual.shape, 0))
@@ -139,7 +137,7 @@ def common_disturbance(residuals: Sequence[np.ndarray], valid: Sequence[np.ndarr
 
 
 class _ScoreTransforms:
-    """Transforms of one record's scores, and the autoregression of its outputs as it stands.
+    """Transforms of one record's scores, and the current autoregression of its outputs.
 
     Outputs that were not recorded, or are met exactly, are left out; the others are in units of
     their own scatter.
@@ -232,24 +230,25 @@ class _ScoreTransforms:
         return 0.5 * (total + total.T)
 
     def refit(self, inverse: np.ndarray, covariance: np.ndarray) -> None:
-        """Autoregressions anew, of the autocovariances that the noise must have for the residuals
-        to have theirs.
+        """Fit the autoregressions again, to autocovariances of the noise that are consistent with
+        those of the residuals.
         """
         n = self.residual.shape[1]
         following = np.fft.irfft(_by_real(self.driven, inverse.T), self.size, axis=0)[:n]
         follows = np.fft.rfft(following, self.size, axis=0)
         moves = self.moves
-        # The correlations of what follows the noise, by the products of the transforms.
+        # Correlations of the fitted part of the noise, by products of the transforms.
         other = np.conj(follows - _by_real(moves, covariance)).transpose(0, 2, 1)
         both = moves @ other + follows @ np.conj(moves.transpose(0, 2, 1))
         taken = np.fft.irfft(both, self.size, axis=0)[: self.lags + 1]
         moved = self.measured + taken / (self.share * n)
-        # Nearly collinear unknowns may leave less than no noise: then the residuals' own stands.
+        # With nearly collinear unknowns the corrected variance may be negative: then the residuals'
+        # own is used.
         self._fit(moved if np.all(moved[0].diagonal() > 0.0) else self.measured)
 
     def spread(self, inverse: np.ndarray) -> np.ndarray:
-        """Return the variance of the diagonal of ``inverse middle inverse^T`` ``(n,)`` through what
-        the autoregressions do not know exactly.
+        """Return the variance of the diagonal of ``inverse middle inverse^T`` ``(n,)`` due to the
+        uncertainty of the autoregressions.
         """
         model = self.model
         p, m, _ = model.coefficients.shape
@@ -345,7 +344,8 @@ def joint_autoregressions(autocovariance: np.ndarray, count: float) -> Iterator[
     """Autoregressions of all outputs together, of rising order, from autocovariances ``(P + 1, m,
     m)``: Yule and Walker's equations by Whittle's recursion.
 
-    Up to ten samples a coefficient, and as long as the noise's covariance is one.
+    Orders end at ten samples a coefficient, or when the noise's covariance is not positive
+    definite.
 
     References
     ----------
@@ -404,8 +404,8 @@ def paired_autocovariance(residual: np.ndarray, valid: np.ndarray, lags: int) ->
 
 @lru_cache(maxsize=64)
 def good_length(least: int) -> int:
-    """Return the smallest product of twos, threes and fives that is not less: of such lengths
-    transforms are quick.
+    """Return the smallest product of twos, threes and fives that is at least ``least``: transforms
+    of such lengths are fast.
     """
     result, fives = 1 << (least - 1).bit_length(), 1
     while fives < result:
@@ -445,7 +445,7 @@ def corrected_covariance(
     parts : for each record the positions of its columns in theta, its jacobian ``(m, N, c)``,
         residuals and validity ``(m, N)``; missing samples count as zero.
     variance : ``(m,)`` noise variance of each output.
-    prior : ``(n, n)`` information of the prior, which no colour touches; None where there is none.
+    prior : ``(n, n)`` information of the prior, independent of the colour; may be None.
 
     Returns
     -------
@@ -461,7 +461,7 @@ def corrected_covariance(
     result = score_covariance(records, inverse)
     corrected = inverse @ (result.middle if prior is None else result.middle + prior) @ inverse
     white, own = np.diag(inverse), np.diag(corrected)
-    # Where the residuals say nothing at all (exact data) the white value is kept.
+    # Exact data: the white value is kept.
     shown = own > 1e-12 * white
     factor = np.sqrt(np.maximum(np.divide(white, own, out=np.zeros_like(own), where=shown), 1.0))
     factor *= shown * student_factor(own, result.spread)
@@ -510,8 +510,8 @@ def student_factor(variance: np.ndarray, spread: np.ndarray) -> np.ndarray:
 
 
 def filtered_product(sensitivity: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Sum over i, j of s_i R(i - j) s_j^T for a symmetric autocovariance: over frequencies, by
-    Parseval, of spectra of padded series.
+    """Return the sum over i, j of s_i R(i - j) s_j^T for a symmetric autocovariance R, from spectra
+    of padded series (Parseval).
     """
     n, lags = len(sensitivity), len(covariance) - 1
     size = good_length(n + 2 * lags + 1)
@@ -542,7 +542,7 @@ def effective_share(residuals: Sequence[np.ndarray], valid: Sequence[np.ndarray]
             lags = max(5, len(row) // 5)
             covariance = autocovariance(np.where(known, row, 0.0), lags)
             rho = covariance[1:] / covariance[0]
-            # Estimates scatter by (1 + 2 excess)/N at every lag, which is no correlation.
+            # The variance (1 + 2 excess)/N of the estimates at every lag is subtracted.
             excess = max(0.0, (float(np.sum(rho**2)) - lags / count) / (1.0 + 2.0 * lags / count))
             weight, total = weight + count, total + count / (1.0 + 2.0 * excess)
     return total / weight if weight > 0 else 1.0

@@ -12,11 +12,11 @@ from ident.estimate import Estimate, FilterHistory
 from ident.statistics.noise_levels import levelled, robust_sigma_about_zero
 from sim.errors import ModelError
 
-# ---- Are residuals or innovations what the noise alone would give? Two first tests
+# ---- Are residuals white noise? Two first tests
 
 # p-value below which a residual is no noise: of every sentence, table and verdict
 WHITENESS_P_VALUE = 1e-4
-FAR_ABOVE = 2.0  # chosen: ratio of rms to robust sigma from which a residual is not called noise
+FAR_ABOVE = 2.0  # chosen: smallest ratio of rms to robust sigma that is not noise
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def _ljung_box_tail(statistic: float, lags: int, n: int) -> float:
 
 def residual_size(residual: np.ndarray, valid: np.ndarray, channel: str) -> ResidualTest | None:
     """Return a failed test where a few samples of a residual ``(N,)`` are far larger than the
-    others: wild points are white, and no noise; None where that is not so.
+    others: outliers are white but not noise; None if there are none.
 
     Its root mean square is compared with its robust standard deviation (of the median absolute
     value), which is not the sensor noise where the residual is coloured. The logarithm of their
@@ -152,10 +152,11 @@ def residual_tests(
     return tuple(tests) if history is None else (*tests, innovation_size(history))
 
 
-# ---- Whether an estimated derivative can be believed beside the value that was declared of it
+# ---- Plausibility of an estimate against its declared value
 
-INTERVAL_SIGMAS = 2.0  # to either side: what an estimate may be by its own account
-# a vehicle file is possibly 30 % wrong: ten of its sigmas from zero, as far as from a turned sign
+INTERVAL_SIGMAS = 2.0  # on either side of an estimate: its interval
+# largest plausible ratio to the declared value: a vehicle file may be 30 % wrong, and this is ten
+# of its sigmas
 IMPLAUSIBLE_CHANGE_FACTOR = 3.0
 
 
@@ -164,8 +165,8 @@ def contradiction(value: float, std: float, declared: float) -> str:
     if there is none.
 
     An estimate contradicts where no value within two sigmas has the declared sign and less than
-    three times the declared size. Nothing speaks where zero was declared, or where value or sigma
-    are not finite: that tells of no derivative.
+    three times the declared size. There is no contradiction if zero was declared, or if value or
+    sigma are not finite.
     """
     if declared == 0.0 or not (math.isfinite(value) and math.isfinite(std) and std >= 0.0):
         return ""
@@ -200,13 +201,13 @@ def shortfall(value: float, std: float, declared: float) -> str:
     )
 
 
-# ---- Are residuals made by the inputs, or by something that the record does not hold?
+# ---- Do the inputs predict the residuals?
 
 LAGS = (0.0, 0.06, 0.12, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.7, 2.2, 2.8)  # s, edges of means
-RIDGE_SHARE = 0.01  # of a regressor's variance
-# Share of a residual that the inputs predict, from which they make it. Measured in twelve flights
-# of the rigid model with 60 ms of delay: 0.17 to 0.89, the largest output 0.69 or more; in twelve
-# in turbulence: below zero.
+RIDGE_SHARE = 0.01  # ridge, relative to a regressor's variance
+# Smallest share of a residual predicted by the inputs that shows a missing response. In twelve
+# flights of the rigid model with 60 ms of delay: 0.17 to 0.89, the largest output at least 0.69; in
+# turbulence below zero.
 MADE_BY_INPUTS = 0.3
 
 
@@ -284,7 +285,7 @@ def _past_means(inputs: np.ndarray, interval: float) -> np.ndarray:
     return np.asarray(rows / np.where(scatter > 0.0, scatter, 1.0))
 
 
-# ---- What differs between two estimates by more than their uncertainty
+# ---- Comparison of two estimates
 
 BOUND_SIGMAS = 2.0  # sigmas, as the bounds that NASA TM-101722 draws
 

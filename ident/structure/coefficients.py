@@ -29,18 +29,18 @@ from sim.aerodynamics import Term
 from sim.errors import RecordError
 
 BODY, WIND, MOMENTS = ("CX", "CY", "CZ"), ("CD", "CY", "CL"), ("Cl", "Cm", "Cn")
-DERIVATIVE_BANDWIDTH = 3.0  # Hz, of the smoothed derivative, where it is half in power
+DERIVATIVE_BANDWIDTH = 3.0  # Hz, half-power bandwidth of the smoothed derivative
 NEEDED = ("airspeed", "alpha", "beta", "p", "q", "r", "ax", "ay", "az")
 _ZERO = (0.0, 0.0, 0.0)
 _SIMPSON_WEIGHTS = np.array([1.0, 4.0, 1.0]) / 6.0  # weights of the mean over an interval
 _FLOWN = ("airspeed", "alpha", "beta", "p", "q", "r")
-_LENGTHS = {"p": "span", "q": "chord", "r": "span"}  # of non-dimensional rates
+_LENGTHS = {"p": "span", "q": "chord", "r": "span"}  # reference lengths of non-dimensional rates
 Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
 class Airframe:
-    """Numbers by which motion becomes coefficients; SI, body axes x forward, y right, z down.
+    """Constants that convert motion to coefficients; SI, body axes x forward, y right, z down.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ class Histories:
         return np.array(rows).reshape(-1, len(self.time))
 
     def noise_through(self, table: Mapping[Term, float], axis: str) -> np.ndarray:
-        """Noise variance that the signals bring into a coefficient less the sum of its terms,
+        """Return the noise variance due to the signals in a coefficient minus the sum of its terms,
         ``(M,)``.
 
         Parameters
@@ -249,7 +249,7 @@ def histories_of(
             remedy="give a longer record or a larger --bandwidth",
         )
     smooth = _smooth(channels, half)
-    jumps = _jumps(channels, smooth, surfaces, step) if held else {}
+    jumps = _half_steps(channels, smooth, surfaces, step) if held else {}
     s = _at_cg(smooth, airframe, step, jumps)
     c = {key: np.broadcast_to(np.asarray(v, float), time.shape) for key, v in _constants(airframe)}
     rows = np.arange(0, len(time) - 2 * half, half)
@@ -326,16 +326,17 @@ def _smooth(channels: Mapping[str, np.ndarray], half: int) -> dict[str, np.ndarr
     }
 
 
-def _jumps(
+def _half_steps(
     channels: Mapping[str, np.ndarray],
     smooth: Mapping[str, np.ndarray],
     surfaces: Mapping[str, np.ndarray],
     step: float,
 ) -> dict[str, np.ndarray]:
-    """Return half of what a step of held surfaces adds to each angular acceleration at its sample.
+    """Return half the step of each angular acceleration due to a step of held surfaces, at its
+    sample.
 
-    A central difference is the mean of both sides of the step, and an accelerometer reads the
-    later side. The difference of both sides is regressed on the steps and on the smooth motion.
+    A central difference is the mean of both sides of the step, and an accelerometer reads the later
+    side. The difference of both sides is regressed on the steps and on the smooth motion.
     """
     moves = [np.diff(row)[:-1] for row in surfaces.values()]
     moves = [row for row in moves if np.any(row)]

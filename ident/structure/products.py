@@ -232,9 +232,10 @@ def variance_of(products: Products, chosen: Sequence[int]) -> np.ndarray:
 
 
 def gains_of(products: Products, chosen: Sequence[int]) -> tuple[np.ndarray, float]:
-    """Sum of squares that each further column would explain, ``(k,)``, and what is left now.
+    """Return the sum of squares that each further column would explain, ``(k,)``, and the present
+    residual's.
 
-    A column whose part that the others leave is mostly noise explains nothing.
+    A column explains nothing if its part independent of the others is mostly noise.
     """
     squares = float(products.squares.sum())
     n = normal_of(products, chosen)

@@ -51,10 +51,10 @@ LEAST_VARIANCE_SHARE = 2e-4  # share of the variance that a term has to explain
 NO_WORSE = 4.0  # partial F ratio, two sigmas, by which a simpler term may explain less
 CHANGED, MUCH = 1.0, 2.0  # sigmas by which a linear term that is clear, or any, moves another value
 CLEAR_F_RATIO = 5.0  # partial F ratio of such a term
-LARGEST_VARIANCE_INFLATION = (
-    10.0  # variance inflation factor above which two terms are not told apart
-)
-AS_GOOD = 1e-6  # of a gain, within which two terms explain the same: the one offered first enters
+# variance inflation factor above which two terms are not told apart
+LARGEST_VARIANCE_INFLATION = 10.0
+# largest relative difference of equal gains: of two such terms the one offered first enters
+AS_GOOD = 1e-6
 STEPWISE, ORTHOGONAL = "stepwise", "orthogonal"
 
 

@@ -1,11 +1,10 @@
-"""What one record says of a derivative and another does not: the scatter between records, and what
-it makes of a sigma.
+"""Differences between records: the scatter of each derivative, and the factor that it puts on a
+sigma.
 
-Mass, trim and speed differ from record to record, and small causes act differently in each:
-residuals of one record, however their colour is allowed for, do not tell of that. Differences
-between records do (Birge, Physical Review 40, 207, 1932). Few records give few differences, so that
-each derivative borrows from the others (Smyth, Stat. Appl. Genet. Mol. Biol. 3(1), 2004), and two
-sigmas hold what Student's t holds for as many.
+Mass, trim and speed differ from record to record. The residuals of one record do not show this; the
+differences between records do (Birge, Physical Review 40, 207, 1932). With few records, the scatter
+of each derivative is averaged with that of the others (Smyth, Stat. Appl. Genet. Mol. Biol. 3(1),
+2004). The factor also includes the width of Student's t at two sigmas.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from sim.declaration.effect import NoiseEffect, full_name
 from sim.declaration.proposal import Refinable, Traceable
 from sim.record import Record
 
-FEWEST_RECORDS = 3  # two have one degree of freedom, which is no scatter to print
+FEWEST_RECORDS = 3  # fewest records for a scatter: two have a single degree of freedom
 # degrees of freedom from the other derivatives: two sigmas hold 93 to 98 of 100 simulated flights
 # with two to five records
 BORROWED = 6.0
@@ -36,11 +35,11 @@ BORROWED = 6.0
 
 @dataclass(frozen=True)
 class RecordScatter:
-    """``scatter`` : standard deviation of a derivative between fits of single records, what a user
-    would see who flew again.
+    """Scatter of the derivatives between records; both fields are empty with too few records.
 
-    ``inflation`` : by derivative, the factor (one at least) that differences between records put on
-    its corrected sigma. Both empty where records do not tell.
+    ``scatter`` : by derivative, standard deviation between fits of single records.
+
+    ``inflation`` : by derivative, factor (at least one) on its corrected sigma.
     """
 
     scatter: Mapping[str, float] = field(default_factory=dict)
@@ -50,11 +49,11 @@ class RecordScatter:
 def scatter_between_records(
     problem: TraceProblem, fitted: FittedModel, held: HeldOutData
 ) -> RecordScatter:
-    """Compare all records, fitted or held out: each has its derivatives for itself, the effects of
-    the set are in common.
+    """Return the scatter between records, fitted or held out: each has its own derivatives; the
+    effects of the set are shared.
 
-    Nothing with one record, of which a held-out part is no second one. With process noise each
-    record is fitted by itself under the noise levels and effects of all.
+    Empty with one record; its held-out part is not a second record. With process noise each record
+    is fitted by itself, with the noise levels and effects of all.
     """
     others = held.records if held.masks is not None else ()
     records, masks = [*problem.records, *others], [*problem.masks, *(held.masks or ())]
@@ -84,8 +83,8 @@ def _together(
     records: Sequence[Record],
     masks: Sequence[np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the values and sigmas ``(n, records)`` of a fit of all records in which each has these
-    parameters for itself.
+    """Return the values and sigmas ``(n, records)`` of these parameters from one fit of all records
+    in which each record has its own.
     """
     data = FitData(records, masks, problem.model, problem.outputs)
     apart = fit_set(
@@ -114,8 +113,8 @@ def _one_by_one(
     records: Sequence[Record],
     masks: Sequence[np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the values and sigmas ``(n, records)`` under the noise levels and effects of all, of
-    the records that can be fitted so; None of fewer than two.
+    """Return the values and sigmas ``(n, records)`` of fits of single records, with the noise
+    levels and effects of all; None if fewer than two fits succeed.
     """
     own = [
         name
@@ -148,12 +147,12 @@ def _one_by_one(
 
 
 def inflation(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """Factors ``(n,)`` on the sigmas of means of values ``(n, records)`` that claim to be known to
-    ``sigma (n, records)``.
+    """Return the factors ``(n,)`` on the sigmas of the means of values ``(n, records)``, whose own
+    sigmas are ``sigma (n, records)``.
 
-    The root of chi-squared over its degrees of freedom, of each row as far as it can tell and of
-    the middle one of all for the rest; times what Student's t is wider by at two sigmas. Never
-    below one.
+    The factor is the root of chi-squared over its degrees of freedom, from each row and from the
+    median of all rows. It is multiplied by the width of Student's t relative to a Gaussian at two
+    sigmas, and is at least one.
     """
     from scipy.special import chdtri, ndtr, stdtrit
 
@@ -163,24 +162,24 @@ def inflation(values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     own = np.sum(((values - mean) / sigma) ** 2, axis=1) / freedom
     # the median of chi-squared lies below its mean
     shared = float(np.median(own)) * freedom / float(chdtri(freedom, 0.5))
-    borrowed = min(BORROWED, float(freedom * (len(values) - 1)))  # there is no more to borrow
+    borrowed = min(BORROWED, float(freedom * (len(values) - 1)))  # no more degrees exist
     squared = (freedom * own + borrowed * shared) / (freedom + borrowed)
     wider = float(stdtrit(freedom + borrowed, ndtr(2.0))) / 2.0
     return np.maximum(1.0, wider * np.sqrt(squared))
 
 
-# ---- What each record says of an effect
+# ---- Parameters of an effect in each record
 
 
 def of_each_record(fitted: FittedModel, effect: Traceable) -> tuple[Mapping[str, Quantity], ...]:
-    """Return an effect's shared parameters as each record has them, by local name.
+    """Return an effect's shared parameters as each record alone has them, by local name.
 
-    Each record gets its own value of them; the derivatives and all other effects stay in common.
+    Each record gets its own value; the derivatives and all other effects stay shared.
 
     Returns
     -------
-    One mapping a record, with sigmas; empty with one record, of process noise, and where the
-    effect has no parameter that the records share.
+    One mapping a record, with sigmas; empty with one record, with process noise, and where the
+    effect has no shared parameter.
     """
     fit, layout = fitted.fit, fitted.fit.layout
     count, names = len(layout.problems), list(layout.names)
@@ -214,16 +213,16 @@ def of_each_record(fitted: FittedModel, effect: Traceable) -> tuple[Mapping[str,
     return tuple(found)
 
 
-# ---- What the form of an effect leaves open
+# ---- Uncertainty from the form of an effect
 
 
 def form_spread(problem: TraceProblem, fitted: FittedModel) -> dict[str, float]:
-    """Return by how much, beyond chance, the declared parameters move if every effect of a set
-    takes its refined form; empty if none has one.
+    """Return the change of each declared parameter, beyond chance, if every effect of a set takes
+    its refined form; empty if no effect has one.
 
-    A derivative is a slope at trim, and the plain form of a curve is not the truth's: its sigma
-    knows of noise alone. The move is taken beyond what the freer form's larger sigma explains:
-    sqrt(max(0, move^2 - (sigma_freer^2 - sigma_plain^2))).
+    Sigmas include noise alone, and the base form of an effect is an approximation. The change is
+    reduced by the part that the larger sigma of the refined form explains: sqrt(max(0, change^2 -
+    (sigma_refined^2 - sigma_base^2))).
     """
     freer = tuple(
         effect.finer() if isinstance(effect, Refinable) else effect for effect in fitted.effects

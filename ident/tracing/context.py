@@ -1,4 +1,6 @@
-"""What the records offer a search: spans, input sizes, peaks of the residual's spectrum."""
+"""Numbers of the records that a search starts from: spans, input sizes, peaks of the residual's
+spectrum.
+"""
 
 from __future__ import annotations
 
@@ -11,17 +13,17 @@ from sim.declaration.effect import AIRSPEEDS
 from sim.declaration.proposal import SearchContext
 from sim.record import Record
 
-_SMOOTHED_BINS = 801  # bins of a smoothed spectrum, a hundred of a record's own
+_SMOOTHED_BINS = 801  # width of the smoothing window of a spectrum, frequencies
 _SLOWEST_UPDATE_RATE = 2.0  # Hz: slower updates are motion
 _MOST_PEAKS = 3  # peaks of a residual spectrum that start a search
 
 
 def search_context(fitted: FittedModel, predicted: Sequence[Record] = ()) -> SearchContext:
     """Return the common search context of a fitted model's records: the longest span, the largest
-    inputs, the ranges as fitted.
+    inputs, the ranges of the fitted outputs.
 
-    ``predicted`` are further records that the model must predict: what they fly through widens the
-    ranges (the outermost hundredth of an output's samples left out, against spikes).
+    ``predicted`` : further records that the model must predict; their outputs widen the ranges. The
+    outermost hundredth of their samples is left out, as it may hold spikes.
     """
     fit, layout = fitted.fit, fitted.fit.layout
     problems, lines = layout.problems, fit.lines
@@ -102,8 +104,8 @@ def update_period(
 ) -> float:
     """Return the period, s, at which an output is most likely held between updates.
 
-    A held output is late by a sawtooth that grows from nothing to the period: its residual is minus
-    that times the output's slope. The product of residual and slope has a line at the frequency of
+    The delay of a held output is a sawtooth between zero and the period: its residual is minus the
+    delay times the output's slope. The product of residual and slope has a line at the frequency of
     the updates.
 
     Parameters
@@ -122,7 +124,7 @@ def update_period(
             np.abs(np.fft.rfft((product - product.mean()) * np.hanning(len(product)), size)) ** 2
         )
     frequency = np.fft.rfftfreq(size, interval)
-    # What the maneuver itself brings falls with frequency: a line stands out of what is around it.
+    # The power of the maneuver falls with frequency; a line exceeds the power around it.
     around = uniform_filter1d(power, _SMOOTHED_BINS)
     inside = (frequency > _SLOWEST_UPDATE_RATE) & (frequency < 0.5 / interval)
     height = np.where(inside, power / np.maximum(around, 1e-300), 0.0)
@@ -136,11 +138,10 @@ def spectral_peaks(
     valid: Sequence[np.ndarray],
     variance: np.ndarray,
 ) -> tuple[float, ...]:
-    """Return the three frequencies (rad/s) at which the normalised residuals hold most power,
-    strongest first, at least 15 % apart.
+    """Return the three frequencies (rad/s) at which the normalised residuals have most power,
+    largest first, at least 15 % apart.
 
-    Missing samples count as zero; uneven sampling is read as even at its mean interval, which
-    serves for a start.
+    Missing samples count as zero; samples are taken as even at their mean interval.
     """
     best: dict[float, float] = {}
     for record, residual, mask in zip(records, residuals, valid, strict=True):

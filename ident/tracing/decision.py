@@ -38,27 +38,29 @@ from ident.tracing.whiteness import FITTED, is_noise, whiteness
 from sim.declaration.effect import NoiseEffect, Station, full_name
 from sim.declaration.proposal import Traceable
 
-NEGLIGIBLE_RATIO = 1.1  # error over the noise up to which a discrepancy is of no consequence
-LARGE_RATIO = 10.0  # error over the noise above which equations of forces prove no cause
-OVER_LEAST = 6.0  # times the least noise of a sensor: 1.8 times what high frequencies show
-SUPPORTED_Z = 3.0  # z of an effect that brings little
-TWO_EVENTS = "two loads or gusts in passing are likelier one cause that the library lacks"
-ROUGH_AIR = "its evidence comes from the maneuvers: rough air acts between them as well"
-BESIDE_ROUGH_AIR = "it is found beside rough air that follows the maneuvers, which is no rough air"
-LITTLE = "it brings little, {:.1f} times its scatter over the record; {:.1f} are required"
-BESIDE_GUARD = "it is found beside a term that no effect of the library has"
-MUCH_LEFT = "with all that was found the error remains {:.1f} times the noise"
+NEGLIGIBLE_RATIO = 1.1  # largest residual, over the noise, of a negligible misfit
+LARGE_ERROR_RATIO = 10.0  # residual over the noise above which the force model supports no claim
+LARGEST_NOISE_RATIO = 6.0  # times a sensor's least noise: a larger misfit is a sensor's
+SUPPORTED_Z = 3.0  # Vuong's z below which an effect is weak
+TWO_EVENTS_REASON = "two loads or gusts in passing are likelier one cause that the library lacks"
+ROUGH_AIR_REASON = "its evidence comes from the maneuvers: rough air acts between them as well"
+WITH_ROUGH_AIR_REASON = (
+    "it is found beside rough air that follows the maneuvers, which is no rough air"
+)
+WEAK_REASON = "it brings little, {:.1f} times its scatter over the record; {:.1f} are required"
+CATCH_ALL_REASON = "it is found beside a term that no effect of the library has"
+LARGE_ERROR_REASON = "with all that was found the error remains {:.1f} times the noise"
 
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """What the records say.
+    """Verdict on a set of records.
 
     Attributes
     ----------
-    best : the set that the verdict rests on. reference : the same noise without what is named.
-    named : its effects. hints : effects that may act.
-    searches : those that were made, in their order.
+    best : the accepted set. reference : the fit without the named effects, same noise.
+    named : claimed effects of ``best``. hints : effects that may act and are not claimed.
+    searches : in the order in which they were run.
     """
 
     verdict: Verdict
@@ -80,77 +82,79 @@ class Decision:
 
     @property
     def stopped(self) -> bool:
-        """Whether a search ended at its means."""
+        """Whether a search used up its budget of fits."""
         return any(search.budget_spent for search in self.searches)
 
 
-def searched(problem: TraceProblem, discrepancy: Traceable | None = None) -> Search:
-    """Return the search without a discrepancy among effects that have a cause of their own.
+def search_white_noise(problem: TraceProblem, discrepancy: Traceable | None = None) -> Search:
+    """Run the search under white noise, without general forms.
 
-    ``discrepancy`` : ends the search where it is by far likelier than what is found.
+    ``discrepancy`` : term for the errors of the forces; the search ends once it is by far likelier
+    than the effects found.
     """
     causes = [each for each in problem.candidates if not each.traits.general]
     return Search(problem, causes, title="white noise", discrepancy=discrepancy).run()
 
 
-LeavesNoise = Callable[[FittedModel], bool]
+FitTest = Callable[[FittedModel], bool]
 
 
 def nothing_held_out(fitted: FittedModel) -> bool:
-    """Return whether there are no further data to test a set against."""
+    """Return True: without held-out data no set fails on them."""
     return True
 
 
-def decided(
+def decide(
     search: Search,
     discrepancy: Traceable | None = None,
-    leaves_noise: LeavesNoise = nothing_held_out,
-    predicts_well: LeavesNoise | None = None,
+    leaves_noise: FitTest = nothing_held_out,
+    predicts_well: FitTest | None = None,
 ) -> Decision:
-    """Return the decision (``_decided``) without names that stand for a cause outside the library.
+    """Return the decision, without the claims that a cause outside the library explains better.
 
-    Rough air acts whether or not the aircraft is maneuvered. An event may begin anywhere, and two
-    of them imitate much that has another law: one cause that no effect has is likelier.
+    Rough air also acts in steady flight; a claim of it that rests on the maneuvers alone is
+    dropped. Two passing events can imitate many other laws; a pair of them is dropped too.
 
     Parameters
     ----------
-    search : without a discrepancy (``searched``). discrepancy : None decides without one.
-    leaves_noise : whether what a fitted set leaves is noise, of data that were not fitted too.
-    predicts_well : whether a fitted set leaves hardly more than noise of data not fitted; the same
-        as ``leaves_noise`` where it is left out.
+    search : the search without a discrepancy (``search_white_noise``).
+    discrepancy : term for the errors of the forces; None leaves it out.
+    leaves_noise : whether the residual of a fitted set is noise, on held-out data as well.
+    predicts_well : whether the residual on held-out data is hardly larger than noise; default
+        ``leaves_noise``.
     """
-    decision = _decided(search, discrepancy, leaves_noise, predicts_well or leaves_noise)
+    decision = _decide(search, discrepancy, leaves_noise, predicts_well or leaves_noise)
     effects = {each.name: each for each in decision.best.effects}
     names = {each.name for each in decision.named}
-    doubted = {
-        name: ROUGH_AIR
+    unsupported = {
+        name: ROUGH_AIR_REASON
         for name in names
         if isinstance(effects[name], NoiseEffect) and not _acts_when_quiet(decision, name)
     }
-    if doubted:
-        # What rough air stands for there is missing from the equations of all other names.
-        rest = names - doubted.keys() - search.problem.named_by_kinematics
-        doubted |= dict.fromkeys(rest, BESIDE_ROUGH_AIR)
-    if len(_events(decision)) > 1:
-        return _without_names(decision, dict.fromkeys(names, TWO_EVENTS))
-    return _without_names(decision, doubted)
+    if unsupported:
+        # An unsupported rough air shows an error of the force model, on which other claims rest.
+        rest = names - unsupported.keys() - search.problem.named_by_kinematics
+        unsupported |= dict.fromkeys(rest, WITH_ROUGH_AIR_REASON)
+    if len(_passing_events(decision)) > 1:
+        return _claims_to_hints(decision, dict.fromkeys(names, TWO_EVENTS_REASON))
+    return _claims_to_hints(decision, unsupported)
 
 
-def _fitted(decision: Decision) -> tuple[Search, WeighedSet]:
-    """Return the search of a decision's set, and the set in it."""
+def _search_and_set(decision: Decision) -> tuple[Search, WeighedSet]:
+    """Return the search that fitted the accepted set of a decision, and that set."""
     names = frozenset(decision.best.names)
     search = next(each for each in reversed(decision.searches) if names in each.visited)
     return search, search.visited[names]
 
 
-def _events(decision: Decision) -> set[str]:
-    """Return the names, among those of a decision, of loads and gusts in passing."""
+def _passing_events(decision: Decision) -> set[str]:
+    """Return the names of the claimed effects that are passing loads or gusts."""
     effects = {each.name: each for each in decision.best.effects}
     return {each.name for each in decision.named if is_passing_event(effects[each.name])}
 
 
-def _without_names(decision: Decision, reasons: Mapping[str, str]) -> Decision:
-    """Return a decision that does not name these effects, by the reasons: they are hints."""
+def _claims_to_hints(decision: Decision, reasons: Mapping[str, str]) -> Decision:
+    """Return a decision that turns the claims in ``reasons`` into hints with these reasons."""
     if not reasons:
         return decision
     named = tuple(each for each in decision.named if each.name not in reasons)
@@ -166,8 +170,8 @@ def _without_names(decision: Decision, reasons: Mapping[str, str]) -> Decision:
 
 
 def _acts_when_quiet(decision: Decision, name: str) -> bool:
-    """Return whether the evidence for rough air is also there while the aircraft hardly moves."""
-    search, best = _fitted(decision)
+    """Return whether the evidence for rough air is also present in steady flight."""
+    search, best = _search_and_set(decision)
     smaller = search.set_without(best, name)
     if smaller is None:
         return True
@@ -175,30 +179,30 @@ def _acts_when_quiet(decision: Decision, name: str) -> bool:
     return quiet_vuong(best.fitted, smaller.fitted, declared, interval) >= CONFUSABLE_SETS_Z
 
 
-def _decided(
+def _decide(
     search: Search,
     discrepancy: Traceable | None,
-    leaves_noise: LeavesNoise,
-    predicts_well: LeavesNoise,
+    leaves_noise: FitTest,
+    predicts_well: FitTest,
 ) -> Decision:
-    """Decide, with further searches beside a discrepancy where no set of effects leaves noise.
+    """Decide under white noise; if no set of effects leaves noise, search again with a discrepancy.
 
-    General forms have no cause of their own: they are tried where nothing with one is named.
+    General forms are tried last: they name no cause.
 
     Parameters
     ----------
-    search, discrepancy, leaves_noise, predicts_well : see ``decided``.
+    search, discrepancy, leaves_noise, predicts_well : see ``decide``.
     """
     problem, best = search.problem, search.best()
     if is_noise(best.fitted.fit):
-        found = _decided_under_white_noise(search, best)
+        found = _decide_under_white_noise(search, best)
         outside = bool(problem.guards & frozenset(found.best.names))
-        general = _decided_with_general_forms(search, leaves_noise) if outside else None
+        general = _decide_with_general_forms(search, leaves_noise) if outside else None
         if general is not None:
             return general
         if leaves_noise(found.best):
             return found
-        predicting = _decided_by_prediction(search, leaves_noise)
+        predicting = _decide_by_prediction(search, leaves_noise)
         if predicting is not None:
             return predicting
         if not found.named:
@@ -206,30 +210,30 @@ def _decided(
         if predicts_well(found.best):
             return found
     if discrepancy is None:
-        return _decided_with_general_forms(search, leaves_noise) or _unexplained(search, best)
+        return _decide_with_general_forms(search, leaves_noise) or _no_claims(search, best)
     base = (discrepancy, *best.fitted.background)
     acting = [each for each in problem.candidates if is_steady(each)]
     steady = Search(problem, acting, base, title="a model discrepancy")
-    beside = _decided_beside_discrepancy(
-        search, steady, _other_forms(steady, search_spread_evidence(steady))
+    beside = _decide_beside_discrepancy(
+        search, steady, _exchange_fault_forms(steady, search_spread_evidence(steady))
     )
-    beside = _without_names(beside, _imitating(beside))
+    beside = _claims_to_hints(beside, _reasons_of_large_error(beside))
     forms = {each.name for each in problem.candidates if each.traits.general}
     if beside.named and not forms & {each.name for each in beside.named}:
         return beside
     return (
-        _decided_with_small_misfit(search, best, discrepancy)
-        or _decided_with_general_forms(search, leaves_noise)
+        _decide_with_small_misfit(search, best, discrepancy)
+        or _decide_with_general_forms(search, leaves_noise)
         or beside
     )
 
 
-def _decided_by_prediction(search: Search, leaves_noise: LeavesNoise) -> Decision | None:
-    """The decision for the likeliest set that leaves noise of held-out data as well; None where
-    no set that is nearly as likely as the leading one does.
+def _decide_by_prediction(search: Search, leaves_noise: FitTest) -> Decision | None:
+    """Decide for the likeliest set whose residual on held-out data is noise as well; None if no set
+    that is nearly as likely as the first one passes.
 
-    Likelier sets are set aside. What brings little to the fitted records may be what others need.
-    Motion that any record may have is not taken for what is missing.
+    The likelier sets that failed are excluded. A weak effect in the fitted records may be strong in
+    others. Nuisance dynamics are not added here.
     """
     leading = sorted(search.visited.items(), key=lambda item: -item[1].weight)[: 2 * FITTED_SINGLES]
     usual = {each.name for each in search.problem.candidates if each.traits.background}
@@ -243,8 +247,8 @@ def _decided_by_prediction(search: Search, leaves_noise: LeavesNoise) -> Decisio
             visited = dict(search.visited)
             for other in failed:
                 search.visited[other] = replace(search.visited[other], weight=-math.inf)
-            found = _decided_under_white_noise(search, one, clear=-math.inf)
-            # What is decided may be another set than the one that was tested.
+            found = _decide_under_white_noise(search, one, clear=-math.inf)
+            # The decided set may differ from the tested one.
             if leaves_noise(found.best):
                 return found
             search.visited.update(visited)
@@ -252,52 +256,53 @@ def _decided_by_prediction(search: Search, leaves_noise: LeavesNoise) -> Decisio
     return None
 
 
-def _decided_with_small_misfit(
+def _decide_with_small_misfit(
     search: Search, best: WeighedSet, discrepancy: Traceable
 ) -> Decision | None:
-    """The decision under white noise where the best set leaves hardly more than noise; else None.
+    """Decide under white noise where the residual of the best set is hardly larger than noise; else
+    None, as where no effect is claimed.
 
-    The search beside a discrepancy does not look for events, whose evidence is not spread over the
-    records. Here they are named by the levels of white noise. None also where nothing is named.
+    The search with a discrepancy cannot find events, since their evidence is local in time. They
+    are found here with the noise levels of white noise.
     """
     fitted = search.fit((*best.fitted.effects, discrepancy), best.fitted)
     if fitted is None or _error_over_noise(best.fitted, fitted) > NEGLIGIBLE_RATIO:
         return None
-    # What is wrong with a sensor is no matter of loads: beside them it is as large as before.
+    # The discrepancy acts on forces: a sensor fault keeps its size when it is added.
     tests, levels = whiteness(best.fitted.fit, FITTED), noise_levels(best.fitted.fit)
     left = {test.channel.partition(",")[0] for test in tests if not test.passed}
     least = search.problem.least_noise
-    if any(levels[name] > OVER_LEAST * least.get(name, math.inf) for name in left):
+    if any(levels[name] > LARGEST_NOISE_RATIO * least.get(name, math.inf) for name in left):
         return None
-    found = _decided_under_white_noise(search, best, clear=math.inf)
-    # The misfit has to stay small without the members that bring little.
+    found = _decide_under_white_noise(search, best, clear=math.inf)
+    # The misfit must also be small without the weak members.
     enough = _error_over_noise(found.best, fitted) <= NEGLIGIBLE_RATIO
     return found if found.named and enough else None
 
 
-def _decided_with_general_forms(search: Search, leaves_noise: LeavesNoise) -> Decision | None:
-    """The decision with general forms among the candidates; None where they do not leave noise."""
+def _decide_with_general_forms(search: Search, leaves_noise: FitTest) -> Decision | None:
+    """Decide with general forms among the candidates; None if their residual is not noise."""
     problem = search.problem
     if len(problem.candidates) == len(search.candidates):
         return None
     offered = [each for each in problem.candidates if not each.traits.guard]
     general = search.with_candidates(offered, "white noise, general forms as well").run()
     best = general.best()
-    # A guard may be the same as a form: it gives way only where that is clearly likelier.
+    # A general form may equal a catch-all term; it must be clearly likelier to replace it.
     guarded = search.best().names & problem.guards
     if guarded and best.weight < search.best().weight + CLEAR_GAIN:
         return None
     if not (is_noise(best.fitted.fit) and leaves_noise(best.fitted)):
         return None
-    return replace(_decided_under_white_noise(general, best), searches=(search, general))
+    return replace(_decide_under_white_noise(general, best), searches=(search, general))
 
 
-def _other_forms(search: Search, best: WeighedSet) -> WeighedSet:
-    """Replace a member, beside a discrepancy, by another fault of the same sensor if that is
-    clearly likelier.
+def _exchange_fault_forms(search: Search, best: WeighedSet) -> WeighedSet:
+    """Return the set with members replaced by another fault of the same sensor where that is
+    clearly likelier (with a discrepancy).
 
-    The relations between the sensors know few forms of a fault (a scale, a delay, an arm) and name
-    the nearest of them. A threshold or a play is none of these.
+    Kinematic evidence covers few forms of a fault (scale, delay, sensor position) and names the
+    nearest of them; thresholds and backlash are not among them.
     """
     for name in sorted(search.added(best) & search.problem.named_by_kinematics):
         (effect,) = [each for each in best.fitted.effects if each.name == name]
@@ -317,9 +322,9 @@ def _other_forms(search: Search, best: WeighedSet) -> WeighedSet:
     return best
 
 
-def _is_cause(effect: Traceable, found: WeighedSet, interval: float) -> bool:
-    """Return whether an effect is more than how inputs are to be read between samples: no time
-    within the interval, and no frequency above half the sampling rate.
+def _is_physical_effect(effect: Traceable, found: WeighedSet, interval: float) -> bool:
+    """Return False for an effect that only corrects the interpolation of inputs between samples:
+    a time within the interval, or a frequency above half the sampling rate.
     """
     local, values = effect.traits.within_interval, found.fitted.values.shared
     if any(
@@ -331,15 +336,15 @@ def _is_cause(effect: Traceable, found: WeighedSet, interval: float) -> bool:
 
 
 def _group_probability(named: Named) -> float:
-    """Return the probability of an effect or of one that the records do not tell from it."""
+    """Return the probability of an effect together with those confusable with it."""
     return named.probability + sum(named.alternatives.values())
 
 
-def _decided_under_white_noise(
+def _decide_under_white_noise(
     search: Search, best: WeighedSet, clear: float = CLEAR_GAIN
 ) -> Decision:
-    """Decide under white noise: claim the certain effects, unless more effects leave noise; else
-    the best set, by groups.
+    """Decide under white noise: claim the certain effects if they leave noise, else the best set
+    with the confusable effects of each.
     """
     sets = probabilities(search)
     inclusion = inclusion_of(sets)
@@ -347,7 +352,7 @@ def _decided_under_white_noise(
     best, slight, out = _without_weak_members(search, best, clear)
     guarded, best = best, _drop_guards(search, best)
     if best is not guarded:
-        # A guard had chosen between effects that the records do not tell apart without it.
+        # Effects that only the catch-all term told apart are compared again without it.
         out |= search.problem.guards
         top = search.best(out)
         if top.weight > best.weight and is_noise(top.fitted.fit):
@@ -358,10 +363,9 @@ def _decided_under_white_noise(
     named = [
         named_with_rivals(search, best, effect, sets)
         for effect in best.fitted.effects
-        if _is_cause(effect, best, search.context.interval)
+        if _is_physical_effect(effect, best, search.context.interval)
     ]
-    # Where motion that any record may have is all, and uncertain, a declared model that leaves
-    # noise stands.
+    # Keep the declared model if it leaves noise and only uncertain nuisance dynamics were found.
     usual = all(each.traits.background for each in best.fitted.effects)
     uncertain = min(map(_group_probability, named), default=1.0) < CLAIM_LEVEL
     if usual and uncertain and is_noise(search.root.fitted.fit):
@@ -382,14 +386,14 @@ def _decided_under_white_noise(
                 each.name, inclusion[each.name], {}, reason=slight[each.name], within=whole.fitted
             )
             for each in whole.fitted.effects
-            if each.name in slight and _is_cause(each, whole, search.context.interval)
+            if each.name in slight and _is_physical_effect(each, whole, search.context.interval)
         )
     return Decision(verdict, best.fitted, search.root.fitted, claims, hints, (search,))
 
 
 def _certain_part(search: Search, best: WeighedSet, sets: Mapping[Key, float]) -> WeighedSet:
-    """Return the set without what is not certain in it, unless something that is not known
-    certainly acts in addition to the rest.
+    """Return the set reduced to its certain effects, unless a further, uncertain effect is likely
+    to act as well.
     """
     inclusion = inclusion_of(sets)
     certain = frozenset(
@@ -404,9 +408,12 @@ def _certain_part(search: Search, best: WeighedSet, sets: Mapping[Key, float]) -
 def _without_weak_members(
     search: Search, best: WeighedSet, clear: float, before: Collection[str] = ()
 ) -> tuple[WeighedSet, dict[str, str], set[str]]:
-    """Return the likeliest set without weak members (``_drop_weak_members``), those of ``best``
-    with the reasons, and the names of all that are left out, ``before`` as well: they take no part
-    in probabilities.
+    """Return the likeliest set without weak members, and the names left out.
+
+    Returns
+    -------
+    The set; the reason by name for the members of ``best`` that were left out; the names of all
+    effects left out, with ``before``: these take no part in probabilities.
     """
     best, slight = _drop_weak_members(search, best, clear)
     out = {*before, *slight}
@@ -424,11 +431,11 @@ def _without_weak_members(
 def _drop_weak_members(
     search: Search, best: WeighedSet, clear: float
 ) -> tuple[WeighedSet, dict[str, str]]:
-    """Return the set without members that bring little and not all along.
+    """Return the set without weak members, and the reason by name for each that is left out.
 
-    The equations of any model are a little wrong, and probabilities suppose that they are not. What
-    the relations between the sensors name as well rests on no equation of forces, and stays.
-    Also why those that are left out are, by name.
+    Every model has small errors, which the probabilities ignore: an effect needs evidence that is
+    spread over the record (Vuong's test). Effects with kinematic evidence are kept, since they do
+    not depend on the force model.
     """
     left_out: dict[str, str] = {}
     usual = {each.name for each in search.problem.candidates if each.traits.background}
@@ -439,33 +446,33 @@ def _drop_weak_members(
             if smaller is None or best.weight - smaller.weight >= clear:
                 continue
             z = vuong(best, smaller, search.context.interval)
-            # Where the declared model leaves more than noise something acts, and it is the sole.
+            # A sole effect is kept if the residual without it is not noise.
             acts = len(causes) == 1 and not is_noise(smaller.fitted.fit)
             if z < SUPPORTED_Z and not acts:
                 slight.append((z, name, smaller))
         if not slight:
             break
         z, name, best = min(slight, key=lambda each: each[0])
-        left_out[name] = LITTLE.format(z, SUPPORTED_Z)
+        left_out[name] = WEAK_REASON.format(z, SUPPORTED_Z)
     return best, left_out
 
 
 def _likeliest_without(
     search: Search, best: WeighedSet, name: str, usual: Collection[str]
 ) -> WeighedSet | None:
-    """Return the set without a member, with or without the ``usual`` motion that any record may
-    have, which an effect may stand for: whichever is likelier.
+    """Return the likeliest set without a member, with or without nuisance dynamics (``usual``),
+    which the member may have replaced.
     """
-    search.set_without(best, name)  # fitted now where it was not before
+    search.set_without(best, name)  # fits this set if it is new
     rest = best.names - {name} - frozenset(usual)
     found = [one for key, one in search.visited.items() if key - frozenset(usual) == rest]
     return max(found, key=lambda one: one.weight, default=None)
 
 
 def _drop_guards(search: Search, best: WeighedSet) -> WeighedSet:
-    """Return the set without its guards, where it leaves noise that is hardly larger.
+    """Return the set without its catch-all terms if its residual is noise and hardly larger.
 
-    A guard says that a cause outside the library acts; one that does so little changes nothing.
+    A catch-all term means that a cause outside the library acts; one this small is negligible.
     """
     guards = search.problem.guards & best.names
     names = best.names - guards
@@ -481,8 +488,8 @@ def _drop_guards(search: Search, best: WeighedSet) -> WeighedSet:
     return plain if _error_over_noise(plain.fitted, best.fitted) <= NEGLIGIBLE_RATIO else best
 
 
-def _unexplained(search: Search, best: WeighedSet) -> Decision:
-    """No name: what the best set leaves is not noise."""
+def _no_claims(search: Search, best: WeighedSet) -> Decision:
+    """Return a decision without claims: the residual of the best set is not noise."""
     inclusion = inclusion_of(probabilities(search))
     where = " of data that were not fitted" if is_noise(best.fitted.fit) else ""
     why = f"with all that was found the residual{where} is not noise"
@@ -491,9 +498,9 @@ def _unexplained(search: Search, best: WeighedSet) -> Decision:
     return Decision(Verdict.UNEXPLAINED, best.fitted, root, (), hints, (search,))
 
 
-def _decided_beside_discrepancy(white: Search, search: Search, best: WeighedSet) -> Decision:
-    """Decide beside a discrepancy: claim the effects that are spread over the records, with the
-    rivals of each.
+def _decide_beside_discrepancy(white: Search, search: Search, best: WeighedSet) -> Decision:
+    """Decide with a discrepancy in the model: claim the effects whose evidence is spread over the
+    records, with the rivals of each.
     """
     guards, root = search.problem.guards, search.root.fitted
     searches = (white, search)
@@ -502,12 +509,14 @@ def _decided_beside_discrepancy(white: Search, search: Search, best: WeighedSet)
     named = [
         with_shares(name, 1.0, rivals_of(search, best, name) | passing_events(white, best, name), z)
         for name, z in spread.items()
-        if _is_cause(next(e for e in best.fitted.effects if e.name == name), best, interval)
+        if _is_physical_effect(
+            next(e for e in best.fitted.effects if e.name == name), best, interval
+        )
     ]
     if not named:
         return Decision(Verdict.UNEXPLAINED, root, root, (), (), searches)
     if guards & set(spread):
-        hints = tuple(replace(each, reason=BESIDE_GUARD) for each in named)
+        hints = tuple(replace(each, reason=CATCH_ALL_REASON) for each in named)
         return Decision(Verdict.UNEXPLAINED, best.fitted, root, (), hints, searches)
     verdict = (
         Verdict.PARTIAL if all(each.probability >= 0.5 for each in named) else Verdict.AMBIGUOUS
@@ -516,14 +525,14 @@ def _decided_beside_discrepancy(white: Search, search: Search, best: WeighedSet)
 
 
 def _drop_local_evidence(search: Search, best: WeighedSet) -> tuple[WeighedSet, dict[str, float]]:
-    """A set without the members whose evidence is not spread over the records; z of the others."""
+    """Return the set without members whose evidence is local in time, and z of the others."""
     while True:
         without = {name: search.fit_without(best, name) for name in sorted(search.added(best))}
         spread = {
             name: math.inf if smaller is None else vuong(best, smaller, search.context.interval)
             for name, smaller in without.items()
         }
-        # What lacks most of what it needs goes first.
+        # The member furthest below its required z is dropped first.
         least = min(spread, key=lambda name: spread[name] - required_z(search, name), default="")
         smaller = without.get(least)
         if smaller is None or spread[least] >= required_z(search, least):
@@ -534,8 +543,8 @@ def _drop_local_evidence(search: Search, best: WeighedSet) -> tuple[WeighedSet, 
 def _prefer_named_by_kinematics(
     search: Search, best: WeighedSet, spread: dict[str, float]
 ) -> tuple[WeighedSet, dict[str, float]]:
-    """Prefer, of effects that the records do not tell apart, those that the relations between the
-    sensors name: their prior odds are larger. Also return z of the members.
+    """Return the set with confusable effects exchanged for those with kinematic evidence, whose
+    prior odds are larger; and z of its members.
     """
     known = search.problem.named_by_kinematics
     for name in sorted(set(spread) - known):
@@ -553,27 +562,30 @@ def _prefer_named_by_kinematics(
     return best, spread
 
 
-def _imitating(decision: Decision) -> dict[str, str]:
-    """Return the names, beside a discrepancy, that may stand for what the library lacks, with the
-    reason: the set by itself leaves an error that is far above the noise.
+def _reasons_of_large_error(decision: Decision) -> dict[str, str]:
+    """Return the claims made with a discrepancy that may represent a cause outside the library, by
+    name with the reason: without the discrepancy the residual is far above the noise.
 
-    What kinematics name rests on no equation of forces, and rough air does not move the mean.
+    Effects with kinematic evidence do not depend on the force model, and rough air does not change
+    the mean; both are left out.
     """
     known = decision.searches[0].problem.named_by_kinematics
     names = {each.name for each in decision.named} - known
     names -= {each.name for each in decision.best.effects if isinstance(each, NoiseEffect)}
     if not names:
         return {}
-    search, best = _fitted(decision)
+    search, best = _search_and_set(decision)
     effects = [each for each in best.fitted.effects if each.name not in search.base_names]
     plain = decision.searches[0].fit(effects, best.fitted)
     ratio = math.inf if plain is None else _error_over_noise(plain, best.fitted)
-    if ratio <= LARGE_RATIO:
+    if ratio <= LARGE_ERROR_RATIO:
         return {}
-    return dict.fromkeys(names, MUCH_LEFT.format(ratio))
+    return dict.fromkeys(names, LARGE_ERROR_REASON.format(ratio))
 
 
 def _error_over_noise(plain: FittedModel, beside: FittedModel) -> float:
-    """Largest ratio, over the outputs, of a fit's noise to that beside the discrepancy."""
+    """Return the largest ratio, over the outputs, of the noise level of ``plain`` to that of
+    ``beside``.
+    """
     without, levels = noise_levels(plain.fit), noise_levels(beside.fit)
     return max(std / max(levels[name], 1e-300) for name, std in without.items())

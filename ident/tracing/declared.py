@@ -17,7 +17,9 @@ from ident.whole_record.output_error import failed_fit
 from sim.errors import ModelError
 from sim.record import MOST_MEASURED, Record, refuse_beyond_measure
 
-LEAST_NOISE = 0.3  # of the noise that high frequencies show: logged signals are filtered
+# lower bound of a noise level, as a share of the noise at high frequencies: logged signals are
+# filtered
+LEAST_NOISE = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +28,8 @@ class Declared:
 
     Attributes
     ----------
-    problem : with inputs mended and provisional spikes set aside. root : the fit.
-    spikes : claims of wrong samples of recorded inputs, which were mended. steps : what was done.
+    problem : with inputs mended and provisional spikes masked. root : the fit.
+    spikes : claims of wrong samples in recorded inputs. steps : the steps taken.
     """
 
     problem: TraceProblem
@@ -37,12 +39,12 @@ class Declared:
 
 
 def fit_declared(problem: TraceProblem) -> Declared:
-    """Fit the declared model, mend recorded inputs, set provisional spikes aside.
+    """Fit the declared model, mend recorded inputs and mask provisional spikes.
 
     Raises
     ------
-    ModelError : no finite cost, or a fit that has failed (``ident.whole_record.output_error``).
-    RecordError : a fitted angle or rate that nothing that flies can have.
+    ModelError : no finite cost, or a failed fit (``ident.whole_record.output_error``).
+    RecordError : an angle or rate in the fit that no aircraft can have.
     """
     for record in problem.records:
         measured = [name for name in problem.outputs if name in record.output_names]
@@ -76,9 +78,9 @@ def fit_declared(problem: TraceProblem) -> Declared:
 
 
 def measured_noise(fitted: FittedModel) -> dict[str, float]:
-    """Return the standard deviation of each output's noise, by third differences of its residual.
+    """Return the standard deviation of each output's noise, from third differences of its residual.
 
-    Motion hardly reaches these; the median is not moved by single wrong samples.
+    Motion hardly affects third differences; the median is robust against single wrong samples.
     """
     found: dict[str, float] = {}
     layout = fitted.fit.layout
@@ -94,7 +96,7 @@ def measured_noise(fitted: FittedModel) -> dict[str, float]:
 
 
 def held_out_data(declared: Declared, validation: Sequence[Record]) -> HeldOutData:
-    """Data that are not fitted: inputs mended, samples that count, the declared model there."""
+    """Return the held-out records with mended inputs, their masks and the declared model's fit."""
     if not validation:
         return HeldOutData()
     problem = declared.problem

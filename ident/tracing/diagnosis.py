@@ -1,6 +1,5 @@
-"""What the tracing loop returns: verdict, effects, evidence, errors before and after.
-
-What a caller of the tracing loop may set, each number with its reason.
+"""Result of the tracing loop (verdict, effects, evidence, errors before and after) and its
+settings.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from sim.record import Record
 
 
 class Verdict(Enum):
-    """The value is what files say; see the sentence for people."""
+    """Verdict of a diagnosis; the value is the word used in files."""
 
     CONSISTENT = "consistent"
     TRACED = "traced"
@@ -32,7 +31,7 @@ class Verdict(Enum):
         return _SENTENCES[self]
 
 
-TIMES = ("delay", "time_constant")  # parameters by which an output or an input is late
+TIMES = ("delay", "time_constant")  # parameters that delay a signal
 Data = tuple[Sequence[Record], Sequence[Record]]  # to be fitted, and to be predicted
 
 _SENTENCES = {
@@ -52,7 +51,7 @@ _SENTENCES = {
 
 
 class Concern(Enum):
-    """What a caution is about."""
+    """Subject of a caution."""
 
     NOT_NOISE = "a residual test fails"
     NOISE_BURST = "noise is louder for a while"
@@ -62,13 +61,13 @@ class Concern(Enum):
 
 @dataclass(frozen=True)
 class Requirement:
-    """A requirement on a claim that was not met, with its number against the bar.
+    """A requirement on a claim that was not met: the number found and the number required.
 
     Attributes
     ----------
-    asked : the quantity that is asked about, in words. value : what was found. bar : what is
-    required. at_least : whether the value has to reach the bar; else it must not exceed it. unit :
-    of both. effects : names of the effects that it keeps from being claimed; empty for all of them.
+    asked : the tested quantity, in words. value : the number found. bar : the number required.
+    at_least : whether ``bar`` is a minimum; else a maximum. unit : of both.
+    effects : names of the effects that it keeps from being claimed; empty for all of them.
     """
 
     asked: str
@@ -88,10 +87,10 @@ class Requirement:
 
 @dataclass(frozen=True)
 class Caution:
-    """What speaks against more than the verdict says: its kind, a sentence, and the residual test
-    where one failed.
+    """A reason to doubt more than the verdict states: its kind, a sentence, and the failed residual
+    test if there is one.
 
-    ``requirement`` : what was asked, with its number; None where the sentence has all there is.
+    ``requirement`` : the number found and required; None where the sentence is complete.
     """
 
     concern: Concern
@@ -113,16 +112,18 @@ class Quantity:
 class Claim:
     """One effect of the verdict.
 
-    ``parameters`` by local name; ``alternatives`` (two at most) fit these data as well; ``claimed``
-    False marks a hint. ``records`` numbers those it acts on (from 0) where it does not act on all.
-    ``by_record`` : its parameters as each fitted record has them, where what remains is not noise;
-    empty where all share less. ``derivatives_under`` : the declared parameters with it, and with
-    each alternative in its place, by effect name; empty without any. ``probability`` that it acts,
-    and of each that could take its place, by name; empty of hints. ``spread`` : where what remains
-    is not noise, its log evidence over the scatter of that between blocks of time (z of Vuong's
-    test). ``one_step_gains`` : by how much it raises the log likelihood of one-step predictions of
-    each record that was not fitted, where that decided. ``reasons`` : of a hint, why it is not
-    claimed, a sentence each with the number and the bar.
+    Attributes
+    ----------
+    parameters : by local name. alternatives : names of at most two effects that fit as well.
+    claimed : False marks a hint. reasons : of a hint, why it is not claimed, one sentence each.
+    records : numbers, from 0, of the records it acts on; empty if it acts on all.
+    by_record : its parameters in each fitted record if the residual is not noise; else empty.
+    derivatives_under : declared parameters with this effect, and with each alternative instead, by
+        effect name; may be empty.
+    probability : that it acts, and of each alternative, by name; empty for hints.
+    spread : z of Vuong's test over blocks of time, if the residual is not noise.
+    one_step_gains : increase of the log likelihood of one-step predictions of each held-out record,
+        if that decided.
     """
 
     name: str
@@ -141,12 +142,12 @@ class Claim:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One candidate added to one fitted set of the search; ``within`` names the effects that were
-    already in it.
+    """One candidate added to one fitted set of the search; ``within`` names the effects already in
+    that set.
 
-    ``gain`` of the log evidence; ``weight`` the same with its prior odds: above zero it is more
-    probable that it acts than that it does not. ``fitted`` False: both are those of the linearised
-    signature, and parameters are not told.
+    ``gain`` : of the log evidence. ``weight`` : the gain with prior odds; above zero the effect is
+    more probable than not. ``fitted`` : False where both come from the linearised signature,
+    without parameter values.
     """
 
     round: int
@@ -162,7 +163,7 @@ class Candidate:
 @dataclass(frozen=True)
 class Step:
     """One step of the search: the most probable set after it, its log evidence and log likelihood,
-    and what was done in words.
+    and a sentence.
     """
 
     effects: tuple[str, ...]
@@ -195,11 +196,10 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class Trained:
-    """What the fitted records say of a model with effects: all that a free simulation of another
-    record takes from them.
+    """Estimates of a model with effects that a free simulation of another record uses.
 
-    ``shared`` by parameter; ``own``, one mapping a fitted record, by the parameters that are each
-    record's own and by ``STATE(0)``.
+    ``shared`` : by parameter. ``own`` : one mapping a fitted record, by the parameters of single
+    records and by ``STATE(0)``.
     """
 
     effects: tuple[Traceable, ...]
@@ -211,8 +211,8 @@ class Trained:
 
 @dataclass(frozen=True, eq=False)
 class FittedRecord:
-    """A training record with the residuals ``(m, N)`` before and after; ``used`` False where a
-    sample was set aside.
+    """A training record with the residuals ``(m, N)`` before and after; ``used`` is False at masked
+    samples.
     """
 
     record: Record

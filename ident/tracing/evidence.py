@@ -20,7 +20,7 @@ from ident.whole_record.gauss_newton import Fit
 from sim.declaration.proposal import SearchContext
 
 Key = frozenset[str]
-ROUNDING_EIGENVALUE_SHARE = 1e-10  # of an eigenvalue of a scaled precision
+ROUNDING_EIGENVALUE_SHARE = 1e-10  # smallest eigenvalue of a scaled precision that is not rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class WeighedSet:
 def evidence_of(
     fitted: FittedModel, context: SearchContext
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """Log evidence of a set by Laplace's approximation about its fit [1]_.
+    """Return the log evidence of a set by Laplace's approximation about its fit [1]_.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def evidence_of(
     normal, gradient, likelihood = _of_data(fitted)
     precision = normal + np.diag(prior.precision)
     right = gradient + prior.precision * prior.mean
-    # What no sample tells of (the bias of a channel that a record lacks) is alike in every set.
+    # An unknown without data (bias of a missing channel) adds the same to every set.
     known = np.diag(precision) > 0.0
     scale = 1.0 / np.sqrt(np.where(known, np.diag(precision), 1.0))
     inside = precision * np.outer(scale, scale)
@@ -98,7 +98,7 @@ def evidence_of(
 def _of_data(fitted: FittedModel) -> tuple[np.ndarray, np.ndarray, float]:
     """Return the information ``(n, n)``, gradient ``(n,)`` and log likelihood of the data alone.
 
-    What the fit itself knew beforehand is taken out: the priors here count it once.
+    Priors used in the fit are removed: the evidence adds them once.
     """
     fit = fitted.fit
     noise = ColouredNoise(fit)
@@ -114,7 +114,8 @@ def _of_data(fitted: FittedModel) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def _of_noise_levels(fitted: FittedModel) -> float:
-    """Return the contribution of the noise levels, each with a flat prior in its logarithm.
+    """Return the contribution of the noise levels to the log evidence, with a flat prior on each
+    logarithm.
 
     Without process noise they are concentrated out of the fit: the curvature in ln(sigma) is 2 N.
     With it they are among the unknowns.
@@ -132,7 +133,7 @@ FEWEST_COEFFICIENTS = 16  # coefficients of a band whose level is estimated
 
 
 def blocks_of(n: int) -> tuple[slice, ...]:
-    """Blocks of ``n`` samples whose cosine transforms are fast: nearly all of them, and the rest.
+    """Return blocks that cover ``n`` samples, of lengths whose cosine transforms are fast.
 
     The transform of a length with a large prime factor takes five times as long.
     """
@@ -154,15 +155,15 @@ def cosines(values: np.ndarray, inverse: bool = False) -> np.ndarray:
 class ColouredNoise:
     """Levels of the noise of a fit's residuals in two bands.
 
-    Filters and least bits of a recorder colour the noise of its channels: it has more power where
-    the aircraft moves than above. Under white noise evidence is then counted too often. Here the
-    level below a few hertz is estimated there, by the periodogram of what a fit leaves [1]_. Of
-    white noise the two levels are alike.
+    Filters and least bits of a recorder colour the noise: it has more power at the frequencies of
+    the motion than above. A model of white noise would overstate the evidence. The level below a
+    few hertz is therefore estimated from the periodogram of the residual at these frequencies [1]_.
+    For white noise the two levels are equal.
 
     Attributes
     ----------
-    fit : whose residuals, in standard deviations of the fit, are looked at.
-    averaged : neighbouring samples whose average is looked at in the place of each of them.
+    fit : the fit whose residuals are used.
+    averaged : number of neighbouring samples that are averaged.
 
     References
     ----------
@@ -175,7 +176,7 @@ class ColouredNoise:
 
     @cached_property
     def _low(self) -> tuple[np.ndarray, ...]:
-        """``(N,)`` of each record: which coefficients of the cosine transform are low."""
+        """Mask ``(N,)`` of each record: low coefficients of the cosine transform."""
         found = []
         for problem in self.fit.layout.problems:
             time, n = problem.record.time, self.samples(problem.valid.shape[1])
@@ -190,8 +191,8 @@ class ColouredNoise:
         return -(-count // self.averaged)
 
     def _averages(self, values: np.ndarray) -> np.ndarray:
-        """Averages of values ``(..., N)``, times the root of how many, so that noise keeps its
-        standard deviation.
+        """Return averages of values ``(..., N)``, times the root of their count to keep the noise
+        level.
         """
         if self.averaged == 1:
             return values

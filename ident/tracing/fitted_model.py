@@ -30,7 +30,7 @@ from sim.record import Record
 
 @dataclass(frozen=True, eq=False)
 class Values:
-    """Values of unknowns by name, so that they can be carried from one model to another.
+    """Values of unknowns by name, to start the fit of another model.
 
     ``shared`` by parameter; ``own`` by parameter and ``STATE(0)``, one mapping a record; ``states``
     trajectories at the nodes by state, one mapping a record.
@@ -49,10 +49,10 @@ class Values:
 
 @dataclass(frozen=True, eq=False)
 class FitData:
-    """What sets of effects are fitted to: records, which of their samples count ``(m, N)`` each,
-    the declared model, its outputs by name.
+    """Data that sets of effects are fitted to: records, masks ``(m, N)`` of the samples used, the
+    declared model, its outputs by name.
 
-    ``least_noise`` : smallest measurement noise by output, of fits with process noise.
+    ``least_noise`` : smallest measurement noise by output, for fits with process noise.
     """
 
     records: Sequence[Record]
@@ -64,8 +64,8 @@ class FitData:
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Where a fit begins: values of another fit, values of parameters that it lacks, noise levels
-    of a fit with process noise.
+    """Start of a fit: values of another fit, values of the parameters missing there, noise levels
+    for process noise.
     """
 
     values: Values | None = None
@@ -75,10 +75,7 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class FittedModel:
-    """A fitted set of effects.
-
-    ``declared`` is the model without them, ``model`` that with them.
-    """
+    """A fitted set of effects; ``declared`` is the model without them, ``model`` with them."""
 
     effects: tuple[Traceable, ...]
     declared: Model
@@ -92,23 +89,23 @@ class FittedModel:
 
     @property
     def guards(self) -> tuple[str, ...]:
-        """Names of those of its effects that compete and can never be claimed."""
+        """Names of its catch-all terms, which compete and are never claimed."""
         return tuple(effect.name for effect in self.effects if effect.traits.guard)
 
     @property
     def background(self) -> tuple[Traceable, ...]:
-        """Effects of the model that any record may have."""
+        """Its nuisance dynamics: motion that any record may have."""
         return tuple(effect for effect in self.effects if effect.traits.background)
 
     @cached_property
     def estimate(self) -> Estimate:
-        """Values with sigmas that allow for the colour of what is left."""
+        """Values with sigmas corrected for coloured residuals."""
         process_noise = has_process_noise(self.system)
         return filter_error_estimate(self.fit) if process_noise else estimate_of(self.fit)
 
     @property
     def trained(self) -> Trained:
-        """Values that a free simulation of another record takes from this fit."""
+        """Estimates that a free simulation of another record uses."""
         values = self.values
         return Trained(
             self.effects,
@@ -135,12 +132,12 @@ class FittedModel:
 
 
 def belongs_to_record(effect: Traceable) -> bool:
-    """Return whether an effect's parameters are fitted for each record by itself."""
+    """Return whether each record has its own parameters of an effect."""
     return effect.traits.per_record
 
 
 def local_names(effect: Traceable) -> list[str]:
-    """Full names of an effect's free parameters of which each record has its own."""
+    """Return the full names of an effect's free parameters that are fitted for each record."""
     if not belongs_to_record(effect):
         return []
     shared = {full_name(effect, local) for local in effect.traits.of_aircraft}
@@ -148,8 +145,8 @@ def local_names(effect: Traceable) -> list[str]:
 
 
 def added_parameters(effect: Traceable, records: int) -> int:
-    """Return the number of parameters that an effect adds to a fit of so many records, those that
-    any aircraft has left out.
+    """Return the number of parameters that an effect adds to a fit of ``records`` records, without
+    those that every aircraft has.
     """
     known = {full_name(effect, local) for local in effect.traits.of_aircraft}
     own = local_names(effect)
@@ -164,8 +161,8 @@ def is_event(effect: Traceable) -> bool:
 
 
 def never_together(one: Traceable, other: Traceable) -> bool:
-    """Return whether two effects are never in one set: two words for one fault, or laws of which a
-    record shows no more than one.
+    """Return whether two effects exclude each other: two names of one fault, or laws of which a
+    record shows at most one.
     """
     return (
         other.name in (*one.traits.twins, *one.traits.never_beside)
@@ -194,8 +191,8 @@ def fit_set(
     *,
     apart: Collection[str] = (),
 ) -> FittedModel | None:
-    """Fit a set of effects; of the parameters in ``apart`` each record has its own although all of
-    them would share it.
+    """Fit a set of effects; each record has its own parameters in ``apart``, even of shared
+    effects.
 
     None where the fit found no finite cost.
     """
@@ -206,10 +203,10 @@ def fit_set(
     plain = lay_out(data.records, system, settings, local=local, masks=data.masks)
     guesses = None
     if start.values is not None or start.added:
-        first, guesses = carried(plain, start.values, start.added)
+        first, guesses = start_and_guesses(plain, start.values, start.added)
         plain = lay_out(data.records, system, settings, local=local, masks=data.masks, start=first)
     fit = fit_as_declared(
-        replace(plain, prior=known_beforehand(data.model, effects, plain)),
+        replace(plain, prior=declared_priors(data.model, effects, plain)),
         guesses,
         start.levels,
         data.least_noise,
@@ -249,13 +246,13 @@ def levels_of(fitted: FittedModel) -> Mapping[str, float] | None:
     return noise_levels(fitted.fit) if fitted.fit.noise_model.names else None
 
 
-def known_beforehand(model: Model, effects: Sequence[Traceable], layout: FitLayout) -> Prior | None:
-    """Gaussian priors that a fit without process noise needs to be determined at all; None where it
-    needs none.
+def declared_priors(model: Model, effects: Sequence[Traceable], layout: FitLayout) -> Prior | None:
+    """Return the Gaussian priors that a fit without process noise needs to be determinate; None if
+    it needs none.
 
-    Effects declare some for their parameters, which keeps what no record excites from running away;
-    a model some for its biases. One with structural modes takes all that are declared: several
-    directions of its parameters leave no trace in alpha, q and nz.
+    Some effects declare priors for their parameters, and some models for their biases. A model with
+    structural modes uses all declared priors: alpha, q and nz leave several directions of its
+    parameters undetermined.
     """
     known = {
         full_name(effect, item.name): (effect.absent.get(item.name, item.value), item.prior_std)
@@ -286,10 +283,10 @@ def known_beforehand(model: Model, effects: Sequence[Traceable], layout: FitLayo
     return Prior(np.array(at), np.array(means), np.diag(weights)) if at else None
 
 
-def carried(
+def start_and_guesses(
     layout: FitLayout, values: Values | None, added: Mapping[str, float]
 ) -> tuple[np.ndarray, list[np.ndarray] | None]:
-    """Start and trajectory guesses for a layout from values by name."""
+    """Return the start and trajectory guesses for a layout from values by name."""
     start = layout.start.copy()
     n = len(layout.shared)
     known = dict(values.shared) if values is not None else {}
@@ -318,12 +315,13 @@ def carried(
 
 # ---- Parameters of an effect in a fitted model
 
-OFF_ABSENCE = 4.0  # sigmas, beyond which an effect acts in a record: one in 16,000 by chance
+# sigmas from absence at which an effect acts in a record; by chance one in 16,000
+ABSENCE_SIGMAS = 4.0
 
 
 def quantities(fitted: FittedModel, effect: Traceable) -> dict[str, Quantity]:
-    """Return an effect's free parameters in a fitted model, by local name; of the record in which
-    it stands out most where each has its own.
+    """Return an effect's free parameters in a fitted model, by local name; where each record has
+    its own, those of the record with the most significant ones.
     """
     return max(
         _quantities_by_record(fitted, effect), key=lambda found: sigmas_from_absence(effect, found)
@@ -331,18 +329,20 @@ def quantities(fitted: FittedModel, effect: Traceable) -> dict[str, Quantity]:
 
 
 def records_of(fitted: FittedModel, effect: Traceable) -> tuple[int, ...]:
-    """Return the numbers, from 0, of the records that an effect with parameters of its own for each
-    acts on; empty where it acts on all.
+    """Return the numbers, from 0, of the records on which a record-specific effect acts; empty if
+    it acts on all.
     """
     each = _quantities_by_record(fitted, effect)
     seen = tuple(
-        r for r, found in enumerate(each) if sigmas_from_absence(effect, found) > OFF_ABSENCE
+        r for r, found in enumerate(each) if sigmas_from_absence(effect, found) > ABSENCE_SIGMAS
     )
     return seen if 0 < len(seen) < len(each) else ()
 
 
 def _quantities_by_record(fitted: FittedModel, effect: Traceable) -> list[dict[str, Quantity]]:
-    """Return the same for every record; alike where the parameters are shared."""
+    """Return the free parameters of an effect in every record; equal where the parameters are
+    shared.
+    """
     normal, _ = fitted.fit.normal_equations()
     covariance, _ = inverse_information(normal, fitted.fit.theta)
     return quantities_with(fitted, effect, covariance)
@@ -373,7 +373,7 @@ def quantities_with(
 
 def sigmas_from_absence(effect: Traceable, found: Mapping[str, Quantity]) -> float:
     """Return the largest number of standard deviations by which an effect's parameters differ from
-    its absence; infinite if none could.
+    its absence; infinite if no parameter can be absent.
     """
     known = [
         abs(found[local].value - value) / found[local].std

@@ -1,9 +1,9 @@
-"""Data that were not fitted: what a fitted model predicts there, and whether what remains is noise.
+"""Held-out data: predictions of a fitted model, and whether the residual is noise.
 
-Two fits of a held-out record: one frozen (only initial states, biases and what belongs to one
-record are fitted), for the errors that are reported; and one with everything else under the
-Gaussian knowledge that training left, for the verdict, since frozen values reject right sets whose
-parameters trade off.
+A held-out record is fitted twice. The frozen fit estimates initial states, biases and
+record-specific parameters only, and gives the reported errors. The informed fit also estimates the
+shared parameters, with the training posterior as Gaussian prior, and gives the verdict: frozen
+values would reject correct sets whose parameters are correlated.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from ident.tracing.fitted_model import (
     Start,
     Values,
     belongs_to_record,
-    carried,
     compiled_with,
     fit_as_declared,
     fit_set,
     levels_of,
     local_names,
+    start_and_guesses,
 )
 from ident.tracing.scan import KEPT_PLACES, starts_at
 from ident.tracing.whiteness import whiteness
@@ -38,14 +38,12 @@ from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.record import Record
 
-COLOURED_P_VALUE = 1e-3  # p-value of a residual test below which a residual is looked at once more
+COLOURED_P_VALUE = 1e-3  # p-value of a residual test below which a residual is examined again
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """A fitted model on records that were not fitted: the frozen fit and the one under the
-    training's knowledge.
-    """
+    """A fitted model on held-out records: the frozen fit and the informed fit."""
 
     frozen: Fit | None
     informed: Fit | None
@@ -56,7 +54,7 @@ class HeldOutData:
     """Records that are not fitted, with spikes of their inputs mended; empty where there are none.
 
     ``masks`` ``(m, N)`` a record, True where a sample counts; None where the declared model cannot
-    be simulated on them. ``declared`` : what that model does there.
+    be simulated on them. ``declared`` : fit of that model to them.
     """
 
     records: Sequence[Record] = ()
@@ -76,10 +74,9 @@ def held_out(
     *,
     informed: bool = True,
 ) -> HeldOut:
-    """Fit a fitted model's model to other records, frozen and, if wanted, informed.
+    """Fit a fitted model to other records, frozen and, if wanted, informed by the training prior.
 
-    What belongs to one record (events, drifts) is looked for anew in each: an event of the training
-    record need not be there.
+    Record-specific effects (events, drifts) are searched for anew in each record.
     """
     frozen = _others(fitted, records, masks).fit_event_by_event()
     if not informed:
@@ -91,7 +88,7 @@ def held_out(
             fitted.effects, frozen.values
         )
     )
-    if freer is None or doubted(HeldOut(None, freer.fit)):
+    if freer is None or fails_residual_tests(HeldOut(None, freer.fit)):
         by_event = _others(fitted, records, masks, training_prior(fitted)).fit_event_by_event()
         freer = min(
             (each for each in (freer, by_event) if each is not None),
@@ -101,7 +98,7 @@ def held_out(
     if (
         freer is not None
         and not has_process_noise(fitted.system)
-        and doubted(HeldOut(None, freer.fit))
+        and fails_residual_tests(HeldOut(None, freer.fit))
     ):
         prior = prior_where_both_meet(fitted, freer, masks)
         nearer = (
@@ -111,15 +108,15 @@ def held_out(
         )
         freer = freer if nearer is None or nearer.fit.cost >= freer.fit.cost else nearer
     if freer is not None and any(belongs_to_record(effect) for effect in fitted.effects):
-        # Where the freer fit found an event, the frozen one may have missed it.
+        # An event found by the informed fit may have been missed by the frozen one.
         again = _others(fitted, records, masks).fit(fitted.effects, freer.values)
         tries = [each for each in (frozen, again) if each is not None]
         frozen = min(tries, key=lambda each: each.fit.cost, default=None)
     return HeldOut(None if frozen is None else frozen.fit, None if freer is None else freer.fit)
 
 
-def doubted(out: HeldOut) -> bool:
-    """Return whether what remains on held-out data under training's knowledge is hardly noise."""
+def fails_residual_tests(out: HeldOut) -> bool:
+    """Return whether the residual of the informed fit is hardly noise."""
     if out.informed is None:
         return False
     return (
@@ -131,8 +128,8 @@ def doubted(out: HeldOut) -> bool:
 def frozen_on(
     trained: Trained, declared: Model, records: Sequence[Record], masks: Sequence[np.ndarray] | None
 ) -> HeldOut:
-    """Fit these records with the shared parameters of other records frozen: initial states, biases
-    and everything that belongs to one record alone are fitted.
+    """Fit these records with the shared parameters frozen; initial states, biases and
+    record-specific parameters are estimated.
     """
     frozen = _Others(trained, declared, records, masks).fit_event_by_event()
     return HeldOut(None if frozen is None else frozen.fit, None)
@@ -156,7 +153,7 @@ def _others(
 
 @dataclass(frozen=True, eq=False)
 class _Others:
-    """Records that were not fitted, and the model that was: its shared parameters frozen there, or
+    """Records that were not fitted, and the fitted model: its shared parameters frozen there, or
     free under a prior.
 
     ``levels`` : noise levels of the fit where it has process noise.
@@ -175,7 +172,7 @@ class _Others:
         values: Values | None = None,
         added: Mapping[str, float] | None = None,
     ) -> FittedModel | None:
-        """The fitted model's set, or a part of it, on these records, begun from values there."""
+        """Fit the model's effects, or some of them, to these records, from starting values."""
         trained, prior = self.trained, self.prior
         settings = replace(trained.settings, iterations=40, tolerance=1e-3)
         full, system = compiled_with(self.declared, effects, trained.outputs)
@@ -184,12 +181,11 @@ class _Others:
         system = replace(system, parameters=parameters.hold(known) if prior is None else parameters)
         local = [name for effect in effects for name in local_names(effect)]
         layout = lay_out(self.records, system, settings, local=local, masks=self.masks)
-        begin, guesses = carried(layout, values, added or {})
+        begin, guesses = start_and_guesses(layout, values, added or {})
         layout = lay_out(self.records, system, settings, local=local, masks=self.masks, start=begin)
         if prior is not None:
             layout = replace(layout, prior=prior)
-        # A free simulation has no filter; under training's knowledge the process noise is that of
-        # training.
+        # The frozen fit has no filter; the informed fit uses the process noise of training.
         fit = (
             fit_whole_records(FitProblem(layout), guesses)
             if prior is None
@@ -200,8 +196,8 @@ class _Others:
         )
 
     def _usual_biases(self) -> dict[str, float]:
-        """Return the biases of the sensors as the fitted records have them in the mean: trim is
-        among them, far from where a slow motion could begin.
+        """Return the mean biases of the fitted records: they include trim, far from the default
+        start of a slow motion.
         """
         own = self.trained.own
         names = [name for name in own[0] if name.startswith("bias_")] if own else []
@@ -211,11 +207,11 @@ class _Others:
         }
 
     def fit_event_by_event(self) -> FittedModel | None:
-        """Fit without what belongs to one record, then add that, one after the other, from where
-        the records themselves point to.
+        """Fit without record-specific effects, then add them one after the other, each from starts
+        that the records suggest.
 
-        What any record may have is there from the start: without it a fit would bend the rest in
-        its place.
+        Nuisance dynamics are included from the start; without them other parameters would be
+        biased.
         """
         effects = self.trained.effects
         own = [
@@ -240,8 +236,8 @@ class _Others:
         return best if best is None or len(own) < 2 else self._each_placed_again(best, own)
 
     def _each_placed_again(self, best: FittedModel, own: Sequence[Traceable]) -> FittedModel:
-        """Search each effect of one record again beside all others: the first was placed while the
-        others were still unexplained.
+        """Fit each record-specific effect again together with all others: the first ones were
+        placed before the others were known.
         """
         for effect in own:
             rest = [other for other in best.effects if other is not effect]
@@ -249,7 +245,7 @@ class _Others:
             if base is None:
                 continue
             again = self._with(base, rest, effect)
-            # less is the same optimum
+            # a smaller gain is the same optimum
             best = again if again is not None and again.fit.cost < best.fit.cost - 0.5 else best
         return best
 
@@ -269,12 +265,12 @@ class _Others:
         return min((t for t in tries if t is not None), key=lambda t: t.fit.cost, default=None)
 
 
-# ---- What training says of the shared parameters
+# ---- Prior of the shared parameters from training
 
 
 def training_prior(fitted: FittedModel) -> Prior:
-    """Return the prior of the shared parameters that the training records give: nuisances of these
-    records are projected out.
+    """Return the training posterior of the shared parameters as a prior; record-specific unknowns
+    are projected out.
     """
     fit, n = fitted.fit, len(fitted.fit.layout.shared)
     normal, _ = fit.normal_equations()
@@ -286,11 +282,11 @@ def training_prior(fitted: FittedModel) -> Prior:
 def prior_where_both_meet(
     fitted: FittedModel, freer: FittedModel, masks: Sequence[np.ndarray] | None
 ) -> Prior | None:
-    """Return the prior of the shared parameters from training, about the point at which it meets
-    the held-out records; None if no such point is found.
+    """Return the training prior linearised at a point that training and held-out records share;
+    None if no such point is found.
 
-    Training may leave open a curved line of parameters, such as a limit times a derivative: its
-    Gaussian holds near its own optimum only.
+    Training may determine only a curve in parameter space, such as limit times derivative. Its
+    Gaussian approximation holds near the optimum only.
     """
     trained, other = fitted.fit.layout.problems, freer.fit.layout.problems
     values = Values(

@@ -1,4 +1,4 @@
-"""The tracing loop: fit, search for what is missing, decide, report on data not fitted."""
+"""The tracing loop: fit, search for what is missing, decide, report on held-out data."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from ident.tracing.between_records import (
 from ident.tracing.decision import (
     NEGLIGIBLE_RATIO,
     Decision,
-    decided,
-    searched,
+    decide,
+    search_white_noise,
 )
 from ident.tracing.declared import Declared, fit_declared, held_out_data
 from ident.tracing.diagnosis import (
@@ -63,7 +63,7 @@ FROZEN_WORSE = (
     "the fit leaves open what remains there is noise: fit these data as well before you predict "
     "with the model"
 )
-MOST_ALTERNATIVES = 2  # named at most: fixed by the format of a diagnosis
+MOST_ALTERNATIVES = 2  # most alternatives named: fixed by
 
 
 def diagnose(
@@ -84,15 +84,15 @@ def diagnose(
     Parameters
     ----------
     records : the data to fit. model : the declared model, with its biases.
-    candidates : effects that may be named. guards : terms that compete and mean ``unexplained``.
-    validation : data that are not fitted; with none, errors are those of the fit.
-    progress : told what is being done and how much of the work that is.
-    discrepancy : what stands for the errors of the model's forces where no set leaves noise.
-    kinematics : effects that the relations between the sensors alone name, of each the names that
-        these do not tell apart, the likeliest first; asked where the declared model is not the most
+    candidates : effects that may be claimed. guards : catch-all terms, which mean ``unexplained``.
+    validation : held-out data; without any, errors are those of the fit.
+    progress : called with the current task and its share of the work.
+    discrepancy : term for errors of the forces, used if no set leaves noise.
+    kinematics : returns the effects with kinematic evidence, for each the names that this evidence
+        cannot distinguish, the likeliest first; called if the declared model is not the most
         probable.
-    reread : the same data with their inputs read otherwise between samples, asked where a time is
-        found; the likelier reading is taken. None where it is known how inputs are to be read.
+    reread : returns the data with the other interpolation of inputs, called if a delay or lag is
+        found; the likelier one is used. None where the interpolation is known.
 
     Raises
     ------
@@ -118,10 +118,10 @@ def diagnose(
     groups = kinematics() if kinematics is not None and search.best().names else ()
     if groups:
         search = search.with_kinematics(groups)
-    decision, out = _decided(search, discrepancy, held)
+    decision, out = _decide_and_predict(search, discrepancy, held)
     problem, best = search.problem, decision.best
     kept = _still_needed(declared.spikes, problem, records, best)
-    judgement = _judged(problem, decision, out, held, (*kept, *spikes))
+    judgement = _with_judgement(problem, decision, out, held, (*kept, *spikes))
     before, after = _scatter(problem, root, judgement, held)
     diagnosis = reported(
         problem,
@@ -132,7 +132,7 @@ def diagnose(
     )
     return replace(
         diagnosis,
-        trained_after=_without(diagnosis, discrepancy),
+        trained_after=_without_discrepancy(diagnosis, discrepancy),
         steps=(*declared.steps, *decision.steps),
         candidates=decision.candidates,
         stopped=decision.stopped,
@@ -142,11 +142,11 @@ def diagnose(
 def _searched(
     problem: TraceProblem, discrepancy: Traceable | None, reread: Callable[[], Data] | None
 ) -> tuple[TraceProblem, Declared, Search]:
-    """Return the declared model and the search without a discrepancy, with inputs read otherwise
-    where times were found and that is likelier; and the problem with the records as they were read.
+    """Return the declared model and the search under white noise, with the likelier interpolation
+    of inputs if a delay or lag was found; and the problem with the records as read.
     """
     declared = fit_declared(problem)
-    search = searched(declared.problem, discrepancy)
+    search = search_white_noise(declared.problem, discrepancy)
     times = [item.name for each in search.best().fitted.effects for item in each.parameters]
     if reread is None or not set(times) & set(TIMES):
         return problem, declared, search
@@ -157,7 +157,7 @@ def _searched(
     rival = search.refitted(again.problem)
     if rival.best().weight <= search.best().weight:
         return problem, declared, search
-    # Half an interval changes no scan: only at sets that were not scanned is there one.
+    # The interpolation hardly changes a scan: sets scanned before are not scanned again.
     rival.expanded |= search.expanded
     return other, again, rival.run()
 
@@ -165,7 +165,7 @@ def _searched(
 def _still_needed(
     spikes: Sequence[Claim], problem: TraceProblem, records: Sequence[Record], best: FittedModel
 ) -> Sequence[Claim]:
-    """Wrong samples of inputs, where the set that was found needs them mended as well."""
+    """Return the claims of wrong input samples that the accepted set needs as well."""
     if not spikes:
         return ()
     as_recorded = replace(problem, records=records).fit(best.effects, best, rough=True)
@@ -184,9 +184,9 @@ def _scatter(
     return (after if same else scatter_between_records(problem, root, held)), after
 
 
-def _without(diagnosis: Diagnosis, discrepancy: Traceable | None) -> Trained | None:
-    """Return the values that predict another record: a discrepancy adds nothing to a free
-    simulation.
+def _without_discrepancy(diagnosis: Diagnosis, discrepancy: Traceable | None) -> Trained | None:
+    """Return the values that predict another record, less those of the discrepancy, which adds
+    nothing to a free simulation.
     """
     trained = diagnosis.trained_after
     if trained is None or discrepancy is None:
@@ -197,11 +197,11 @@ def _without(diagnosis: Diagnosis, discrepancy: Traceable | None) -> Trained | N
 
 @dataclass(eq=False)
 class _HeldOutCheck:
-    """Sets fitted to the end, and what they predict of data that were not fitted.
+    """Converged fits of sets, and their predictions of held-out data.
 
     Attributes
     ----------
-    problem : what sets are fitted to. held : the data that were not.
+    problem : the problem of the fits. held : the held-out data.
     """
 
     problem: TraceProblem
@@ -209,7 +209,7 @@ class _HeldOutCheck:
     known: dict[frozenset[str], tuple[FittedModel, HeldOut]] = field(default_factory=dict)
 
     def ended(self, fitted: FittedModel) -> tuple[FittedModel, HeldOut]:
-        """Return the set of a fit, fitted to the end, and its predictions."""
+        """Return the converged fit of a set, and its predictions."""
         key = frozenset((*fitted.names, *fitted.system.parameters.names))
         if key not in self.known:
             best = self.problem.fit(fitted.effects, fitted) or fitted
@@ -217,12 +217,14 @@ class _HeldOutCheck:
         return self.known[key]
 
     def leaves_noise(self, fitted: FittedModel) -> bool:
-        """Return whether what the set leaves of fitted and of held-out data is noise."""
+        """Return whether the residual of a set is noise, on fitted and held-out data."""
         self.problem.progress("judging on data that were not fitted", 0.9)
         return not not_noise(residual_tests(*self.ended(fitted)).all, WHITENESS_P_VALUE)
 
     def predicts_well(self, fitted: FittedModel) -> bool:
-        """Whether the set leaves hardly more than the noise of the fitted data in held-out data."""
+        """Return whether the residual on held-out data is hardly larger than the noise of
+        the fit.
+        """
         best, out = self.ended(fitted)
         if out.informed is None:
             return not self.held.records
@@ -230,17 +232,17 @@ class _HeldOutCheck:
         return all(std <= NEGLIGIBLE_RATIO * levels[name] for name, std in found.items())
 
 
-def _decided(
+def _decide_and_predict(
     search: Search, discrepancy: Traceable | None, held: HeldOutData
 ) -> tuple[Decision, HeldOut]:
-    """Return the decision, its set fitted to the end, and what that predicts of data not fitted."""
+    """Return the decision, the converged fit of its set, and the predictions of held-out data."""
     against = _HeldOutCheck(search.problem, held)
-    decision = decided(search, discrepancy, against.leaves_noise, against.predicts_well)
+    decision = decide(search, discrepancy, against.leaves_noise, against.predicts_well)
     best, out = against.ended(decision.best)
     return replace(decision, best=best), out
 
 
-def _judged(
+def _with_judgement(
     problem: TraceProblem,
     decision: Decision,
     out: HeldOut,
@@ -263,7 +265,7 @@ def _judged(
     if decision.named and left:
         verdict = Verdict.PARTIAL
     cautions += left
-    cautions += _of_bursts(best, out, tests)
+    cautions += _burst_cautions(best, out, tests)
     raised = sum(gains) if gains else np.inf
     if raised <= 0.0:
         verdict = Verdict.UNEXPLAINED
@@ -293,8 +295,8 @@ def _of_guards(problem: TraceProblem, decision: Decision) -> list[Caution]:
     return [Caution(Concern.GUARD, what, requirement=requirement)]
 
 
-def _of_bursts(best: FittedModel, out: HeldOut, tests: ResidualTests) -> list[Caution]:
-    """Return a caution for each spell in which white noise is louder than elsewhere."""
+def _burst_cautions(best: FittedModel, out: HeldOut, tests: ResidualTests) -> list[Caution]:
+    """Return a caution for each interval in which white noise is louder than elsewhere."""
     bursts = noise_bursts(best.fit, FITTED, tests.all)
     if out.informed is not None:
         bursts += noise_bursts(out.informed, HELD_OUT, tests.all)
@@ -324,10 +326,10 @@ def _claim(
     *,
     claimed: bool,
 ) -> Claim:
-    """A claim, or a hint, with its numbers and the likely effects that could take its place."""
+    """Return a claim, or a hint, with its numbers and its likely alternatives."""
     (effect,) = [each for each in best.effects if each.name == named.name]
     likely = sorted(named.alternatives.items(), key=lambda item: -item[1])
-    # Of forms without a cause of their own, or equal to the data, priors alone prefer one.
+    # General forms and equivalent effects differ in their priors only.
     equal = set(named.alternatives) if effect.traits.general else set(effect.traits.equivalents)
     rivals = [name for name, share in likely if share > 1.0 - CLAIM_LEVEL or name in equal]
     others = [name for name in rivals if name not in guards][:MOST_ALTERNATIVES]

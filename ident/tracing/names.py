@@ -1,4 +1,4 @@
-"""Names of a decision: the probability of each, and of the effects that could take its place."""
+"""Probabilities of the effects of a decision, and of their alternatives."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from ident.tracing.steady_search import CONFUSABLE_SETS_Z, vuong
 from sim.declaration.effect import NoiseEffect, Station
 from sim.declaration.proposal import Traceable
 
-CLAIM_LEVEL = 0.95  # probability of what is claimed
+CLAIM_LEVEL = 0.95  # smallest probability of a claim
 
 
 @dataclass(frozen=True)
 class Named:
-    """An effect of the decision, with its probability and that of each that could take its place.
+    """An effect of the decision, with its probability and those of its alternatives.
 
-    ``spread`` : z of Vuong's test, beside a discrepancy; None under white noise.
-    ``reason`` : of a hint, why it is not named. ``within`` : the fitted set that has it, where
-    that is not the one that the verdict rests on.
+    ``spread`` : z of Vuong's test, with a discrepancy; None under white noise. ``reason`` : of a
+    hint, why it is not claimed. ``within`` : the fitted set with the effect, if not the accepted
+    one.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Named:
 
 
 def probabilities(search: Search, without: Collection[str] = ()) -> dict[Key, float]:
-    """Posterior probability of each set that was fitted and has none of some effects."""
+    """Return the posterior probability of each fitted set without the excluded effects."""
     keys = [key for key in search.visited if key.isdisjoint(without)]
     weights = np.array([search.visited[key].weight for key in keys])
     share = np.exp(weights - weights.max())
@@ -44,7 +44,7 @@ def probabilities(search: Search, without: Collection[str] = ()) -> dict[Key, fl
 
 
 def inclusion_of(sets: Mapping[Key, float]) -> dict[str, float]:
-    """Probability of each effect: the sum over the sets that contain it."""
+    """Return the probability of each effect: the sum over the sets that contain it."""
     found: dict[str, float] = {}
     for key, share in sets.items():
         for name in key:
@@ -55,10 +55,10 @@ def inclusion_of(sets: Mapping[Key, float]) -> dict[str, float]:
 def named_with_rivals(
     search: Search, best: WeighedSet, effect: Traceable, sets: Mapping[Key, float]
 ) -> Named:
-    """A member with its probability and those of the effects that could take its place.
+    """Return a member with its probability and those of its alternatives.
 
-    Posterior odds suppose that the equations are true. Where Vuong's test does not tell another
-    effect from the member, its odds are at least those of that test.
+    Posterior odds assume that the model is true. The odds of an effect that Vuong's test cannot
+    distinguish from the member are at least those of this test.
     """
     mine, alike = inclusion_of(sets)[effect.name], look_alikes(search, best, effect, sets)
     odds = {name: share / mine for name, share in alike.items()}
@@ -67,7 +67,7 @@ def named_with_rivals(
         for each in search.candidates
         if each.traits.guard or (each.traits.general and not effect.traits.general)
     }
-    # Motion that any record may have may stand in the place of a likelier effect of small gain.
+    # Nuisance dynamics may replace a likelier effect of small gain.
     least = -math.inf if effect.traits.background else 0.0
     for name, each in rivals_of(search, best, effect.name, CLEAR_GAIN, least).items():
         if name not in formless:
@@ -78,8 +78,8 @@ def named_with_rivals(
 def with_shares(
     name: str, together: float, odds: Mapping[str, float], spread: float | None = None
 ) -> Named:
-    """An effect and its alternatives with their shares of the probability that they have together,
-    by the ``odds`` of each alternative against the effect.
+    """Return an effect and its alternatives with their shares of the total probability, from the
+    ``odds`` of each alternative against the effect.
     """
     share = together / (1.0 + sum(odds.values()))
     return Named(name, share, {other: each * share for other, each in odds.items()}, spread)
@@ -88,7 +88,9 @@ def with_shares(
 def look_alikes(
     search: Search, best: WeighedSet, effect: Traceable, sets: Mapping[Key, float]
 ) -> dict[str, float]:
-    """Effects that the records do not tell from a member, with their probabilities."""
+    """Return the effects that the records cannot distinguish from a member, with their
+    probabilities.
+    """
     found: dict[str, float] = {}
     equal: set[str] = set()
     traits = effect.traits
@@ -102,19 +104,20 @@ def look_alikes(
         new = key - best.names
         apart = abs(search.visited[key].fitted.fit.cost - best.fitted.fit.cost)
         if len(key) == len(best.names) and len(new) == 1 and apart < CONFUSABLE_SETS_Z:
-            equal |= new & set(traits.equivalents)  # to the data: priors alone tell the two apart
+            equal |= new & set(traits.equivalents)  # equivalent for the data; priors alone differ
     least = 0.05 * (1.0 - CLAIM_LEVEL)
     return {name: share for name, share in found.items() if share > least or name in equal}
 
 
 def is_passing_event(effect: Traceable) -> bool:
-    """Return whether an effect is a load or a gust in passing, no event of a sensor."""
+    """Return whether an effect is a passing load or gust; sensor events are not."""
     return bool(effect.traits.onset) and effect.station is not Station.SENSOR_PATH
 
 
 def passing_events(white: Search, best: WeighedSet, name: str) -> dict[str, float]:
-    """Loads and gusts in passing that the search under white noise does not tell from rough air,
-    with their odds; none for another effect. Beside a discrepancy they are not offered.
+    """Return the passing loads and gusts that the search under white noise cannot distinguish from
+    rough air, with their odds; none for another effect. The search with a discrepancy has no
+    events.
     """
     (effect,) = [each for each in best.fitted.effects if each.name == name]
     names = best.names & ({each.name for each in white.candidates} | white.base_names)
@@ -133,10 +136,11 @@ def rivals_of(
     clear: float = math.inf,
     least: float = 0.0,
 ) -> dict[str, float]:
-    """Effects that Vuong's test does not tell from one, with their odds by its normal law.
+    """Return the effects that Vuong's test cannot distinguish from one, with their odds by its
+    normal distribution.
 
-    Motion that any record may have may stand beside them or not. Those count that are less likely
-    by more than ``least`` and less than ``clear`` in the logarithm.
+    Nuisance dynamics may be added or not. Only rivals less likely by more than ``least`` and less
+    than ``clear`` (logarithms) count.
     """
     from scipy.special import ndtr
 
@@ -151,7 +155,7 @@ def rivals_of(
         z = vuong(best, other, search.context.interval)
         if z < CONFUSABLE_SETS_Z and least < best.weight - other.weight < clear:
             p, rival = float(ndtr(z)), next(iter(new))
-            # The relations between the sensors rest on no equation of forces: they decide then.
+            # Kinematic evidence is independent of the force model, and decides.
             even = 1.0 if rival in search.problem.named_by_kinematics else 0.0
             found[rival] = max((1.0 - p) / p, even, found.get(rival, 0.0))
     return found

@@ -1,4 +1,4 @@
-"""The one predictive test: are data that were not fitted more probable with what is claimed?"""
+"""The predictive test: are held-out data more probable with the claimed effects?"""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from sim.record import Record
 
 
 def frozen_gain(held: HeldOutData, out: HeldOut) -> float:
-    """Return the rise of the log density of held-out data from the declared model to a fitted set,
-    by free simulations with all shared parameters frozen; minus infinity where the set cannot be
+    """Return the gain of log density of held-out data from the declared model to a fitted set, by
+    free simulations with all shared parameters frozen; minus infinity where the set cannot be
     simulated, infinity where there is nothing to compare.
     """
     if held.records and out.frozen is None:
@@ -35,15 +35,15 @@ def frozen_gain(held: HeldOutData, out: HeldOut) -> float:
 def predictive_gains(
     less: FittedModel, more: FittedModel, held: HeldOutData, out: HeldOut
 ) -> tuple[float, ...]:
-    """Rise of the log density of held-out data from one fitted set to another.
+    """Return the gains of log density of held-out data from one fitted set to another.
 
-    Of free simulations where neither has process noise, all records together, under what training
-    leaves open where frozen values bring no rise; else of predictions one step ahead, record by
-    record: a free simulation cannot tell of random loads.
+    Without process noise: one gain of free simulations of all records, first with frozen values;
+    without gain, with the training posterior as prior. With process noise: gains of one-step
+    predictions, one a record, since free simulations do not contain random loads.
 
     Parameters
     ----------
-    less, more : fitted to the same records. held : the data. out : what ``more`` predicts there.
+    less, more : fitted to the same records. held : the data. out : predictions of ``more``.
 
     Returns
     -------
@@ -55,7 +55,7 @@ def predictive_gains(
     if math.isinf(gain):
         return (gain,)
     if not has_process_noise(more.system):
-        # Frozen values reject right sets whose parameters trade off (``held_out``).
+        # Frozen values reject correct sets with correlated parameters (``held_out``).
         plain = None if gain > 0.0 else predicted_by(less, held).informed
         if plain is None or out.informed is None:
             return (gain,)
@@ -85,8 +85,8 @@ def predictive_gains(
 
 
 def _own_values(fitted: FittedModel, out: HeldOut) -> list[dict[str, float]]:
-    """Return the values that belong to each held-out record alone: an event begins where it was
-    found there.
+    """Return the values of single held-out records: the onset of an event is the one found
+    there.
     """
     fit = out.informed or out.frozen
     assert fit is not None
@@ -100,11 +100,11 @@ def _own_values(fitted: FittedModel, out: HeldOut) -> list[dict[str, float]]:
     return found
 
 
-# ---- A record that took no part in a search
+# ---- Prediction of a further record
 
 
 def spike_masks_of(fit: Fit, masks: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Validity of held-out samples with isolated spikes set aside, for error figures only."""
+    """Return masks of held-out samples without isolated spikes, for error figures only."""
     system = fit.layout.system
     every = zip(masks, fit.layout.problems, fit.lines, strict=True)
     everything = [np.where(mask, problem.z - line.y, 0.0) for mask, problem, line in every]
@@ -142,9 +142,8 @@ def predict(
     """Predict a record, or its parts between gaps, with the declared model as fitted, and with the
     effects found.
 
-    All is frozen but initial states, biases and events, which each part has for itself.
-    ``declared`` has its biases, prepared as for the fit;
-    ``spiked`` inputs are mended.
+    Only initial states, biases and events are fitted, for each part. ``declared`` has its biases,
+    prepared as for the fit; ``spiked`` inputs are mended.
     """
     outputs = after.outputs
     mended = [with_mended(part, spiked) for part in parts]
@@ -175,8 +174,9 @@ def predict(
 def prediction(
     fit: Fit | None, record_number: int, record: Record, channels: Sequence[str]
 ) -> np.ndarray:
-    """Free simulation at every row of a record, ``(m, N)``; where the fit failed the mean of the
-    measurement, zero without one."""
+    """Return the free simulation at every row of a record, ``(m, N)``; after a failed fit the mean
+    of the measurement, or zero.
+    """
     if fit is not None:
         rows = dict(zip(fit.layout.system.output_names, fit.lines[record_number].y, strict=True))
         return np.array([rows[name] for name in channels])
@@ -195,8 +195,8 @@ def error_figures(
     masks: Sequence[np.ndarray],
     channels: Sequence[str],
 ) -> ErrorFigures:
-    """RMSE, NRMSE (over the measured spread), R squared and Theil's inequality coefficient, samples
-    set aside left out.
+    """RMSE, NRMSE (over the measured spread), R squared and Theil's inequality coefficient, without
+    masked samples.
     """
     rmse, nrmse, r2, theil = {}, {}, {}, {}
     for i, name in enumerate(channels):

@@ -14,15 +14,13 @@ from sim.declaration.effect import Parameter, full_name
 from sim.declaration.proposal import SearchContext, Traceable
 
 DERIVATIVE_PRIOR_SHARE = 0.3  # one sigma of a derivative of the vehicle file, as a share of it
-# of one family of effects against its absence: one cause in thirty comes to mind
-FAMILY_ODDS = 0.03
-# members that a family's odds are shared by at least: a lone member is not likelier
+FAMILY_ODDS = 0.03  # prior odds of one family of effects against its absence
+# least number of members that share a family's odds: a small family is no likelier
 FEWEST_FAMILY_MEMBERS = 5
-CATCH_ALL_ODDS_RATIO = 0.1  # odds of a guard over those of an effect: the form of no known cause
-# odds of motion that any record may have, and of what kinematics alone name
-COMMON_MOTION_ODDS = 0.5
-ABSENT_LIMIT = 1e5  # the value of a limit that is absent is larger than this
-# factor of one sigma: a limit about where it was found, a curve about its declared size
+CATCH_ALL_ODDS_RATIO = 0.1  # odds of a catch-all term relative to an effect
+COMMON_MOTION_ODDS = 0.5  # prior odds of nuisance dynamics, and of effects with kinematic evidence
+ABSENT_LIMIT = 1e5  # smallest value of a limit that never acts
+# factor of a wide prior: of a limit about the value found, of a curve's shape
 WIDE_PRIOR_FACTOR = 3.0
 
 
@@ -61,7 +59,7 @@ def prior_of(
 
 
 def family(name: str) -> str:
-    """Return the family that an effect's prior odds are shared in: its name without a channel."""
+    """Return the family of an effect, which shares prior odds: its name without a channel."""
     return name.partition(":")[0]
 
 
@@ -78,7 +76,7 @@ def log_odds(
     Parameters
     ----------
     effects : the set. families : number of members of each family (``family_sizes``).
-    kinematic : names of effects that the relations between the sensors alone name.
+    kinematic : names of effects with kinematic evidence.
     """
     total = 0.0
     for effect in effects:
@@ -93,9 +91,10 @@ def log_odds(
 
 
 def half_normal_factor(mean: float, sigma: float) -> float:
-    """Logarithm of the share of a Gaussian posterior on the allowed side, and of the prior's two.
+    """Return the logarithm of the posterior's share on the allowed side of a bound, times the
+    prior's factor of two.
 
-    ``mean`` counts from the bound, positive inside; ``sigma`` of the posterior.
+    ``mean`` is the distance from the bound, positive inside; ``sigma`` is the posterior's.
     """
     from scipy.special import log_ndtr
 
@@ -105,7 +104,7 @@ def half_normal_factor(mean: float, sigma: float) -> float:
 def log_mass(mean: float, sigma: float, low: float, high: float) -> float:
     """Return the logarithm of the share of a Gaussian posterior between two values.
 
-    That of the nearer end's tail stands for it: the other end is far away.
+    Only the nearer end is counted: the other one is far away.
     """
     from scipy.special import log_ndtr
 
@@ -113,7 +112,7 @@ def log_mass(mean: float, sigma: float, low: float, high: float) -> float:
 
 
 def declared_sigma(value: float) -> float:
-    """One sigma of a declared derivative; infinite where the file has zero, which tells no size."""
+    """Return one sigma of a declared derivative; infinite for zero, which gives no size."""
     return DERIVATIVE_PRIOR_SHARE * abs(value) if value else np.inf
 
 
@@ -124,7 +123,7 @@ class SetPrior:
     Attributes
     ----------
     mean, precision : ``(n,)``; zero precision where it is flat. constant : sum of ln(1/sigma).
-    one_sided : position, side (1 or -1) and bound. ranges : position and ends of what is believed.
+    one_sided : position, side (1 or -1) and bound. ranges : position and ends of plausible values.
     """
 
     mean: np.ndarray
@@ -135,7 +134,9 @@ class SetPrior:
 
 
 def set_prior(fitted: FittedModel, context: SearchContext) -> SetPrior:
-    """Prior of all unknowns of a fitted set; that of biases and initial states is flat."""
+    """Return the prior of all unknowns of a fitted set; it is flat for biases and initial
+    states.
+    """
     fit = fitted.fit
     mean, precision, constant = np.zeros(len(fit.theta)), np.zeros(len(fit.theta)), 0.0
     effects = {full_name(e, i.name): (e, i) for e in fitted.effects for i in e.parameters if i.free}

@@ -1,4 +1,4 @@
-"""What one search works on. It never changes: other records or other masks make another problem."""
+"""The problem of one search. It is immutable: other records or masks make another problem."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from sim.declaration.model import Model
 from sim.declaration.proposal import Traceable
 from sim.record import Record
 
-TO_THE_END = 300  # iterations: where parameters trade off a fit takes up to 200
-# of log likelihood: a step that gains less moves nothing by more than 0.0015 sigmas
+TO_THE_END = 300  # most iterations: fits with correlated parameters take up to 200
+# smallest gain of log likelihood by a step: less is below 0.0015 sigmas
 SETTLED_LOG_LIKELIHOOD = 1e-6
-# the same where noise levels are unknowns, which creep: 0.2 sigmas
+# the same with unknown noise levels, which converge slowly: 0.2 sigmas
 SETTLED_WITH_NOISE_LEVELS = 0.02
 
 
 def no_progress(text: str, share: float) -> None:
-    """A progress that nobody follows."""
+    """A progress function that does nothing."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Ended:
-    """A fit to the end, and what was asked for: the form of a claimed curve is asked for twice,
-    when sets are compared and when sigmas are told.
+    """A converged fit and its arguments. The refined form of a claim is fitted for comparison and
+    for sigmas; the second call reuses the first.
     """
 
     start: FittedModel | None
@@ -40,14 +40,13 @@ class _Ended:
 
 @dataclass(frozen=True, eq=False)
 class TraceProblem:
-    """Records, the samples that count, the declared model, and what may be added to it.
+    """Records, masks, the declared model, and the effects that may be added.
 
-    ``masks`` ``(m, N)`` a record, True where a sample counts. ``candidates`` : effects and guards.
-    ``predicted`` : records that will be predicted; only the ranges they fly through are used.
-    ``least_noise`` : by output, smallest measurement noise. ``kinematic`` : effects that the
-    relations between the sensors alone name: of each the names that these do not tell apart, the
-    likeliest first. ``progress`` is told what is done, and
-    which share of the work that is.
+    ``masks`` ``(m, N)`` a record, True where a sample counts. ``candidates`` : effects and
+    catch-all terms. ``predicted`` : records that will be predicted; only the ranges they fly
+    through are used. ``least_noise`` : by output, smallest measurement noise. ``kinematic`` :
+    effects with kinematic evidence, for each the names that this evidence cannot distinguish, the
+    likeliest first. ``progress`` is called with the current task and its share of the work.
     """
 
     records: Sequence[Record]
@@ -64,23 +63,23 @@ class TraceProblem:
 
     @property
     def guards(self) -> frozenset[str]:
-        """Names of the candidates that compete and can never be claimed."""
+        """Names of the catch-all terms, which compete and are never claimed."""
         return frozenset(candidate.name for candidate in self.candidates if candidate.traits.guard)
 
     @property
     def named_by_kinematics(self) -> frozenset[str]:
-        """All names that the relations between the sensors alone name."""
+        """All names with kinematic evidence."""
         return frozenset(name for group in self.kinematic for name in group)
 
     @property
     def data(self) -> FitData:
-        """Data that sets are fitted to."""
+        """Data of the fits."""
         return FitData(self.records, self.masks, self.model, self.outputs, self.least_noise)
 
     @property
     def roughly(self) -> FitSettings:
-        """Settings of a fit that serves for comparison only: twice the step moves no output of an
-        aircraft by a hundredth of its noise.
+        """Settings of a fit for comparison: the double step changes no output by a hundredth of its
+        noise.
         """
         return FitSettings(
             max_step=2.0 * self.settings.max_step,
@@ -98,9 +97,8 @@ class TraceProblem:
         *,
         rough: bool = False,
     ) -> FittedModel | None:
-        """Fit a set from another one's values; roughly while searching, to the end for what is
-        kept. None where no cost is finite. Without a start the declared model is
-        fitted once.
+        """Fit a set from another one's values, coarsely during the search or to convergence. None
+        where no cost is finite. Without a start the declared model is fitted once.
         """
         if rough:
             return self._fit(effects, self.roughly, start, added)
@@ -125,7 +123,5 @@ class TraceProblem:
         return fit_set(self.data, effects, settings, start_from(start, added))
 
     def with_masks(self, masks: Sequence[np.ndarray]) -> TraceProblem:
-        """Return the same question with other samples set aside: another problem, to which no
-        earlier fit belongs.
-        """
+        """Return the problem with other masks; earlier fits do not belong to it."""
         return replace(self, masks=tuple(masks))

@@ -1,5 +1,5 @@
-"""From fitted models and their predictions to a Diagnosis: derivatives with sigmas, error figures,
-what was fitted and predicted.
+"""The Diagnosis from fitted models and their predictions: derivatives with sigmas, error figures,
+fitted and predicted outputs.
 """
 
 from __future__ import annotations
@@ -44,10 +44,12 @@ from sim.declaration.effect import DynamicsEffect
 from sim.record import Record
 
 _NONE: Mapping[str, float] = MappingProxyType({})
-LOST_NOISE_SHARE = 0.1  # of the noise that high frequencies show
+# smallest noise level of a fit, relative to the noise at high frequencies; below it the level was
+# lost
+LOST_NOISE_SHARE = 0.1
 
 
-def _under_each(
+def _derivatives_under_each(
     problem: TraceProblem,
     best: FittedModel,
     claim: Claim,
@@ -55,11 +57,9 @@ def _under_each(
     inflation: Mapping[str, float],
     spread: Callable[[FittedModel], Mapping[str, float]],
 ) -> Claim:
-    """Return a claim with the derivatives under its own name and under each alternative in its
-    place, all with sigmas of one kind.
+    """Return a claim with the derivatives under its own name and under each alternative.
 
-    ``under`` : those of the set that was judged. ``spread`` : by how much those of a set move with
-    the form of its effects.
+    ``under`` : those of the accepted set. ``spread`` : their change with the form of the effects.
     """
     offered, members = {each.name: each for each in problem.candidates}, {}
     rest = [each for each in best.effects if each.name != claim.name]
@@ -72,7 +72,7 @@ def _under_each(
 
 @dataclass(frozen=True, eq=False)
 class Before:
-    """The declared model as fitted, its residual tests, and by how much records differ under it."""
+    """The declared model as fitted, its residual tests, and the scatter between records."""
 
     root: FittedModel
     tests: tuple[ResidualTest, ...]
@@ -81,18 +81,18 @@ class Before:
 
 @dataclass(frozen=True, eq=False)
 class After:
-    """What was judged in the end, and by how much records differ under it."""
+    """The accepted set, its judgement, and the scatter between records."""
 
     judgement: Judgement
     scatter: RecordScatter
 
 
-def _tests_of_floor(before: Before, judgement: Judgement) -> tuple[ResidualTest, ...]:
-    """Tests that say which residuals are noise: where nothing is named, those of the declared
+def _tests_for_noise_floor(before: Before, judgement: Judgement) -> tuple[ResidualTest, ...]:
+    """Return the tests that show which residuals are noise; without claims, those of the declared
     model.
     """
-    # A guard or turbulence that won leaves white innovations: its tests would pass the declared
-    # model's residual off as sensor noise.
+    # A catch-all term or turbulence whitens the innovations: its tests would accept the declared
+    # model's residual as sensor noise.
     return before.tests if judgement.verdict is Verdict.UNEXPLAINED else judgement.tests.all
 
 
@@ -103,8 +103,8 @@ def reported(
     held: HeldOutData,
     validation: Sequence[Record],
 ) -> Diagnosis:
-    """Return all that a Diagnosis holds. ``validation`` are the records that are not fitted as they
-    were given, spikes of their inputs included.
+    """Return the Diagnosis. ``validation`` are the held-out records as given, spikes of inputs
+    included.
     """
     judgement, root = after.judgement, before.root
     best, inflation = judgement.best, after.scatter.inflation
@@ -122,10 +122,10 @@ def reported(
         )
         for r, record in enumerate(shown)
     ]
-    masks = _shown_masks(problem, channels, shown, fits[1] if validation else None)
+    masks = _error_masks(problem, channels, shown, fits[1] if validation else None)
 
     def spread(fitted: FittedModel) -> Mapping[str, float]:
-        # Where nothing is claimed the form of a hint is not worth a fit.
+        # Without claims the refined form is not worth a fit.
         return form_spread(problem, fitted) if judgement.verdict is not Verdict.UNEXPLAINED else {}
 
     under = _derivatives(problem, best, inflation, spread(best))
@@ -146,7 +146,8 @@ def reported(
     return Diagnosis(
         verdict=judgement.verdict,
         effects=tuple(
-            _under_each(problem, best, claim, under, inflation, spread) for claim in claims
+            _derivatives_under_each(problem, best, claim, under, inflation, spread)
+            for claim in claims
         ),
         before=_derivatives(problem, root, before.scatter.inflation),
         after=under,
@@ -158,7 +159,7 @@ def reported(
         derived_after=_derived(best, inflation),
         error_before=error_figures([p.before for p in predictions], shown, masks, channels),
         error_after=error_figures([p.after for p in predictions], shown, masks, channels),
-        noise_floor=noise_floors(fitted, _tests_of_floor(before, judgement), levels),
+        noise_floor=noise_floors(fitted, _tests_for_noise_floor(before, judgement), levels),
         residual_std=levels,
         held_out=bool(validation),
         tests_before=before.tests,
@@ -175,8 +176,8 @@ def reported(
 
 
 def requirements_not_met(judgement: Judgement) -> tuple[Requirement, ...]:
-    """Requirements that were not met; of residual tests the one with the smallest p-value, which
-    counts the others.
+    """Return the requirements that were not met; of several residual tests, the one with the
+    smallest p-value, and their number.
     """
     cautions = [caution for caution in judgement.cautions if caution.requirement is not None]
     tests = [
@@ -200,8 +201,8 @@ def requirements_not_met(judgement: Judgement) -> tuple[Requirement, ...]:
 
 
 def with_reasons(claim: Claim, judgement: Judgement, not_met: Sequence[Requirement]) -> Claim:
-    """Return a hint with the reasons why it is not claimed: what was not met of it or of all, and
-    cautions that have no number.
+    """Return a hint with its reasons: requirements not met by it or by all effects, and cautions
+    without a number.
     """
     if claim.claimed or claim.reasons:
         return claim
@@ -214,11 +215,11 @@ def with_reasons(claim: Claim, judgement: Judgement, not_met: Sequence[Requireme
     return replace(claim, reasons=(*mine, *(plain if not mine else [])))
 
 
-def _shown_masks(
+def _error_masks(
     problem: TraceProblem, channels: Sequence[str], shown: Sequence[Record], fit: Fit | None
 ) -> list[np.ndarray]:
-    """Return the samples that errors are counted over, ``(channels, N)`` a record; ``fit`` of
-    records that were not fitted.
+    """Return the samples that count in errors, ``(channels, N)`` a record; ``fit`` of held-out
+    records.
     """
     masks = measured_masks(shown, problem.outputs)
     if shown is problem.records:
@@ -235,10 +236,10 @@ def _derivatives(
     inflation: Mapping[str, float] = _NONE,
     form: Mapping[str, float] = _NONE,
 ) -> dict[str, Quantity]:
-    """Shared parameters of the declared model, with sigmas corrected for colour, inflated by what
-    records differ by, and by ``form``.
+    """Return the shared parameters of the declared model, with sigmas corrected for colour,
+    inflated by the differences between records, and by ``form``.
 
-    ``form`` is what the form of an effect leaves open, added in squares.
+    ``form`` : uncertainty from the form of an effect, added in squares.
     """
     estimate = fitted.estimate
     declared = set(problem.model.parameters.names)
@@ -256,8 +257,8 @@ def _derivatives(
 
 
 def _derived(fitted: FittedModel, inflation: Mapping[str, float] = _NONE) -> dict[str, Quantity]:
-    """Return the frequency, damping and delay, with sigmas that follow from those of the
-    derivatives as they are reported.
+    """Return frequency, damping and delay, with sigmas propagated from the reported ones of the
+    derivatives.
     """
     if not fitted.system.inputs:
         return {}
@@ -297,23 +298,23 @@ def _inflated_estimate(fitted: FittedModel, inflation: Mapping[str, float]) -> E
 
 
 def _noise_levels(root: FittedModel, best: FittedModel) -> dict[str, float]:
-    """Measurement noise by output; where a fit with process noise lost it, what high frequencies of
-    the declared model's residual show.
+    """Return the measurement noise by output; if a fit with process noise lost it, the noise at
+    high frequencies of the declared model's residual.
     """
     levels = noise_levels(best.fit)
     if has_process_noise(best.system):
         lost = set(levels_at_limit(best.fit))
         for name, level in levels.items():
             shown = noise_shown(root.fit, name) if name in root.system.output_names else None
-            # Rough air or a discrepancy has taken in the noise of that sensor as well.
+            # Rough air or a discrepancy has also explained the noise of this sensor.
             if shown is not None and (name in lost or level < LOST_NOISE_SHARE * shown):
                 levels[name] = shown
     return levels
 
 
 def _in_units(fitted: FittedModel, r: int, levels: Mapping[str, float]) -> np.ndarray:
-    """Return the residuals in the outputs' units; innovations, which have variance one, times the
-    noise of their output.
+    """Return the residuals in the outputs' units; innovations of unit variance are multiplied by
+    the noise of their output.
     """
     if not has_process_noise(fitted.system):
         return fitted.fit.residuals[r]
@@ -323,21 +324,19 @@ def _in_units(fitted: FittedModel, r: int, levels: Mapping[str, float]) -> np.nd
     )
 
 
-# ---- Residual tests and the judgement
+# ---- Residual tests and judgement
 
 
 @dataclass(frozen=True, eq=False)
 class ResidualTests:
-    """Residual tests of the fitted records, and of held-out ones under what the fitted ones
-    taught.
-    """
+    """Residual tests of the fitted records, and of the held-out ones under the training prior."""
 
     fitted: tuple[ResidualTest, ...]
     others: tuple[ResidualTest, ...] = ()
 
     @property
     def all(self) -> tuple[ResidualTest, ...]:
-        """All of them."""
+        """All tests."""
         return (*self.fitted, *self.others)
 
 
@@ -347,8 +346,8 @@ class Judgement:
 
     Attributes
     ----------
-    best : the set. out : that set on data that were not fitted.
-    claims : its effects and hints. tests : of what it leaves. cautions : what speaks against more.
+    best : the set. out : its fit to held-out data. claims : its effects and hints.
+    tests : of its residuals. cautions : reasons to doubt more than the verdict states.
     """
 
     verdict: Verdict

@@ -1,7 +1,7 @@
-"""Every candidate at a fitted set of effects: what it would add to the outputs, and its gain.
+"""Scan of all candidates at a fitted set of effects: their signatures and gains of log evidence.
 
-All of it is linear-Gaussian: the signatures of the candidates (changes of the outputs) are
-whitened, projected off the unknowns of the set, and have a Gaussian prior on their factors.
+The model is linear-Gaussian. Signatures (changes of the outputs) are whitened, and the unknowns of
+the set are projected out; their factors have Gaussian priors.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from sim.declaration.effect import NoiseEffect, full_name
 from sim.declaration.proposal import Probe, SearchContext, Traceable, fitted_to
 from sim.errors import ModelError
 
-SCANNED_PLACES = 60  # over the record, for effects that may begin anywhere
-SHARP_PLACES = 2000  # over the record, for a step of one output
-PLACED_SIZE_SHARE = 0.4  # one sigma of a placed size about the place, as a share
-KEPT_PLACES = 2  # places of a candidate
-LARGEST_SIGNATURE = 1e6  # of a signature: beyond it a simulation ran away
-RANKING_AVERAGE_TIME = 0.04  # s, over which samples are averaged where places are ranked
+SCANNED_PLACES = 60  # onsets tried over the record
+SHARP_PLACES = 2000  # the same for a step of one output
+PLACED_SIZE_SHARE = 0.4  # one sigma of the size of a placed event, relative to the size
+KEPT_PLACES = 2  # best places kept of a candidate
+LARGEST_SIGNATURE = 1e6  # largest signature; the simulation of a larger one diverged
+RANKING_AVERAGE_TIME = 0.04  # s, averaging time of samples where places are ranked
 
 
 # An effect with its probes and the signatures of each, ``(m, N, k)`` a record.
@@ -174,10 +174,7 @@ def closed_forms(
 def candidate_signatures(
     fitted: FittedModel, candidates: Sequence[Traceable], context: SearchContext
 ) -> dict[int, CandidateSignatures]:
-    """Signatures of all candidates about a fitted set, those that ran away left out.
-
-    By the place of a candidate: several forms of an effect have one name.
-    """
+    """Return the signatures of all candidates at a fitted set, without divergent ones."""
     motions = motions_of(fitted)
     found: dict[int, CandidateSignatures] = {}
     for place, candidate in enumerate(candidates):
@@ -215,7 +212,7 @@ def leads_of(
     shown: Sequence[CandidateSignatures],
     context: SearchContext,
 ) -> list[Lead]:
-    """Leads of all signatures of effects that are not in the set: of each its best places."""
+    """Return the leads (best places) of all signatures of effects that are not in the set."""
     absent = [(effect, usable) for effect, usable in shown if effect.name not in fitted.names]
     return [lead for effect, usable in absent for lead in _leads(ready, effect, usable, context)]
 
@@ -235,8 +232,8 @@ def factors_prior(
     return np.array(means), np.array(sigmas)
 
 
-def _possible(effect: Traceable, probe: Probe, factors: np.ndarray) -> bool:
-    """Return whether the factors point the physical way."""
+def _has_physical_sign(effect: Traceable, probe: Probe, factors: np.ndarray) -> bool:
+    """Return whether the factors have the physical sign."""
     if not probe.slopes:
         return bool(factors[0] > 0.0)
     if len(probe.slopes) > 1:
@@ -265,7 +262,7 @@ def _leads(
         W = np.concatenate(rows, axis=1)
         mean, sigma = factors_prior(effect, probe, context)
         gains, factors = _gains(ready, W[None], slice(None), (mean, sigma))
-        if _possible(effect, probe, factors[0]):
+        if _has_physical_sign(effect, probe, factors[0]):
             own = np.full(len(sigma), -1)
             price = -math.log(len(usable))
             same, still = (probe,) * records, (0,) * records
@@ -285,8 +282,8 @@ def _places_in_record(
     for probe, parts in usable:
         known = factors_prior(effect, probe, context)
         count = parts[r].shape[1]
-        # The likelihood of an event has local optima: places near the best are tried as well, and
-        # those of a step of one output are close everywhere.
+        # The likelihood of an event has local optima: neighbours of the best place are tried,
+        # finely for a step of one output.
         sharp = probe.sharp and ready.separate
         by = ready if sharp else ready.ranking or ready
         step = max(1, count // (SHARP_PLACES if sharp else SCANNED_PLACES))
@@ -347,7 +344,7 @@ def _places_at_shifts(
     shifts: Sequence[int],
 ) -> list[Place]:
     """Return the places of a signature ``own (m, N, k)`` of record ``r`` begun later by some
-    numbers of samples; none where it changes no output or points against physics.
+    numbers of samples; none if it changes no output or has an unphysical sign.
     """
     if not np.any(own):
         return []
@@ -355,14 +352,14 @@ def _places_at_shifts(
     return [
         Place(gain, probe, own, shift, prior)
         for gain, shift, made in zip(gains.tolist(), shifts, factors, strict=True)
-        if _possible(effect, probe, made)
+        if _has_physical_sign(effect, probe, made)
     ]
 
 
 def _one_lead(ready: Prepared, effect: Traceable, places: Sequence[Sequence[Place]]) -> list[Lead]:
     """Return the best place in each record as one lead.
 
-    An event is in a record or not with even odds, and is left out where it brings nothing.
+    An event has even prior odds in each record, and is left out where it has no gain.
     """
     event = bool(effect.traits.onset)
     chosen: list[Place | None] = []
@@ -409,7 +406,7 @@ def _one_lead(ready: Prepared, effect: Traceable, places: Sequence[Sequence[Plac
 def starts_of(
     lead: Lead, factors: np.ndarray, records: int, interval: float
 ) -> list[dict[str, float]]:
-    """Values of a lead's parameters to begin a fit with, by full name, one mapping a record."""
+    """Return starting values of a lead's parameters, by full name, one mapping a record."""
     effect = lead.effect
     bounds = {item.name: item.bounds for item in effect.parameters}
     absent = {item.name: effect.absent.get(item.name, item.value) for item in effect.parameters}
@@ -433,7 +430,7 @@ def starts_of(
     return out
 
 
-# ---- Sets of leads, weighed in closed form
+# ---- Evidence of sets of leads in closed form
 
 BEAM_WIDTH = 10  # sets of each size that are extended
 MOST_LEADS = 30  # leads that take part
@@ -446,7 +443,7 @@ class LinearSet:
     Attributes
     ----------
     gain : of log evidence. weight : the same with the prior odds of the leads and their places.
-    factors : of each lead's columns, at the posterior's mean.
+    factors : posterior means of the factors of each lead's columns.
     """
 
     leads: tuple[Lead, ...]
@@ -467,7 +464,8 @@ def weighed_sets(
     together: Callable[[Lead, Lead], bool],
     depth: int,
 ) -> tuple[list[LinearSet], Mapping[frozenset[str], float]]:
-    """Sets of up to ``depth`` leads, the weightiest first, and how alike pairs of effects are.
+    """Return sets of up to ``depth`` leads, the most probable first, and the similarity of pairs of
+    effects.
 
     Parameters
     ----------
@@ -476,7 +474,7 @@ def weighed_sets(
 
     Returns
     -------
-    The sets, and the largest cosine between what two effects would add, by their names.
+    The sets, and the largest cosine of two effects' signatures, by their names.
     """
     ranked = sorted(leads, key=lambda lead: -(lead.gain + lead.price + odds(lead)))[:MOST_LEADS]
     if not ranked:
@@ -525,7 +523,7 @@ def weighed_sets(
 def starts_at(
     fitted: FittedModel, effect: Traceable, context: SearchContext
 ) -> list[tuple[Traceable, list[dict[str, float]]]]:
-    """Return an effect's best places at a fitted set, to begin fits with; the likeliest first.
+    """Return an effect's best places at a fitted set as starts of fits, the likeliest first.
 
     Returns
     -------

@@ -1,8 +1,8 @@
-"""Search of sets of effects: proposed in the linear world, fitted, weighed by their evidence.
+"""Search over sets of effects: proposed by linearised signatures, fitted, compared by their
+evidence.
 
-A round scans all candidates at one fitted set, weighs sets of them in closed form, and fits the
-few that promise most. The sets that were fitted, by the names of their effects, are the support of
-the posterior.
+A round scans all candidates at one fitted set, computes the evidence of sets of them in closed
+form, and fits the few with the largest. The fitted sets are the support of the posterior.
 """
 
 from __future__ import annotations
@@ -44,16 +44,17 @@ from sim.declaration.proposal import Refinable, SearchContext, Traceable
 from sim.errors import ModelError
 
 MOST_ROUNDS = 6
-FITTED_SINGLES = 4  # single effects that a round fits; half as many sets of each larger size
-# effects fitted in the place of a member; single ones beside which others are sought
+FITTED_SINGLES = 4  # single effects fitted in a round; half as many sets of each larger size
+# alternatives fitted for a member; single effects at which further candidates are scanned
 FITTED_RIVALS = 3
-SHARES = (1.0, 0.3, 0.1)  # of a step of the linear world, in turn, until a fit begun there improves
-LEAST_REALISED_GAIN_SHARE = 0.3  # of what the linear world promises
-SHIFTS = (-0.6, -0.3, 0.3, 0.6)  # s, by which an event is moved to look for its time
-CONFUSABLE_COSINE = 0.95  # cosine of two signatures that the records do not tell apart
-CLEAR_GAIN = 30.0  # log likelihood, beyond what a prior can take
-WORTH_GOING_ON = 1.0  # log likelihood that further iterations of a fit have to bring
-PROCESS_NOISE_OFFERED = 1e-2  # p-value of a residual's test above which rough air is not tried
+# shares of the linearised step from which a fit starts, tried until one improves
+SHARES = (1.0, 0.3, 0.1)
+LEAST_REALISED_GAIN_SHARE = 0.3  # smallest gain of a fit, relative to the predicted gain
+SHIFTS = (-0.6, -0.3, 0.3, 0.6)  # s, changes of an event's time that are tried
+CONFUSABLE_COSINE = 0.95  # smallest cosine of two confusable signatures
+CLEAR_GAIN = 30.0  # gain of log likelihood that exceeds the effect of any prior
+WORTH_GOING_ON = 1.0  # smallest gain of log likelihood worth further iterations of a fit
+PROCESS_NOISE_OFFERED = 1e-2  # largest p-value of the residual tests at which rough air is tried
 
 
 def together(one: Traceable, other: Traceable) -> bool:
@@ -67,16 +68,15 @@ class Search:
 
     Attributes
     ----------
-    problem : records and declared model. candidates : effects and guards that may be added.
-    base : what stands in every set and is never named, such as a model discrepancy.
-    title : the noise, in words. discrepancy : of the loads; the rounds end where it alone is by far
-    likelier than what they find.
+    problem : records and declared model. candidates : effects and catch-all terms to add.
+    base : effects of every set that are never claimed, such as a model discrepancy.
+    title : the noise, in words. discrepancy : of the loads; the search ends if it alone is by far
+    likelier than the best set.
     visited : the fitted sets by the names of their effects, ``base`` included.
     expanded : sets at which all candidates were scanned. refined : sets tried in
-    finer forms, by their parameters.
-    steps, tried : how the search went.
-    alike : of pairs of names, the largest cosine of what they would add. fits : how many were made.
-    shown : signatures of all candidates as last simulated. rivals : weights of a discrepancy alone.
+    refined forms, by their parameters. steps, tried : log of the search.
+    alike : of pairs of names, the largest cosine of their signatures. fits : number of fits.
+    shown : signatures of all candidates, last simulated. rivals : weights of a discrepancy alone.
 
     Raises
     ------
@@ -112,7 +112,9 @@ class Search:
 
     @cached_property
     def root(self) -> WeighedSet:
-        """The base alone; the declared model where there is none or it cannot be fitted."""
+        """The set with the base alone; the declared model if there is no base or it cannot be
+        fitted.
+        """
         if not self.base:
             return self.store(self.declared)
         fitted = self.problem.fit(self.base, self.declared, rough=True)
@@ -120,7 +122,7 @@ class Search:
 
     @property
     def base_names(self) -> Key:
-        """Names of what stands in every set."""
+        """Names of the effects in every set."""
         return frozenset(effect.name for effect in self.base)
 
     def added(self, one: WeighedSet) -> Key:
@@ -129,15 +131,15 @@ class Search:
 
     @property
     def budget_spent(self) -> bool:
-        """Whether as much was fitted as may be."""
+        """Whether the budget of fits is used up."""
         return self.fits > self.problem.settings.budget
 
     # ---------------------------------------------------------------- fits
     def store(self, fitted: FittedModel) -> WeighedSet:
-        """Weigh a fit and keep it, the better of two optima where the set was met before.
+        """Evaluate a fit and store it; of two optima of a set the better one.
 
-        A fit that ended before its optimum goes on where the set is among the likely ones: an
-        alternative is not likelier because its fit was quicker.
+        The fit of a likely set that ended early is continued, so that speed of convergence does not
+        decide between alternatives.
         """
         self.fits += 1
         found = self._weighed(fitted)
@@ -156,8 +158,8 @@ class Search:
         return self.visited[found.names]
 
     def _set_aside_failed(self, new: WeighedSet) -> None:
-        """Take sets out of the comparison that fit worse than a part of them, ``new`` or because of
-        it: their fits did not reach the optimum, since effects that are absent leave the part.
+        """Exclude sets that fit worse than one of their subsets, ``new`` or because of it: their
+        fits missed the optimum.
         """
         for one in [*self.visited.values()]:
             for part, whole in ((one, new), (new, one)):
@@ -176,15 +178,17 @@ class Search:
         added: Sequence[Mapping[str, float]] = (),
         values: Values | None = None,
     ) -> FittedModel | None:
-        """A set fitted roughly from the values of another, ``added`` new ones of each record."""
+        """Fit a set coarsely from the values of another; ``added`` are new values of each
+        record.
+        """
         values = values or parent.values
         start = Start(values.with_added(added) if added else values, {}, levels_of(parent))
         return fit_set(self.problem.data, tuple(effects), self.problem.roughly, start)
 
     def fit_proposed(self, parent: WeighedSet, proposed: LinearSet) -> WeighedSet | None:
-        """Return the parent's set with the leads of a proposed one.
+        """Fit the parent's set with the leads of a proposed one.
 
-        Where the step of the linear world leads astray, the fit begins nearer to absence.
+        If the linearised step does not improve the fit, a shorter one is tried.
         """
         effects = (*parent.fitted.effects, *(lead.effect for lead in proposed.leads))
         best: FittedModel | None = None
@@ -203,20 +207,20 @@ class Search:
         return None if best is None else self.store(best)
 
     def fit_without(self, parent: WeighedSet, name: str) -> WeighedSet | None:
-        """Return the set without one of its effects, fitted from where the others stand."""
+        """Return the set without one of its effects, fitted from the values of the others."""
         effects = tuple(effect for effect in parent.fitted.effects if effect.name != name)
         fitted = self.fit(effects, parent.fitted)
         return None if fitted is None else self.store(fitted)
 
     def set_without(self, parent: WeighedSet, name: str) -> WeighedSet | None:
-        """Return the set without one of its effects, as it was fitted before or else fitted now."""
+        """Return the set without one of its effects, stored or fitted now."""
         return self.visited.get(parent.names - {name}) or self.fit_without(parent, name)
 
     # ---------------------------------------------------------------- rounds
     def run(self) -> Search:
-        """Rounds until the best set has been scanned and nothing outdoes it.
+        """Run rounds until the best set has been scanned and no set is better.
 
-        Then each of its members is left out, and others are tried in its place.
+        Then each of its members is left out, and alternatives are tried.
         """
         _ = self.root
         for _ in range(MOST_ROUNDS):
@@ -231,7 +235,8 @@ class Search:
         for _ in range(2):
             top = self.best()
             members = sorted(self.added(top))
-            # A pair is found by the scans that lead to it; larger sets may stand for another pair.
+            # Pairs are found by scans of single effects; larger sets may have replaced another
+            # pair.
             if len(members) > 2:
                 self._scan_beside_single_effects()
             for name in members if len(members) > 1 else ():
@@ -252,8 +257,9 @@ class Search:
         return self
 
     def _discrepancy_is_likelier(self, raised: float) -> bool:
-        """Whether a discrepancy alone is likelier than the best set by more than the last round
-        raised that."""
+        """Return whether a discrepancy alone exceeds the best set by more than the gain of the last
+        round.
+        """
         best = self.best()
         if self.discrepancy is None or is_noise(best.fitted.fit):
             return False
@@ -264,14 +270,16 @@ class Search:
         return self.rivals[key] - best.weight > raised
 
     def rerun_in(self, problem: TraceProblem) -> Search:
-        """Return the same search where other samples count: it goes on where they make another set
-        the most probable of those that are fitted anew.
+        """Return the search with other masks or records; it continues if another set is then the
+        most probable of those fitted again.
         """
         other = self.refitted(problem)
         return other if other.best().names == self.best().names else other.run()
 
     def refitted(self, problem: TraceProblem) -> Search:
-        """A search in other data, or the same read otherwise, with the leading sets fitted anew."""
+        """Return a search of other data, or another reading of the same, with the leading sets
+        fitted again.
+        """
         other = Search(problem, self.candidates, self.base, self.title, self.discrepancy)
         other.alike, other.steps, other.tried = dict(self.alike), [*self.steps], [*self.tried]
         found = [other.root]
@@ -284,7 +292,7 @@ class Search:
         return other
 
     def with_candidates(self, candidates: Sequence[Traceable], title: str) -> Search:
-        """A search among other candidates that has the sets of this one which these can make."""
+        """Return a search among other candidates, with those sets of this one that they allow."""
         other = Search(self.problem, candidates, self.base, title, self.discrepancy)
         other.alike = dict(self.alike)
         offered = {each.name for each in candidates} | self.base_names
@@ -296,7 +304,9 @@ class Search:
         return other
 
     def weighed_by_own_odds(self, one: WeighedSet) -> WeighedSet:
-        """A fitted set with the prior odds of this search; one that was set aside remains so."""
+        """Return a fitted set with the prior odds of this search; an excluded one stays
+        excluded.
+        """
         if one.weight == -math.inf:
             return one
         named = [effect for effect in one.fitted.effects if effect not in self.base]
@@ -304,23 +314,23 @@ class Search:
         return replace(one, weight=one.evidence + odds)
 
     def with_kinematics(self, groups: Sequence[tuple[str, ...]]) -> Search:
-        """Return the search with effects that the relations between the sensors alone name.
+        """Return the search with effects that have kinematic evidence.
 
-        The odds of its sets are changed, and it goes on where another set is now the most probable.
+        The prior odds of its sets change; it continues if another set is then the most probable.
         """
         self.problem = replace(self.problem, kinematic=tuple(groups))
         for key, one in self.visited.items():
             self.visited[key] = self.weighed_by_own_odds(one)
         named = self.set_named_by_kinematics()
         if named is not None and named.names not in self.expanded and not self.budget_spent:
-            self.expand(named)  # what stands beside it was sought beside other sets alone
+            self.expand(named)  # further effects were searched for at other sets only
         return self if self.best().names in self.expanded else self.run()
 
     def set_named_by_kinematics(self) -> WeighedSet | None:
-        """Return the likeliest set of all effects that kinematics name, one of each group.
+        """Return the likeliest set of all effects with kinematic evidence, one of each group of
+        confusable ones.
 
-        The first of each group is tried, and another in the place of each; None where kinematics
-        name no candidate.
+        The first of each group is tried, then the others in its place; None without a candidate.
         """
         offered = {each.name: each for each in self.candidates}
         chosen: list[Traceable] = []
@@ -344,18 +354,18 @@ class Search:
         return best
 
     def _in_finer_forms(self) -> None:
-        """The leading set of each size in finer forms of its effects, where that is likelier."""
+        """Try the leading set of each size in refined forms of its effects."""
         leading: dict[int, tuple[Key, WeighedSet]] = {}
         for key, one in self.visited.items():
             best = leading.get(len(key))
             if not key & self.problem.guards and (best is None or one.weight > best[1].weight):
                 leading[len(key)] = (key, one)
         for _, one in [*leading.values()]:
-            while (finer := self._finer(one)) is not None and finer.weight > one.weight:
+            while (finer := self._refined_set(one)) is not None and finer.weight > one.weight:
                 one = finer
 
-    def _finer(self, one: WeighedSet) -> WeighedSet | None:
-        """Return a set with the finer forms of its effects; None where there are none."""
+    def _refined_set(self, one: WeighedSet) -> WeighedSet | None:
+        """Return a set with the refined forms of its effects; None if there are none."""
         fitted = one.fitted
         forms = [each.finer() if isinstance(each, Refinable) else each for each in fitted.effects]
         names = frozenset(full_name(each, item.name) for each in forms for item in each.parameters)
@@ -373,13 +383,13 @@ class Search:
         return None if other is None else self.store(other)
 
     def _with_look_alikes(self) -> None:
-        """The best set with each effect that looks like a member in its place."""
+        """Try the best set with each member replaced by each confusable effect."""
         best = self.best()
         for effect in [each for each in best.fitted.effects if each.name in self.added(best)]:
             smaller = self.visited.get(best.names - {effect.name})
             wanted = {
                 name
-                for name in (*self._looks_like(effect.name), *effect.traits.twins)
+                for name in (*self._confusable_names(effect.name), *effect.traits.twins)
                 if best.names - {effect.name} | {name} not in self.visited
             }
             if not wanted:
@@ -391,15 +401,15 @@ class Search:
     def sets_with_replacement(
         self, smaller: WeighedSet, wanted: Collection[str]
     ) -> list[WeighedSet]:
-        """Return the sets with one of the ``wanted`` effects beside those of ``smaller``: those
-        that promise most in the linear world.
+        """Return the fitted sets of ``smaller`` with one of the ``wanted`` effects: those with the
+        largest predicted gain.
         """
         proposed = self._proposed(smaller, 1, 0, wanted)[:FITTED_RIVALS]
         made = (self.fit_proposed(smaller, each) for each in proposed)
         return [each for each in made if each is not None]
 
     def _with_equivalents(self) -> None:
-        """The best set with each effect that no record tells from a member in its place."""
+        """Try the best set with each member replaced by each observationally equivalent effect."""
         best = self.best()
         offered = {each.name: each for each in self.candidates}
         for effect in [each for each in best.fitted.effects if each.name in self.added(best)]:
@@ -412,21 +422,21 @@ class Search:
                         self.store(fitted)
 
     def _scan_beside_single_effects(self) -> None:
-        """Scan at the single effects that promise most: that of the best set may stand for two."""
+        """Scan at the best single effects: the one in the best set may have replaced two."""
         singles = [one for one in self.visited.values() if len(self.added(one)) == 1]
         for one in sorted(singles, key=lambda each: -each.weight)[:FITTED_RIVALS]:
             if one.names not in self.expanded and not self.budget_spent:
                 self.expand(one, most=2)
 
     def best(self, without: Collection[str] = ()) -> WeighedSet:
-        """The set of largest posterior probability, of those that have none of some effects."""
+        """Return the set of largest posterior probability without the excluded effects."""
         found = [one for key, one in self.visited.items() if key.isdisjoint(without)]
         return max(found, key=lambda one: one.weight)
 
     def expand(
         self, parent: WeighedSet, most: int = FITTED_SINGLES, deepest: int | None = None
     ) -> None:
-        """Scan at a set, weigh sets of leads there (up to ``deepest``), fit the leaders."""
+        """Scan at a set, evaluate sets of leads (up to ``deepest``), fit the best ones."""
         self.expanded.add(parent.names)
         beside = " + ".join(sorted(self.added(parent))) or "the declared model"
         doing, share = f"{self.title}: what is missing beside {beside}", self.fits / 100.0
@@ -447,7 +457,7 @@ class Search:
             ]
             leading = max(made, key=lambda one: one.weight, default=None)
             if leading is not None and leading.weight >= self.best().weight:
-                # Which set leads hangs on where its events are.
+                # The order of sets depends on the times of their events.
                 made.append(self._with_events_moved(leading))
         rough = has_process_noise(parent.fitted.system)
         offered = self.base or not (rough or is_noise(parent.fitted.fit, PROCESS_NOISE_OFFERED))
@@ -456,7 +466,7 @@ class Search:
         self._log_round(parent, beside, made)
 
     def _log_round(self, parent: WeighedSet, beside: str, made: Sequence[WeighedSet]) -> None:
-        """Keep for the report what was tried at a set."""
+        """Log the candidates tried at a set, for the report."""
         number = len(self.steps) + 1
         within = tuple(sorted(parent.names))
         for child in (each for each in made if each.weight > -math.inf):
@@ -471,7 +481,7 @@ class Search:
                             child.weight - parent.weight,
                             True,
                             quantities(child.fitted, effect),
-                            self._looks_like(effect.name),
+                            self._confusable_names(effect.name),
                         )
                     )
         best = self.best()
@@ -484,8 +494,8 @@ class Search:
         found = best.fitted.fit.log_likelihood
         self.steps.append(Step(tuple(sorted(best.names)), best.evidence, found, sentence))
 
-    def _looks_like(self, name: str) -> tuple[str, ...]:
-        """Return the names of effects whose signature is nearly that of one."""
+    def _confusable_names(self, name: str) -> tuple[str, ...]:
+        """Return the names of effects with nearly the same signature."""
         pairs = [
             key for key, cosine in self.alike.items() if name in key and cosine > CONFUSABLE_COSINE
         ]
@@ -494,10 +504,10 @@ class Search:
     def _proposed(
         self, parent: WeighedSet, deeper: int, most: int, wanted: Collection[str] = ()
     ) -> list[LinearSet]:
-        """The weightiest single leads, and larger sets that promise more than any smaller one.
+        """Return the most probable single leads, and larger sets that exceed all smaller ones.
 
-        With ``most`` zero single leads of ``wanted`` names alone. Signatures are those of the last
-        scan about a leading set: beside other sets they are nearly the same.
+        With ``most`` zero, single leads of ``wanted`` names alone. Signatures come from the last
+        scan at a leading set: at other sets they are nearly equal.
         """
         ready = prepared(parent.fitted, set_prior(parent.fitted, self.context))
         if most == FITTED_SINGLES or not self.shown:
@@ -521,7 +531,7 @@ class Search:
         singles = {one.leads[0].effect.name: one for one in reversed(sets) if len(one.leads) == 1}
         for name, one in singles.items():
             told = Candidate(
-                number, within, name, one.gain, one.weight, False, {}, self._looks_like(name)
+                number, within, name, one.gain, one.weight, False, {}, self._confusable_names(name)
             )
             self.tried.append(told)
         if not most:
@@ -536,8 +546,8 @@ class Search:
                     best.setdefault(each.names, each)
             chosen += list(best.values())[: most if size == 1 else most // 2]
             if size == 1:
-                # Motion that any record may have is always tried: drifts and steps imitate it, and
-                # it grows in a fit.
+                # Nuisance dynamics are always tried: drifts and steps imitate them, and their gain
+                # grows in a fit.
                 usual = [one for one in singles.values() if one.leads[0].effect.traits.background]
                 chosen += [each for each in usual if each not in chosen]
             bar = max([bar, *(each.weight for each in chosen)])
@@ -555,7 +565,7 @@ class Search:
 
     # ---------------------------------------------------------------- events
     def _with_events_moved(self, one: WeighedSet) -> WeighedSet:
-        """Events of a set looked for earlier and later: their times have local optima."""
+        """Try the events of a set at earlier and later times, which have local optima."""
         for effect in [each for each in one.fitted.effects if each.traits.onset]:
             records = len(one.fitted.values.own) if belongs_to_record(effect) else 1
             for r in range(records):
@@ -563,7 +573,7 @@ class Search:
         return one
 
     def _event_moved(self, one: WeighedSet, effect: Traceable, r: int) -> WeighedSet:
-        """Return an event of record ``r`` begun at other times; the best of them."""
+        """Return the best of the sets with an event of record ``r`` moved to other times."""
         name = full_name(effect, effect.traits.onset)
         values = one.fitted.values
         best: FittedModel | None = None

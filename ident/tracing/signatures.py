@@ -1,4 +1,6 @@
-"""What a candidate would change of the outputs of a fitted model, at places of its parameters."""
+"""Signatures: changes of the outputs of a fitted model by a candidate at values of its
+parameters.
+"""
 
 from __future__ import annotations
 
@@ -25,12 +27,14 @@ from sim.declaration.model import System
 from sim.declaration.proposal import Probe, Traceable
 from sim.propagation import Drive, drive_from_record
 
-SLOPE_STEP = 1e-4  # of a parameter's declared size
-COARSE_STEP = 0.025  # s, a sub-step that ranks candidates well enough
+SLOPE_STEP = 1e-4  # step of differences, relative to a parameter's declared size
+COARSE_STEP = 0.025  # s, sub-step that is accurate enough to rank candidates
 
 
 def motions_of(fitted: FittedModel) -> list[BaseMotion]:
-    """Return the motion at which all candidates begin, by record."""
+    """Return the motion of the fitted model in each record, from which all candidates are
+    simulated.
+    """
     motions, layout = [], fitted.fit.layout
     for r, old in enumerate(layout.problems):
         p, _ = layout.split(fitted.fit.theta, r)
@@ -45,8 +49,8 @@ def motions_of(fitted: FittedModel) -> list[BaseMotion]:
 
 
 def _coarse(old: RecordProblem, layout: FitLayout, system: System, p: np.ndarray) -> RecordProblem:
-    """Return a record of the fit laid out for a system with the steps of a screening, its inputs as
-    parameters ``p (np,)`` say.
+    """Return a record of the fit laid out with the coarse sub-step, its inputs at parameters ``p
+    (np,)``.
     """
     return record_problem(
         old.record,
@@ -86,8 +90,7 @@ def signatures_of(
                 for name in system.state_names
             ]
         )
-        # Where the fitted model's own input path meets another effect there, the input of the base
-        # is worked out with it.
+        # If the fitted model's input path meets another input effect, both are simulated together.
         motion = (
             None
             if layout.system.input_stages and effect.station is Station.INPUT_PATH
@@ -96,7 +99,7 @@ def signatures_of(
         y, changed = alternative_outputs(
             problem, base, trajectory, alternatives, len(layout.system.states), motion
         )
-        # a simulation that ran away has no signature: `weigh` leaves it out
+        # a divergent simulation has no signature and is left out
         with counted_numerics():
             for number, (first, count, reference, step) in enumerate(where):
                 zero = y[:, :, None] if reference < 0 else changed[:, :, reference : reference + 1]
@@ -134,16 +137,16 @@ def _alternatives(
 
 # ---- Outputs of many candidates at once
 
-# numbers of an output that are worked out together: more do not stay in a processor's cache
-_AT_ONCE = 60_000
+# numbers of an output computed together; more do not fit the processor's cache
+_LARGEST_BATCH = 60_000
 
 
 @dataclass(frozen=True, eq=False)
 class BaseMotion:
-    """The motion about which alternatives are looked at.
+    """Motion of the base, about which alternatives are simulated.
 
     ``slopes (known, known, K)`` of the states after each interval by those before; ``states (known,
-    K + 1)`` as the equations have them with the steps of this grid.
+    K + 1)`` of the equations on this grid.
     """
 
     slopes: np.ndarray
@@ -153,8 +156,8 @@ class BaseMotion:
 def base_motion(
     problem: RecordProblem, p: np.ndarray, states: np.ndarray, known: int, drive: Drive
 ) -> BaseMotion:
-    """Return the motion about parameters ``p (np,)`` and a trajectory ``states (nx, K + 1)``, of
-    which the first ``known`` are not added; ``drive`` rows ``(M,)``.
+    """Return the motion about parameters ``p (np,)`` and a trajectory ``states (nx, K + 1)``, whose
+    first ``known`` states belong to the base; ``drive`` rows ``(M,)``.
     """
     size = np.sqrt(np.mean(states[:known] ** 2, axis=1))
     steps = DIFFERENCE_STEP_SHARE * np.where(size > 0, size, 1.0)
@@ -184,19 +187,19 @@ def alternative_outputs(
     problem : the record laid out for a System. p : ``(np,)`` parameters of the base.
     states : ``(nx, K + 1)`` trajectory of the base, which obeys its equations; added states are
     zero in it. alternatives : ``(np, a)`` all parameters, a column an alternative. known : the
-    first so many states are the base's own, the others are added. base : its motion under these
-    inputs, where that is known already.
+    number of states of the base; further ones are added. base : its motion under these inputs, if
+    computed before.
 
     Returns
     -------
     Base outputs ``(m, N)`` and those of the alternatives ``(m, N, a)``.
     """
-    few = max(1, _AT_ONCE // states.shape[1])
+    few = max(1, _LARGEST_BATCH // states.shape[1])
     varied = np.flatnonzero(np.any(alternatives != p[:, None], axis=1))
     outputs = np.empty(
         (len(problem.system.outputs), alternatives.shape[1], len(problem.grid.sample))
     )
-    # an alternative may run away; its signature is then not finite, and dropped
+    # a divergent alternative gives infinite outputs and is dropped
     with np.errstate(all="ignore"):
         for first in range(0, alternatives.shape[1], few):
             some = slice(first, first + few)
@@ -215,8 +218,8 @@ def _outputs_of_some(
     known: int,
     base: BaseMotion | None,
 ) -> tuple[np.ndarray, np.ndarray, BaseMotion]:
-    """Return the same for a few alternatives, whose outputs are ``(m, a, N)``; ``varied``
-    parameters of all; and the base's motion, for the others.
+    """Return the base outputs, those of a few alternatives ``(m, a, N)``, and the base's motion;
+    ``varied`` are the parameters that differ in any alternative.
     """
     n_x, a, K = len(states), alternatives.shape[1], states.shape[1] - 1
     rows: list[Any] = p.tolist()
@@ -234,7 +237,7 @@ def _outputs_of_some(
     X[:known] = base.states[:, None]
     if n_x > known:
         X[known:, 1:] = _added_states(problem, alternatives, varied, states, known)
-    # Alternatives that differ only after the dynamics all move as the base does.
+    # Alternatives that differ only in the output equation have the motion of the base.
     after = all(
         problem.system.parameters.items[index].name in problem.system.output_parameters
         for index in varied
@@ -265,13 +268,13 @@ def _added_states(
     states: np.ndarray,
     known: int,
 ) -> np.ndarray:
-    """Trajectories of the added states under the base's motion, ``(nx - known, a, K + 1)``; alike
-    alternatives share one.
+    """Return trajectories of the added states under the base's motion, ``(nx - known, a, K + 1)``;
+    equal alternatives share one.
     """
     from scipy.linalg.lapack import dtbtrs
 
     added, intervals = len(states) - known, states.shape[1] - 1
-    acting = _acting(problem, alternatives, varied, states, known)
+    acting = _parameters_of_added_states(problem, alternatives, varied, states, known)
     keys, share = np.unique(alternatives[acting], axis=1, return_inverse=True)
     chosen = [int(np.flatnonzero(share.ravel() == k)[0]) for k in range(keys.shape[1])]
     few = alternatives[:, chosen]
@@ -305,14 +308,14 @@ def _added_states(
     return found
 
 
-def _acting(
+def _parameters_of_added_states(
     problem: RecordProblem,
     alternatives: np.ndarray,
     varied: np.ndarray,
     states: np.ndarray,
     known: int,
 ) -> list[int]:
-    """Return the varied parameters that move the rates of the added states."""
+    """Return the varied parameters that act on the rates of the added states."""
     system = problem.system
     x = states[:, states.shape[1] // 2] + 1e-2
     u = [0.01] * len(system.inputs)
@@ -333,7 +336,7 @@ def _acting(
 def _drive(
     problem: RecordProblem, rows: Sequence[Any], varied: Sequence[int] | np.ndarray
 ) -> Drive:
-    """Inputs at the vehicle, rows ``(M,)`` or ``(c, M)``."""
+    """Return the inputs at the vehicle, rows ``(M,)`` or ``(c, M)``."""
     system, record = problem.system, problem.record
     moved = any(system.parameters.items[index].name in system.input_parameters for index in varied)
     if problem.drive is not None and not moved:

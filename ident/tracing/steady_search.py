@@ -1,9 +1,10 @@
-"""Search beside a model discrepancy: effects that act all along, and show it all along.
+"""Search with a model discrepancy: effects that act throughout the record, with evidence
+throughout.
 
-Where no set of effects leaves noise, the forces of the model are wrong in ways that no library
-holds. They get a random history (the discrepancy) [1]_, and an effect is added only where the
-evidence for it is spread over the records: Vuong's test on blocks of time, which holds where
-neither of two models is true [2]_.
+If no set of effects leaves noise, the model has errors of its forces outside the library. A random
+load (the discrepancy) [1]_ represents them. An effect is then added only if its evidence is spread
+over the records, by Vuong's test on blocks of time; the test is valid even if both models are wrong
+[2]_.
 
 References
 ----------
@@ -27,36 +28,38 @@ from ident.tracing.search import CLEAR_GAIN, Search
 from sim.declaration.effect import NoiseEffect, full_name
 from sim.declaration.proposal import SearchContext, Traceable
 
-VUONG_BLOCK_TIME = 1.0  # s, of a block of Vuong's test
-NAMED_EFFECT_Z = 3.5  # z of an effect that may be named beside a discrepancy
-# z below which two sets are not told apart; asked where kinematics name it as well
+VUONG_BLOCK_TIME = 1.0  # s, length of a block of Vuong's test
+NAMED_EFFECT_Z = 3.5  # smallest z of a claim with a discrepancy
+# z below which two sets are confusable; also required of effects with kinematic evidence
 CONFUSABLE_SETS_Z = 2.0
-MOST_EFFECTS = 4  # effects beside a discrepancy, at most
+MOST_EFFECTS = 4  # most effects with a discrepancy
 
 
 def is_steady(effect: Traceable) -> bool:
-    """Return whether an effect acts all along and alike in all records.
+    """Return whether an effect acts throughout and equally in all records.
 
-    Of a channel that is held between updates each record has its own phase, which is tried.
+    A channel held between updates counts: the phase of each record is tried.
     """
     alike = not belongs_to_record(effect) or bool(effect.traits.tried)
     return alike and not (effect.traits.onset or effect.traits.background)
 
 
 def log_densities(fitted: FittedModel) -> list[np.ndarray]:
-    """Log density of each sample given those before it, all outputs together, ``(N,)`` a record."""
+    """Return the log density of each sample given those before it, all outputs together, ``(N,)`` a
+    record.
+    """
     noise = ColouredNoise(fitted.fit)
     out = [
         -0.5 * np.sum(noise.in_time(r) ** 2, axis=0) for r in range(len(fitted.fit.layout.problems))
     ]
     total = sum(float(each.sum()) for each in out)
-    # The rest (log determinants) is spread evenly: a filter settles within seconds.
+    # Log determinants are spread evenly: a filter is steady within seconds.
     rest = (noise.log_likelihood - total) / sum(len(each) for each in out)
     return [each + rest for each in out]
 
 
 def vuong(one: WeighedSet, other: WeighedSet, interval: float) -> float:
-    """Return the difference of log evidence over the scatter of its parts in blocks of time.
+    """Return z: the difference of log evidence over the scatter of its parts in blocks of time.
 
     Parameters
     ----------
@@ -70,11 +73,11 @@ def vuong(one: WeighedSet, other: WeighedSet, interval: float) -> float:
 def quiet_vuong(
     one: FittedModel, other: FittedModel, declared: FittedModel, interval: float
 ) -> float:
-    """Vuong's test in the half of the blocks in which the declared model moves least.
+    """Return z of Vuong's test in the half of the blocks with the least motion of the declared
+    model.
 
-    Rough air acts whether or not the aircraft is maneuvered. What else is missing and resembles
-    it follows the maneuver. The noise of both sets is estimated anew there: what a maneuver leaves
-    makes it larger.
+    Rough air also acts between maneuvers; other errors that resemble it follow the maneuver. The
+    noise of both sets is estimated again in these blocks, since maneuvers enlarge it.
 
     Parameters
     ----------
@@ -130,19 +133,18 @@ def _in_blocks(row: np.ndarray, interval: float) -> np.ndarray:
 
 
 def _over_scatter(gain: float, changes: np.ndarray) -> float:
-    """Return a gain over its scatter, from its parts by block."""
-    # Half a noncentral chi-square of mean g has at least the standard deviation sqrt(2 g).
+    """Return a gain over its scatter, estimated from its parts by block."""
+    # The standard deviation of half a noncentral chi-square of mean g is at least sqrt(2 g).
     scatter = float(np.sqrt(len(changes)) * np.std(changes))
     return float(gain / max(scatter, math.sqrt(2.0 * abs(gain)), 1e-12))
 
 
 def is_surely_needed(one: WeighedSet, name: str, context: SearchContext, bar: float) -> bool:
-    """Return whether leaving an effect out would cost so much that no fit is needed to say so.
+    """Return whether an effect is needed so clearly that no fit without it is necessary.
 
-    One Gauss-Newton step from the fit puts the effect at its absence, all else at its optimum
-    beside that, under noise estimated anew. Its z of Vuong's test is smaller than that of a fit:
-    a quadratic exaggerates the blocks that lose most. False where a step tells nothing: an effect
-    that is not absent at a finite value, or acts through the noise.
+    One Gauss-Newton step sets the effect to its absence and all else to the optimum, with the noise
+    estimated again. Its z is below that of a fit, as a quadratic exaggerates the largest losses.
+    False where the step is not possible: an effect without a finite absent value, or of the noise.
 
     Parameters
     ----------
@@ -180,7 +182,7 @@ def is_surely_needed(one: WeighedSet, name: str, context: SearchContext, bar: fl
         changes.append(change)
     if not lost > 0.0:
         return False
-    # Under noise estimated anew a large loss is smaller, and so is that of each block.
+    # The new noise estimate reduces a large loss, in each block alike.
     gain = 0.5 * samples * math.log1p(2.0 * lost / samples)
     parts = np.concatenate([_in_blocks(each, context.interval) for each in changes])
     z = _over_scatter(gain, gain / lost * parts)
@@ -188,15 +190,14 @@ def is_surely_needed(one: WeighedSet, name: str, context: SearchContext, bar: fl
 
 
 def required_z(search: Search, name: str) -> float:
-    """z that an effect needs beside a discrepancy."""
+    """Return the smallest z of a claim with a discrepancy."""
     return CONFUSABLE_SETS_Z if name in search.problem.named_by_kinematics else NAMED_EFFECT_Z
 
 
 def search_spread_evidence(search: Search) -> WeighedSet:
-    """Return the set reached by additions of which each is spread over the records.
+    """Return the set built from effects whose evidence is spread over the records.
 
-    After each addition those before it are left out, one at a time, and stay out where they are
-    no longer needed.
+    After each addition, earlier members that are no longer needed are removed, one at a time.
     """
     leader, interval = search.root, search.context.interval
     named = search.set_named_by_kinematics()
@@ -215,7 +216,7 @@ def search_spread_evidence(search: Search) -> WeighedSet:
         ]
         if not good:
             break
-        # Rough air takes in what has a cause: it is added where no cause can be.
+        # Rough air can explain other effects, so it is added last.
         causes = [one for one in good if not _adds_noise(one, leader)]
         leader = max(causes or good, key=lambda one: one.weight)
         leader = _needed(search, leader) if len(search.added(leader)) > 1 else leader
@@ -223,7 +224,7 @@ def search_spread_evidence(search: Search) -> WeighedSet:
 
 
 def _needed(search: Search, leader: WeighedSet) -> WeighedSet:
-    """A set without the members whose evidence is not spread over the records, one at a time."""
+    """Return the set without the members whose evidence is local, removed one at a time."""
     for name in sorted(search.added(leader)):
         bar = required_z(search, name)
         if is_surely_needed(leader, name, search.context, bar):
@@ -238,6 +239,6 @@ def _needed(search: Search, leader: WeighedSet) -> WeighedSet:
 
 
 def _adds_noise(larger: WeighedSet, smaller: WeighedSet) -> bool:
-    """Return whether what one set has more than another is process noise."""
+    """Return whether the further effects of a set are process noise."""
     fresh = [each for each in larger.fitted.effects if each.name not in smaller.names]
     return any(isinstance(each, NoiseEffect) for each in fresh)

@@ -1,4 +1,4 @@
-"""Is what remains noise? The spectrum below 4 Hz, for every channel of every record."""
+"""Test of residuals for white noise: the spectrum below 4 Hz, for every channel of every record."""
 
 from __future__ import annotations
 
@@ -46,11 +46,10 @@ def is_noise(fit: Fit, least: float = WHITENESS_P_VALUE) -> bool:
 def flat_spectrum(
     residual: np.ndarray, valid: np.ndarray, time: np.ndarray, channel: str
 ) -> ResidualTest:
-    """Test whether the noise below 4 Hz is white there, by Bartlett's test of the cumulative
-    periodogram.
+    """Test whether the noise below 4 Hz is white, by Bartlett's test of the cumulative periodogram.
 
-    Filters of a recorder colour noise above; what a model lacks shows where the aircraft moves.
-    The p-value is Kolmogorov's with the correction of [1]_.
+    Recorders' filters colour the noise above; errors of a model appear at the frequencies of the
+    motion. The p-value is Kolmogorov's with the correction of [1]_.
 
     References
     ----------
@@ -70,13 +69,13 @@ def flat_spectrum(
     k = len(found)
     if k < 8 or not found.sum() > 0.0:
         return ResidualTest("cumulative-periodogram", channel, 0.0, 1.0, "too short to tell")
-    # Of white noise the shares are those of k - 1 ordered uniform numbers.
+    # For white noise the shares are k - 1 ordered uniform numbers.
     share = np.cumsum(found)[:-1] / found.sum()
     rank = np.arange(1, k)
     above, below = rank / (k - 1) - share, share - (rank - 1) / (k - 1)
     most = int(np.argmax(np.maximum(above, below)))
     distance = float(max(above[most], below[most]))
-    # Stephens' correction of the law's argument for few numbers.
+    # Stephens' correction for few numbers.
     root = np.sqrt(k - 1.0)
     p_value = float(kolmogorov((root + 0.12 + 0.11 / root) * distance))
     at = (most + 1) / (n * interval)
@@ -87,16 +86,16 @@ def flat_spectrum(
     return ResidualTest("cumulative-periodogram", channel, distance, p_value, sentence)
 
 
-# ---- Noise that is louder for a while
+# ---- Bursts of noise
 
 BURST_BLOCK = 0.5  # s
 
 
 @dataclass(frozen=True)
 class NoiseBurst:
-    """A spell in which the residual of a channel is louder than in the rest of its record.
+    """An interval in which the residual of a channel is louder than in the rest of its record.
 
-    ``channel`` : with the record, as of a residual test. ``begin``, ``end`` : s. ``ratio`` : of the
+    ``channel`` : with the record, as in residual tests. ``begin``, ``end`` : s. ``ratio`` : of the
     standard deviations. ``p_value`` : of its loudest half second.
     """
 
@@ -108,8 +107,8 @@ class NoiseBurst:
 
 
 def noise_bursts(fit: Fit, label: str, tests: Sequence[ResidualTest]) -> list[NoiseBurst]:
-    """Return the loudest spell of each channel of each record of a fit whose residual is white, if
-    it is louder than chance.
+    """Return the significant bursts of a fit: at most one for each channel with white residual in
+    each record.
 
     ``tests`` : residual tests of the fit, of the same ``label`` (``whiteness``).
     """
@@ -123,8 +122,8 @@ def noise_bursts(fit: Fit, label: str, tests: Sequence[ResidualTest]) -> list[No
 
 
 def loudest_spell(residual: np.ndarray, time: np.ndarray, channel: str) -> NoiseBurst | None:
-    """Return the spell of half seconds in which a residual ``(N,)`` is louder than in the middle
-    one of all; None where chance explains the loudest.
+    """Return the half seconds in which a residual ``(N,)`` is louder than the median; None where
+    chance explains the loudest.
 
     Variances of half seconds are compared by the F distribution. Squares of filtered noise are
     correlated, which lowers the degrees of freedom.
@@ -137,8 +136,8 @@ def loudest_spell(residual: np.ndarray, time: np.ndarray, channel: str) -> Noise
         return None
     squares = ((residual - residual.mean()) ** 2)[: count * size].reshape(count, size)
     blocks = squares.mean(axis=1)
-    # Squares of filtered noise are correlated: of lag one within blocks, and by the robust scatter
-    # of the logarithms, whose variance is two over the degrees of freedom.
+    # Degrees of freedom for correlated squares: from lag one within blocks, and from the robust
+    # scatter of the logarithms (variance 2 over the degrees of freedom).
     around = squares / np.maximum(blocks[:, None], 1e-300) - 1.0
     alike = np.mean(around[:, 1:] * around[:, :-1]) / max(float(np.mean(around**2)), 1e-300)
     alike = np.clip(alike + 1.0 / size, 0.0, 0.9)
@@ -163,19 +162,19 @@ def loudest_spell(residual: np.ndarray, time: np.ndarray, channel: str) -> Noise
     )
 
 
-# ---- Sensor noise that residuals show
+# ---- Sensor noise from residuals
 
-RUNAWAY_RESIDUAL = 1e30  # what a residual that has run away counts as: its square is finite
+RUNAWAY_RESIDUAL = 1e30  # value of a divergent residual: its square is finite
 
 
 def noise_floors(
     fitted: Sequence[FittedRecord], tests: Sequence[ResidualTest], levels: Mapping[str, float]
 ) -> dict[str, float]:
-    """Sensor noise by channel: the fit's own ``levels`` where its residual is white, else that of
-    the residual's high frequencies.
+    """Return the sensor noise by channel: the fit's own ``levels`` where its residual is white,
+    else that of the residual's high frequencies.
 
-    A residual that shows none keeps its level; no noise is larger than it, or smaller than the
-    rounding of the channel's converter.
+    Without high-frequency noise the residual's level is used. The result lies between the rounding
+    of the converter and the residual's level.
     """
     coloured = {test.channel.partition(",")[0] for test in tests if not test.passed}
     out = dict(levels)
@@ -199,8 +198,8 @@ def noise_floors(
 
 
 def noise_shown(fit: Fit, name: str) -> float | None:
-    """Sensor noise that high frequencies of a fit's residuals of one output show; None where they
-    tell none.
+    """Return the sensor noise from high frequencies of the residuals of one output; None if
+    undetermined.
     """
     i = fit.layout.system.output_names.index(name)
     each = zip(fit.layout.problems, fit.residuals, strict=True)
@@ -215,9 +214,7 @@ def noise_shown(fit: Fit, name: str) -> float | None:
 
 @dataclass(frozen=True, eq=False)
 class ResidualPart:
-    """Residual of one channel in one record ``(N,)``, zero where unused, with the mean taken
-    off.
-    """
+    """Residual of one channel in one record ``(N,)``, zero where unused, with its mean removed."""
 
     item: FittedRecord
     residual: np.ndarray

@@ -1,6 +1,4 @@
-"""Wrong samples on the way through the loop: masks while searching, claims at the end, recorded
-inputs mended.
-"""
+"""Wrong samples in the tracing loop: masks during the search, claims at its end, mended inputs."""
 
 from __future__ import annotations
 
@@ -37,9 +35,7 @@ def measured_masks(records: Sequence[Record], outputs: Sequence[str]) -> list[np
 
 
 def spike_masks(problem: TraceProblem, fitted: FittedModel) -> list[np.ndarray]:
-    """Provisional masks from a fitted model's residuals: what stands alone above its neighbours is
-    set aside while searching.
-    """
+    """Return provisional masks without isolated spikes in a fitted model's residuals."""
     masks = []
     for laid, line, record in zip(
         fitted.fit.layout.problems, fitted.fit.lines, problem.records, strict=True
@@ -53,8 +49,8 @@ def spike_masks(problem: TraceProblem, fitted: FittedModel) -> list[np.ndarray]:
 def spike_claims(
     problem: TraceProblem, fitted: FittedModel
 ) -> tuple[list[np.ndarray], list[Claim]]:
-    """Final masks, rebuilt from zero on the fitted model's residuals, and the spikes to claim where
-    a candidate describes them.
+    """Return the final masks from the fitted model's residuals, and claims of spikes for which a
+    candidate exists.
     """
     measured = measured_masks(problem.records, problem.outputs)
     residuals = [
@@ -69,7 +65,7 @@ def spike_claims(
     by_channel: dict[str, list[Spikes]] = {}
     for spike in spikes:
         by_channel.setdefault(spike.channel, []).append(spike)
-    names = _claimable(problem)
+    names = _spike_candidates(problem)
     claims = [
         _claim(names[channel], found, units[channel], _sigma(fitted, channel))
         for channel, found in by_channel.items()
@@ -81,9 +77,7 @@ def spike_claims(
 def held_out_masks(
     out: HeldOut, records: Sequence[Record], outputs: Sequence[str]
 ) -> list[np.ndarray] | None:
-    """Validity of held-out samples without what stands alone above its neighbours; None where the
-    fit failed.
-    """
+    """Return masks of held-out samples without isolated spikes; None where the fit failed."""
     if out.frozen is None:
         return None
     masks = []
@@ -95,8 +89,8 @@ def held_out_masks(
 
 
 def mended_inputs(problem: TraceProblem, record: Record, claims: Sequence[Claim]) -> Record:
-    """A held-out record with spikes of those inputs mended that were claimed to have some."""
-    names, claimed = _claimable(problem), {claim.name for claim in claims}
+    """Return a held-out record with spikes mended in those inputs for which spikes were claimed."""
+    names, claimed = _spike_candidates(problem), {claim.name for claim in claims}
     return with_mended(
         record, [channel.name for channel in record.inputs if names.get(channel.name) in claimed]
     )
@@ -106,19 +100,20 @@ def with_mended(record: Record, names: Sequence[str]) -> Record:
     """Return a record with the spikes of these inputs mended."""
     for channel in record.inputs:
         if channel.name in names:
-            record = _mended(record, channel.name, input_spikes(channel.values))
+            record = _with_interpolated(record, channel.name, input_spikes(channel.values))
     return record
 
 
 def cleaned_inputs(
     problem: TraceProblem, root: FittedModel
 ) -> tuple[TraceProblem, FittedModel, list[Claim], list[Step]]:
-    """Spikes in a recorded input that the vehicle never saw: mended where that makes the fit
-    better, and claimed.
+    """Mend spikes of recorded inputs if that improves the fit by more than their prior odds.
+
+    Returns the problem, its fit, the claims and the steps.
     """
     claims: list[Claim] = []
     steps: list[Step] = []
-    names = _claimable(problem)
+    names = _spike_candidates(problem)
     for name in [name for name in root.system.input_names if name in names]:
         found = [input_spikes(record[name].values) for record in problem.records]
         if not any(samples.size for samples in found):
@@ -126,31 +121,31 @@ def cleaned_inputs(
         trial = replace(
             problem,
             records=[
-                _mended(record, name, samples)
+                _with_interpolated(record, name, samples)
                 for record, samples in zip(problem.records, found, strict=True)
             ],
         )
         fitted = trial.fit((), root)
-        brought = root.fit.cost - fitted.fit.cost if fitted is not None else 0.0
-        if fitted is not None and brought > -math.log(FAMILY_ODDS / FEWEST_FAMILY_MEMBERS):
+        gain = root.fit.cost - fitted.fit.cost if fitted is not None else 0.0
+        if fitted is not None and gain > -math.log(FAMILY_ODDS / FEWEST_FAMILY_MEMBERS):
             unit = root.system.inputs[root.system.input_names.index(name)].unit
             known_to = max(float(np.ptp(problem.records[0][name].values)) * 1e-3, 1e-12)
             claims.append(
                 _claim(
                     names[name],
-                    _differences(problem.records, trial.records, name, found),
+                    _removed_spikes(problem.records, trial.records, name, found),
                     unit,
                     known_to,
                 )
             )
-            sentence = f"spikes of {name} mended: the log likelihood rises by {brought:.1f}"
+            sentence = f"spikes of {name} mended: the log likelihood rises by {gain:.1f}"
             evidence, _, _ = evidence_of(fitted, search_context(fitted, problem.predicted))
             steps.append(Step((), evidence, fitted.fit.log_likelihood, sentence))
             problem, root = trial, fitted
     return problem, root, claims, steps
 
 
-def _differences(
+def _removed_spikes(
     records: Sequence[Record], mended: Sequence[Record], name: str, found: Sequence[np.ndarray]
 ) -> list[Spikes]:
     """Return the spikes that mending removed from a channel of each record."""
@@ -166,10 +161,8 @@ def _differences(
     ]
 
 
-def _claimable(problem: TraceProblem) -> dict[str, str]:
-    """Return, by channel, the name of the candidate that describes its isolated wrong samples: the
-    rule finds them, the effect names them.
-    """
+def _spike_candidates(problem: TraceProblem) -> dict[str, str]:
+    """Return channel -> name of the candidate for isolated wrong samples of this channel."""
     return {
         candidate.traits.wrong_samples_of: candidate.name
         for candidate in problem.candidates
@@ -177,7 +170,7 @@ def _claimable(problem: TraceProblem) -> dict[str, str]:
     }
 
 
-def _mended(record: Record, name: str, samples: np.ndarray) -> Record:
+def _with_interpolated(record: Record, name: str, samples: np.ndarray) -> Record:
     if not samples.size:
         return record
     values = record[name].values.copy()

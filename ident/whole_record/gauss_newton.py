@@ -1,8 +1,8 @@
 """Levenberg-Marquardt over whole records, and profiled refits.
 
-The cost is minus the log likelihood that the noise model gives (each output's noise variance
-concentrated out, 0.5 sum_i N_i ln(sigma_i^2), unless it says otherwise) plus the prior's. A step is
-accepted on the defect-corrected residual, see `ident.whole_record.linearise`.
+The cost is minus the log likelihood of the noise model, plus the prior's term. By default each
+output's noise variance is concentrated out: 0.5 sum_i N_i ln(sigma_i^2). A step is accepted on the
+defect-corrected residual, see `ident.whole_record.linearise`.
 """
 
 from __future__ import annotations
@@ -40,21 +40,21 @@ from ident.whole_record.linearise import Linearisation, linearise
 
 # ---- Levenberg-Marquardt over whole records: the engine of every maximum-likelihood fit
 
-_REMEMBERED_STEPS = 4  # steps whose change of gradient is used
-# of log likelihood: what a step along a direction that the data hardly know may still promise (0.04
-# sigmas)
+_REMEMBERED_STEPS = 4  # most recent steps whose change of gradient gives curvature
+# largest gain of log likelihood that is negligible (0.04 sigmas along a poorly known direction)
 _NEGLIGIBLE_GAIN = 1e-3
-# gain of log likelihood by a step below which its change of gradient is taken for curvature at the
+# largest gain of log likelihood by a step whose change of gradient counts as curvature at the
 # optimum
 _CURVATURE_GAIN = 1.0
-_LEAST_CURVATURE = 0.1  # of what is expected, below which a step tells nothing
-# of what the undamped step promises: a step that gains less creeps along a valley
+_LEAST_CURVATURE = 0.1  # smallest curvature of a step, relative to the expected one
+# a step that gains less than this share of the undamped step's prediction makes slow progress in a
+# valley
 _CREEPING_GAIN_SHARE = 0.1
-# of the undamped step, over which the curvature of a valley is measured
+# share of the undamped step over which the curvature of a valley is measured
 _CURVATURE_STEP_SHARE = 0.1
-_WAY = (1.0, 0.5, 0.25, 0.125)  # shares of a curved step, tried in turn until one gains
-# trials in a row that change the likelihood by less than is enough, after which a fit that is only
-# compared ends
+# shares of a curved step, tried in turn until one gains
+_CURVED_STEP_SHARES = (1.0, 0.5, 0.25, 0.125)
+# most successive trials without progress before the fit of a model comparison ends
 _MOST_IDLE_TRIALS = 3
 
 
@@ -65,8 +65,8 @@ class Fit:
     Attributes
     ----------
     theta : ``(n,)`` unknowns: the layout's, then the noise model's.
-    lines : outputs and sensitivities of each record. weighted : residuals and sensitivities as
-    those of independent samples. counts : ``(m,)`` samples. cost : see above.
+    lines : outputs and sensitivities of each record. weighted : whitened residuals and
+    sensitivities. counts : ``(m,)`` samples. cost : see the module.
     """
 
     problem: FitProblem
@@ -81,12 +81,12 @@ class Fit:
 
     @property
     def layout(self) -> FitLayout:
-        """Layout of the unknowns: which there are, and which record each belongs to."""
+        """Layout of the unknowns over the records."""
         return self.problem.layout
 
     @property
     def noise_model(self) -> NoiseModel:
-        """The model of what is random in the data."""
+        """The noise model."""
         return self.problem.noise_model
 
     @property
@@ -109,8 +109,8 @@ class Fit:
         return self.weighted.variance
 
     def whiten(self, r: int, columns: np.ndarray) -> np.ndarray:
-        """Return the columns ``(m, N, c)`` of record ``r`` in the outputs' units, as those of
-        independent samples of variance one.
+        """Return the columns ``(m, N, c)`` of record ``r`` in the outputs' units, whitened to unit
+        variance.
         """
         return self.weighted.filters[r].whiten(columns)
 
@@ -123,7 +123,7 @@ class Fit:
 
     def normal_equations(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the information matrix ``(n, n)`` and gradient of the log likelihood ``(n,)``;
-        worked out once, not to be written to.
+        cached and read-only.
         """
         return self._equations
 
@@ -158,11 +158,11 @@ def fit_whole_records(
 ) -> Fit | None:
     """Minimise the cost from ``problem.start``; None when not even the start has a finite cost.
 
-    ``guesses`` are trajectories to begin with, from the measured channels when None; ``begun`` is
-    the start where it has been evaluated. Outcomes: ``CONVERGED`` or ``MAX_ITERATIONS``; whether
-    all directions are determined is for the caller to judge.
+    ``guesses`` : starting trajectories; None takes them from the measured channels. ``begun`` : the
+    start, if it was evaluated before. Outcomes: ``CONVERGED`` or ``MAX_ITERATIONS``; the caller
+    tests whether all parameters are determined.
     """
-    fit = _sound(begun) or _begun(problem, guesses)
+    fit = _finite_or_none(begun) or _evaluated_start(problem, guesses)
     if fit is None:
         return None
     settings = problem.layout.settings
@@ -170,14 +170,14 @@ def fit_whole_records(
     descent = Descent(search.model, search.trial, search.settled, search.shortcut, search.least)
     found = minimise(descent, fit, settings.iterations)
     fit, done = found.point, found.steps
-    # At the optimum if the undamped step says so too. Steps along a direction that the data do not
-    # know may stay long for ever; the likelihood settles.
+    # The optimum also needs a small undamped step. Steps along an undetermined direction may stay
+    # long; then the likelihood decides.
     ended = done == settings.iterations or search.idle == _MOST_IDLE_TRIALS
     converged = (
         search.near or found.stuck or (ended and search.gain < _NEGLIGIBLE_GAIN)
-    ) and arrived(found.model, fit.theta, settings)
+    ) and has_converged(found.model, fit.theta, settings)
     return replace(
-        _sound(joined_up(fit)) or fit,
+        _finite_or_none(with_exact_trajectory(fit)) or fit,
         outcome=Outcome.CONVERGED if converged else Outcome.MAX_ITERATIONS,
         iterations=done,
     )
@@ -209,33 +209,34 @@ class _Search:
         self.used: list[tuple[np.ndarray, np.ndarray]] = []
 
     def model(self, fit: Fit) -> LocalModel:
-        """Return the quadratic at a fit, with the curvature that the last steps showed; after a
-        curved step without.
+        """Return the quadratic model at a fit, with the curvature of recent steps; after a valley
+        step without it.
         """
         information, gradient = fit.normal_equations()
         information = _with_curvature(information, self.used)
         return local_model(information, gradient, fit.theta, self.problem.low, self.problem.high)
 
     def least(self) -> float:
-        """Return the least damping: near the optimum no damping goes too far, and any would creep
-        along directions that the data hardly determine.
+        """Return the least damping: near the optimum none is needed, and any slows progress in
+        poorly determined directions.
         """
         steady = not self.curved or self.gain <= _CURVATURE_GAIN
         return LEAST_DAMPING if steady else self.problem.layout.settings.least_damping
 
     def settled(self, fit: Fit, model: LocalModel) -> bool:
-        """Return whether the last step was small and the next would be; a step that damping or a
-        bound made small says nothing of the way that is left, the undamped one does. Or whether a
-        fit that is only compared gains no more.
+        """Return whether the fit has converged.
+
+        The last step and the undamped next one must both be small; damping or a bound may shorten
+        the former. The fit of a model comparison also ends without further gain.
         """
         settings = self.problem.layout.settings
         if self.idle == _MOST_IDLE_TRIALS and settings.enough > 0.0:
             return True
-        return self.near and arrived(model, fit.theta, settings)
+        return self.near and has_converged(model, fit.theta, settings)
 
     def shortcut(self, fit: Fit, model: LocalModel) -> Fit | None:
-        """Return a step along the curved floor of a valley; None with process noise, whose
-        innovations bend by other laws than these residuals.
+        """Return a curved step along a valley of the cost; None with process noise, whose
+        innovations have another curvature than these residuals.
         """
         if self.curved:
             return None
@@ -252,18 +253,17 @@ class _Search:
         problem, settings = self.problem, self.problem.layout.settings
         least, most = problem.noise_model.step_bounds(problem.layout, fit.theta)
         theta = np.clip(fit.theta + model.scale * model.step(damping), least, most)
-        # A damping that was too small for the last steps is likely to be so again: the cost alone,
-        # which is cheaper, tells that.
+        # A damping that failed lately may fail again; the cost alone is cheaper to test.
         first = self.bare if damping <= self.refused else problem
-        trial = evaluate(first, theta, carried(fit, theta))
+        trial = evaluate(first, theta, predicted_trajectories(fit, theta))
         most_cost = fit.cost + unresolved(float(fit.counts.sum()))
         level = trial is not None and abs(trial.cost - fit.cost) < max(
             settings.enough, _NEGLIGIBLE_GAIN
         )
         self.idle = self.idle + 1 if level else 0
         if first is self.bare and trial is not None and trial.cost <= most_cost:
-            trial, self.refused = evaluate(problem, theta, carried(fit, theta)), 0.0
-        if trial is None or not trial.cost <= most_cost or _sound(trial) is None:
+            trial, self.refused = evaluate(problem, theta, predicted_trajectories(fit, theta)), 0.0
+        if trial is None or not trial.cost <= most_cost or _finite_or_none(trial) is None:
             self.refused = damping
             return None
         small = np.abs(trial.theta - fit.theta) < np.maximum(
@@ -278,29 +278,30 @@ class _Search:
         return trial
 
 
-def _begun(problem: FitProblem, guesses: list[np.ndarray] | None) -> Fit | None:
-    """Return the start, with the trajectories of ``guesses`` or else from the measured channels;
-    None where its cost is not finite.
+def _evaluated_start(problem: FitProblem, guesses: list[np.ndarray] | None) -> Fit | None:
+    """Return the start, with trajectories from ``guesses`` or the measured channels; None where its
+    cost is not finite.
     """
     start, layout = problem.start, problem.layout
-    given = None if guesses is None else _sound(evaluate(problem, start, guesses))
+    given = None if guesses is None else _finite_or_none(evaluate(problem, start, guesses))
     if given is not None or (guesses is not None and not layout.problems):
         return given
-    return _sound(evaluate(problem, start, layout.guesses(start)))
+    return _finite_or_none(evaluate(problem, start, layout.guesses(start)))
 
 
 @dataclass(eq=False)
 class _Valley:
-    """Steps along the curved floor of a valley, where straight ones creep (geodesic acceleration
+    """Curved steps along a valley of the cost, where straight steps are slow (geodesic acceleration
     [1]_).
 
-    Where unknowns trade off, straight steps leave the floor and are damped: hundreds creep along.
+    Strongly correlated unknowns make a curved valley. Straight steps leave its floor and are
+    damped: hundreds of them are needed.
 
     Attributes
     ----------
     bare : the fit without sensitivities. slow : gain of log likelihood by the last step.
-    straight : steps until the next curved one is tried. wait : after the next that fails.
-    share : of a curved step that gained last.
+    straight : steps until the next curved one. wait : the same after a failure.
+    share : of the last successful curved step.
 
     References
     ----------
@@ -312,43 +313,45 @@ class _Valley:
     slow: float = np.inf
     straight: int = 0
     wait: int = 1
-    share: float = _WAY[0]
+    share: float = _CURVED_STEP_SHARES[0]
 
     def along(self, fit: Fit, model: LocalModel, low: np.ndarray, high: np.ndarray) -> Fit | None:
         """Return the fit after a curved step within bounds ``(n,)``; None where the last straight
-        one did not creep, or no share of a curved one gains.
+        step was not slow, or no curved step gains.
         """
         self.straight -= 1
         enough = max(fit.layout.settings.enough, self.slow / _CREEPING_GAIN_SHARE, _NEGLIGIBLE_GAIN)
         if self.straight >= 0 or model.promised <= enough:
             return None
         step = model.scale * model.step(LEAST_DAMPING)
-        bend = self._bend(fit, model, step, low, high)
-        for share in _WAY:
+        bend = self._second_order_term(fit, model, step, low, high)
+        for share in _CURVED_STEP_SHARES:
             if bend is None or share > 2.0 * self.share:
                 continue
             theta = np.clip(fit.theta + share * step + 0.5 * share**2 * bend, low, high)
             tried = self._at(fit, theta)
             asked = 0.5 * (2.0 - share) * share * model.promised
             if tried is not None and fit.cost - tried.cost > asked:
-                found = _sound(evaluate(fit.problem, theta, [line.states for line in tried.lines]))
+                found = _finite_or_none(
+                    evaluate(fit.problem, theta, [line.states for line in tried.lines])
+                )
                 if found is not None and found.cost < fit.cost:
                     self.slow, self.wait, self.share = 0.0, 1, share
                     return found
-        self.straight, self.wait, self.share = self.wait, 2 * self.wait, _WAY[0]
+        self.straight, self.wait, self.share = self.wait, 2 * self.wait, _CURVED_STEP_SHARES[0]
         return None
 
     def _at(self, fit: Fit, theta: np.ndarray) -> Fit | None:
         """Return the cost at ``theta``, with a trajectory that nearly obeys the equations."""
-        first = evaluate(self.bare, theta, carried(fit, theta))
+        first = evaluate(self.bare, theta, predicted_trajectories(fit, theta))
         if first is None:
             return None
         return evaluate(self.bare, theta, [line.states for line in first.lines])
 
-    def _bend(
+    def _second_order_term(
         self, fit: Fit, model: LocalModel, step: np.ndarray, low: np.ndarray, high: np.ndarray
     ) -> np.ndarray | None:
-        """Second-order term ``(n,)`` of the curve that begins along ``step``."""
+        """Return the second-order term ``(n,)`` of the curve that starts along ``step``."""
         near = self._at(fit, np.clip(fit.theta + _CURVATURE_STEP_SHARE * step, low, high))
         if near is None:
             return None
@@ -363,9 +366,9 @@ class _Valley:
         return model.scale * curved
 
 
-def arrived(model: LocalModel, theta: np.ndarray, settings: FitSettings) -> bool:
-    """Return whether the undamped step is shorter than the tolerance, or than rounding, or promises
-    less than is enough, or than anyone could tell.
+def has_converged(model: LocalModel, theta: np.ndarray, settings: FitSettings) -> bool:
+    """Return whether the undamped step is shorter than the tolerance or rounding, or its predicted
+    gain is negligible.
     """
     resolved = max(
         settings.tolerance, float(np.max(ROUNDING_SHARE * np.abs(theta) / model.scale, initial=0.0))
@@ -400,7 +403,7 @@ def evaluate(problem: FitProblem, theta: np.ndarray, guesses: list[np.ndarray]) 
 
 
 def without_sensitivities(problem: FitProblem) -> FitProblem:
-    """The same fit with nothing to differentiate by: the cost at given unknowns is as it was."""
+    """Return the fit problem without sensitivities, which gives the same cost."""
     bare = tuple(
         replace(each, free=(), starts=(), moving=(), increment=each.increment[:0])
         for each in problem.layout.problems
@@ -408,12 +411,11 @@ def without_sensitivities(problem: FitProblem) -> FitProblem:
     return replace(problem, layout=replace(problem.layout, problems=bare))
 
 
-def joined_up(fit: Fit) -> Fit:
-    """Return the same parameters with a trajectory that obeys the equations to rounding: what the
-    last step left is squared away.
+def with_exact_trajectory(fit: Fit) -> Fit:
+    """Return the fit at the same parameters, with a trajectory that obeys the equations to
+    rounding.
 
-    A fit that only compares models has a cost, of second order in the gap, that need not be as
-    exact.
+    For model comparisons the gaps need not vanish: their effect on the cost is of second order.
     """
     closed = 1e-13 if fit.layout.settings.enough == 0.0 else 1e-6
     for _ in range(3):
@@ -433,10 +435,8 @@ def joined_up(fit: Fit) -> Fit:
     return fit
 
 
-def _sound(fit: Fit | None) -> Fit | None:
-    """Return the fit itself; None where its information matrix or gradient is not finite: no step
-    and no sigma follows from it.
-    """
+def _finite_or_none(fit: Fit | None) -> Fit | None:
+    """Return the fit; None where its information matrix or gradient is not finite."""
     if fit is None:
         return None
     with np.errstate(all="ignore"):
@@ -444,8 +444,8 @@ def _sound(fit: Fit | None) -> Fit | None:
     return fit if all(bool(np.all(np.isfinite(each))) for each in equations) else None
 
 
-def carried(fit: Fit, theta: np.ndarray) -> list[np.ndarray]:
-    """Trajectory guesses at other parameters, by the sensitivities of this point."""
+def predicted_trajectories(fit: Fit, theta: np.ndarray) -> list[np.ndarray]:
+    """Return trajectory guesses at other parameters, by the sensitivities of this fit."""
     step = theta - fit.theta
     return [
         np.array(line.states + line.by_state @ step[fit.layout.columns(r)])
@@ -456,10 +456,10 @@ def carried(fit: Fit, theta: np.ndarray) -> list[np.ndarray]:
 def _with_curvature(
     information: np.ndarray, moves: Sequence[tuple[np.ndarray, np.ndarray]]
 ) -> np.ndarray:
-    """Expected information changed so that it maps recent steps to the changes of gradient they
-    brought (BFGS).
+    """Return the expected information, changed to map recent steps to their changes of gradient
+    (BFGS).
 
-    Where noise levels are unknowns the expected information alone converges slowly.
+    With unknown noise levels the expected information alone converges slowly.
     """
     for step, change in moves:
         pressed = information @ step
@@ -471,9 +471,10 @@ def _with_curvature(
     return information
 
 
-# ---- Refits of a whole-record fit with one parameter held, for profile-likelihood intervals
+# ---- Refits with one fixed parameter, for profile-likelihood intervals
 
-SETTLED_LOG_LIKELIHOOD = 1e-3  # of log likelihood, which moves an end by 1/4000 of it
+# smallest gain of log likelihood of a refit; it moves an end of the interval by 1/4000
+SETTLED_LOG_LIKELIHOOD = 1e-3
 MOST_ITERATIONS = 30
 
 
@@ -487,9 +488,9 @@ def profile_intervals(
 
     Parameters
     ----------
-    covariance : ``(s, s)`` of the shared parameters as it is printed; where it is larger than that
-    of white residuals the threshold is too. noise_at : the noise model with its unknowns started at
-    a theta; None leaves it as it is.
+    covariance : ``(s, s)`` of the shared parameters as reported; its ratio to that of white
+    residuals widens the threshold. noise_at : returns the noise model started at a theta; None
+    keeps it.
     """
     inverse, _ = inverse_information(fit.normal_equations()[0], fit.theta)
     layout, begun = fit.layout, noise_at or (lambda at, theta: at.noise_model)
@@ -503,8 +504,8 @@ def profile_intervals(
 def _refit(
     fit: Fit, j: int, along: np.ndarray, noise_at: Callable[[Fit, np.ndarray], NoiseModel]
 ) -> Callable[[float, Fit | None], tuple[float, Fit] | None]:
-    """Return the cost with unknown ``j`` held at a value; the others begin where the curvature at
-    the maximum puts them.
+    """Return the cost with unknown ``j`` fixed at a value; the others start at the optimum of the
+    quadratic model.
     """
     settings = replace(
         fit.layout.settings, enough=SETTLED_LOG_LIKELIHOOD, iterations=MOST_ITERATIONS
@@ -520,7 +521,9 @@ def _refit(
         low, high = fit.layout.low.copy(), fit.layout.high.copy()
         low[j] = high[j] = value
         layout = replace(fit.layout, settings=settings, start=theta[:count], low=low, high=high)
-        found = fit_whole_records(FitProblem(layout, noise_at(near, theta)), carried(near, theta))
+        found = fit_whole_records(
+            FitProblem(layout, noise_at(near, theta)), predicted_trajectories(near, theta)
+        )
         return None if found is None else (found.cost, found)
 
     return refit

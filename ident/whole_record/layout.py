@@ -1,8 +1,7 @@
 """Unknowns of a whole-record fit laid out over its records, and the noise model.
 
-A NoiseModel turns residuals and sensitivities into those of independent samples. It may have
-unknowns of its own, which stand behind those of the layout in theta.
-`ident.process_noise.innovations_model` is the one with a Kalman filter.
+A NoiseModel whitens residuals and sensitivities. Its own unknowns, if any, follow those of the
+layout in theta. `ident.process_noise.innovations_model` has the model with a Kalman filter.
 """
 
 from __future__ import annotations
@@ -30,9 +29,9 @@ from sim.errors import ModelError
 from sim.maths import complex_step_jacobian
 from sim.record import Record
 
-# ---- Layout of a whole-record fit: which unknowns there are, and which record sees which
+# ---- Layout of a whole-record fit: unknowns and their records
 
-ROUNDING_SHARE = 1e-11  # relative size of what a whole-record computation does not resolve
+ROUNDING_SHARE = 1e-11  # relative rounding error of a whole-record computation
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ class FitSettings:
     ----------
     max_step : longest integration sub-step, s.
     iterations : limit of accepted and rejected steps together.
-    tolerance : the fit has settled when a step moves no parameter by more than this share of its
+    tolerance : the fit has converged when a step moves no parameter by more than this share of its
     sigma. use_priors : add the Gaussian priors of parameters and initial states to the cost.
     coloured : correct the covariance for residuals that are not white. enough : the fit also ends
     when a step lowers the cost by less than this: for comparing models it need not be lower. quick
@@ -68,8 +67,8 @@ class FitSettings:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Gaussian knowledge of some unknowns: ``mean (k,)`` and ``information (k, k)`` at
-    ``positions`` of theta.
+    """Gaussian prior of some unknowns: ``mean (k,)`` and ``information (k, k)`` at ``positions`` of
+    theta.
     """
 
     positions: np.ndarray
@@ -107,13 +106,13 @@ class FitLayout:
 
     @property
     def own(self) -> int:
-        """Unknowns that each record has for itself."""
+        """Unknowns of each record alone."""
         return len(self.local) + len(self.starts)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all unknowns; those of one record carry its number from 1 where there are
-        several records.
+        """Names of all unknowns; with several records, local ones end with the record's number from
+        1.
         """
         mine = [*self.local, *(f"{self.system.state_names[i]}(0)" for i in self.starts)]
         many = len(self.problems) > 1
@@ -125,7 +124,7 @@ class FitLayout:
         return (*self.shared, *each)
 
     def columns(self, r: int) -> np.ndarray:
-        """Return the positions in theta of the unknowns that record ``r`` sees."""
+        """Return the positions in theta of the unknowns of record ``r``."""
         shared, own = len(self.shared), self.own
         if not r:
             return np.arange(shared + own)
@@ -140,7 +139,7 @@ class FitLayout:
         return p, x0
 
     def guesses(self, theta: np.ndarray) -> list[np.ndarray]:
-        """Trajectory guesses from the measured channels, one a record."""
+        """Return starting trajectories from the measured channels, one a record."""
         return [
             guess_states(problem, *self.split(theta, r)) for r, problem in enumerate(self.problems)
         ]
@@ -247,7 +246,8 @@ def _declared_prior(items: Sequence[Parameter]) -> Prior | None:
     return Prior(np.array(known), np.array([items[i].value for i in known]), information)
 
 
-_TURNS, _LARGEST_MOVE = 30, 0.3  # of Gauss and Newton's method, the largest move in units of states
+# Gauss-Newton iterations, and the largest step in units of states
+_ITERATIONS, _LARGEST_STEP = 30, 0.3
 
 
 def _seed_initial_states(
@@ -263,17 +263,17 @@ def _seed_initial_states(
         known = known_states(record, system)
         found = {i: float(values[0]) for i, (_, values) in known.items()}
         if asked:
-            found |= _from_outputs(record, system, found, asked)
+            found |= _states_from_outputs(record, system, found, asked)
         for c, i in enumerate(starts):
             if i in found:
                 theta[shared + r * (local + len(starts)) + local + c] = found[i]
 
 
-def _from_outputs(
+def _states_from_outputs(
     record: Record, system: System, known: Mapping[int, float], asked: Sequence[int]
 ) -> dict[int, float]:
-    """States at the first sample whose outputs are nearest to those recorded there, by Gauss and
-    Newton's method; angles differ by less than half a turn.
+    """Return the states at the first sample whose outputs are nearest to the recorded ones
+    (Gauss-Newton); angles within half a turn.
 
     Parameters
     ----------
@@ -296,18 +296,18 @@ def _from_outputs(
         return [outputs[i] for i in rows]
 
     best = x0[list(asked)]
-    for _ in range(_TURNS):
+    for _ in range(_ITERATIONS):
         slopes = complex_step_jacobian(read, best.tolist())
         left = measured - np.array(read(best.tolist()))
         left = np.where(angle, (left + np.pi) % (2.0 * np.pi) - np.pi, left)
         move = np.linalg.lstsq(slopes, left, rcond=1e-9)[0]
-        best = best + move * min(1.0, _LARGEST_MOVE / max(float(np.max(np.abs(move))), 1e-300))
+        best = best + move * min(1.0, _LARGEST_STEP / max(float(np.max(np.abs(move))), 1e-300))
     if not np.all(np.isfinite(best)):
         return {}
     return dict(zip(asked, best.tolist(), strict=True))
 
 
-# ---- What a record says of the parameters to first order
+# ---- Information of a record on the parameters, to first order
 
 MAX_STEP = 0.01  # longest sub-step, s: that of the whole-record fits
 
@@ -318,10 +318,10 @@ def weighted_sensitivities(
     """Return the names of the free parameters and the slopes ``(M, n)`` of all measured samples by
     them, over the noise standard deviation ``(m,)``.
 
-    At the parameters of ``system``, by complex steps. Biases and initial states are nuisances: what
-    they could explain is projected out, with the priors that the system declares of them. The
-    information of the record is ``S' S``; singular values of ``S`` tell directions without
-    influence to rounding, of which those of ``S' S`` would leave half the digits.
+    At the parameters of ``system``, by complex steps. Biases and initial states are nuisance
+    parameters and projected out, with the priors that the system declares of them. The information
+    of the record is ``S' S``; singular values of ``S`` show directions without influence to
+    rounding; those of ``S' S`` lose half the digits.
 
     Raises
     ------
@@ -351,11 +351,13 @@ def weighted_sensitivities(
     return layout.shared, shared - basis @ (basis.T @ shared)
 
 
-# ---- What is random in the data of a whole-record fit
+# ---- Noise models
 
 
 class LaidOut(Protocol):
-    """What a noise model reads of a layout; `ident.whole_record.layout.FitLayout` has it."""
+    """The part of a layout that a noise model reads; implemented by
+    `ident.whole_record.layout.FitLayout`.
+    """
 
     @property
     def system(self) -> System: ...
@@ -376,18 +378,18 @@ class LaidOut(Protocol):
 
 
 class ResidualFilter(Protocol):
-    """What makes the residuals of one record independent."""
+    """Whitening filter of one record."""
 
     def whiten(self, columns: np.ndarray) -> np.ndarray:
-        """Return the columns ``(m, N, c)`` in the outputs' units as those of independent samples of
-        variance one, zero where a sample is missing.
+        """Return the columns ``(m, N, c)`` in the outputs' units whitened to unit variance, zero
+        where a sample is missing.
         """
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class WeightedResiduals:
-    """Residuals and sensitivities of each record as those of independent samples.
+    """Whitened residuals and sensitivities of each record.
 
     Attributes
     ----------
@@ -404,13 +406,13 @@ class WeightedResiduals:
 
 
 class NoiseModel(Protocol):
-    """The model of what is random in the data.
+    """Model of the random part of the data.
 
     ``names``, ``start``, ``low``, ``high`` describe its own unknowns. ``weight_residuals`` returns
     None where its likelihood is not finite. ``covariance_terms`` are gradient ``(n,)`` and expected
     information ``(n, n)`` of the log likelihood through the dependence of the residuals' covariance
-    on the unknowns; None where there is none. ``step_bounds`` of one step of a fit from ``theta``:
-    lowest and highest values of all unknowns, ``(n,)`` each.
+    on the unknowns; None where there is none. ``step_bounds`` are the lowest and highest values of
+    all unknowns, ``(n,)`` each, after one step from ``theta``.
     """
 
     @property
@@ -453,7 +455,7 @@ class Standardised:
 
 
 class WithoutUnknowns:
-    """A noise model without unknowns of its own: its variances are known, or concentrated out."""
+    """A noise model without unknowns: its variances are known or concentrated out."""
 
     names: tuple[str, ...] = ()
 
@@ -492,12 +494,11 @@ class White(WithoutUnknowns):
         residuals: Sequence[np.ndarray],
         counts: np.ndarray,
     ) -> WeightedResiduals | None:
-        """Return the residuals and sensitivities as they are."""
+        """Return the residuals and sensitivities unchanged."""
         squares = np.sum([(residual**2).sum(axis=1) for residual in residuals], axis=0)
         found = squares / np.maximum(counts, 1)
         variance = np.where(layout.used, np.maximum(found, layout.smallest), 1.0)
-        # A variance held at its least is no unknown: without its squares the cost would not have
-        # the gradient that is followed.
+        # A variance at its lower bound is constant: the cost then needs the squared residuals.
         held = np.where(found < layout.smallest, squares / variance - counts, 0.0)
         cost = 0.5 * float(np.sum(np.where(layout.used, counts * np.log(variance) + held, 0.0)))
         filters = tuple(Standardised(problem.valid, variance) for problem in layout.problems)
@@ -509,13 +510,13 @@ class White(WithoutUnknowns):
 WHITE = White()
 
 
-# ---- What a whole-record fit solves
+# ---- Problem of a whole-record fit
 
 
 @dataclass(frozen=True, eq=False)
 class FitProblem:
-    """A layout and a noise model; in theta the noise model's own unknowns stand behind those of the
-    layout.
+    """A layout and a noise model; the noise model's unknowns follow those of the layout in
+    theta.
     """
 
     layout: FitLayout

@@ -1,13 +1,13 @@
 """A whole record linearised at once: outputs and all their sensitivities about a trajectory guess.
 
-Every node interval is integrated at the same time, for the base and one complex-step column a state
-and parameter; one banded triangular solve then joins the intervals. The guess need not obey the
-equations: its defects are corrected to first order by the same solve (a multiple-shooting
+Every node interval is integrated at the same time, for the base and for a complex step in each
+state and parameter; one banded triangular solve then joins the intervals. The guess need not obey
+the equations: its defects are corrected to first order by the same solve (a multiple-shooting
 Gauss-Newton step with the intermediate states condensed out; Bock 1981). For equations linear in
 the states one correction is exact, and at convergence the trajectory equals the sequential
 simulation to rounding.
 
-The first guess is made from the measured channels: states that a record shows.
+The first guess takes states from the measured channels.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ from sim.maths import COMPLEX_STEP
 from sim.propagation import Drive
 from sim.record import Record
 
-SLOPE_PARTS = 60  # a slope is taken over two sixtieths of the record
+SLOPE_PARTS = 60  # a slope is fitted over two sixtieths of the record
 
 
 def known_states(
     record: Record, system: System, p: Sequence[float] | np.ndarray | None = None
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Position of a state -> times ``(k,)`` and values ``(k,)``; good enough to begin a fit with.
+    """Return position of a state -> times ``(k,)`` and values ``(k,)``, for the states that the
+    record shows; good enough to start a fit.
 
-    Of a measured state the bias of its sensor is taken off, at parameters ``p`` (the System's own
-    when None). Slopes are those of straight lines over a window, after a running median of five
-    against spikes.
+    Sensor biases are subtracted, at parameters ``p`` (None: the System's own). Rates are slopes of
+    lines over a window, after a running median of five samples.
     """
     names = system.state_names
     found: dict[int, tuple[np.ndarray, np.ndarray]] = {}
@@ -77,18 +77,17 @@ def _bias(system: System, name: str, p: Sequence[float] | np.ndarray | None) -> 
     return parameters[bias].value if p is None else float(p[parameters.index(bias)])
 
 
-# of a state's size: gaps that are left where the states simulated are linear in themselves
+# largest gap, relative to the state, if the simulated states are linear in themselves
 _LARGEST_TRAJECTORY_GAP = 1e-9
 
 
 def guess_states(
     problem: RecordProblem, p: Sequence[float] | np.ndarray, x0: Sequence[float] | np.ndarray
 ) -> np.ndarray:
-    """Trajectory guess ``(nx, K + 1)``: measured states from the record, the others simulated
-    between.
+    """Return a starting trajectory ``(nx, K + 1)``: measured states from the record, the others
+    simulated.
 
-    Bounded also where the model alone would run away, which a simulation from a wrong start would
-    not be.
+    It is bounded even where the simulation of all states from a wrong start would diverge.
     """
     system, grid, record = problem.system, problem.grid, problem.record
     measured = {
@@ -111,17 +110,17 @@ def simulated_at_once(
     p: Sequence[float] | np.ndarray,
     x0: Sequence[float] | np.ndarray,
 ) -> np.ndarray | None:
-    """States ``(nx, K + 1)``, those that are not measured by one banded solve over all intervals;
-    None where they are not linear in themselves.
+    """Return the states ``(nx, K + 1)``, unmeasured ones by one banded solve; None if these are not
+    linear in themselves.
     """
     free = [i for i in range(len(x0)) if i not in measured]
     X = np.repeat(np.array(x0, dtype=float)[:, None], len(problem.grid.nodes), axis=1)
     for i, values in measured.items():
         X[i] = values
     start = np.array(x0, dtype=float)[free]
-    with np.errstate(all="ignore"):  # what runs away is not finite, and simulated in turn
+    with np.errstate(all="ignore"):  # a divergent simulation is repeated node by node
         for last in (False, True):
-            ends = _ends(problem, X, drive, p, free)
+            ends = _interval_ends(problem, X, drive, p, free)
             defects = ends[:, 0].real - X[free, 1:]
             if not np.all(np.abs(ends) < LARGEST_NUMBER):
                 return None
@@ -141,7 +140,7 @@ def simulated_at_once(
     return None
 
 
-def _ends(
+def _interval_ends(
     problem: RecordProblem,
     X: np.ndarray,
     drive: Drive,
@@ -163,7 +162,9 @@ def simulated_in_turn(
     p: Sequence[float] | np.ndarray,
     x0: Sequence[float] | np.ndarray,
 ) -> np.ndarray:
-    """States ``(nx, K + 1)``, node by node; beyond the range of numbers a state stays."""
+    """Return the states ``(nx, K + 1)``, simulated node by node; a state keeps its value on
+    overflow.
+    """
     grid = problem.grid
     stages = [[row.tolist() for row in stage] for stage in drive.stages]
     x, out = [float(v) for v in x0], np.empty((len(x0), len(grid.nodes)))
@@ -179,7 +180,7 @@ def simulated_in_turn(
                     [row[s] for row in stages[1]],
                     [row[s] for row in stages[2]],
                 )
-                # beyond the range of floats the last state serves as well as any
+                # on overflow the last state is kept
                 with suppress(ArithmeticError, ValueError):
                     x = problem.step(problem.system.f, times[s], x, u, p, steps[s])
     return out
@@ -187,11 +188,10 @@ def simulated_in_turn(
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """Outputs and sensitivities at a point.
+    """Outputs and sensitivities at a point, of the defect-corrected trajectory.
 
-    ``y (m, N)`` of the defect-corrected trajectory; ``jacobian (m, N, c)`` by the wanted
-    parameters, then the wanted initial states; ``states (nx, K + 1)`` at the nodes,
-    defect-corrected; ``by_state (nx, K + 1, c)``.
+    ``y (m, N)``; ``jacobian (m, N, c)`` by the wanted parameters, then the wanted initial states;
+    ``states (nx, K + 1)`` at the nodes; ``by_state (nx, K + 1, c)``.
     """
 
     y: np.ndarray
@@ -203,12 +203,11 @@ class Linearisation:
 def linearise(
     problem: RecordProblem, p: np.ndarray, x0: np.ndarray, guess: np.ndarray
 ) -> Linearisation:
-    """Outputs and sensitivities about the parameters ``p``, initial state ``x0`` and a trajectory
-    guess.
+    """Return outputs and sensitivities about the parameters ``p``, initial state ``x0`` and a
+    trajectory guess.
 
-    One batch with the base in column 0, then a column a state, then one a parameter that acts in
-    the dynamics. A column's numbers stand side by side in memory, ``(c, K)``: whatever is the same
-    for all columns then meets long rows.
+    One batch: column 0 is the base, the next ones change one state each, then one parameter of the
+    dynamics each. The layout ``(c, K)`` in memory keeps the operations fast.
     """
     linear = linear_record(problem, p, x0, guess)
     if linear is not None:
@@ -220,12 +219,12 @@ def linearise(
     X = np.empty((n_x, width, guess.shape[1] - 1), dtype=by_parameter.dtype)
     X[:] = guess[:, None, :-1]
     X[np.arange(n_x), 1 + np.arange(n_x)] += by_state[:, None]
-    driven = _drive(problem, p, by_parameter)
+    driven = _driven_inputs(problem, p, by_parameter)
     ends = interval_ends(
         problem,
         list(X),
         driven.spread(columns, width),
-        _shifted(problem, p, columns, by_parameter, width),
+        _changed_parameters(problem, p, columns, by_parameter, width),
     )
     base = ends[:, 0].real
     A = _slopes(problem, ends[:, 1 : 1 + n_x], base, by_state)
@@ -241,7 +240,7 @@ def linearise(
 
 
 def _increments(problem: RecordProblem, guess: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the steps by which each parameter and each state is moved to differentiate."""
+    """Return the differentiation step of each parameter and each state."""
     if problem.exact:
         return np.full(len(problem.free), 1j * COMPLEX_STEP), np.full(len(guess), 1j * COMPLEX_STEP)
     size = np.sqrt(np.mean(guess**2, axis=1))
@@ -251,8 +250,8 @@ def _increments(problem: RecordProblem, guess: np.ndarray) -> tuple[np.ndarray, 
 def _slopes(
     problem: RecordProblem, moved: np.ndarray, base: np.ndarray, steps: np.ndarray
 ) -> np.ndarray:
-    """Return the derivatives by what moved each column of ``moved (..., c, n)``; ``base (..., n)``
-    is what did not move.
+    """Return the derivatives from the changed columns ``moved (..., c, n)`` and the unchanged
+    ``base (..., n)``.
     """
     return (
         moved.imag / COMPLEX_STEP
@@ -261,10 +260,10 @@ def _slopes(
     )
 
 
-def _shifted(
+def _changed_parameters(
     problem: RecordProblem, p: np.ndarray, columns: Mapping[int, int], steps: np.ndarray, width: int
 ) -> list[Any]:
-    """Return the parameters as rows: a column's own parameter moved there, all else as it is."""
+    """Return the parameters as rows; each column has one parameter changed."""
     rows: list[Any] = p.tolist()
     for position, column in columns.items():
         row = np.full(width, p[problem.free[position]], dtype=steps.dtype)
@@ -275,16 +274,16 @@ def _shifted(
 
 @dataclass(frozen=True, eq=False)
 class _Driven:
-    """Inputs at the vehicle; ``acting`` are positions of the wanted parameters that move them, each
-    with a column behind the base's.
+    """Inputs at the vehicle, with one further column for each parameter of the input path;
+    ``acting`` are its positions among the wanted ones.
     """
 
     drive: Drive
     acting: tuple[int, ...]
 
     def spread(self, columns: Mapping[int, int], width: int) -> Drive:
-        """Return the same with a column for each of the batch's, of which ``columns`` tells where a
-        parameter's own stands: rows ``(c, M)``.
+        """Return the inputs spread over the columns of the batch, rows ``(c, M)``; ``columns`` maps
+        a parameter to its column.
         """
         if not self.acting:
             return self.drive
@@ -295,8 +294,8 @@ class _Driven:
         return changed_rows(self.drive, lambda row: row.T[take] if np.ndim(row) == 2 else row)
 
 
-def _drive(problem: RecordProblem, p: np.ndarray, steps: np.ndarray) -> _Driven:
-    """Return the input path is run once for the base and once a parameter that acts on it."""
+def _driven_inputs(problem: RecordProblem, p: np.ndarray, steps: np.ndarray) -> _Driven:
+    """Return the inputs at the vehicle for the base and for each parameter of the input path."""
     if problem.drive is not None:
         return _Driven(problem.drive, ())
     system = problem.system
@@ -305,7 +304,7 @@ def _drive(problem: RecordProblem, p: np.ndarray, steps: np.ndarray) -> _Driven:
         for q, index in enumerate(problem.free)
         if system.parameters.items[index].name in system.input_parameters
     )
-    few = _shifted(
+    few = _changed_parameters(
         problem, p, {q: 1 + column for column, q in enumerate(acting)}, steps, 1 + len(acting)
     )
     return _Driven(driven_by(problem.record, system, few, problem.grid), acting)
@@ -317,8 +316,8 @@ def join_intervals(
     """Solve dx[k+1] = A[k] dx[k] + B[k] dp + d[k] for all right-hand sides: ``(nx, 1 + np + ns, K +
     1)``.
 
-    ``A (nx, nx, K)`` with the state it starts from in the middle, ``B (nx, np, K)``, ``defects (nx,
-    K)``.
+    ``A (nx, nx, K)`` by the state at the beginning in its second axis, ``B (nx, np, K)``, ``defects
+    (nx, K)``.
     """
     from scipy.linalg.lapack import dtbtrs
 
@@ -348,12 +347,12 @@ def _outputs(
     by_state: np.ndarray,
     steps: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs at the samples and their derivatives ``(m, c, N)`` along each column of ``by_state
-    (nx, c, K + 1)``.
+    """Return the outputs at the samples, and their derivatives ``(m, c, N)`` along each column of
+    ``by_state (nx, c, K + 1)``.
     """
     c = 1 + len(steps)
     columns = {position: 1 + position for position in range(len(problem.free))}
-    rows_p, drive = _shifted(problem, p, columns, steps, c), driven.spread(columns, c)
+    rows_p, drive = _changed_parameters(problem, p, columns, steps, c), driven.spread(columns, c)
     X = np.empty((len(states), c, states.shape[1]), dtype=np.result_type(states, steps))
     X[:, 0] = states
     X[:, 1:] = states[:, None] + by_state * steps[:, None]

@@ -1,11 +1,12 @@
-"""Errors of estimates that numerical methods leave: of the integration, and of sampling.
+"""Numerical errors of estimates, from integration and sampling.
 
-A residual at the size of the integration error is no noise, and sigmas made of it say nothing. With
-y_h the outputs of steps h and order-4 integration, y - y_h = 16/15 (y_{h/2} - y_h) to leading order
-(Richardson), and an error dy of the outputs moves an output-error estimate by (J' W J)^-1 J' W dy.
+Residuals as small as the integration error are not noise, and sigmas from them are meaningless.
+With y_h the outputs at step h of an order-4 method, y - y_h = 16/15 (y_{h/2} - y_h) to leading
+order (Richardson). An error dy of the outputs changes an output-error estimate by (J' W J)^-1 J' W
+dy.
 
-Equation error takes slopes over windows and smoothed regressors. A simulation at the estimate,
-sampled as the record is, has the same errors and a known truth.
+Equation error uses slopes over windows and smoothed regressors. A simulation at the estimate,
+sampled like the record, has the same errors and a known truth.
 """
 
 from __future__ import annotations
@@ -18,26 +19,30 @@ import numpy as np
 from ident.estimate import Estimate, Outcome
 from ident.regression.equation_error import run_equation_error
 from ident.statistics.intervals import inverse_information
-from ident.whole_record.gauss_newton import Fit, evaluate, joined_up, without_sensitivities
+from ident.whole_record.gauss_newton import (
+    Fit,
+    evaluate,
+    with_exact_trajectory,
+    without_sensitivities,
+)
 from ident.whole_record.layout import FitProblem, FitSettings, lay_out
 from ident.whole_record.record_problem import record_problem
 from sim.declaration.model import System
 from sim.record import Channel, Record
 
-# of an output's motion: with more noise than that, integration errors are far below a sigma
+# largest noise, relative to the motion, at which integration errors matter
 QUIET_NOISE_SHARE = 1e-3
-RICHARDSON_FACTOR = 16.0 / 15.0  # of the difference of steps h and h/2, order 4
-# times what smoothing leaves of a record without noise: a record that leaves more has noise of its
-# own
+RICHARDSON_FACTOR = 16.0 / 15.0  # factor on the difference between steps h and h/2, order 4
+# largest residual over that of a simulation without noise: a larger one shows noise in the record
 LARGEST_SMOOTHING_RATIO = 3.0
 
 
 def with_integration_error(estimate: Estimate, fit: Fit) -> Estimate:
-    """Return an output-error estimate whose covariance holds the error of the integration where a
-    record has hardly any noise.
+    """Return an output-error estimate whose covariance includes the integration error, if a record
+    has hardly any noise.
 
-    The message says where that error is larger than the sigma. A fit that stopped at its limit has
-    it too: at the level of rounding the last steps are shorter than this error.
+    The message names parameters whose error exceeds the sigma. A fit at its iteration limit is
+    included: its last steps are shorter than this error.
     """
     error = (
         integration_error(fit)
@@ -79,7 +84,7 @@ def integration_error(fit: Fit) -> np.ndarray | None:
     begun = evaluate(bare, fit.theta, bare.layout.guesses(fit.theta))
     if begun is None:
         return None
-    better, gradient = joined_up(begun), np.zeros(len(fit.theta))
+    better, gradient = with_exact_trajectory(begun), np.zeros(len(fit.theta))
     for r, problem in enumerate(layout.problems):
         weight = np.where(problem.valid, 1.0 / fit.variance[:, None], 0.0)
         moved = weight * (better.lines[r].y - fit.lines[r].y)
@@ -103,11 +108,11 @@ def _quiet(fit: Fit) -> bool:
 def with_sampling_error(
     estimate: Estimate, records: Sequence[Record], system: System, settings: FitSettings
 ) -> Estimate:
-    """Return an estimate by equation error whose covariance holds the error of sampling where a
-    record has hardly any noise.
+    """Return an equation-error estimate whose covariance includes the sampling error, if a record
+    has hardly any noise.
 
-    The estimate itself where the records have noise, or where their simulation leaves the range of
-    numbers. The message says where the error is larger than the sigma.
+    The estimate is unchanged if the records have noise or their simulation overflows. The message
+    names parameters whose error exceeds the sigma.
     """
     if estimate.outcome not in (Outcome.CONVERGED, Outcome.MAX_ITERATIONS):
         return estimate
@@ -134,8 +139,8 @@ def with_sampling_error(
 
 
 def _widened(estimate: Estimate, error: np.ndarray, said: str) -> Estimate:
-    """Return an estimate with an error ``(n,)`` added to its covariance, and a sentence where that
-    is larger than a sigma.
+    """Return an estimate with an error ``(n,)`` added to its covariance, and a sentence if the
+    error exceeds a sigma.
     """
     message = said if np.any(np.abs(error) > estimate.std) else ""
     return replace(
@@ -159,7 +164,7 @@ def _simulated(
     begun = evaluate(bare, layout.start, layout.guesses(layout.start))
     if begun is None:
         return None
-    lines = joined_up(begun).lines
+    lines = with_exact_trajectory(begun).lines
     out = []
     for record, line in zip(records, lines, strict=True):
         rows = dict(zip(known.output_names, line.y, strict=True))

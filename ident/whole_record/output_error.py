@@ -1,7 +1,7 @@
 """Output-error fit: maximum likelihood without process noise; its starts, and failed fits.
 
-Equation error needs no simulation, so an unstable aircraft is as easy for it as a stable one;
-output error goes on from there.
+Equation error needs no simulation, so that it also works for unstable aircraft; output error may
+start from its result.
 
 Maine and Iliff, NASA RP-1138; Jategaonkar, Flight Vehicle System Identification, ch. 4. Parameters
 are shared by all records; initial states and the parameters named local belong to one record each.
@@ -40,27 +40,27 @@ from sim.declaration.model import System
 from sim.errors import FlightidError, ModelError
 from sim.record import Record
 
-# ---- Where an output-error fit begins
+# ---- Starts of an output-error fit
 
-# e-foldings up to which a record is followed whole: with 15 and a faint motion fits take 50 steps,
-# cut in two they take 4
+# largest growth, in e-foldings, of a record that is fitted whole: with 15 a fit takes 50 steps, in
+# two pieces 4
 MOST_EFOLDINGS_IN_ONE_FIT = 10.0
-# e-foldings of a piece at most, of a record that is not; sigmas grow by a tenth at most, with 6 by
-# half
+# largest growth of a piece, in e-foldings: sigmas grow by at most a tenth, with 6 by half
 MOST_EFOLDINGS_PER_PIECE = 8.0
-FEWEST_PIECE_SAMPLES = 50  # samples of a piece, which has five unknowns or more of its own
-SAME_MINIMUM_LOG_LIKELIHOOD = 0.1  # of log likelihood, by which two fits in one minimum may differ
-# rms of a residual, in those of the channel about its mean, from which a simulation has run away;
-# one at rest leaves about 1
+FEWEST_PIECE_SAMPLES = 50  # fewest samples of a piece, which has five or more unknowns of its own
+# largest difference of log likelihood between fits in the same minimum
+SAME_MINIMUM_LOG_LIKELIHOOD = 0.1
+# smallest rms residual of a divergent simulation, over the rms of the channel about its mean; a
+# vehicle at rest gives about 1
 RUNAWAY_RESIDUAL_RATIO = 10.0
 
 
 def fit_from_best_start(layout: FitLayout) -> Fit | None:
     """Return the output-error fit of a layout; None where no start has a finite cost.
 
-    From the declared values where their simulation stays with the record and settles. Otherwise
-    from equation error as well, where the record has all states and no prior speaks; the first fit
-    that settles, else the one of least cost.
+    It starts from the declared values if their simulation follows the record. If this fit does not
+    converge, it also starts from equation error, provided that the record has all states and no
+    priors are used. The first converged fit is returned, else the one of least cost.
     """
     begun = None
     if layout.shared and layout.prior is None and quiet(layout):
@@ -77,38 +77,37 @@ def fit_from_best_start(layout: FitLayout) -> Fit | None:
             or layout.prior is not None
         ):
             return first
-        return _better([first], from_regression(layout))
-    return _better([], from_regression(layout), iter([layout]))
+        return _first_converged([first], from_regression(layout))
+    return _first_converged([], from_regression(layout), iter([layout]))
 
 
 def fits_at_their_least(first: FitLayout, second: FitLayout) -> tuple[Fit | None, Fit | None]:
-    """Output-error fits of two models of the same records, each at the least minimum that any start
-    of either leads to.
+    """Return the output-error fits of two models to the same records, each at the lowest minimum
+    over the starts of both.
 
-    Each is fitted from the declared values and from where the other one has ended: a fit in a
-    minimum beside the least one would say more of its start than of its model. Where one has
-    settled for more than it need, equation error gives a further start to both. None for a model of
-    which no start has a finite cost.
+    Each starts from the declared values and from the estimate of the other, so that the comparison
+    does not depend on the starts. If one has ended in a higher minimum, equation error gives a
+    further start to both. None for a model without a finite cost.
     """
     old, new = fit_from_best_start(first), fit_from_best_start(second)
     if not first.shared or first.prior is not None or second.prior is not None:
         return old, new
     begun = old, new
-    old = _least(old, [_started(first, _values(new))] if new is not None else [])
-    new = _least(new, [_started(second, _values(old))] if old is not None else [])
-    if _settled(begun[0], old) and _settled(begun[1], new):
+    old = _least(old, [_with_starts(first, _values(new))] if new is not None else [])
+    new = _least(new, [_with_starts(second, _values(old))] if old is not None else [])
+    if _at_lowest_minimum(begun[0], old) and _at_lowest_minimum(begun[1], new):
         return old, new
     for each in from_regression(first):
         regressed = dict(zip(each.shared, each.start.tolist(), strict=False))
         old, new = (
-            _least(old, [_started(first, regressed)]),
-            _least(new, [_started(second, regressed)]),
+            _least(old, [_with_starts(first, regressed)]),
+            _least(new, [_with_starts(second, regressed)]),
         )
     return old, new
 
 
-def _settled(begun: Fit | None, best: Fit | None) -> bool:
-    """Return whether a fit was at its least minimum already."""
+def _at_lowest_minimum(begun: Fit | None, best: Fit | None) -> bool:
+    """Return whether a fit was already at its lowest minimum."""
     return begun is best or (
         begun is not None
         and best is not None
@@ -133,8 +132,8 @@ def _values(fit: Fit) -> dict[str, float]:
     return dict(zip(fit.layout.shared, fit.theta.tolist(), strict=False))
 
 
-def _started(layout: FitLayout, values: Mapping[str, float]) -> FitLayout:
-    """Return the layout with other starts of those shared parameters that have a value."""
+def _with_starts(layout: FitLayout, values: Mapping[str, float]) -> FitLayout:
+    """Return the layout with starting values of some shared parameters replaced."""
     start = layout.start.copy()
     for i, name in enumerate(layout.shared):
         start[i] = np.clip(values.get(name, start[i]), layout.low[i], layout.high[i])
@@ -148,12 +147,12 @@ def in_pieces(
     local: Collection[str] = (),
     whole: FitLayout | None = None,
 ) -> list[list[Record]]:
-    """Each record as what is fitted of it: itself, or pieces along which a motion that grows by
-    itself can be followed.
+    """Return each record as one piece, or cut into pieces that are short against the growth of an
+    unstable motion.
 
-    Each piece has its own initial state and biases. Models whose input has a memory, and fits with
-    priors, keep their records whole. ``whole`` is the layout of the records as they are, where
-    there is one already.
+    Each piece has its own initial state and biases. Records stay whole for models with lags or
+    delays of inputs, and for fits with priors. ``whole`` is the layout of the records as they are,
+    where there is one already.
     """
     layout = whole or lay_out(records, system, settings, local=local)
     if not layout.shared or layout.prior is not None or system.input_stages or quiet(layout):
@@ -168,8 +167,8 @@ def started_unstable(
     """Return the System started at the derivatives of equation error, where its motion grows at
     these and not at the declared values; else None.
 
-    Declared values may say nothing of an aircraft being unstable. Asked where a fit from them has
-    not settled.
+    Used if a fit from the declared values has not converged: these may hide that the aircraft is
+    unstable.
     """
     layout = lay_out(records, system, settings, local=local)
     if not layout.shared or layout.prior is not None or not quiet(layout):
@@ -194,7 +193,7 @@ def put_together(
 
 
 def said_of_pieces(pieces: Sequence[Sequence[Record]]) -> str:
-    """Return a sentence where some record was cut, else nothing."""
+    """Return a sentence if a record was cut, else an empty text."""
     count = sum(len(each) for each in pieces)
     if count == len(pieces):
         return ""
@@ -205,7 +204,7 @@ def said_of_pieces(pieces: Sequence[Sequence[Record]]) -> str:
 
 
 def _cut(record: Record, grown: float) -> list[Record]:
-    """Pieces of a record along which a motion grows by ``grown`` e-foldings, none with fewer than
+    """Return pieces of a record whose motion grows by ``grown`` e-foldings, each with at least
     ``FEWEST_PIECE_SAMPLES`` samples.
     """
     count = min(
@@ -224,8 +223,8 @@ def _duration(record: Record) -> float:
 
 
 def quiet(layout: FitLayout, theta: np.ndarray | None = None) -> bool:
-    """Return whether no mode of the motion grows enough to be met in parts, at ``theta`` (the start
-    when None).
+    """Return whether no mode grows enough to need a fit by parts, at ``theta`` (None: the
+    start).
     """
     return (
         _start_growth(layout) <= MOST_EFOLDINGS_AT_ONCE
@@ -234,28 +233,29 @@ def quiet(layout: FitLayout, theta: np.ndarray | None = None) -> bool:
     )
 
 
-@lru_cache(maxsize=2)  # a fit asks for its start more than once
+@lru_cache(maxsize=2)  # a fit needs its start several times
 def _start_growth(layout: FitLayout) -> float:
     return growth(layout)
 
 
 def runs_away(fit: Fit) -> bool:
-    """Return whether the simulation leaves a record by tenfold its own motion."""
+    """Return whether the simulation differs from a record by ten times the record's own motion."""
     layout = fit.layout
     for i in np.flatnonzero(layout.used):
         known = [problem.valid[i] for problem in layout.problems]
         rows = [problem.z[i, valid] for problem, valid in zip(layout.problems, known, strict=True)]
         motion = np.concatenate([row - np.mean(row) for row in rows if row.size])
         error = np.concatenate([fit.residuals[r][i, valid] for r, valid in enumerate(known)])
-        error = error - np.mean(error)  # a level apart is a bias, which the fit takes off at once
+        # a constant offset is a bias, which the first step of the fit removes
+        error = error - np.mean(error)
         if np.sqrt(np.mean(error**2)) > RUNAWAY_RESIDUAL_RATIO * np.sqrt(np.mean(motion**2)) > 0.0:
             return True
     return False
 
 
 def from_regression(layout: FitLayout) -> Iterator[FitLayout]:
-    """Yield the layout started at the values of equation error; nothing where a record does not
-    give its states or they did not settle.
+    """Yield the layout started at the values of equation error; nothing if the record lacks states
+    or the regression fails.
     """
     try:
         records = [problem.record for problem in layout.problems]
@@ -275,10 +275,8 @@ def from_regression(layout: FitLayout) -> Iterator[FitLayout]:
     yield replace(layout, start=start)
 
 
-def _better(found: list[Fit | None], *starts: Iterator[FitLayout]) -> Fit | None:
-    """Return the first fit from the starts that settles, else the best of all; of those that are
-    ``found`` already none has.
-    """
+def _first_converged(found: list[Fit | None], *starts: Iterator[FitLayout]) -> Fit | None:
+    """Return the first converged fit over the starts, else the best of all, ``found`` included."""
     fits = list(found)
     for begun in (each for some in starts for each in some):
         fit = fit_whole_records(FitProblem(begun)) if quiet(begun) else fit_unstable(begun)
@@ -296,8 +294,7 @@ def _better(found: list[Fit | None], *starts: Iterator[FitLayout]) -> Fit | None
 # ---- Output-error fit
 
 METHOD = "output-error"
-# roundings from which a residual is one: nearly exact data leave a few
-_LEAST_NOISE_ROUNDINGS = 1e3
+_LEAST_NOISE_ROUNDINGS = 1e3  # largest residual, in roundings, of an exact fit
 __all__ = ["FitSettings", "fit_output_error"]
 
 
@@ -361,8 +358,8 @@ def _fitted(
 
 
 def shared_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
-    """Return the covariance of the shared parameters ``(s, s)`` and whether all are determined; of
-    a motion that grows without squaring its sensitivities.
+    """Return the covariance of the shared parameters ``(s, s)`` and whether all are determined; for
+    unstable motion the sensitivities are not squared.
     """
     n = len(fit.layout.shared)
     if fit.layout.prior is None and n and not quiet(fit.layout, fit.theta):
@@ -372,8 +369,8 @@ def shared_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
 
 
 def degenerate(fit: Fit) -> bool:
-    """Return whether some output is met to rounding while another is far from it: the one without
-    noise outweighs all others without bound.
+    """Return whether an output is fitted to rounding while another is not: the exact one then has
+    unlimited weight.
     """
     above = np.sqrt(fit.variance / fit.layout.smallest)[fit.layout.used]
     return bool(np.any(above <= 1.0) and np.any(above > _LEAST_NOISE_ROUNDINGS))
@@ -394,8 +391,7 @@ def fit_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
     ]
     known = prior_information(fit)
     if fit.noise_model.names:
-        # What innovation covariances say of the unknowns, and the prior: no colour of the residuals
-        # changes that.
+        # Information from innovation covariances and priors: coloured residuals do not change it.
         known = np.array(normal)
         for r, problem in enumerate(layout.problems):
             weight = np.where(problem.valid, -1.0 / fit.variance[:, None], 0.0)
@@ -426,8 +422,8 @@ def prior_information(fit: Fit) -> np.ndarray | None:
 
 
 def estimate_of(fit: Fit) -> Estimate:
-    """Return the shared parameters of a fit as an Estimate; its covariance holds the error of the
-    integration where that counts.
+    """Return the shared parameters of a fit as an Estimate; its covariance includes the integration
+    error where it matters.
     """
     layout, n = fit.layout, len(fit.layout.shared)
     covariance, determined = shared_covariance(fit)
@@ -455,7 +451,9 @@ def estimate_of(fit: Fit) -> Estimate:
 
 
 def failed_estimate(layout: FitLayout, method: str = METHOD) -> Estimate:
-    """The start of a layout with sigmas as large as itself, for a fit that found no finite cost."""
+    """Return the start of a layout with sigmas equal to the values, for a fit without
+    finite cost.
+    """
     theta = layout.start[: len(layout.shared)]
     return Estimate(
         method,
@@ -471,7 +469,7 @@ def failed_estimate(layout: FitLayout, method: str = METHOD) -> Estimate:
     )
 
 
-# ---- Whether a fit by free simulation has failed
+# ---- Failed fits by free simulation
 
 UNDETERMINED = "the records determine none of the derivatives"
 
@@ -479,11 +477,11 @@ UNDETERMINED = "the records determine none of the derivatives"
 def failed_simulation(
     channels: Mapping[str, str], measured: Sequence[np.ndarray], residuals: Sequence[np.ndarray]
 ) -> str:
-    """Why simulated outputs are no fit of what was measured; empty where they are one.
+    """Return why simulated outputs do not fit the measurement; empty if they do.
 
-    A simulation has run away where it leaves a channel by ten times the channel's own motion. A fit
-    is worse than none where a level of each channel by itself would be likelier: an aircraft that
-    does not move is among the models, so that no minimum lies above it.
+    A simulation diverged if it differs from a channel by ten times the channel's motion. A fit also
+    failed if constant channels would be likelier: a model at rest is always possible, so that such
+    a fit is in no minimum.
 
     Parameters
     ----------
@@ -519,16 +517,16 @@ def none_determined(sigmas: Iterable[tuple[float, float]]) -> bool:
     """Return whether no derivative is known within three times its declared size, from pairs of a
     standard deviation and the declared value.
 
-    A vehicle file may be 30 % wrong: a sigma of ten times that says nothing that the file does not
-    say. Values declared as zero do not count.
+    A vehicle file may be 30 % wrong; a sigma of ten times that adds no information. Values declared
+    as zero do not count.
     """
     known = [(std, abs(declared)) for std, declared in sigmas if declared != 0.0]
     return bool(known) and all(not std <= IMPLAUSIBLE_CHANGE_FACTOR * size for std, size in known)
 
 
 def failed_fit(fit: Fit, declared: Mapping[str, float]) -> tuple[str, str]:
-    """Why an output-error fit has failed and what to do; both empty where it has not. ``declared``
-    values by parameter.
+    """Return why an output-error fit has failed, and a remedy; both empty if it has not.
+    ``declared`` values by parameter.
     """
     layout = fit.layout
     names, problems = layout.system.output_names, layout.problems
@@ -563,7 +561,7 @@ def failed_fit(fit: Fit, declared: Mapping[str, float]) -> tuple[str, str]:
 
 
 def _remedy(fit: Fit) -> str:
-    """Return the remedy for a failed fit; for a motion that grows by itself, the longest record."""
+    """Return the remedy for a failed fit; for an unstable motion, the longest usable record."""
     layout = fit.layout
     rate = max(fastest(layout), fastest(layout, fit.theta))
     longest = max(

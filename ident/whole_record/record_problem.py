@@ -1,8 +1,8 @@
 """One record laid out for a fit: grid and inputs, interval transitions, exact simulation of linear
 equations.
 
-Rows of states and of driven inputs have their columns first and the times last, so that one step of
-an integrator serves every interval and every column together.
+Arrays of states and inputs have columns first and times last, so that one step of the integrator
+handles all intervals and columns.
 
 Where the rates are linear in the states with coefficients that are at most products of two
 parameters, one table holds them all (`ident.bilinear_table`). A step of the integrator is then one
@@ -36,7 +36,7 @@ from sim.record import Record
 
 # ---- One record laid out for a whole-record fit
 
-DIFFERENCE_STEP_SHARE = 1e-6  # of a parameter's or state's size, for forward differences
+DIFFERENCE_STEP_SHARE = 1e-6  # step of forward differences, relative to the parameter or state
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +79,7 @@ def record_problem(
     """Lay out a record; sub-steps of at most ``max_step`` s; ``valid (m, N)`` replaces the record's
     own mask.
 
-    ``at (np,)``: parameters that the input path has where none of it is free; those of the system
-    when None.
+    ``at (np,)``: parameters of the input path if none of them is free; None: the system's own.
     """
     z, measured = record.output_array(system.output_names)
     grid, recorded = _recorded(record, system.input_names, max_step)
@@ -114,7 +113,7 @@ def record_problem(
     )
 
 
-@lru_cache(maxsize=16)  # a search lays out the same few records hundreds of times
+@lru_cache(maxsize=16)  # a search lays out the same records hundreds of times
 def _recorded(record: Record, inputs: tuple[str, ...], max_step: float) -> tuple[Grid, Drive]:
     grid = make_grid(record.time, max_step)
     return grid, recorded_drive(record.input_array(inputs), record.time, record.hold, grid)
@@ -129,13 +128,13 @@ def driven_by(record: Record, system: System, p: Sequence[Any] | np.ndarray, gri
 
 # ---- Interval transitions
 
-# numbers of a state that are integrated together: more do not stay in a processor's cache
-_AT_ONCE = 16_000
+# numbers of a state integrated together; more do not fit the processor's cache
+_LARGEST_BATCH = 16_000
 
 
 def changed_rows(drive: Drive, change: Callable[[Any], Any]) -> Drive:
-    """Return a drive with every row changed; one that stands in several places, as held inputs do,
-    is changed once.
+    """Return a drive with every row changed; a row that occurs several times (held inputs) is
+    changed once.
     """
     begun, middle, ended, begin, end = _changed([*drive.stages, drive.begin, drive.end], change)
     return Drive((begun, middle, ended), begin, end)
@@ -155,13 +154,13 @@ def _changed(lists: Sequence[list[Any]], change: Callable[[Any], Any]) -> list[l
 def sample_outputs(
     problem: RecordProblem, p: Sequence[Any], X: list[Any], drive: Drive, apart: Sequence[int]
 ) -> np.ndarray:
-    """Outputs at the record's samples ``(m, c, N)`` from states at the nodes, rows ``(c, K + 1)``;
-    rows of the drive ``(c, M)``.
+    """Return the outputs at the record's samples ``(m, c, N)`` from states at the nodes, rows ``(c,
+    K + 1)``; rows of the drive ``(c, M)``.
 
-    ``apart`` are the columns that may move otherwise than column 0, which is the first of them: the
-    others differ after the dynamics only.
+    ``apart`` are the columns, 0 first, whose states differ; the other columns differ from column 0
+    in the output equation only.
     """
-    system, grid, upright, c = problem.system, problem.grid, _upright(p), len(X[0])
+    system, grid, upright, c = problem.system, problem.grid, _as_columns(p), len(X[0])
     sample = grid.sample
     if not system.sensor_stages:
         nodes, out = sample // grid.substeps, None
@@ -172,19 +171,19 @@ def sample_outputs(
             y = system.h(
                 grid.edges[sample[at]], here, [row[..., sample[at]] for row in drive.begin], upright
             )
-            out = _put(out, y, (c, len(sample)), at)
+            out = _write_part(out, y, (c, len(sample)), at)
         assert out is not None
         return out
     edges = _all_edges(problem, p, X, drive, apart)
     last = [row[:, -1:] for row in X]
     begin_x = [
-        np.concatenate([_in_a_row(rows), row], axis=1)
+        np.concatenate([_in_time_order(rows), row], axis=1)
         for rows, row in zip(zip(*edges[:-1], strict=True), last, strict=True)
     ]
-    end_x = [_in_a_row(rows) for rows in zip(*edges[1:], strict=True)]
+    end_x = [_in_time_order(rows) for rows in zip(*edges[1:], strict=True)]
     begin = stacked(system.h(grid.edges, begin_x, drive.begin, upright), (c, len(grid.edges)))
     end = stacked(system.h(grid.edges[1:], end_x, drive.end, upright), (c, len(grid.edges) - 1))
-    # A sensor's memory runs over the time, which is the first axis to it.
+    # The sensor path needs time as its first axis.
     rows, _ = system.sensor_path(p, [row.T for row in begin], [row.T for row in end], grid.steps)
     return stacked(
         [np.broadcast_to(row, (len(grid.edges), c)).T[:, sample] for row in rows], (c, len(sample))
@@ -195,7 +194,7 @@ def _all_edges(
     problem: RecordProblem, p: Sequence[Any], X: list[Any], drive: Drive, apart: Sequence[int]
 ) -> list[list[Any]]:
     """Return the same as ``cross_intervals`` from ``X (c, K + 1)``, computed for the columns
-    ``apart`` alone; the others move as column 0 does.
+    ``apart``; the others equal column 0.
     """
     starts, c = [row[:, :-1] for row in X], len(X[0])
     if len(apart) == c:
@@ -212,37 +211,39 @@ def _all_edges(
     ]
 
 
-def _in_a_row(rows: Sequence[np.ndarray]) -> np.ndarray:
-    """Values ``(c, K)`` at each of S sub-steps as they follow each other: ``(c, K S)``."""
+def _in_time_order(rows: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the values ``(c, K)`` at each of S sub-steps in order of time: ``(c, K S)``."""
     return np.stack(rows, axis=2).reshape(len(rows[0]), -1)
 
 
 def interval_ends(
     problem: RecordProblem, x: Sequence[Any], drive: Drive, p: Sequence[Any], columns: int = 0
 ) -> np.ndarray:
-    """States after all node intervals ``(nx, c, K)`` from those before, rows ``(c, K)``; rows of
-    the drive ``(c, M)``.
+    """Return the states ``(nx, c, K)`` at the end of all node intervals from those at the
+    beginning, rows ``(c, K)``; rows of the drive ``(c, M)``.
 
-    ``columns`` : c, where a state that all columns begin at may be given as a row ``(1, K)``.
+    ``columns`` : c; a state that is equal in all columns may be a row ``(1, K)``.
     """
     shape, out = (columns or len(x[0]), x[0].shape[1]), None
     for at in _parts(*shape):
-        out = _put(out, _crossed(problem, [row[:, at] for row in x], drive, p, at)[-1], shape, at)
+        out = _write_part(
+            out, _crossed(problem, [row[:, at] for row in x], drive, p, at)[-1], shape, at
+        )
     assert out is not None
     return out
 
 
 def _parts(c: int, K: int) -> list[slice]:
-    """Columns ``(c, K)`` cut along the time, so that a part stays in a processor's cache."""
-    rows = max(1, -(-K // max(1, -(-c * K // _AT_ONCE))))
+    """Yield the columns ``(c, K)`` cut along time, to fit the processor's cache."""
+    rows = max(1, -(-K // max(1, -(-c * K // _LARGEST_BATCH))))
     return [slice(k, min(k + rows, K)) for k in range(0, max(K, 1), rows)]
 
 
-def _put(
+def _write_part(
     out: np.ndarray | None, rows: Sequence[Any], shape: tuple[int, ...], at: slice
 ) -> np.ndarray:
-    """Return the rows of one part at its place in the whole, ``(len(rows), *shape)``, which the
-    first part makes; a row may be the same for all columns.
+    """Write the rows of one part to its place in the whole, ``(len(rows), *shape)``, created with
+    the first part; return the whole.
     """
     if out is None:
         out = np.empty((len(rows), *shape), dtype=np.result_type(float, *rows))
@@ -254,8 +255,8 @@ def _put(
 def cross_intervals(
     problem: RecordProblem, x: list[Any], drive: Drive, p: Sequence[Any]
 ) -> list[list[Any]]:
-    """States before the first and after every sub-step of all node intervals, rows ``(c, K)``; rows
-    of the drive ``(c, M)``.
+    """Return the states before the first and after every sub-step of all node intervals, rows ``(c,
+    K)``; rows of the drive ``(c, M)``.
     """
     c, K = x[0].shape
     parts = _parts(c, K)
@@ -276,7 +277,7 @@ def _crossed(
     problem: RecordProblem, x: list[Any], drive: Drive, p: Sequence[Any], at: slice
 ) -> list[list[Any]]:
     """Return the same for some of the intervals, whose states are ``x``."""
-    grid, substeps, upright = problem.grid, problem.grid.substeps, _upright(p)
+    grid, substeps, upright = problem.grid, problem.grid.substeps, _as_columns(p)
     path = [x]
     for s in range(substeps):
 
@@ -297,8 +298,8 @@ def _crossed(
 
 
 def stacked(rows: Sequence[Any], shape: tuple[int, ...]) -> np.ndarray:
-    """Return the rows of which some may be the same for all columns, or numbers, in one array
-    ``(len(rows), *shape)``.
+    """Return the rows, some of them shared by all columns or numbers, in one array ``(len(rows),
+    *shape)``.
     """
     out = np.empty((len(rows), *shape), dtype=np.result_type(float, *rows))
     for i, row in enumerate(rows):
@@ -306,15 +307,15 @@ def stacked(rows: Sequence[Any], shape: tuple[int, ...]) -> np.ndarray:
     return out
 
 
-def _upright(p: Sequence[Any]) -> list[Any]:
-    """Return the parameters against rows ``(c, K)``: those with a value a column as ``(c, 1)``."""
+def _as_columns(p: Sequence[Any]) -> list[Any]:
+    """Return the parameters for rows ``(c, K)``: those with one value a column as ``(c, 1)``."""
     return [value[:, None] if np.ndim(value) else value for value in p]
 
 
-# ---- A record of linear equations under held inputs
+# ---- Linear equations with held inputs
 
 _ORDERS = {rk4_step: 4, euler_step: 1}
-_EVEN_SAMPLING_TOLERANCE = 1e-9  # of a step: what time stamps may differ by for all steps to be one
+_EVEN_SAMPLING_TOLERANCE = 1e-9  # largest relative difference of even steps
 
 
 Line = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -327,9 +328,9 @@ def linear_record(
     (np,)`` and initial state ``x0``.
 
     States are simulated; their sensitivities are formed along the ``guess (nx, K + 1)`` as in
-    `ident.whole_record.linearise`, which is what brings a fit from a poor start home: measured
-    states are nearer to the truth than its simulation. None where the equations are not of this
-    kind, a parameter moves the inputs, a sensor has a memory, or steps are not even.
+    `ident.whole_record.linearise`, so that a fit converges from a poor start: measured states are
+    nearer to the truth than its simulation. None where the equations are not of this kind, a
+    parameter moves the inputs, a sensor has a memory, or steps are not even.
     """
     system = problem.system
     if problem.drive is None or system.sensor_stages or problem.step not in _ORDERS:
@@ -344,8 +345,8 @@ def linear_record(
     moves, by_moves = _step_matrices(both[:n_x], by_both[:, :n_x], step.dt, _ORDERS[problem.step])
     n_p, m, c, count = len(by_both), len(reading), len(by_both) + len(starts), len(step.fed)
 
-    # Rows of time: what a step is fed with is (states, 1, inputs), of which every right-hand side
-    # of the recursion is a product.
+    # Rows of time: the arguments (states, 1, inputs) of a step, which multiply every right-hand
+    # side of the recursion.
     band = _band(moves[:, :n_x], count)
     right = np.empty((1, count + 1, n_x))
     right[0, 0] = x0
@@ -361,7 +362,7 @@ def linear_record(
     at = step.samples
     seen = np.concatenate([states[at], step.seen], axis=1)
     jacobian = (reading[:, :n_x] @ by_state[:, at].reshape(n_x, -1)).reshape(m, len(seen), c)
-    if np.any(by_reading):  # outputs that are states know no parameter
+    if np.any(by_reading):  # outputs that are states depend on no parameter
         jacobian[:, :, :n_p] += seen @ by_reading.transpose(1, 2, 0)
     return reading @ seen.T, jacobian, states[::substeps].T.copy(), by_state[:, ::substeps]
 
@@ -380,8 +381,8 @@ def _along(guess: np.ndarray, moves: np.ndarray, fed: np.ndarray, substeps: int)
 
 
 def _band(Phi: np.ndarray, count: int) -> np.ndarray:
-    """Return the matrix of x[k] - Phi x[k - 1] over so many steps, ``(2 n, (count + 1) n)`` in
-    diagonals as LAPACK wants it.
+    """Return the matrix of x[k] - Phi x[k - 1] over so many steps, ``(2 n, (count + 1) n)`` in the
+    diagonal storage of LAPACK.
     """
     n = len(Phi)
     band = np.zeros((2 * n, count + 1, n))
@@ -393,8 +394,8 @@ def _band(Phi: np.ndarray, count: int) -> np.ndarray:
 
 
 def _solved(band: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """x of x[k] - Phi x[k - 1] = right[k], x[0] = right[0], for every right-hand side ``(c, count +
-    1, n)``, which is overwritten.
+    """Solve x[k] - Phi x[k - 1] = right[k], x[0] = right[0], for every right-hand side ``(c, count
+    + 1, n)``, which is overwritten.
     """
     from scipy.linalg.lapack import dtbtrs
 
@@ -427,9 +428,10 @@ def _step_matrices(
 
 
 @dataclass(frozen=True, eq=False)
-class _Held:
-    """Steps that are all of one size ``dt`` (s), what they are fed with, ``(M, 1 + n_u)``: 1 and
-    the inputs; ``seen (N, 1 + n_u)`` at the ``samples`` among the edges."""
+class _EqualSteps:
+    """Steps of equal size ``dt`` (s) with their arguments ``(M, 1 + n_u)``: 1 and the inputs;
+    ``seen (N, 1 + n_u)`` are those at the ``samples`` among the edges.
+    """
 
     dt: float
     fed: np.ndarray
@@ -438,7 +440,7 @@ class _Held:
 
 
 @lru_cache(maxsize=16)
-def _held(drive: Drive, grid: Grid) -> _Held | None:
+def _held(drive: Drive, grid: Grid) -> _EqualSteps | None:
     if (
         not constant_within_steps(drive)
         or np.ptp(grid.steps) > _EVEN_SAMPLING_TOLERANCE * grid.steps[0]
@@ -453,13 +455,15 @@ def _held(drive: Drive, grid: Grid) -> _Held | None:
             (len(at), [row[at] for row in drive.begin]),
         )
     )
-    return _Held(float(grid.steps.mean()), np.stack(fed, axis=1), np.stack(seen, axis=1), every)
+    return _EqualSteps(
+        float(grid.steps.mean()), np.stack(fed, axis=1), np.stack(seen, axis=1), every
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class _Line:
-    """Rates and outputs, linear in (states, 1, inputs): ``r`` values of ``l`` entries, ``P``
-    parameters that are ``free`` (positions among all).
+class _LinearFunctions:
+    """Rates and outputs as ``r`` linear functions of the ``l`` arguments (states, 1, inputs), with
+    ``P`` free parameters at positions ``free``.
 
     ``matrix (r, l)`` at zero, ``by_parameter (P, r, l)``, and of the column of the 1, at ``one``,
     second derivatives ``(P, r, P)``, None without.
@@ -493,8 +497,8 @@ def _held_values(system: System, p: np.ndarray) -> tuple[float, ...]:
     )
 
 
-@lru_cache(maxsize=64)  # a fit asks for the same one again and again
-def _line(system: System, held: tuple[float, ...]) -> _Line | None:
+@lru_cache(maxsize=64)  # a fit needs the same one many times
+def _line(system: System, held: tuple[float, ...]) -> _LinearFunctions | None:
     values, left = system.parameters.values().tolist(), iter(held)
     for index, item in enumerate(system.parameters.items):
         values[index] = values[index] if item.free else next(left)
@@ -503,7 +507,7 @@ def _line(system: System, held: tuple[float, ...]) -> _Line | None:
     if found is None:
         return None
     n_x, n, width = len(system.states), found[0].n, len(found[0].table)
-    # Halves of the slopes by every entry of (1, states, parameters, inputs), what is linear whole.
+    # Half the derivatives by (1, states, parameters, inputs), linear terms whole.
     halves = np.concatenate(
         [table.table.reshape(width, -1, n + width)[:, :, n:] for table in found], axis=1
     )
@@ -514,4 +518,6 @@ def _line(system: System, held: tuple[float, ...]) -> _Line | None:
     by_parameter[:, :, n_x] = slopes[0, :, parameters].T
     squares = slopes[parameters][:, :, parameters]
     free = tuple(system.parameters.index(name) for name in system.parameters.free_names)
-    return _Line(free, slopes[0][:, order], by_parameter, squares if np.any(squares) else None, n_x)
+    return _LinearFunctions(
+        free, slopes[0][:, order], by_parameter, squares if np.any(squares) else None, n_x
+    )

@@ -1,12 +1,11 @@
 """Whole-record fits of a motion that grows by itself: an aircraft that only its flight control
 system holds.
 
-Of a mode that grows by e^15 along a record, every derivative and the initial state move the end of
-the trajectory by millions of times what the middle feels, nearly all of it alike.
-Levenberg-Marquardt in all unknowns then creeps along a bent valley. Here what belongs to one record
-(initial state, biases) is projected out of the sensitivities of the shared parameters (variable
-projection: Golub and Pereyra 1973; Kaufman 1975), damping acts on what is left, and it is solved
-for again after every step. The record is met in growing parts.
+A mode may grow by e^15 along a record. All unknowns then change the end of the trajectory
+enormously and almost alike, and Levenberg-Marquardt in all unknowns is slow. Here the unknowns of
+single records (initial states, biases) are projected out of the sensitivities of the shared
+parameters (variable projection: Golub and Pereyra 1973; Kaufman 1975), and solved for again after
+every step. Growing parts of the record are fitted in turn.
 """
 
 from __future__ import annotations
@@ -22,24 +21,28 @@ from ident.estimate import Outcome
 from ident.statistics.intervals import inverse_information
 from ident.statistics.minimise import Descent, LocalModel, local_model, minimise, unresolved
 from ident.statistics.residual_spectrum import corrected_covariance
-from ident.whole_record.gauss_newton import Fit, arrived, carried, evaluate, joined_up
+from ident.whole_record.gauss_newton import (
+    Fit,
+    evaluate,
+    has_converged,
+    predicted_trajectories,
+    with_exact_trajectory,
+)
 from ident.whole_record.layout import FitLayout, FitProblem
 from sim.declaration.model import System
 from sim.maths import complex_step_jacobian
 
-# e-foldings along a record from which a motion is met in parts: below, a fit of the whole has no
-# trouble
+# smallest growth, in e-foldings along a record, that needs a fit by parts
 MOST_EFOLDINGS_AT_ONCE = 3.0
 _FIRST_PART_EFOLDINGS = 3.0  # e-foldings of the first part; each further part is twice as long
-_PART_TOLERANCE = 0.3  # tolerance, in sigmas, of all parts but the whole
-# to a record's own unknowns, at most; of log likelihood: what gains less is left to the next step
-# of all
+_PART_TOLERANCE = 0.3  # tolerance of the parts before the last, in sigmas
+# most steps in a record's own unknowns, and the smallest gain of log likelihood that needs another
 _OWN_STEPS, _OWN_GAIN = 12, 0.1
 
 
 def fastest(layout: FitLayout, theta: np.ndarray | None = None) -> float:
-    """Growth rate (1/s) of the fastest mode at rest, at ``theta`` (the start when None); zero where
-    none grows, infinite where they overflow.
+    """Return the growth rate (1/s) of the fastest mode at rest, at ``theta`` (None: the start);
+    zero if stable, infinite if it overflows.
     """
     theta = layout.start if theta is None else theta
     system, most = layout.system, 0.0
@@ -58,8 +61,8 @@ def _rates_at_rest(system: System, p: list[float], x: list[Any]) -> Sequence[Any
 
 
 def growth(layout: FitLayout, theta: np.ndarray | None = None) -> float:
-    """E-foldings of the fastest mode along the longest record, at ``theta`` (the start when
-    None).
+    """Return the growth of the fastest mode along the longest record, in e-foldings, at ``theta``
+    (None: the start).
     """
     return fastest(layout, theta) * max(
         float(problem.record.time[-1] - problem.record.time[0]) for problem in layout.problems
@@ -67,8 +70,8 @@ def growth(layout: FitLayout, theta: np.ndarray | None = None) -> float:
 
 
 def fit_unstable(layout: FitLayout) -> Fit | None:
-    """Minimise the cost of output error from ``layout.start`` by parts of the records that grow to
-    the whole; None where no cost was finite.
+    """Minimise the cost of output error from ``layout.start`` over parts of the records that grow
+    to the whole; None where no cost was finite.
 
     Outcomes as of ``fit_whole_records``. No priors, and at least one shared parameter.
     """
@@ -76,7 +79,7 @@ def fit_unstable(layout: FitLayout) -> Fit | None:
         layout, problems=tuple(replace(problem, exact=True) for problem in layout.problems)
     )
     found, spent, left = None, 0, layout.settings.iterations
-    for part in _parts(exact):
+    for part in _growing_parts(exact):
         found = _fit_part(replace(part, start=exact.start if found is None else found.theta), left)
         if found is None:
             return None
@@ -107,8 +110,8 @@ def projected_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
     """Return the covariance of the shared parameters ``(s, s)`` with all others projected out,
     corrected for colour as the settings say; all determined?
 
-    The same as the block of ``fit_covariance``, but not squared before it is projected, which a
-    motion that grows would not survive.
+    Equal to the block of ``fit_covariance``; the projection comes before squaring, which would lose
+    all digits for unstable motion.
     """
     n, left = len(fit.layout.shared), _projected(fit)
     inverse, determined = inverse_information(left.information, fit.theta[:n])
@@ -119,7 +122,7 @@ def projected_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
     for jacobian, own, residual, problem in zip(
         left.jacobians, left.own, fit.residuals, fit.layout.problems, strict=True
     ):
-        # What a record's own unknowns follow of the noise is missing from its residuals too.
+        # The noise that a record's own unknowns fit is missing from its residuals.
         both = np.concatenate([jacobian, own[: residual.size].reshape(*residual.shape, -1)], axis=2)
         at = np.concatenate([np.arange(n), count + np.arange(own.shape[1])])
         parts.append((at, sigma * both, residual, problem.valid))
@@ -131,11 +134,11 @@ def projected_covariance(fit: Fit) -> tuple[np.ndarray, bool]:
 
 @dataclass(frozen=True, eq=False)
 class _Projected:
-    """Shared sensitivities of each record less what its own unknowns can imitate, in sigmas of the
-    outputs.
+    """Sensitivities by the shared parameters, with each record's own unknowns projected out, in
+    sigmas of the outputs.
 
     ``jacobians (m, N, s)``; ``information (s, s)`` and ``gradient (s,)``. ``own`` of each record:
-    orthonormal columns ``(mN, o)``; ``back``: what leads back to its unknowns ``(o, mN)``.
+    orthonormal columns ``(mN, o)``; ``back``: the map ``(o, mN)`` to its unknowns.
     """
 
     jacobians: tuple[np.ndarray, ...]
@@ -145,8 +148,8 @@ class _Projected:
     back: tuple[np.ndarray, ...]
 
     def own_steps(self, fit: Fit, shared: np.ndarray) -> np.ndarray:
-        """Step of all unknowns ``(n,)`` where the shared ones take a given one ``(s,)`` and each
-        record's own follow.
+        """Return the step ``(n,)`` of all unknowns for a step ``(s,)`` of the shared ones, with the
+        best step of each record's own.
         """
         step, n = np.zeros(len(fit.theta)), len(shared)
         step[:n] = shared
@@ -160,7 +163,7 @@ def _weighted(fit: Fit, r: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the sensitivities ``(mN, c)`` and residual ``(mN,)`` of a record over the sigma of
     each output, zero where a sample is missing.
 
-    What is known beforehand of the record's own unknowns stands below, a row each.
+    Priors of the record's own unknowns are added below, one row each.
     """
     weight = np.where(fit.layout.problems[r].valid, 1.0 / np.sqrt(fit.variance)[:, None], 0.0)
     jacobian = (fit.jacobians[r] * weight[:, :, None]).reshape(weight.size, -1)
@@ -195,7 +198,7 @@ def _projected(fit: Fit) -> _Projected:
         told = values > 1e-13 * max(float(np.max(values, initial=0.0)), 1e-300)
         basis = left[:, told]
         rest = J[:, :n]
-        for _ in range(2):  # once is not enough where the sensitivities are nearly alike
+        for _ in range(2):  # twice, as the sensitivities may be nearly parallel
             rest = rest - basis @ (basis.T @ rest)
         information += rest.T @ rest
         gradient += rest.T @ residual
@@ -205,16 +208,16 @@ def _projected(fit: Fit) -> _Projected:
     return _Projected(tuple(jacobians), information, gradient, tuple(own), tuple(back))
 
 
-def _parts(layout: FitLayout) -> Iterator[FitLayout]:
-    """Layouts that see the records' beginnings, each twice as long as the one before, then the
-    whole.
+def _growing_parts(layout: FitLayout) -> Iterator[FitLayout]:
+    """Yield layouts of the beginnings of the records, each twice as long as the one before, then of
+    the whole.
     """
     length = max(
         float(problem.record.time[-1] - problem.record.time[0]) for problem in layout.problems
     )
     span = _FIRST_PART_EFOLDINGS * length / max(growth(layout), _FIRST_PART_EFOLDINGS)
     rough = replace(layout.settings, tolerance=max(_PART_TOLERANCE, layout.settings.tolerance))
-    while 0.0 < span < length:  # a growth beyond all numbers leaves no part
+    while 0.0 < span < length:  # an infinite growth rate leaves no part
         problems = tuple(
             replace(each, valid=each.valid & (each.record.time - each.record.time[0] <= span))
             for each in layout.problems
@@ -229,8 +232,8 @@ def _parts(layout: FitLayout) -> Iterator[FitLayout]:
 
 
 def _fit_part(layout: FitLayout, limit: int, guesses: list[np.ndarray] | None = None) -> Fit | None:
-    """Levenberg-Marquardt in the shared parameters, each record's own solved for after every step;
-    at most ``limit`` steps.
+    """Levenberg-Marquardt in the shared parameters, with each record's own solved for after every
+    step; at most ``limit`` steps.
     """
     problem, n, settings = FitProblem(layout), len(layout.shared), layout.settings
     begun = evaluate(
@@ -252,29 +255,29 @@ def _fit_part(layout: FitLayout, limit: int, guesses: list[np.ndarray] | None = 
         fit, left = at
         step = left.own_steps(fit, model.scale * model.step(damping))
         theta = np.clip(fit.theta + step, layout.low, layout.high)
-        tried = evaluate(problem, theta, carried(fit, theta))
-        tried = None if tried is None else _settled(tried)
+        tried = evaluate(problem, theta, predicted_trajectories(fit, theta))
+        tried = None if tried is None else _with_best_own(tried)
         if tried is None or not tried.cost <= fit.cost + unresolved(float(fit.counts.sum())):
             return None
         return tried, _projected(tried)
 
     def settled(at: tuple[Fit, _Projected], model: LocalModel) -> bool:
-        return arrived(model, at[0].theta[:n], settings)
+        return has_converged(model, at[0].theta[:n], settings)
 
-    fit = _settled(begun)
+    fit = _with_best_own(begun)
     found = minimise(Descent(model, trial, settled), (fit, _projected(fit)), limit)
     outcome = Outcome.CONVERGED if settled(found.point, found.model) else Outcome.MAX_ITERATIONS
-    return replace(joined_up(found.point[0]), outcome=outcome, iterations=found.steps)
+    return replace(with_exact_trajectory(found.point[0]), outcome=outcome, iterations=found.steps)
 
 
-def _settled(fit: Fit) -> Fit:
-    """Return the same shared parameters with the own unknowns of each record at their best: one
-    step where the motion is linear, a few where it is not.
+def _with_best_own(fit: Fit) -> Fit:
+    """Return the fit with the own unknowns of each record at their optimum: one step for linear
+    motion, a few otherwise.
     """
     for _ in range(_OWN_STEPS):
         step = _projected(fit).own_steps(fit, np.zeros(len(fit.layout.shared)))
         theta = np.clip(fit.theta + step, fit.layout.low, fit.layout.high)
-        moved = evaluate(fit.problem, theta, carried(fit, theta))
+        moved = evaluate(fit.problem, theta, predicted_trajectories(fit, theta))
         if moved is None or moved.cost >= fit.cost:
             break
         gain, fit = fit.cost - moved.cost, moved

@@ -46,7 +46,7 @@ from sim.declaration.user_equations import (
 )
 from sim.errors import ModelError
 
-# ---- Who does what in a declared model
+# ---- Parts of a declared model
 
 _FOLLOWED: WeakKeyDictionary[type, dict[Any, bool]] = WeakKeyDictionary()
 
@@ -55,9 +55,9 @@ _FOLLOWED: WeakKeyDictionary[type, dict[Any, bool]] = WeakKeyDictionary()
 class EffectStages:
     """The effects of a model by stage, each stage in the order in which the signal meets them.
 
-    ``inputs`` and ``sensors`` act on whole paths; ``moved_in`` and ``moved_out`` are those that an
-    on-line System carries as states, ``slices`` where these stand among ``states``. ``own`` picks
-    an effect's parameters off a row of all of them, by effect name, ``vehicle_of`` those of the
+    ``inputs`` and ``sensors`` act on whole paths; ``moved_in`` and ``moved_out`` are those that are
+    states of an on-line System, ``slices`` where these stand among ``states``. ``own`` picks an
+    effect's parameters off a row of all of them, by effect name, ``vehicle_of`` those of the
     equations, which ``varying`` and ``varying_together`` change. ``bias_index`` by output.
     ``clocks`` set the pace of ``dynamics``, which are theirs alone.
     """

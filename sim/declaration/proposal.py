@@ -9,10 +9,10 @@ from typing import Protocol, runtime_checkable
 
 from sim.declaration.effect import Effect
 
-# ---- What is known of an effect beside its equations
+# ---- Traits of an effect
 
 _ONSETS = 36  # times at which a search starts an event
-GUARD = "guard:"  # what a guard's printed name begins with
+GUARD = "guard:"  # prefix of a catch-all term's printed name
 
 _NO_RANGES: Mapping[str, tuple[float, float]] = MappingProxyType({})
 _NO_SIZES: Mapping[str, float] = MappingProxyType({})
@@ -106,10 +106,10 @@ class Traits:
     general: bool = False
 
 
-# ---- What an effect tells a search that knows nothing of physics
+# ---- Search traits and probes of an effect
 
-# of half the sampling rate: above it a few samples a period are no oscillation, and any derivative
-# can hide in it
+# highest frequency of an oscillation, relative to half the sampling rate: with fewer samples a
+# period any derivative fits
 RESOLVED_FREQUENCY_SHARE = 0.8
 
 _NONE: Mapping[str, float] = MappingProxyType({})

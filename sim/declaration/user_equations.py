@@ -364,16 +364,13 @@ def place(model: str, what: str, function: Answer, error: BaseException) -> str:
 
 # ---- A user's functions tried once at the starts
 
-# of a value, or of one: how far beside the starts slopes are compared, since at zero itself many
-# curves have a kink
+# offset from the starts at which slopes are compared, relative to a value or to one: at zero itself
+# many curves have a kink
 TRIAL_OFFSET = 0.01
-DIFFERENCE_STEP_SHARE = 1e-6  # of a value, or of ``TRIAL_OFFSET``: step of the differences
-# of the sizes of the terms: rounding of a difference, with three digits to spare for what cancels
-# inside
+DIFFERENCE_STEP_SHARE = 1e-6  # step of the differences, relative to a value or ``TRIAL_OFFSET``
+# rounding of a difference, relative to the terms, with a margin of three digits for cancellation
 TERM_ROUNDING = 1e-12
-# by which a difference and a complex step may be apart: a curve as sharp as the step of a
-# difference is no curve
-SLOPE_TOLERANCE = 1e-3
+SLOPE_TOLERANCE = 1e-3  # largest relative difference between a difference and a complex step
 
 
 @dataclass(frozen=True)

@@ -28,13 +28,13 @@ from sim.maths import maximum, minimum
 
 # ---- Instances of an effect on the inputs and outputs of any equations
 
-# Name and unit of those whose instances stand in the effects' own files.
+# Inputs (name, unit) whose instances are defined in the effects' own files.
 KNOWN_INPUTS = {("elevator", "rad"), ("stick", "1")}
 KNOWN_OUTPUTS = {("alpha", "rad"), ("q", "rad/s"), ("nz", "g"), ("altitude", "m")}
-# as the effects count what comes in there
+# units in which effects use these ports
 PORT_UNITS = {"gust": "rad", "headwind": "m/s", "airspeed_change": "m/s", "density_change": "kg/m3"}
-ATTITUDE = "theta"  # where it is an input it was measured, as an airspeed that is a port
-# Ports through which the air comes in; the others take loads.
+ATTITUDE = "theta"  # as an input it was measured, like an airspeed that is a port
+# Ports of air motion; the others take loads.
 AIR = ("gust", "headwind", "airspeed_change", "density_change", "log_density", "log_drag")
 _LARGE_INPUT = {"rad": 0.1, "1": 1.0}
 _LARGE_OUTPUT = {"rad": 0.2, "rad/s": 0.2, "g": 2.0, "m/s": 20.0, "m": 1000.0, "m/s2": 20.0}
@@ -51,9 +51,7 @@ def all_labelled(names: Iterable[str], label: str) -> tuple[str, ...]:
 
 
 def controls(equations: Equations) -> tuple[Signal, ...]:
-    """Inputs that somebody moves: not those that are measured motion or air, which take the place
-    of a port or of the attitude.
-    """
+    """Return the inputs that a pilot or controller moves, without measured motion and air."""
     attitude = () if isinstance(equations, OwnEquations) else (ATTITUDE,)
     others = {
         *attitude,
@@ -64,11 +62,11 @@ def controls(equations: Equations) -> tuple[Signal, ...]:
 
 
 def further_inputs(equations: Equations) -> tuple[tuple[Signal, str], ...]:
-    """Inputs that need instances of their own, with the label of each: its name where there are
+    """Inputs that need instances of their own, with the label of each: its name, if there are
     several inputs.
     """
     if isinstance(equations, Containing):
-        # What lies between input and vehicle is part of these equations.
+        # These equations include the input path.
         return ()
     moved = controls(equations)
     several = len(moved) > 1
@@ -99,7 +97,9 @@ def for_inputs(
 def sized(
     kind: Callable[[str, str, float, str, bool], Traceable], share: float
 ) -> Callable[[Signal, str], Traceable]:
-    """Makes an effect of a size: a share of what is a large deflection in the unit of its input."""
+    """Return a maker of effects of a given size, as a share of a large deflection in the unit of
+    the input.
+    """
     return lambda signal, label: kind(
         signal.name, signal.unit, share * large_input(signal.unit), label, has_size(signal.unit)
     )
@@ -187,7 +187,7 @@ def per_unit(port: str, *signals: str) -> str:
     return "/".join((port, *below))
 
 
-# ---- What to fly to tell effects apart, where several effects share the advice
+# ---- Maneuvers that separate effects, where several effects share the advice
 
 MANY_SIZES = (
     "inputs of many sizes (a multisine, or steps of five sizes): on three levels these are one and "
@@ -208,7 +208,7 @@ BEYOND_PRODUCTS = (
 )
 
 
-# ---- Which coefficients each lateral control moves, that which it is for first
+# ---- Coefficients of each lateral control, main one first
 
 
 @dataclass(frozen=True)
@@ -230,7 +230,7 @@ LATERAL_CONTROLS = (
 )
 
 
-# ---- A control whose effect is no straight line of its deflection
+# ---- Nonlinear control effectiveness
 
 SHARES: Mapping[str, tuple[float, float]] = {"lift_share": (-3.0, 5.0)}
 
@@ -241,7 +241,8 @@ class NonlinearControl:
     vehicle's derivatives by the control.
 
     ``lift_share`` is one where lift and moment come from one force on the surface, zero where the
-    moment alone bends. f has one parameter, ``bend``, beside it; a subclass has its ``curve``.
+    moment alone is nonlinear. f has one further parameter, ``bend``; a subclass defines its
+    ``curve``.
 
     Attributes
     ----------
@@ -357,7 +358,7 @@ def of_all_controls(form: type[Form], **pseudo_control: float) -> tuple[Form, ..
     return (form(), stick, *lateral, form(label="elevator", speed="reference_airspeed"))
 
 
-# ---- What effects on one input, and effects on one channel, share
+# ---- Base classes of effects on one input or one channel
 
 
 class OfInput:
@@ -407,14 +408,14 @@ class SizedOnInput(OfInput):
     of_peak: ClassVar[float]
 
     def fitted_to(self, context: SearchContext) -> Self:
-        """The same; where nothing is known of the input's unit, of a size that its record asks
-        for.
+        """Return the effect; without a usual size for the input's unit, with a size from its
+        record.
         """
         peak = context.input_peak.get(self.signal, 0.0)
         return self if self.sized or not peak > 0.0 else replace(self, typical=self.of_peak * peak)
 
 
-# ---- What dead band and backlash share
+# ---- Shared parts of dead band and backlash
 
 ABSENT: Mapping[str, float] = MappingProxyType({"half_width": 0.0})
 
@@ -425,12 +426,12 @@ def half_width(typical: float, unit: str) -> tuple[Parameter, ...]:
 
 
 def believed(typical: float) -> Mapping[str, tuple[float, float]]:
-    """Plausible range: up to ten times the typical value."""
+    """Return the plausible range: up to ten times the typical value."""
     return {"half_width": (0.0, 10.0 * typical)}
 
 
 def tried(context: SearchContext, signal: str) -> Sequence[Probe]:
-    """Values to probe, from a small share of the input's peak to more than half of it."""
+    """Return values to probe, from a small share of the input's peak to more than half of it."""
     return [
         Probe({"half_width": size})
         for size in shares_of_peak(context, signal, (0.04, 0.12, 0.3, 0.6))
@@ -441,7 +442,7 @@ def tried(context: SearchContext, signal: str) -> Sequence[Probe]:
 
 
 def played(u: np.ndarray, half_width: Any) -> np.ndarray:
-    """Return one run through a play.
+    """Return the output of backlash for one run.
 
     While the input rises y = max(y0, u - half_width), while it falls y = min(y0, u + half_width),
     y0 that at the last turn.

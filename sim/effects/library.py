@@ -72,7 +72,7 @@ def library() -> tuple[Effect, ...]:
 
 def effects_for(equations: Equations) -> tuple[Effect, ...]:
     """Return the effects that can act on a vehicle: those whose input, channel and ports it has,
-    and those that are made from its declaration.
+    and those made from its declaration.
 
     A module's ``made_for(equations)``, where it has one, makes instances for inputs, outputs and
     ports that none of its ``VARIANTS`` is for.
@@ -117,14 +117,13 @@ def other_names(equations: Equations) -> dict[str, str]:
 
 
 def catch_all_terms_for(equations: Equations) -> tuple[Traceable, ...]:
-    """Generic terms for a vehicle that compete with its effects and stand for no cause; not in the
-    library, found by file likewise.
+    """Return the catch-all terms of a vehicle: they compete with its effects and name no cause.
+    They are not in the library, but found by file like it.
 
     A file's ``made_for(equations)``, where it has one, makes those for the signals and ports of a
     user's own model.
 
-    A search in which one of them wins has shown that something is missing and that the library does
-    not name it.
+    If one of them is the likeliest, a cause outside the library acts.
     """
     package = importlib.import_module("sim.effects.guards")
     candidates: list[Traceable] = []
@@ -143,7 +142,7 @@ def applies(effect: Effect, equations: Equations) -> bool:
     outputs = {signal.name for signal in equations.outputs}
     ports = {port.name for port in equations.ports}
     states = {signal.name for signal in equations.states}
-    # Of several inputs each has its own instance, which its label names.
+    # With several inputs each has its own instance, named by its label.
     whose = (
         not isinstance(effect, OnSignal)
         or len(controls(equations)) == 1

@@ -17,24 +17,23 @@ from sim.declaration.effect import Parameter, Regularity, Signal, Station
 from sim.declaration.proposal import Probe, SearchContext, Traits
 from sim.maths import G0, clip, combine, cos, natural_shapes, once_for_alike, shape_names, trailing
 
-# ---- What a channel showed at earlier times, for sensors that read late
+# ---- Earlier values of a channel, for sensors with a delay
 
-# s; a jump that meets a sample is spread over it, as cells do for a delayed input
+# s over which a jump at a sample is spread, as cells do for a delayed input
 JUMP_SPREAD_TIME = 0.001
 
 
 def each_run_earlier(
     steps: Any, begin: Any, end: Any, shown: Callable[..., Any], *values: Any
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values at the times ``shown(edges, *values)``, for a channel that runs straight
-    from ``begin`` to ``end`` of each sub-step.
+    """Return the values at the times ``shown(edges, *values)``, for a channel that is linear from
+    ``begin`` to ``end`` of each sub-step.
 
     ``begin`` ``(M + 1, ...)``, ``end`` ``(M, ...)`` and ``steps`` ``(M,)`` as in
-    ``SensorEffect.act``; ``values`` broadcast with the batch axes, and runs in which they are alike
-    are worked out together. ``edges`` ``(M + 1,)`` count from the record's start, s. Before the
-    start the first value holds. Just before an edge at which the channel jumps (within
-    ``JUMP_SPREAD_TIME``) the value goes over linearly from that before the jump to that after it,
-    so that the outputs are continuous in the time that is shown.
+    ``SensorEffect.act``; ``values`` broadcast with the batch axes, and runs with equal values are
+    computed together. ``edges`` ``(M + 1,)`` count from the record's start, s. Before the start the
+    first value holds. Just before an edge at which the channel jumps (within ``JUMP_SPREAD_TIME``)
+    the value changes linearly across it, so that outputs are continuous in the delay.
     """
     begin, end, steps = np.asarray(begin), np.asarray(end), np.asarray(steps)
     given = [np.asarray(value) for value in values]
@@ -49,7 +48,7 @@ def each_run_earlier(
     groups: dict[tuple[Any, ...], list[int]] = {}
     for column, run in enumerate(zip(*(row.tolist() for row in runs), strict=True)):
         groups.setdefault(run, []).append(column)
-    for run, alike in groups.items():  # most runs are alike in a batch of differences
+    for run, alike in groups.items():  # most runs of a batch are equal
         out[0][:, alike], out[1][:, alike] = _earlier(
             edges, steps, begin[:, alike], end[:, alike], shown(edges, *run)
         )
@@ -80,7 +79,7 @@ def _earlier(
 # ---- Events at a time
 
 USUAL_SUB_STEP = 0.01  # s, one usual sub-step
-SLOW_WIDTH = 0.1  # s, for bodies that are tracked over minutes
+SLOW_WIDTH = 0.1  # s, for bodies tracked over minutes
 
 
 def risen(time: Any, at: Any, width: float) -> Any:
@@ -94,7 +93,7 @@ def risen(time: Any, at: Any, width: float) -> Any:
 
 
 def edge_width(interval: float, usual: float = USUAL_SUB_STEP) -> float:
-    """Return the largest whole fraction of a sampling interval that is at most ``usual``: the
+    """Return the largest integer fraction of a sampling interval that is at most ``usual``: the
     sub-step of a fit.
     """
     return interval / max(1, math.ceil(interval / usual - 1e-6)) if interval > 0 else usual
@@ -107,9 +106,9 @@ def moved_back(edges: np.ndarray, u: np.ndarray, delay: Any) -> np.ndarray:
     """Return the means of u(t - delay) over each cell, exact for an input that is constant within
     cells; before the first edge its first value holds.
 
-    A cell moved back by the delay starts in cell j and ends in cell k. Its mean is u[k] plus what
-    the cells before k differ from it, so that a delay of zero returns u itself. On a cell's edge
-    the derivative is the one towards longer delays.
+    A cell shifted by the delay starts in cell j and ends in cell k. Its mean is u[k] plus the
+    differences of the cells before k, so that a delay of zero returns u exactly. At a cell's edge
+    the derivative is that for longer delays.
 
     Parameters
     ----------
@@ -168,8 +167,8 @@ def gust_speed(time: Any, p: Any, lasting: bool, fine: bool) -> Any:
     ``lasting`` the first half, and then the peak.
 
     With ``fine`` + the sum of ``shape1`` ... ``shape3`` times sin(k pi x), x from 0 to 1 over the
-    gust, or over its rise, less what would change the peak. ``time`` in s; ``p`` has the parameters
-    of ``gust_parameters``.
+    gust, or over its rise, minus their contribution at the peak. ``time`` in s; ``p`` has the
+    parameters of ``gust_parameters``.
     """
     end = 0.5 if lasting else 1.0
 
@@ -180,7 +179,7 @@ def gust_speed(time: Any, p: Any, lasting: bool, fine: bool) -> Any:
         return 0.5 * (1.0 - cos(2.0 * math.pi * passed(start, duration)))
 
     def shape(k: int, start: Any, duration: Any) -> Any:
-        # Less what it has in the middle of a gust that passes: the peak stays the speed there.
+        # Minus its value in the middle of a passing gust: the peak remains the speed there.
         middle = 0.0 if lasting else (0.0, 1.0, 0.0, -1.0)[k]
         swing = cos(math.pi * (k * passed(start, duration) / end - 0.5))
         return swing - middle * course(start, duration) if middle else swing
@@ -208,7 +207,7 @@ def gust_probes(context: SearchContext, fine: bool) -> Sequence[Probe]:
     )
 
 
-# ---- What a vane away from the centre of gravity reads of the turning of the aircraft
+# ---- Reading of a vane away from the centre of gravity due to rotation
 
 
 def at_arm(s: Any, vehicle: Any, arm: Any, rate: str, speed: str) -> Any:
@@ -256,8 +255,8 @@ _COEFFICIENTS = {  # Coefficients by port, of the aircraft and of the low-order 
     "roll": ("Cl",),
     "yaw": ("Cn",),
 }
-# The signal that a derivative of the built-in models multiplies, by what stands behind its
-# underscore; and that end, by the signal on the bus.
+# Signal multiplied by a derivative of the built-in models, by the suffix of its name; and the
+# suffix by signal.
 MULTIPLIED = {
     **{"alpha": "alpha", "q": "q", "V": "airspeed", "beta": "beta", "p": "p", "r": "r"},
     **{"de": "elevator", "da": "aileron", "dr": "rudder", "delta": "delta"},
@@ -274,8 +273,8 @@ _ENDS = {signal: end for end, signal in MULTIPLIED.items()} | {
 def weight_lift(
     change: Any, vehicle: Any, airspeed_change: Any = 0.0, density_change: Any = 0.0
 ) -> Any:
-    """Increment of the port ``lift`` where the airspeed changes by ``change`` (m/s) and surfaces
-    and attitude stay as in trim.
+    """Increment of the port ``lift`` where the airspeed changes by ``change`` (m/s) with surfaces
+    and attitude at trim.
 
     About level flight nz gains qbar/qbar_0 - 1 and alpha_dot loses (g/V) (qbar/qbar_0 - 1), V the
     changed airspeed. On equations with a mass ``lift`` is a coefficient, m g0/S (1/qbar_0 -
@@ -303,9 +302,9 @@ def _excess(V: Any, vehicle: Any) -> Any:
     return vehicle.gravity / V * (V * V / (vehicle.airspeed * vehicle.airspeed) - 1.0)
 
 
-# ---- A load that is no straight line of the angle of attack
+# ---- Nonlinear load over the angle of attack
 
-_WIDEST = 30.0  # usual sizes up to which a shape is believed
+_WIDEST = 30.0  # largest plausible size of a shape, in usual sizes
 
 
 @dataclass(frozen=True)
@@ -316,7 +315,7 @@ class LoadCurve:
     f = sum of ``shape1`` ... times orthonormal shapes (`sim.maths`): each is the root mean square
     that its shape adds over the range, in the port's unit: a coefficient on the rigid aircraft, 1/s
     of alpha_dot or 1/s2 on the low-order equivalent system. alpha in rad, the gust included;
-    outside the range f goes on straight. The slope at zero stays with the declared derivative.
+    outside the range f is linear. The slope at zero belongs to the declared derivative.
 
     Attributes
     ----------
@@ -357,7 +356,7 @@ class LoadCurve:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        # What the model does not reach must not run away: beside an angle that is read wrong it
+        # Regularises shapes that the model does not reach: with a wrong reading of the angle it
         # flies less than the record shows.
         names = enumerate(shape_names(self.fine))
         return tuple(

@@ -8,8 +8,8 @@ and non-dimensional rates as signals of the terms (see `sim.aerodynamics`),
     w_dot = q u - p v + g cos(theta) cos(phi) + (qS CZ - T sin(e))/m
 
 and Euler's equations with Ixz [1]_. States are the airspeed V, alpha and beta in the place of u, v,
-w. Coefficients of lift and drag, CL and CD, are turned by alpha into CZ and CX. Moments of the
-coefficients are about a reference point, from which the centre of gravity lies at ``cg``.
+w. Coefficients of lift and drag, CL and CD, are turned by alpha into CZ and CX. Moment coefficients
+refer to a reference point; ``cg`` is the position of the centre of gravity relative to it.
 
 With a recorded wind these states are of the velocity over the ground, and aerodynamic forces and
 the outputs airspeed, alpha and beta are of the velocity against the air.

@@ -355,7 +355,7 @@ POSITIVE = (
 # Area is about span times chord: their ratio is 1 of a rectangle, 4/3 of a triangle. Radii of
 # gyration in roll are 0.2 to 0.4 of half the span (Raymer, Aircraft Design, table 16.1).
 CHORD_TIMES_SPAN = (0.5, 2.5)  # of the area: wider than any wing
-RADIUS = (0.1, 0.8)  # of gyration in roll, of half the span: wider than any aircraft
+RADIUS = (0.1, 0.8)  # plausible radius of gyration in roll, relative to half the span
 THINNEST = 0.003  # kg/m3, at 43 km; sea level in slug/ft3 is 0.0024
 SOUND = (200.0, 500.0)  # m/s; 340 m/s are 661 kn and 1116 ft/s
 

@@ -85,7 +85,7 @@ class Multirotor:
     ``yaw_command``, ``thrust_command``, in any one unit, as the controller sends them to the motors
     or the mixer. Outputs: ``p``, ``q``, ``r`` and ``az`` (m/s2, specific force, body axes, z down).
     Ports: ``roll``, ``pitch``, ``yaw`` (rad/s2) and ``heave`` (m/s2) add to the three rates and to
-    az. Sensors have no free biases: the constant terms take them up.
+    az. Sensors have no free biases: the constant terms include them.
     """
 
     explanation = """\
@@ -145,8 +145,8 @@ are the moments that a steady command balances. L_qr = (Iyy - Izz)/Ixx, M_pr = (
 
 
 def motor_path(*, lag: bool, delay: bool) -> tuple[Effect, ...]:
-    """Return the lag and the delay between commands and motors, all commands alike: one parameter
-    ``motor_time_constant``, one ``delay``.
+    """Return the effects between commands and motors: one lag and one delay for all commands, with
+    the parameters ``motor_time_constant`` and ``delay``.
     """
     lags = tuple(ActuatorLag(name, "1", name, LAG) for name in COMMANDS) if lag else ()
     return (

@@ -120,13 +120,14 @@ def bias_estimates(kinematic_fit: KinematicFit, r: int) -> tuple[SensorEstimate,
 def bias_findings(
     lines: Linear, r: int, estimates: Sequence[SensorEstimate], false_alarm: float
 ) -> tuple[SensorFinding, ...]:
-    """Biases of record r that are worth a word and beyond chance, the share of false alarms over
-    all of them together; each with the faults that would do as well in its place."""
+    """Return the biases of record r that are large and significant (the share of false alarms
+    counts all of them), each with the faults that explain it as well.
+    """
     out = []
     for item in estimates:
         fault, size = SensorFault(item.channel, BIAS), item.smoother
-        # Beyond what is worth a word too: the earth turns and is round, and gravity lessens with
-        # height.
+        # Significance counts from the smallest notable size: earth rotation, its curvature and the
+        # decrease of gravity explain less.
         excess = max(abs(size.value) - fault.worth, 0.0)
         p = p_value(0.5 * (excess / size.std) ** 2, excess, fault)
         if item.determined and item.agrees and p * len(estimates) < false_alarm:
@@ -148,8 +149,8 @@ def bias_findings(
 
 
 def instead_of(lines: Linear, r: int, channel: str, false_alarm: float) -> tuple[str, ...]:
-    """Return the faults that explain the bias of a channel of record r as well as the bias, within
-    chance, if added to the accepted ones.
+    """Return the faults that explain the bias of a channel of record r as well as the bias if added
+    to the accepted ones.
     """
     information, gradient = lines.whole[r]
     own, faults = lines.fit.own[r], lines.faults
@@ -174,21 +175,23 @@ def instead_of(lines: Linear, r: int, channel: str, false_alarm: float) -> tuple
 def _least(
     free: Sequence[int], information: np.ndarray, gradient: np.ndarray
 ) -> tuple[float, float, float]:
-    """Gain of least squares over some unknowns, and value and variance of the last of them."""
+    """Return the least-squares gain over some unknowns, and value and variance of the last one."""
     inverse = bounded_inverse(information[np.ix_(free, free)])
     values = inverse @ gradient[list(free)]
     return 0.5 * float(values @ gradient[list(free)]), float(values[-1]), float(inverse[-1, -1])
 
 
-# ---- Every fault by both methods beside what a search has found
+# ---- Estimates of all faults by both methods
 
 
 def estimates_and_findings(
     search_result: SixDegreeSearch,
 ) -> tuple[tuple[SensorEstimate, ...], tuple[SensorFinding, ...]]:
-    """Return every fault by both methods, and the findings, accepted ones first."""
+    """Return the estimates of every fault by both methods, and the findings, accepted ones
+    first.
+    """
     lines, faults = search_result.lines, search_result.lines.faults
-    stood = _stood(search_result)
+    stood = _accepted_and_loss(search_result)
     by_other = added(search_result.output_error)
     estimates: dict[int, SensorEstimate] = {}
     lost: dict[int, float | None] = {}
@@ -222,9 +225,9 @@ def estimates_and_findings(
     return tuple(estimates.values()), tuple(findings)
 
 
-def _stood(search_result: SixDegreeSearch) -> dict[int, tuple[int, float]]:
-    """Return, for each fault that is accepted or could replace an accepted one, that accepted fault
-    and the loss; of two the first.
+def _accepted_and_loss(search_result: SixDegreeSearch) -> dict[int, tuple[int, float]]:
+    """Return, for each fault that is accepted or may replace an accepted one, the accepted fault
+    and the loss of log likelihood.
     """
     stood = {
         j: (i, lost)
@@ -334,9 +337,9 @@ def _finding(
 
 
 def by_itself(search_result: SixDegreeSearch, r: int) -> tuple[SensorEstimate, ...]:
-    """Return every fault from one record of several, beside the same others as in all records."""
+    """Return every fault from one record of several, with the same others as in all records."""
     lines = search_result.lines
-    stood = _stood(search_result)
+    stood = _accepted_and_loss(search_result)
     one, other = lines.smoother[r], search_result.output_error[r]
     return tuple(
         _estimate(one, other, lines.faults, _context(search_result, j, stood)[0], j)
@@ -347,13 +350,13 @@ def by_itself(search_result: SixDegreeSearch, r: int) -> tuple[SensorEstimate, .
 def drift_of(
     search_result: SixDegreeSearch, r: int, false_alarm: float
 ) -> tuple[SensorFinding, ...]:
-    """Return the drift of one record of several, if any, beside all accepted faults.
+    """Return the drift of one record of several, if any, with all accepted faults.
 
     ``false_alarm``: probability of a false drift.
     """
     lines, faults, members = search_result.lines, search_result.lines.faults, search_result.standing
     drifts = [j for j, fault in enumerate(faults) if fault.kind == DRIFT]
-    # Without the colour that the drift itself makes, to begin with.
+    # First without coloured noise, which the drift itself would cause.
     sets = fitted(
         replace(lines.smoother[r], scatter=lines.smoother[r].information),
         faults,
@@ -402,14 +405,14 @@ STEADY_WIND = (
 
 
 def channels_of(records: Sequence[Record]) -> tuple[str, ...]:
-    """Channels that the kinematics of six degrees of freedom know and all records have."""
+    """Return the channels of six-degree kinematics that all records have."""
     all_of = [recorded(record) for record in records]
     return tuple(name for name in all_of[0] if all(name in names for names in all_of[1:]))
 
 
 def has_six_degrees(records: Sequence[Record], settings: CompatibilitySettings) -> bool:
-    """Return whether some relation closes that longitudinal motion does not have: of sideslip,
-    bank, heading or height.
+    """Return whether the channels have a relation beyond longitudinal motion: of sideslip, bank,
+    heading or height.
     """
     channels = channels_of(records)
     return any(
@@ -459,7 +462,7 @@ def check(
     names = tuple(s.name for s in signals)
     biases = [bias_estimates(final, r) for r in range(len(signals))]
     noise = final.noise
-    # An output that is integrated elsewhere has its own white noise here.
+    # A channel that is an input of another relation has its own white noise as an output.
     levels = dict(
         zip(
             (*noise.inputs, *noise.outputs),
@@ -474,7 +477,9 @@ def check(
                 (names[r],),
                 by_itself(search_result, r),
                 biases[r],
-                _of_one(search_result, r, biases[r], settings.false_alarm, len(signals)),
+                _single_record_results(
+                    search_result, r, biases[r], settings.false_alarm, len(signals)
+                ),
                 levels,
             )
             for r in (range(len(signals)) if each else ())
@@ -495,7 +500,7 @@ def check(
     )
 
 
-def _of_one(
+def _single_record_results(
     search_result: SixDegreeSearch,
     r: int,
     biases: Sequence[SensorEstimate],

@@ -40,19 +40,18 @@ from ident.statistics.residual_spectrum import autocovariance
 
 # ---- Variances of white noise and walk
 
-# walk over one second squared to white variance, times the step: the whole range there can be
+# tried ratios of walk variance over one second to white variance, times the step: all possible ones
 _WALK_TO_WHITE_RATIOS = np.logspace(-6.0, 4.0, 21)
 _ALIKE = 1e-10
-# of what a channel's roughness says: no walk is smaller than its inputs' own noise by more
-_LEAST_WALK_SHARE = 0.1
+_LEAST_WALK_SHARE = 0.1  # smallest walk, relative to the noise of its inputs by their roughness
 # standard deviation of the logarithm of the random walk's level, below the level expected
 _LOG_LEVEL_STD_BELOW = 0.5
-_LOG_LEVEL_STD_ABOVE = 3.0  # the same above it, since other errors add to noise of the inputs
+_LOG_LEVEL_STD_ABOVE = 3.0  # the same above it: other errors add to the noise of inputs
 
 
 def inputs_among(s: KinematicSignals) -> tuple[str, ...]:
-    """Return the channels whose noise walks in some output: those of which each output's relation
-    is an integral.
+    """Return the channels whose noise causes a random walk in an output: the inputs of each
+    output's relation.
     """
     return tuple(
         dict.fromkeys(
@@ -62,7 +61,7 @@ def inputs_among(s: KinematicSignals) -> tuple[str, ...]:
 
 
 def first_noise(signals: Sequence[KinematicSignals]) -> RelationNoise:
-    """Return a start from the roughness of the channels."""
+    """Return starting values of the noise from the roughness of the channels."""
     outputs, inputs = signals[0].outputs, inputs_among(signals[0])
     rough = [
         float(np.mean([roughness(s.channels[name]) for s in signals]))
@@ -82,13 +81,13 @@ def settled_noise(
     """Return the variances of greatest restricted likelihood, each output by itself.
 
     residuals ``(m, N)`` and sensitivities ``(m, N, c)`` to what was fitted, of each record. The
-    walk of an output is laid to its inputs: those that another output shows by itself keep that
-    value, the first other one has the rest.
+    walk of an output comes from its inputs. Inputs whose noise another output determines keep that
+    value; the first remaining one gets the rest.
     """
     white, walk = np.empty(len(begun.outputs)), np.empty(len(begun.outputs))
     gains = np.mean([walk_gains(s, begun) for s in signals], axis=0)
     for i in range(len(begun.outputs)):
-        white[i], walk[i] = _of_output(
+        white[i], walk[i] = _output_noise(
             i, signals, residuals, columns, begun.white[i], float(gains[i] ** 2 @ begun.density)
         )
     density, alone = begun.density.copy(), np.count_nonzero(gains, axis=1) == 1
@@ -103,8 +102,8 @@ def settled_noise(
             gains[i, j] ** 2 * density[j] for j in np.flatnonzero(gains[i]) if j in known
         )
         if free:
-            # The load's noise walks least of all: what is left beyond a rate's is shared as the
-            # channels are rough.
+            # Noise of a load causes the least walk: the rest beyond a rate's share is divided by
+            # roughness.
             share = gains[i, free] ** 2 * begun.density[free]
             density[free] = (
                 np.maximum(rest / float(share.sum()), _LEAST_WALK_SHARE) * begun.density[free]
@@ -120,7 +119,7 @@ def settled_noise(
     return RelationNoise(begun.outputs, begun.inputs, white, density)
 
 
-def _of_output(
+def _output_noise(
     i: int,
     signals: Sequence[KinematicSignals],
     residuals: Sequence[np.ndarray],
@@ -128,8 +127,8 @@ def _of_output(
     rough: float,
     expected: float,
 ) -> tuple[float, float]:
-    """White variance and walk variance over one second, of one output of all records; ``expected``:
-    walk from the noise of its inputs.
+    """Return the white variance, and the walk variance over one second, of one output of all
+    records; ``expected``: walk from the noise of its inputs.
     """
     parts = []
     for s, residual, slopes in zip(signals, residuals, columns, strict=True):
@@ -166,8 +165,8 @@ def _of_output(
 def _cost(
     parts: Sequence[tuple[KinematicSignals, np.ndarray, np.ndarray]], count: int, ratio: float
 ) -> tuple[float, float]:
-    """Minus the restricted log likelihood at a ratio of walk to white variance, and the white
-    variance that is best there.
+    """Return minus the restricted log likelihood at a ratio of walk to white variance, and the best
+    white variance.
     """
     from scipy.linalg.lapack import dpbtrf, dtbtrs
 
@@ -207,7 +206,7 @@ def _spanned(columns: np.ndarray) -> np.ndarray:
 
 _MOST_PASSES = 4
 _MOST_STEPS = 4
-_NEGLIGIBLE_GAIN = 2e-3  # twice the gain of a step that is not worth taking
+_NEGLIGIBLE_GAIN = 2e-3  # smallest gain of a step, times two
 _SETTLED_LOG_VARIANCE = 0.05  # change of the logarithm of a variance
 
 
@@ -288,7 +287,7 @@ def likelihoods(fits: Sequence[KinematicFit]) -> np.ndarray:
     return np.array([least_misfit(each, whiteners, priors) for each in fits])
 
 
-# ---- All faults of all sensors beside a fit
+# ---- All faults, linearised at a fit
 
 LEAST_SECANT = 0.02  # s
 
@@ -316,8 +315,7 @@ class NormalEquations:
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """First order of all ``faults`` beside a fit, of each record: ``smoother`` in the metric of its
-    noise.
+    """Linearisation by all ``faults`` at a fit, of each record: ``smoother`` under its noise.
 
     ``free``: the smoother's information ``(k + b, k + b)`` of faults and of biases (``biases``),
     whose priors do not count, starts and levels free. ``whole``: of each record information and
@@ -435,14 +433,16 @@ def _linear_normal(
     k = gram.shape[0] - n - 1
     gradient = gram[: n + k, -1].copy()
     gradient[:n] -= prior * own
-    onto = _onto(gram[: n + k, : n + k], prior)
+    onto = _projected_columns(gram[: n + k, : n + k], prior)
     scatter = np.sum([coloured(white[i, :, : n + k], left[i]) for i in range(len(left))], axis=0)
     scatter[np.arange(n), np.arange(n)] += prior
     return _projected(gram[: n + k, : n + k], gradient, scatter, onto)
 
 
-def _onto(gram: np.ndarray, prior: np.ndarray) -> np.ndarray:
-    """``(k, n + k)``: the faults' columns after projection onto the record's own unknowns."""
+def _projected_columns(gram: np.ndarray, prior: np.ndarray) -> np.ndarray:
+    """Return the faults' columns after projection onto the record's own unknowns, ``(k, n +
+    k)``.
+    """
     n = len(prior)
     inverse = bounded_inverse(gram[:n, :n] + np.diag(prior))
     return np.hstack([-gram[n:, :n] @ inverse, np.eye(len(gram) - n)])
@@ -475,13 +475,13 @@ def coloured(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
 
 
 def by_output_error(lines: Linear, r: int) -> NormalEquations:
-    """Normal equations of record r for residuals that are taken as white."""
+    """Normal equations of record r for residuals taken as white."""
     s, own = lines.fit.signals[r], lines.fit.own[r]
     prior, n = np.array([item.prior**-2 for item in unknowns_of(s)]), len(own)
     gram, gradient, scatter = output_error_gram(s, lines.fit, r, lines.columns[r])
     gradient[:n] -= prior * own
     scatter[np.arange(n), np.arange(n)] += prior
-    return _projected(gram, gradient, scatter, _onto(gram, prior))
+    return _projected(gram, gradient, scatter, _projected_columns(gram, prior))
 
 
 def output_error_gram(

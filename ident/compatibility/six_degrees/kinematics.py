@@ -78,15 +78,15 @@ CHANNELS = (
     "psi",
     *HEIGHTS,
 )
-BEYOND = ("beta", "phi", "psi", *HEIGHTS)  # outputs that the longitudinal relations do not have
+BEYOND = ("beta", "phi", "psi", *HEIGHTS)  # outputs without a longitudinal relation
 WRAPPED = ("phi", "psi")
-_INCREMENTAL_LOAD = 0.5  # g: a mean load below is one without the weight
-_STEEPEST_PITCH = 1.4  # rad: nearer to the vertical Euler angles are no measurement
+_INCREMENTAL_LOAD = 0.5  # g: a smaller mean load does not include the weight
+_STEEPEST_PITCH = 1.4  # rad: at steeper pitch Euler angles are not usable
 
 
 def recorded(record: Record) -> tuple[str, ...]:
-    """Return the channels of a record that the kinematics know, of an acceleration one for each
-    axis, of a height one.
+    """Return the channels of a record that the kinematics use: one acceleration for each axis, one
+    height.
     """
     have = [
         name
@@ -108,7 +108,7 @@ def relations(names: Sequence[str], *, speed: bool) -> dict[str, tuple[str, ...]
     """Output of each relation that these channels close, and the channels that it joins; ``speed``:
     an airspeed is recorded or given.
 
-    What a relation needs comes first, then what it takes along where it is there.
+    Required channels come first, then optional ones.
     """
     have = set(names)
     x, y, z = (load_on(axis, names) or "" for axis in "xyz")
@@ -132,8 +132,8 @@ def relations(names: Sequence[str], *, speed: bool) -> dict[str, tuple[str, ...]
 def ready(
     record: Record, channels: Sequence[str], airspeed: float | None, gravity: float, vane_arm: float
 ) -> tuple[KinematicSignals, tuple[str, ...]]:
-    """Signals of a record for its ``channels``, those common to all records; and sentences on what
-    was done to them.
+    """Signals of a record for its ``channels``, those common to all records; and sentences on
+    changes made to them.
 
     Angles that wrap around are unwrapped; a vertical load without the weight gets it.
 
@@ -201,9 +201,9 @@ def misled_by_bank(
     """Return a sentence on each record in which level wings would mislead the relations of alpha
     and theta; ``airspeed`` (m/s) where none is recorded.
 
-    Of p the integral about its median is the bank, of r the bank of a coordinated turn. What such a
-    bank would add to the integrals of theta and alpha, less a constant and a trend, which starts
-    and biases take, is more than the size from which a bias is worth a word.
+    The bank is the integral of p about its median, or that of a coordinated turn from r. A record
+    is named if this bank changes the integrals of theta and alpha, less a constant and a trend, by
+    more than a notable bias.
     """
     out = []
     for record in records:
@@ -216,7 +216,7 @@ def misled_by_bank(
             continue
         phi = _bank(record, rates, airspeed, gravity)
         worst = max(
-            np.std(_left(record.time, wrong))
+            np.std(_detrended_integral(record.time, wrong))
             for wrong in _wrong_rates(record, rates, phi, airspeed, gravity)
         )
         if worst > SensorFault("alpha", BIAS).worth:
@@ -276,8 +276,8 @@ def _integral(time: np.ndarray, rate: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))])
 
 
-def _left(time: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """Return the integral of a rate without its constant and trend."""
+def _detrended_integral(time: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """Return the integral of a rate without constant and trend."""
     whole = _integral(time, rate)
     return np.asarray(whole - np.polynomial.Polynomial.fit(time, whole, 1)(time))
 
@@ -358,9 +358,7 @@ def _at_vane(
     *,
     back: bool = False,
 ) -> np.ndarray:
-    """Return a flow angle where its vane is, from that at the centre of gravity; ``back``: the
-    other way.
-    """
+    """Return a flow angle at its vane from that at the centre of gravity; ``back``: the reverse."""
     ahead = value(name, ARM) + value(BOOM, ARM) + (s.vane_arm if name == "alpha" else 0.0)
     terms = {
         "alpha": (("q", -ahead), ("p", value(name, RIGHT))),
@@ -517,17 +515,16 @@ _CHANGES: dict[str, Callable[[KinematicSignals, _CorrectedMotion, Values], np.nd
 
 # ---- Unknowns of each record in six degrees of freedom
 
-# rad: an angle that is not recorded, of which the record's constant is fitted
+# rad: prior of an unrecorded angle, which is a fitted constant of the record
 _UNRECORDED_ANGLE_STD = 0.15
-_AIRSPEED_UNCERTAINTY = 0.015  # share by which an airspeed that is not recorded may be off
-# of the size that is worth a word: the standard deviation of a bias before the record is seen
-_BIAS_PRIOR_FACTOR = 5.0
-_WITHOUT_BIAS = ("psi", *HEIGHTS)  # where it is another start
+_AIRSPEED_UNCERTAINTY = 0.015  # relative uncertainty of an airspeed that is not recorded
+_BIAS_PRIOR_FACTOR = 5.0  # prior standard deviation of a bias, relative to a notable one
+_WITHOUT_BIAS = ("psi", *HEIGHTS)  # here a bias equals another initial state
 
 
 def unknowns_of(s: KinematicSignals) -> tuple[Unknown, ...]:
-    """Initial states; a bias of every observable channel and of the wind's climb, with wide priors;
-    constants for what is not recorded.
+    """Return the initial states, a bias of every observable channel and of the vertical wind (wide
+    priors), and constants for channels that are not recorded.
     """
     out = [Unknown(("start", name), 1e-3) for name in s.outputs]
     for name in s.channels:
@@ -606,7 +603,7 @@ def values_of(
     for j, fault in enumerate(faults):
         key = (fault.channel, fault.kind)
         table[key] = table[key] + sizes[:, j : j + 1] if key in table else sizes[:, j : j + 1]
-    # A size that no row has costs nothing.
+    # A size that is equal in all rows is computed once.
     table = {key: rows[:1] if np.all(rows == rows[0]) else rows for key, rows in table.items()}
     none = np.zeros((1, 1))
     return lambda channel, kind: table.get((channel, kind), none)
@@ -634,8 +631,8 @@ def linearised(
     """Outputs ``(m, N)`` and their slopes ``(m, N, n + k)``: one-sided differences for a record's
     own, central ones for faults.
 
-    Rows are gone through channel by channel, so that what a channel does not touch is computed once
-    for all its rows.
+    Rows are computed channel by channel; quantities that a channel does not change are computed
+    once.
     """
     n, k = len(unknowns), len(faults)
     step = np.array([item.step for item in unknowns] + [difference_step(fault) for fault in faults])

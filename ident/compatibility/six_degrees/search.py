@@ -31,13 +31,13 @@ from ident.compatibility.six_degrees.fitting import (
 )
 from ident.compatibility.trials import CompatibilitySettings
 
-# ---- Which sets of faults the records ask for
+# ---- Sets of faults to first order
 
 LOADS = ("nz", "az", "ny", "ay")
-_SLOW = ("airspeed", "height", "altitude")  # no clocks: they change too slowly
-_RIDGE_SHARE = 1e-9  # of the scaled information: alike columns give a large variance, not a failure
-# faults that a set of three is made of, beside the best pairs: all of them cost as much as
-# everything else
+_SLOW = ("airspeed", "height", "altitude")  # change too slowly to show time shifts
+# ridge relative to the scaled information: nearly equal columns then give a large variance
+_RIDGE_SHARE = 1e-9
+# most faults in sets of three besides the best pairs; more would double the cost
 _MOST_FAULTS_IN_TRIPLES = 24
 
 
@@ -45,7 +45,9 @@ _MOST_FAULTS_IN_TRIPLES = 24
 class Sets:
     """M sets of s faults each fitted to first order: ``members (M, s)``; ``sizes``, ``white``
     variances and ``widening`` of these ``(M, s)``; ``gain (M,)`` of log likelihood. ``sound``: each
-    fault determined, worth having, possible; ``early``: but for a load ahead of its time."""
+    fault is determined, notable and possible; ``early``: the same except for a load with a negative
+    delay.
+    """
 
     members: np.ndarray
     sizes: np.ndarray
@@ -122,14 +124,13 @@ def best_set(
     *,
     early: bool,
 ) -> tuple[Sets, int]:
-    """Return the set, and its row, of greatest gain over the colour of what is left less ``charge``
-    for each fault, each of them needed.
+    """Return the set, and its row, of greatest gain under coloured residuals, less ``charge`` for
+    each fault; each fault is needed.
 
-    Arms count by how far such sensors usually are from the centre of gravity, too
-    (``SensorFault.surprise``).
+    Arms also have a prior of usual distances from the centre of gravity (``SensorFault.surprise``).
 
-    All sets of up to two faults are compared, and those of three that hold one of the better pairs
-    or are made of the better faults.
+    All sets of up to two faults are compared, and those of three with one of the best pairs or of
+    the best faults.
     """
     found = [fitted(normal, faults, np.zeros((1, 0), dtype=int), early=early)]
     level = np.array([[i] for i in among], dtype=int).reshape(-1, 1)
@@ -146,8 +147,8 @@ def best_set(
 def needed(
     normal: NormalEquations, faults: Sequence[SensorFault], members: tuple[int, ...], charge: float
 ) -> tuple[int, ...]:
-    """Return a set without every fault that gains at most ``charge`` beside the others, under its
-    coloured residuals.
+    """Return a set without the faults whose gain with the others, under coloured residuals, is at
+    most ``charge``.
     """
     while members:
         whole = fitted(normal, faults, np.array([members]), early=False)
@@ -212,8 +213,8 @@ def _is_load_time(fault: SensorFault) -> bool:
 
 
 def clocks(channels: Sequence[str]) -> tuple[str, ...]:
-    """Return the channels of which one at least has to be on time: those that the relations tie
-    within a fraction of a second.
+    """Return the channels with comparable times, related within a fraction of a second; at least
+    one must have no delay.
     """
     return tuple(name for name in channels if name not in _SLOW)
 
@@ -235,7 +236,7 @@ def _leave_a_clock(faults: Sequence[SensorFault], members: np.ndarray) -> np.nda
 
 _MOST_ROUNDS = 5
 NOTHING_LATE: Mapping[tuple[int, int], float] = MappingProxyType({})
-SECANT_STEP = 0.05  # s, before anything is known of a time
+SECANT_STEP = 0.05  # s, step for a time shift that is not known yet
 _LONGEST_SECANT = 0.3
 _CONTRADICTION_P_VALUE = 1e-3  # p-value below which the records contradict each other
 _LEAST_FAULT_SIGMAS = 3.0
@@ -243,12 +244,13 @@ _LEAST_FAULT_SIGMAS = 3.0
 
 @dataclass(frozen=True, eq=False)
 class SixDegreeSearch:
-    """What a search has found: the ``lines`` around the joint fit of the ``standing`` faults
-    (places in ``lines.faults``), the ``groups`` of each with what is lost with it, faults that were
-    ``refused`` since records disagree. ``early``: a load and by how much it is ahead of its time,
-    s, where that explains more than any fault. ``common``: places of the faults that all records
-    may share. ``lateness``: what is lost with another way for a channel to be late in the place of
-    one that stands, by both places, each fitted in full."""
+    """Result of a search: the linearisation ``lines`` at the joint fit of the accepted faults
+    (``standing``: positions in ``lines.faults``). ``groups``: the alternatives of each, with their
+    losses of log likelihood. ``refused``: faults on which records disagree. ``early``: a load and
+    the time, s, by which it is early, if that explains more than any fault. ``common``: positions
+    of the faults that all records may share. ``lateness``: loss with another kind of delay in place
+    of an accepted one, by both positions, from full fits.
+    """
 
     lines: Linear
     standing: tuple[int, ...]
@@ -267,8 +269,8 @@ def search(
     faults: Sequence[SensorFault],
     settings: CompatibilitySettings,
 ) -> SixDegreeSearch:
-    """Find the set of faults that the records require, each with its group, beside the faults of
-    ``base``.
+    """Find the set of faults that the records require, each with its alternatives, in addition to
+    the faults of ``base``.
     """
     # A drift belongs to one record.
     common = [i for i, fault in enumerate(faults) if len(signals) == 1 or fault.kind != DRIFT]
@@ -276,7 +278,7 @@ def search(
     chance = chance_of(settings.false_alarm, len(common))
     refused: set[int] = set()
     while True:
-        lines, members, ahead, lateness = _settled(
+        lines, members, ahead, lateness = _converged_sets(
             signals,
             base,
             faults,
@@ -288,10 +290,10 @@ def search(
         failing = {i for i in members if not _replicates(lines, members, i)}
         if not failing:
             break
-        # What looks like it fails with it, and need not be tried one after the other.
+        # Confusable faults fail together and are not tried one by one.
         near = {(i, j) for i in failing for j in alike(lines, members, i, chance, common, lateness)}
         refused |= failing | {
-            j for i, j in near if not _replicates(lines, _instead(members, i, j), j)
+            j for i, j in near if not _replicates(lines, _with_replacement(members, i, j), j)
         }
     sets = fitted(lines.joint, faults, np.array([members], dtype=int).reshape(1, -1), early=False)
     widening = float(np.mean(sets.widening)) if members else 1.0
@@ -303,7 +305,7 @@ def search(
     )
 
 
-def _settled(
+def _converged_sets(
     signals: Sequence[KinematicSignals],
     base: KinematicFit,
     faults: Sequence[SensorFault],
@@ -312,17 +314,20 @@ def _settled(
     most: int,
     early: bool,
 ) -> tuple[Linear, tuple[int, ...], tuple[str, float] | None, Mapping[tuple[int, int], float]]:
-    """Sets chosen and fitted in turn until the same one comes again, and once more with another
-    cause of a delay where that is likelier; with the loss of each (``_best_delay_exchange``)."""
-    lines, members, ahead = _in_turn(signals, base, (), faults, among, charge, most, early)
+    """Choose and fit sets in turn until one repeats, then exchange kinds of delay where that is
+    likelier; return the sets with the losses of ``_best_delay_exchange``.
+    """
+    lines, members, ahead = _choose_and_fit(signals, base, (), faults, among, charge, most, early)
     likeliest, lateness = _best_delay_exchange(signals, lines, members, among)
     if likeliest[1] != members:
-        lines, members, ahead = _in_turn(signals, *likeliest, faults, among, charge, most, early)
+        lines, members, ahead = _choose_and_fit(
+            signals, *likeliest, faults, among, charge, most, early
+        )
         _, lateness = _best_delay_exchange(signals, lines, members, among)
     return lines, members, ahead, lateness
 
 
-def _in_turn(
+def _choose_and_fit(
     signals: Sequence[KinematicSignals],
     kinematic_fit: KinematicFit,
     members: tuple[int, ...],
@@ -332,7 +337,7 @@ def _in_turn(
     most: int,
     early: bool,
 ) -> tuple[Linear, tuple[int, ...], tuple[str, float] | None]:
-    """Return the sets chosen and fitted in turn, from a fit of the faults ``members`` on."""
+    """Choose and fit sets in turn, starting from a fit of the faults ``members``."""
     secants, ahead = np.full(len(faults), SECANT_STEP), None
     secants[list(members)] = [
         _secant(size) for size in kinematic_fit.sizes.tolist()[: len(members)]
@@ -341,7 +346,7 @@ def _in_turn(
         lines = linear(kinematic_fit, faults, secants)
         normal = lines.joint
         if not turn and not members:
-            # What a fault leaves of the record is not the colour of what is left with it.
+            # The residual without a fault does not have the noise colour of the one with it.
             normal = replace(normal, scatter=normal.information)
         sets, row = best_set(normal, faults, among, charge, most, early=early)
         chosen, ahead = tuple(int(i) for i in sets.members[row]), None
@@ -371,13 +376,11 @@ def _secant(size: float) -> float:
 def _best_delay_exchange(
     signals: Sequence[KinematicSignals], lines: Linear, members: Sequence[int], among: Sequence[int]
 ) -> tuple[tuple[KinematicFit, tuple[int, ...]], dict[tuple[int, int], float]]:
-    """Return the likeliest of a set and of those with another way to be late, or the arm of the
-    same trace, in the place of one, and what is lost with each of these: by the two places. What is
-    known of sizes beforehand counts.
+    """Return the likeliest of a set and its variants with one delay replaced by another kind, or by
+    the equivalent arm, and the loss of each variant by both positions. Priors of sizes count.
 
-    To first order they would be compared under the noise of the one that stands, which has taken
-    for noise what it does not explain, and as if both acted: a late reading of what an arm adds is
-    no small thing.
+    Full fits are needed: a first-order comparison uses the noise of the accepted variant, which
+    includes its own misfit, and neglects the delay of the arm's contribution.
     """
     kinematic_fit, faults = lines.fit, lines.faults
     places = [(place, i, j) for place, i in enumerate(members) for j in among if j not in members]
@@ -412,7 +415,7 @@ def _best_delay_exchange(
 
 
 def _secants(lines: Linear, members: Sequence[int]) -> np.ndarray:
-    """Return the size of each time shift in the set, or in the best position of a set."""
+    """Return the size of each time shift in the set, or in the best variant of it."""
     out, best = np.full(len(lines.faults), SECANT_STEP), np.full(len(lines.faults), -math.inf)
     for place in members or (None,):
         rest = [i for i in members if i != place]
@@ -425,14 +428,12 @@ def _secants(lines: Linear, members: Sequence[int]) -> np.ndarray:
 
 
 def _replicates(lines: Linear, members: Sequence[int], i: int) -> bool:
-    """Return whether the records agree on a fault one by one, with the others fixed, and require it
-    together.
-    """
+    """Return whether single records agree on a fault, the others fixed, and require it together."""
     from scipy.special import chdtrc
 
     if len(lines.smoother) < 2:
         return True
-    values, weights = _alone(lines, members, i)
+    values, weights = _values_by_record(lines, members, i)
     determined = weights > lines.faults[i].plausible ** -2
     if np.count_nonzero(determined) < 2:
         return False
@@ -447,8 +448,12 @@ def _replicates(lines: Linear, members: Sequence[int], i: int) -> bool:
     )
 
 
-def _alone(lines: Linear, members: Sequence[int], i: int) -> tuple[np.ndarray, np.ndarray]:
-    """A fault by each record, the others at their joint sizes: values and inverse variances."""
+def _values_by_record(
+    lines: Linear, members: Sequence[int], i: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a fault's value and inverse variance in each record, with the others at their joint
+    sizes.
+    """
     sizes = fitted(lines.joint, lines.faults, np.array([members]), early=False).sizes[0]
     values, weights = [], []
     for normal in lines.smoother:
@@ -473,14 +478,14 @@ def _group(
     among: Sequence[int],
     lateness: Mapping[tuple[int, int], float],
 ) -> tuple[tuple[int, float], ...]:
-    """An accepted fault and those that could replace it: positions and losses of log likelihood."""
+    """Return an accepted fault and its alternatives: positions and losses of log likelihood."""
     near = alike(lines, members, i, chance * widening, among, lateness)
     return (
         (i, 0.0),
         *(
             (j, lost / widening)
             for j, lost in near.items()
-            if _replicates(lines, _instead(members, i, j), j)
+            if _replicates(lines, _with_replacement(members, i, j), j)
         ),
     )
 
@@ -493,23 +498,26 @@ def alike(
     among: Sequence[int],
     lateness: Mapping[tuple[int, int], float] = NOTHING_LATE,
 ) -> dict[int, float]:
-    """Sound faults that lose no more than ``chance`` of log likelihood in the place of one that
-    stands, the nearest first; ``lateness``: what is known of such losses by fits in full."""
+    """Sound faults that lose no more than ``chance`` of log likelihood in place of an accepted one,
+    the nearest first; ``lateness``: such losses from full fits.
+    """
     rivals = [j for j in among if j not in members]
     sets = fitted(
         lines.joint,
         lines.faults,
-        np.array([_instead(members, i, j) for j in rivals]).reshape(len(rivals), -1),
+        np.array([_with_replacement(members, i, j) for j in rivals]).reshape(len(rivals), -1),
         early=False,
     )
-    own = fitted(lines.joint, lines.faults, np.array([_instead(members, i, i)]), early=False)
+    own = fitted(
+        lines.joint, lines.faults, np.array([_with_replacement(members, i, i)]), early=False
+    )
     losses = (
         own.gain[0]
         - sets.gain
         + TIE_LOG_LIKELIHOOD * np.array([lines.faults[j].rare for j in rivals])
     )
     full = {j: lateness[i, j] for j in rivals if (i, j) in lateness}
-    # Of two arms of one trace the records may prefer the less common one.
+    # Of two arms with equal effect, the data may prefer the less common one.
     least = [-np.inf if same_trace(lines.faults[i], lines.faults[j]) else 0.0 for j in rivals]
     losses = np.array(
         [
@@ -524,6 +532,6 @@ def alike(
     }
 
 
-def _instead(members: Sequence[int], i: int, j: int) -> tuple[int, ...]:
-    """Return the set with j, which comes last, in the place of i."""
+def _with_replacement(members: Sequence[int], i: int, j: int) -> tuple[int, ...]:
+    """Return the set with i replaced by j, which comes last."""
     return (*(k for k in members if k != i), j)

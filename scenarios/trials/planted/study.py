@@ -24,11 +24,11 @@ from ident.flying_qualities.modes import modal_estimate, propagated, slowest_osc
 from ident.process_noise.innovations_model import has_process_noise
 from ident.tracing.diagnosis import Claim, Diagnosis, Quantity, Trained
 from ident.tracing.fitted_model import (
-    carried,
     compiled_with,
+    declared_priors,
     fit_as_declared,
-    known_beforehand,
     local_names,
+    start_and_guesses,
 )
 from ident.tracing.predictive import Predicted, predict
 from ident.whole_record.gauss_newton import Fit
@@ -228,9 +228,9 @@ def refit(
     local = [name for effect in trained.effects for name in local_names(effect)]
     settings = replace(NOISE_FREE_SETTINGS, max_step=trained.settings.max_step)
     free_layout = lay_out(records, system, settings, local=local)
-    begin, guesses = carried(free_layout, None, {**trained.shared, **trained.own[0]})
+    begin, guesses = start_and_guesses(free_layout, None, {**trained.shared, **trained.own[0]})
     layout = lay_out(records, system, settings, local=local, start=begin)
-    prior = known_beforehand(model, trained.effects, layout)
+    prior = declared_priors(model, trained.effects, layout)
     if prior is not None:
         prior = replace(prior, information=len(records) * prior.information)
     return fit_as_declared(replace(layout, prior=_tied(layout, prior, fixed or {})), guesses, None)

@@ -15,17 +15,15 @@ from sim.maths import G0
 
 SPEED = "phugoid_speed"  # state
 ATTITUDE = "phugoid_attitude"  # state
-# rad, of a flight path that perturbations about level flight still describe
-STEEPEST_FLIGHT_PATH = 0.35
-BELIEVED = {  # Three to five times what is known beforehand.
+STEEPEST_FLIGHT_PATH = 0.35  # rad, steepest flight path for perturbations about level flight
+BELIEVED = {  # Plausible ranges: three to five sigmas of the prior.
     "trim_moment": (-0.06, 0.06),
     "speed_damping": (-0.03, 0.05),
     "induced_drag": (-15.0, 25.0),
 }
-# rad: less changes the speed by less than 0.1 m/s a second, which a flight path that is not quite
-# level does
+# rad: a smaller attitude changes the speed by less than 0.1 m/s2, like a nearly level flight path
 EVEN_CHANGE = 0.01
-# rad: the speed is almost linear in the attitude, so few places reach all
+# rad: few values suffice, as the speed is almost linear in the attitude
 TRIED = (0.0, -0.12, -0.03, 0.03, 0.12)
 
 
@@ -36,16 +34,16 @@ class Phugoid:
 
     Perturbations about level flight at the declared airspeed. The trim loads follow the dynamic
     pressure: the lift that carries the weight (``weight_lift``: alpha_dot gains -(2 g0/V^2) u and
-    nz gains 2 u/V to first order) and the moment that balances what does not follow it, that of the
-    engines (Cm gains ``trim_moment`` (1 - qbar_0/qbar), near 2 trim_moment u/V). All other loads go
-    with (1 + u/V)^2. A record begins at u = 0; ``attitude`` (rad, nose up) is theta against the
-    level flight path there, each record's own. A steady deceleration is the same as an attitude:
-    u_dot = -gravity attitude. With ``gravity`` = 0 there is no exchange, and no effect.
+    nz gains 2 u/V to first order) and the moment that balances the engines, which does not follow
+    it (Cm gains ``trim_moment`` (1 - qbar_0/qbar), near 2 trim_moment u/V). All other loads go with
+    (1 + u/V)^2. A record begins at u = 0; ``attitude`` (rad, nose up) is theta against the level
+    flight path there, each record's own. A steady deceleration is the same as an attitude: u_dot =
+    -gravity attitude. With ``gravity`` = 0 there is no exchange, and no effect.
 
     ``speed_damping`` (1/s), ``induced_drag`` (m/(s2 rad)) and ``trim_moment`` (1, nose up) belong
-    to the aircraft. They are known beforehand to what aircraft have: D/m changes with the speed by
-    2 g0 D/(L V), with the angle of attack by g0 times the slope of D/L, and thrust at an arm of a
-    chord makes a moment coefficient of the size of CD.
+    to the aircraft. Their priors are those of usual aircraft: D/m changes with the speed by 2 g0
+    D/(L V), with the angle of attack by g0 times the slope of D/L, and thrust at an arm of a chord
+    makes a moment coefficient of the size of CD.
 
     Attributes
     ----------

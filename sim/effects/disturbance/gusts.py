@@ -202,10 +202,9 @@ class GustTurbulence:
     )
     traits: ClassVar[Traits] = Traits(
         sentences=("the air is turbulent: gusts of {sigma}, length scale {length}",),
-        # Below a fifth of what pilots call light, a few centimetres a second stand for something
-        # else that is small.
+        # A sigma below a fifth of light turbulence, a few cm/s, represents another small error.
         plausible={"sigma": (0.1, 8.0), "length": (40.0, 2000.0)},
-        # Rough air is a row of gusts: a single one in it is no other cause.
+        # Turbulence contains single gusts.
         never_beside=("gust-discrete",),
     )
     explanation: ClassVar[str] = (

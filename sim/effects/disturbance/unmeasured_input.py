@@ -178,8 +178,8 @@ class ModelDiscrepancy(SizedOnPorts):
 
     Its standard deviation is the parameter named like the port, its correlation time ``time``.
 
-    It is the model discrepancy of Kennedy and O'Hagan, put where the model of an aircraft errs: in
-    its forces and moments.
+    It is the model discrepancy of Kennedy and O'Hagan, applied to the forces and moments, where the
+    model of an aircraft has its errors.
     """
 
     units: tuple[str, ...] = ("1", "1")

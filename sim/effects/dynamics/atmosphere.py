@@ -81,9 +81,9 @@ class DragMach:
 
     f = sum of ``shape1`` ... times orthonormal shapes (`sim.maths`) of asinh((M - 1.1)/0.25), which
     spreads the transonic range, where drag changes most. beta is then the ballistic coefficient at
-    the lowest Mach number, below which f goes on straight. The speed of sound is that of the
-    standard atmosphere, a = sqrt(1.4 R T) with T = max(288.15 K - 0.0065 K/m altitude, 216.65 K).
-    One that is a few per cent off stretches f along M and changes no fit.
+    the lowest Mach number, below which f is linear. The speed of sound is that of the standard
+    atmosphere, a = sqrt(1.4 R T) with T = max(288.15 K - 0.0065 K/m altitude, 216.65 K). An error
+    of a few per cent stretches f along M and changes no fit.
 
     Attributes
     ----------
@@ -114,8 +114,8 @@ class DragMach:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        # What the fall hardly tells, high up where there is no air, must not run away: a shape
-        # changes the drag by threefold at one sigma.
+        # Regularises shapes at high altitude, where there is hardly any air: one sigma changes the
+        # drag threefold.
         shapes = enumerate(shape_names(self.fine, flat=False))
         return tuple(
             Parameter(name, 0.2 / (1.0 + i), "1", prior_std=LOG_DRAG_STD / (1.0 + i))

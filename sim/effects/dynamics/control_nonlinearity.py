@@ -31,8 +31,8 @@ class ControlNonlinearity:
     moment += moment_by f(d), lift += ``lift_share`` lift_by f(d), with the vehicle's derivatives by
     the control. f = sum of ``shape1`` ... times orthonormal shapes (`sim.maths`), each the root
     mean square deflection that its shape adds over the range, in the control's unit. ``lift_share``
-    is one where lift and moment come from one force on the surface, zero where the moment alone
-    bends; it has no meaning while f is zero.
+    is one where lift and moment come from one force on the surface, zero where the moment alone is
+    nonlinear; it has no effect while f is zero.
 
     Attributes
     ----------
@@ -107,8 +107,7 @@ class ControlNonlinearity:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        # What the input does not reach must not run away: no shape adds more than the deflection
-        # itself.
+        # Regularises shapes outside the inputs' range: none adds more than the deflection itself.
         widest = max(abs(self.low - self.middle), abs(self.high - self.middle))
         shapes = tuple(
             Parameter(name, -self.size / (1.0 + i), self.unit, prior_std=widest / (1.0 + i))
@@ -207,7 +206,7 @@ CURVE_VARIANTS: tuple[Traceable, ...] = (
 )
 
 
-# of the largest deflection: the kink is a curve that narrow, so that there is a slope everywhere
+# width of the kink, relative to the largest deflection, so that there is a slope everywhere
 KINK_WIDTH_SHARE = 0.001
 
 
@@ -216,8 +215,8 @@ class ControlUnevenness(NonlinearControl):
     """The moment of a deflection d is that of d + ``unevenness`` |d|: slopes of 1 + unevenness to
     the positive side, 1 - unevenness to the other.
 
-    The vehicle's derivatives are then the means of both sides. |d| stands for sqrt(d^2 + w^2) - w,
-    ``width`` w of the rounded kink in the control's unit.
+    The vehicle's derivatives are then the means of both sides. |d| is computed as sqrt(d^2 + w^2) -
+    w, ``width`` w of the rounded kink in the control's unit.
     """
 
     width: float = 0.00005
@@ -264,7 +263,7 @@ class ControlWeakening(NonlinearControl):
     """The moment of a deflection d is that of d - ``loss`` d (d/D)^2, ``widest`` D the largest
     deflection used, in the control's unit.
 
-    There the surface has lost the share ``loss`` of its effect; negative where it has gained. The
+    At D the surface has lost the share ``loss`` of its effect; a negative loss is a gain. The
     vehicle's derivatives are those at zero.
     """
 

@@ -32,8 +32,8 @@ class ParameterJump:
     """From ``time`` (s) on the parameters of a group are larger by given amounts, each in its own
     unit; any of them may stay as it is.
 
-    What the equations do with a parameter, in rates and readings, they do with its change. The edge
-    rises over ``width`` s, centred on ``time``.
+    Rates and readings use the changed parameters. The edge rises over ``width`` s, centred on
+    ``time``.
 
     Attributes
     ----------

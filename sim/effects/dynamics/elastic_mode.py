@@ -20,14 +20,15 @@ from sim.declaration.proposal import (
 )
 from sim.errors import ModelError
 
-STARTING_DAMPING = 0.03  # where a search begins: structures are damped by one to five per cent
-FREQUENCY_RATIO = 1.09  # of the frequencies tried: a mode of that damping still answers between two
-LOWEST_FREQUENCY = 4.0  # rad/s, below which no structure bends
-HIGHEST_FREQUENCY = 250.0  # rad/s, beyond which usual sub-steps no longer follow
+STARTING_DAMPING = 0.03  # start of a search: structures have 0.01 to 0.05
+# ratio of successive trial frequencies: a mode with that damping responds between two
+FREQUENCY_RATIO = 1.09
+LOWEST_FREQUENCY = 4.0  # rad/s, lowest frequency of a structure
+HIGHEST_FREQUENCY = 250.0  # rad/s, highest frequency resolved by usual sub-steps
 
 
-# The aircraft's moments by the angle and by the control, of which a mode of the same structure has
-# about the ratio; and how far beyond it may lie.
+# Derivatives of the moment by angle and control: a mode of the same structure has about their
+# ratio; and the largest plausible deviation from it.
 TURNED_BY = {
     "elevator": ("Cm_alpha", "Cm_de"),
     "delta": ("M_alpha", "M_delta"),
@@ -41,7 +42,7 @@ BEYOND = 3.0
 @dataclass(frozen=True)
 class ElasticMode:
     """eta_ddot = -2 damping frequency eta_dot + frequency^2 (control + angle_gain alpha - eta), and
-    what it adds.
+    its loads and readings.
 
     The gain of the control is one by convention: eta is the deflection of the control that bends
     the structure as much when held. Then ``lift`` and ``moment`` times eta add to the loads, and
@@ -137,8 +138,8 @@ class ElasticMode:
                 "the structure bends: a mode of {frequency} ({frequency_hertz}), damping {damping}",
             ),
             short_name="bending structure",
-            # A structure has .01 to .05, and with what the air takes from a first wing bending up
-            # to about .15.
+            # Structures have 0.01 to 0.05; aerodynamic damping of the first wing bending adds up to
+            # about 0.1.
             plausible={"frequency": (3.0, min(200.0, self.fastest)), "damping": (0.003, 0.2)},
             oscillates=("frequency",),
         )

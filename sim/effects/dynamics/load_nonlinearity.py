@@ -170,17 +170,14 @@ CURVE_VARIANTS: tuple[Traceable, ...] = (
 )
 
 
-# of a1 (alpha - alpha_star), where the separated share is below rounding: there it is set to none
-# at all
+# a1 (alpha - alpha_star) below which the separated share is set to zero, as it is below rounding
 ATTACHED_FLOW_EXPONENT = -20.0
-# share of the chord. The root of it has no slope at none; lift then is within 2 per cent of that of
-# a free stream
+# smallest attached share of the chord: its root has no slope at zero; lift is then within 2 per
+# cent of fully separated flow
 LEAST_ATTACHED = 1e-4
-# rad from zero lift. chosen: below eight degrees no wing's flow leaves its rear, and no search
-# looks for it
-NO_STALL_BELOW = 0.15
+NO_STALL_BELOW = 0.15  # rad from zero lift, chosen: below eight degrees no stall is searched
 UNREACHED_ALPHA = 6.0  # rad, where alpha_star is beyond any flight
-SHARES = (0.7, 0.85, 1.0)  # of the largest angle flown, that a search tries
+SHARES = (0.7, 0.85, 1.0)  # trial values, relative to the largest angle flown
 TIMES = (0.1, 0.5)  # s, time constants that are probed
 STEEPNESS = (15.0, 40.0)  # 1/rad, slopes of the separation point that are probed
 MOMENTS = (0.0, -0.1)  # moment coefficients by separation that are probed

@@ -43,13 +43,13 @@ from sim.effects.instances import BEYOND_PRODUCTS, controls
 from sim.effects.loads import MULTIPLIED, LoadCurve
 from sim.maths import Shapes, combine, first_shapes, natural_shapes, shape_names
 
-# shapes: a slope and a bend; the curve of five intervals of the named ones; that of ten
+# numbers of shapes: a slope and a bend; five intervals, like the named curves; ten intervals
 FORMS = (2, 5, 10)
 AIRSPEED_CHANGE = "airspeed_change"  # port of a recorded airspeed, less its mean
 AIRSPEED = "airspeed"  # name of that channel
 CURVES = (*CURVED_CONTROLS, *CURVED_LOADS)
-# A fall meets its heights and speeds together: a ballistic coefficient over the one is the air's
-# density, over the other the Mach number's drag.
+# In a fall, altitude and speed change together: a ballistic coefficient over altitude is the air's
+# density, over speed the drag over Mach number.
 OF_A_FALL: Mapping[tuple[str, str], Traceable] = {
     ("beta", "altitude"): DensityScaleHeight(),
     ("beta", "velocity"): DragMach(),
@@ -74,7 +74,7 @@ class Varies:
     declared is that at the anchor. f = ``shape1`` times a straight line + ``shape2`` times nearly a
     parabola; freer forms have the other shapes of a spline of five intervals, as the named curves,
     and of ten (`sim.maths`). They are orthonormal: each size is the root mean square that its shape
-    adds over the range, in the parameter's unit. Outside the range f goes on straight.
+    adds over the range, in the parameter's unit. Outside the range f is linear.
 
     Attributes
     ----------
@@ -145,8 +145,8 @@ class Varies:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        # What the records do not reach must not run away; a freer form begins next to the plain
-        # one.
+        # Regularises shapes outside the records' range; a refined form starts next to the base
+        # form.
         starts = [
             self.size / (1.0 + i) * (1.0 if i < FORMS[0] else 1e-3) for i in range(self.count)
         ]
@@ -190,7 +190,7 @@ class Varies:
         if not high > low:
             low, high = self.low, self.high
         declared = abs(context.values.get(self.parameter, 0.0))
-        # A guess of one in whatever unit would make what is found depend on the unit.
+        # A guessed size of one would make results depend on the unit.
         return replace(
             self,
             low=low,
@@ -217,7 +217,7 @@ def curve_made_for(equations: Equations) -> tuple[Varies, ...]:
     recorded airspeed, unless a named effect has this curve.
     """
     if isinstance(equations, OwnEquations) and equations.terms:
-        return ()  # missing terms say it
+        return ()  # `missing terms` cover these equations
     named = other_names(equations)
     made = {effect.name: effect for effect in _every(equations) if effect.name not in named}
     return tuple(
@@ -312,8 +312,8 @@ def _usual(parameter: str) -> float:
 CURVE_VARIANTS: tuple[Varies, ...] = (Varies(),)
 
 
-# What a coefficient reaches in maneuvers, and the signals in them: a term is believed to be worth
-# as much as a tenth of the coefficient.
+# Largest coefficients and signals in maneuvers: a term may plausibly reach a tenth of its
+# coefficient.
 REACHED = {"CX": 0.1, "CY": 0.2, "CZ": 1.0, "CD": 0.1, "CL": 1.0, "Cl": 0.02, "Cm": 0.1, "Cn": 0.02}
 FLOWN = {"alpha": 0.1, "beta": 0.1, "mach": 0.1, "p": 0.03, "q": 0.01, "r": 0.01}
 DEFLECTED = 0.1

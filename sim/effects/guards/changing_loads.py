@@ -191,8 +191,8 @@ class ControlDrag:
     """drag += ``drag`` elevator, the deflection as a total: CD_de, per radian.
 
     An axial accelerometer above or below the centre of gravity reads the pitch acceleration, which
-    answers the elevator at once, and so does nx where the elevator drags: without this guard the
-    second is told as the first.
+    responds to the elevator at once, as nx does to elevator drag: without this term, drag would be
+    reported as a sensor position.
     """
 
     name: ClassVar[str] = "guard:control-drag"
@@ -270,7 +270,7 @@ class DragDrift:
 DRAG_DRIFT: tuple[Traceable, ...] = (DragDrift(),)
 
 
-WIDTHS = (0.005, 0.02, 0.06)  # rad, that a search tries: from friction to the whole of a maneuver
+WIDTHS = (0.005, 0.02, 0.06)  # rad, trial values: from friction to a whole maneuver
 
 
 @dataclass(frozen=True)
@@ -278,9 +278,9 @@ class Hysteresis(SizedOnPorts):
     """memory_dot = (rate - |rate| memory)/``width``, lift += ``lift`` memory, moment += ``moment``
     memory.
 
-    Dahl's law of friction and of hysteresis that knows no pace: the memory runs to the sign of the
-    ``rate``, rad/s, while the nose turns by ``width``, rad, and stays where the nose rests. Narrow,
-    it is friction; wide, flow that attaches later than it left, or a load that slides.
+    Dahl's law of friction and of rate-independent hysteresis: the memory tends to the sign of the
+    ``rate``, rad/s, over a rotation of ``width``, rad, and is constant at rest. A narrow width
+    represents friction; a wide one late reattachment of the flow, or a sliding load.
 
     Attributes
     ----------

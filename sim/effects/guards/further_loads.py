@@ -25,7 +25,7 @@ from sim.effects.instances import (
 from sim.effects.loads import LOADS, SizedOnPorts, at_arm, load_parameters
 from sim.maths import cos, once_for_alike
 
-LAGS = (0.05, 0.15, 0.5, 1.5)  # s, that a search tries: about the short period's time
+LAGS = (0.05, 0.15, 0.5, 1.5)  # s, trial values about the time of the short period
 LOOKS_LATE = ("actuator-lag", "input-delay")
 
 
@@ -176,9 +176,10 @@ def lagged_made_for(equations: Equations) -> tuple[Traceable, ...]:
     return tuple(candidates)
 
 
-FREQUENCY_RATIO = 1.12  # of the frequencies tried, besides the peaks of the residual's spectrum
+# ratio of successive trial frequencies, besides the peaks of the residual's spectrum
+FREQUENCY_RATIO = 1.12
 HIGHEST_FREQUENCY = 60.0  # rad/s
-# ports that swing as one, as lift and moment do; each further one has two more sizes to pay for
+# most ports of one oscillation, as lift and moment; a further port costs two more sizes
 MOST_COUPLED_PORTS = 2
 
 
@@ -460,9 +461,9 @@ class VaneBehind:
     """alpha_m = alpha + (arm/V) q, ``arm`` in m behind the centre of gravity, not negative; of
     sideslip beta_m = beta - (arm/V) r.
 
-    The library has no vane there, and an accelerometer as far ahead explains every record alike. It
-    is put beside that one alone: where its derivatives lie nearer to the declared ones, the
-    accelerometer is not what is wrong.
+    No effect of the library has this vane, and an accelerometer as far ahead fits every record
+    equally. Only these two are compared: if this term's derivatives are nearer to the declared
+    ones, the accelerometer is not at fault.
 
     Attributes
     ----------

@@ -42,8 +42,9 @@ from sim.maths import (
     where,
 )
 
-LONGEST_LAG = 5.0  # s, of what is no surface: an engine, a valve
-USUAL_OF_ENGINES = 1.0  # s: turbofans from near idle take longer, propellers are quicker
+LONGEST_LAG = 5.0  # s, longest lag (of an engine or valve, not a surface)
+# s, usual lag of engines: longer for turbofans near idle, shorter for propellers
+USUAL_OF_ENGINES = 1.0
 
 
 @dataclass(frozen=True)
@@ -138,14 +139,11 @@ def _lagged(h: np.ndarray, u: np.ndarray, lag: Any) -> np.ndarray:
 
 
 UNLIMITED = 1e9
-# its slower pole is then 34 times slower than the other: a lag to any record, and a fit need not
-# run on to infinity
-MOST_DAMPED = 3.0
+MOST_DAMPED = 3.0  # largest damping: its poles then differ 34-fold, which is a lag for any record
 SERVO_DAMPING = 0.7  # damping of a well-made servo
-# rad/s, a factor of three apart: a fit closes half of that; late by 1.4 over these
+# rad/s, trial values a factor of three apart, within reach of a fit; the lag is 1.4 over these
 FREQUENCIES = (45.0, 15.0)
-# of the squared angle, below which four terms of a series are exact to rounding
-SERIES_ANGLE = 1e-3
+SERIES_ANGLE = 1e-3  # largest squared angle for which four terms of a series are exact to rounding
 
 
 @dataclass(frozen=True)
@@ -155,9 +153,9 @@ class ActuatorSecondOrder(OfInput):
 
     ``frequency`` in rad/s; at ``UNLIMITED`` it is taken as absent and d = u. ``damping`` without
     unit, positive. With much damping it is a lag of 2 damping/frequency, with a high frequency a
-    delay of as long: either is simpler and goes first where it does as well. The low-order
-    equivalent system has its own lag and delay, which stand for all that lies between stick and
-    surface: not offered there.
+    delay of as long: either is simpler and preferred if it fits as well. It is not offered for the
+    low-order equivalent system, whose own lag and delay represent everything between stick and
+    surface.
     """
 
     signal: str = "elevator"
@@ -184,7 +182,7 @@ class ActuatorSecondOrder(OfInput):
 
     @property
     def aliases(self) -> tuple[str, ...]:
-        # With the damping of a structure it is one that the control drives.
+        # With low damping it equals a structural mode driven by the control.
         return (*all_labelled(("actuator-lag", "input-delay"), self.label), "elastic-mode")
 
     @property
@@ -310,14 +308,13 @@ def dynamics_made_for(equations: Equations) -> tuple[Traceable, ...]:
 
 
 UNLIMITED_RATE = 1e9
-# peaks of the input run through in a second: from hardly felt to always behind
+# trial rates in input peaks per second: from hardly noticeable to always limiting
 PER_SECOND = (20.0, 9.0, 4.0, 2.0, 0.9)
 HALF_AND_TWICE = (
     "the same maneuver at half and at twice the size: only a rate limit makes large inputs later "
     "than small ones"
 )
-# cells behind on one side from which it is worth following the surface many cells at a time
-_LONG = 16
+_LONG = 16  # fewest cells with the surface behind on one side that are computed together
 
 
 @dataclass(frozen=True)
@@ -326,8 +323,8 @@ class ActuatorRateLimit(SizedOnInput):
     second, and stops there.
 
     At ``UNLIMITED_RATE`` it is taken as absent. It starts at the first recorded value. The rate is
-    not a smooth function of where the surface is: there is no state form, a filter takes it only
-    with a rate that is held.
+    no smooth function of the surface's position, so there is no state form; a filter can use it
+    with a fixed rate only.
     """
 
     typical: float = 0.3
@@ -357,7 +354,7 @@ class ActuatorRateLimit(SizedOnInput):
 
     @property
     def traits(self) -> Traits:
-        """Believed from a thirtieth to ten times the typical value: for an elevator from half a
+        """Plausible from a thirtieth to ten times the typical value: for an elevator from half a
         degree to some 170 degrees a second.
         """
         return Traits(
@@ -407,11 +404,11 @@ def _distances(commands: np.ndarray, ways: np.ndarray) -> np.ndarray:
     """Return the distance of the surface from each command as it is given; ``ways`` are the most it
     moves before the next.
     """
-    # Where it has arrived it is as far as the two commands are apart: the loop runs only while it
+    # After arrival the distance is the change of the command: the loop only runs while the surface
     # is behind.
     distances = np.append(commands[:1], commands[:-1]) - commands + 0.0 * ways
     reach, done, last = ways.real, 0, len(commands) - 1
-    # a list of all would take longer than the loop
+    # a list of all values would take longer than the loop
     target, most, most_real = commands.item, ways.item, reach.item
     for first in np.flatnonzero(np.abs(distances.real) > reach).tolist():
         if first < done:
@@ -454,7 +451,7 @@ UNLIMITED_TRAVEL = 1e9
 
 @dataclass(frozen=True)
 class ActuatorSaturation(SizedOnInput):
-    """The vehicle feels max(-limit, min(u, limit)): the same limit on both sides of trim.
+    """The vehicle's input is max(-limit, min(u, limit)): the same limit on both sides of trim.
 
     ``limit`` in the unit of the input; at ``UNLIMITED_TRAVEL`` it is taken as absent. Without
     memory: the state form has no states.
@@ -489,7 +486,7 @@ class ActuatorSaturation(SizedOnInput):
 
     @property
     def traits(self) -> Traits:
-        """Believed from a tenth to ten times the typical value: for an elevator from a third of a
+        """Plausible from a tenth to ten times the typical value: for an elevator from a third of a
         degree to half a right angle.
         """
         return Traits(

@@ -32,8 +32,8 @@ class InputBacklash(SizedOnInput):
     distance.
 
     ``half_width`` in the unit of the input, not negative. It starts at the first recorded value, in
-    the middle of its play. A play is no differential equation: there is no state form, a filter
-    takes it only with a width that is held.
+    the middle of its play. Backlash is no differential equation, so there is no state form; a
+    filter can use it with a fixed width only.
     """
 
     typical: float = 0.005
@@ -88,8 +88,8 @@ class InputBacklash(SizedOnInput):
 
 @dataclass(frozen=True)
 class InputDeadband(SizedOnInput):
-    """The vehicle feels sign(u) max(|u| - half_width, 0): nothing near zero, no step at the edge of
-    the band.
+    """The vehicle's input is sign(u) max(|u| - half_width, 0): zero in the band, without a step at
+    its edges.
 
     ``half_width`` in the unit of the input, not negative. Without memory: the state form has no
     states.

@@ -1,4 +1,4 @@
-"""How a sensor is mounted: an accelerometer or a flow vane away from the centre of gravity; a rate
+"""Mounting of a sensor: an accelerometer or a flow vane away from the centre of gravity; a rate
 gyro that senses the load factor, or that is turned towards another axis.
 """
 
@@ -20,7 +20,8 @@ MEASURE_IT = (
     "are mounted, or check which lift of the control surface is plausible (CL_de, L_delta: it "
     "differs most)"
 )
-_VANES = ("nz", "ny")  # a vane in the same plane is the same to the kinematics
+# accelerometers with a vane in the same plane, which has the same effect on the kinematics
+_VANES = ("nz", "ny")
 _TURNING = {"q": "pitch", "r": "yaw"}
 _PLACES = {"nz": "{arm_side}", "ny": "{arm_side}", "nx": "{arm} below"}
 ACCELEROMETER_IN_PITCH = (

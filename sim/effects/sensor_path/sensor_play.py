@@ -22,7 +22,8 @@ from sim.effects.instances import (
 )
 from sim.maths import clip, each_column, trailing
 
-SHARES_OF_HALF_RANGE = (0.04, 0.12, 0.3)  # of half the range of the readings, tried as widths
+# trial widths, as shares of half the range of the readings
+SHARES_OF_HALF_RANGE = (0.04, 0.12, 0.3)
 VANES = ("alpha", "beta")
 
 
@@ -96,7 +97,7 @@ class SensorBacklash(OfChannel):
         return out[::2], out[1::2]
 
 
-SHARES_OF_LARGEST = (0.04, 0.12, 0.3)  # of the largest reading, tried as widths
+SHARES_OF_LARGEST = (0.04, 0.12, 0.3)  # trial widths, as shares of the largest reading
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,7 @@ class Bursts:
 
 
 class _Spikes:
-    """What wrong samples of a channel and of a recorded input share; ``wrong`` is which of them."""
+    """Base of spikes of a channel and of a recorded input; ``wrong`` is which of them."""
 
     unit: str
     typical: float
@@ -149,10 +149,10 @@ class SensorSpikes(_Spikes):
 @dataclass(frozen=True)
 class InputSpikes(_Spikes):
     """``bursts.count`` moments at which the recorded input is off by ``size``, up or down, while
-    the vehicle feels the right one.
+    the vehicle's input is correct.
 
-    Parameters as those of SensorSpikes. Since the record is what a simulation starts from, the
-    spikes are taken off it before anything else acts on the input.
+    Parameters as those of SensorSpikes. A simulation starts from the record: the spikes are
+    subtracted before any other effect on the input.
 
     Attributes
     ----------

@@ -26,7 +26,7 @@ _DELAY_LOOKS_LIKE: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 @dataclass(frozen=True)
 class SensorDelay(OfChannel):
-    """The recorded channel shows what was true ``delay`` seconds before: y(t) -> y(t - delay).
+    """The recorded channel is delayed: y(t) -> y(t - delay).
 
     ``delay`` in s, not negative. Before the record's start the first value holds. It has no state
     form of finite order.
@@ -98,10 +98,10 @@ class SensorLag(OfChannel):
     """The recorded channel y follows the true one v as y_dot = (v - y)/time_constant, settled at
     the start.
 
-    ``time_constant`` in s, not negative; at zero y = v. A lag, however short, lets no jump pass:
-    where the channel jumps at a sample (nz, when a held input switches) the reading there is that
-    before the jump, and the limit at zero differs by the jump. The state form is stiff for a lag
-    much shorter than the step.
+    ``time_constant`` in s, not negative; at zero y = v. Even a short lag removes jumps: where the
+    channel jumps at a sample (nz, when a held input switches), the reading is that before the jump,
+    so that the limit at zero differs by the jump. The state form is stiff for a lag much shorter
+    than the step.
     """
 
     channel: str
@@ -220,14 +220,12 @@ class SensorHold(OfChannel):
     ``interval`` changes nothing. ``phase`` in s. The noise of the recorder comes after. Each record
     has its own period and phase.
 
-    Two things are approximated. A sample belongs to the update that is at most half of ``interval``
-    later than itself: where updates meet samples (a period of whole samples, in step with the
-    recorder) this is exact, and lets period and phase move a little without any sample changing its
-    update, so that slopes and sigmas exist: they are those of the value interpolated at the time of
-    the update, d y/d period = -k y_dot there. Where the sensor runs on a clock of its own, samples
-    just before an update show it too early, by half an interval at most; the fit spreads that over
-    the phase. Which update a sample shows is found by trying: only periods of whole samples are
-    proposed to a search, and the period that the residual shows.
+    Approximation: a sample shows the last update up to half an ``interval`` after itself. This is
+    exact if updates coincide with samples. Period and phase may then change a little without any
+    change of a sample's update, so that slopes and sigmas exist: d y/d period = -k y_dot at the
+    update. If the sensor has its own clock, samples just before an update show it early, by half an
+    interval at most; the phase partly compensates this. A search tries periods of whole samples,
+    and the period found in the residual.
 
     Attributes
     ----------
@@ -255,8 +253,8 @@ class SensorHold(OfChannel):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Return the parameters: which update a sample shows tells the phase to half an interval:
-        nothing else tells it from a delay of the same channel.
+        """Return the parameters: the update of each sample gives the phase to half an interval;
+        otherwise it equals a delay of the channel.
         """
         return (
             Parameter("period", 0.25, "s", bounds=(0.0, 2.0)),
@@ -334,7 +332,7 @@ def sampling_made_for(equations: Equations) -> tuple[Traceable, ...]:
 
 @dataclass(frozen=True)
 class TimeBase:
-    """Recorded time = ``factor`` x true time, for all channels alike: the rates of all states are
+    """Recorded time = ``factor`` x true time, for all channels: the rates of all states are
     1/factor of the true ones.
 
     ``factor`` without unit, positive; 1 where the clock is right, above it where it runs fast.

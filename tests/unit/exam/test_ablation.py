@@ -8,7 +8,7 @@ import pytest
 
 from exam.ablation import ALL, RULES, ablate, left_out, noted, table
 from ident.tracing import decision
-from ident.tracing.decision import searched
+from ident.tracing.decision import search_white_noise
 from sim.declaration.proposal import Traceable
 from sim.effects.library import effects_for
 from tests.tracing_problem import declared, planted, problem_of
@@ -39,13 +39,13 @@ def test_a_rule_that_acts_is_noted_and_can_be_left_out() -> None:
     ]
     values = {f"{SCALE}.scale": 1.15, f"{LATE}.delay": 0.012}
     record = planted([each for each in few if each.name in (SCALE, LATE)], values, seed=1)
-    search = searched(problem_of([record], few, model=declared()))
+    search = search_white_noise(problem_of([record], few, model=declared()))
     acted: set[str] = set()
     with noted(acted):
-        with_all = decision.decided(search)
+        with_all = decision.decide(search)
     assert "weak members" in acted and "two events" not in acted
     with left_out("weak members"):
-        without = decision.decided(search)
+        without = decision.decide(search)
     assert [each.name for each in with_all.named] == [SCALE]
     assert {each.name for each in without.named} == {SCALE, LATE}
 

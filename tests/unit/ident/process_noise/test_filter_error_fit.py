@@ -8,7 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ident.process_noise.best_start import _amplitudes, _never_still, _size_of_motion, noise_start
+from ident.process_noise.best_start import (
+    _intensities,
+    _intensity_factor,
+    _with_positive_intensities,
+    noise_start,
+)
 from ident.whole_record.gauss_newton import Fit, evaluate
 from ident.whole_record.layout import FitProblem, FitSettings, lay_out
 from sim.declaration import own_model
@@ -63,19 +68,19 @@ def test_the_motion_accounts_for_the_variance_beyond_the_noise(
     residual: float, noise: float, factor: float
 ) -> None:
     """factor^2 var(H x) + noise^2 = residual^2, in whatever unit the output is."""
-    found = _size_of_motion(fit_with(factor * residual, factor), np.array([factor * noise]))
+    found = _intensity_factor(fit_with(factor * residual, factor), np.array([factor * noise]))
     assert found**2 * mean_variance_of_x() + noise**2 == pytest.approx(residual**2, rel=1e-4)
 
 
 @pytest.mark.parametrize("noise", [0.4, 3.0])
 def test_without_an_excess_a_hundredth_of_the_noise_is_left_to_the_motion(noise: float) -> None:
-    found = _size_of_motion(fit_with(0.3), np.array([noise]))
+    found = _intensity_factor(fit_with(0.3), np.array([noise]))
     assert found**2 * mean_variance_of_x() == pytest.approx((0.01 * noise) ** 2, rel=1e-4)
 
 
 def test_a_start_is_at_most_a_hundredfold_off() -> None:
-    assert _size_of_motion(fit_with(1e3), np.array([0.1])) == 100.0
-    assert _size_of_motion(fit_with(1e-6), np.array([1e-7])) == 0.01
+    assert _intensity_factor(fit_with(1e3), np.array([0.1])) == 100.0
+    assert _intensity_factor(fit_with(1e-6), np.array([1e-7])) == 0.01
 
 
 def test_only_intensities_are_kept_off_zero() -> None:
@@ -87,9 +92,9 @@ def test_only_intensities_are_kept_off_zero() -> None:
     )
     layout = lay_out([record], compile_model(rough_model()), FitSettings(STEP))
     at = layout.shared.index("gust-turbulence.sigma")
-    values: Mapping[int, float] = _amplitudes(layout)
+    values: Mapping[int, float] = _intensities(layout)
     assert values == {at: layout.start[at]}
-    low = _never_still(layout).low
+    low = _with_positive_intensities(layout).low
     assert layout.low[at] == 0.0 and low[at] == pytest.approx(1e-3 * layout.start[at])
     assert np.array_equal(np.delete(low, at), np.delete(layout.low, at))
 

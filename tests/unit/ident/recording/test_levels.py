@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from ident.recording.distorted_channels import _jumps
 from ident.recording.inspection import inspect
-from ident.recording.series import Certainty, Kind, RecordFinding, _loud
+from ident.recording.series import Certainty, Kind, RecordFinding, _loud_samples
 from sim.record import Channel, Record
 from tests.recorded_flight import SIGMAS, UNITS, Aircraft, altered, flight
 
@@ -66,8 +66,8 @@ def test_the_same_samples_are_loud_when_time_runs_backwards() -> None:
     values = np.random.default_rng(2).standard_normal(600) * np.where(
         np.arange(600) // 200 == 1, 6.0, 1.0
     )
-    forwards = _loud(np.diff(values, 4) / math.sqrt(70.0), 2.5, 600)
-    backwards = _loud(np.diff(values[::-1], 4) / math.sqrt(70.0), 2.5, 600)
+    forwards = _loud_samples(np.diff(values, 4) / math.sqrt(70.0), 2.5, 600)
+    backwards = _loud_samples(np.diff(values[::-1], 4) / math.sqrt(70.0), 2.5, 600)
     np.testing.assert_array_equal(backwards[::-1], forwards)
     at = np.flatnonzero(forwards)
     assert abs(at[0] - 200) < 15 and abs(at[-1] - 399) < 15 and len(at) == at[-1] - at[0] + 1

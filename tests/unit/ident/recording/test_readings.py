@@ -13,7 +13,7 @@ from ident.recording.inspection import inspect
 from ident.recording.kinematic_relations import (
     ControlPower,
     KinematicColumns,
-    _fitted,
+    _control_power_fit,
     all_readings,
     columns_of,
     control_power,
@@ -264,7 +264,7 @@ def test_the_sigma_of_a_control_power_counts_the_samples_of_a_lag_once(lag: int)
     rows = np.stack([first, second, moved, np.ones(80)], axis=1)
     coefficients, (left,), _, _ = np.linalg.lstsq(rows, change, rcond=None)
     sigma = float(np.sqrt(left / 80 * np.linalg.inv(rows.T @ rows)[2, 2]))
-    found = _fitted(
+    found = _control_power_fit(
         np.repeat(change, lag),
         [np.repeat(each, lag) for each in (first, second)],
         np.repeat(moved, lag),

@@ -209,7 +209,7 @@ def test_alternatives_a_few_at_a_time_are_those_of_one_batch(
         for column in columns
     ]
     y, together, _, _ = compared(record, [effect], columns)
-    monkeypatch.setattr("ident.tracing.signatures._AT_ONCE", 1)
+    monkeypatch.setattr("ident.tracing.signatures._LARGEST_BATCH", 1)
     base, one_by_one, _, _ = compared(record, [effect], columns)
     np.testing.assert_allclose(one_by_one, together, rtol=0, atol=1e-14)
     np.testing.assert_array_equal(base, y)

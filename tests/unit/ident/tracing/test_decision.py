@@ -14,13 +14,13 @@ from scipy.stats import norm
 from ident.estimate import Outcome
 from ident.tracing import decision
 from ident.tracing.decision import (
-    _decided_under_white_noise,
-    _is_cause,
+    _decide_under_white_noise,
+    _exchange_fault_forms,
+    _is_physical_effect,
     _likeliest_without,
-    _other_forms,
     _prefer_named_by_kinematics,
-    decided,
-    searched,
+    decide,
+    search_white_noise,
 )
 from ident.tracing.diagnosis import Verdict
 from ident.tracing.evidence import WeighedSet
@@ -67,7 +67,7 @@ def effect(name: str) -> Traceable:
 
 
 def test_nothing_is_named_where_nothing_is_hidden() -> None:
-    found = decided(searched(offered([planted(seed=4)])))
+    found = decide(search_white_noise(offered([planted(seed=4)])))
     assert found.verdict is Verdict.CONSISTENT
     assert found.named == ()
 
@@ -82,7 +82,7 @@ def test_nothing_is_named_where_nothing_is_hidden() -> None:
     ],
 )
 def test_what_is_hidden_is_named(name: str, values: dict[str, float]) -> None:
-    found = decided(searched(offered([planted([effect(name)], values, seed=2)])))
+    found = decide(search_white_noise(offered([planted([effect(name)], values, seed=2)])))
     assert found.verdict is Verdict.TRACED
     assert [each.name for each in found.named] == [name]
     assert found.named[0].probability > 0.95
@@ -112,17 +112,17 @@ def test_beside_a_discrepancy_what_acts_all_along_is_named(
         for seed in (1, 2)
     ]
     discrepancy = discrepancy_for(effects_for(declared().equations))
-    search = searched(offered(records))
-    found = decided(search, discrepancy)
+    search = search_white_noise(offered(records))
+    found = decide(search, discrepancy)
     assert found.verdict is Verdict.PARTIAL
     assert [each.name for each in found.named] == [ARM]
     assert found.named[0].spread is not None and found.named[0].spread > 3.5
-    monkeypatch.setattr(decision, "LARGE_RATIO", 1.2)
-    alone = decided(search, discrepancy)
+    monkeypatch.setattr(decision, "LARGE_ERROR_RATIO", 1.2)
+    alone = decide(search, discrepancy)
     assert alone.verdict is Verdict.UNEXPLAINED and alone.named == ()
     (hint,) = [each for each in alone.hints if each.name == ARM]
     assert "times the noise" in hint.reason
-    backed = decided(search.with_kinematics([(ARM,)]), discrepancy)
+    backed = decide(search.with_kinematics([(ARM,)]), discrepancy)
     assert [each.name for each in backed.named] == [ARM]
 
 
@@ -134,7 +134,9 @@ def test_filtered_noise_is_no_cause() -> None:
         rng = np.random.default_rng(len(name))
         more = np.convolve(rng.normal(size=len(record) + 2), [0.5, 1.0, 0.5], "valid")
         record = with_output(record, name, channel.values + 0.8 * NOISE[name] * more)
-    found = decided(searched(offered([record])), discrepancy_for(effects_for(declared().equations)))
+    found = decide(
+        search_white_noise(offered([record])), discrepancy_for(effects_for(declared().equations))
+    )
     assert found.verdict is Verdict.CONSISTENT
 
 
@@ -143,7 +145,9 @@ def test_an_event_is_placed_to_a_sample() -> None:
     one.
     """
     values = {"sensor-step:q.at": 4.343, "sensor-step:q.size": 0.02}
-    found = decided(searched(offered([planted([effect("sensor-step:q")], values, seed=9)])))
+    found = decide(
+        search_white_noise(offered([planted([effect("sensor-step:q")], values, seed=9)]))
+    )
     assert [each.name for each in found.named] == ["sensor-step:q"]
     (own,) = found.best.values.own
     assert own["sensor-step:q.at"] == pytest.approx(4.343, abs=0.03)
@@ -194,9 +198,9 @@ def test_an_event_is_named_where_hardly_more_than_noise_is_left(
         for each in every
         if each.name in (LATE, "sensor-scale:q", pulse.name) and isinstance(each, Traceable)
     ]
-    search = searched(problem_of([record], few, model=model))
+    search = search_white_noise(problem_of([record], few, model=model))
     assert not is_noise(search.best().fitted.fit)
-    assert [each.name for each in decided(search, discrepancy_for(every)).named] == named
+    assert [each.name for each in decide(search, discrepancy_for(every)).named] == named
 
 
 @pytest.mark.long
@@ -208,7 +212,7 @@ def test_white_noise_decides_where_a_discrepancy_is_less_probable() -> None:
     values = {"sensor-delay:alpha.delay": 0.08, "input-deadband.half_width": 0.004}
     record = planted([effect(name) for name in names], values, seed=10)
     discrepancy = discrepancy_for(effects_for(declared().equations))
-    found = decided(searched(offered([record])), discrepancy)
+    found = decide(search_white_noise(offered([record])), discrepancy)
     assert found.verdict is Verdict.TRACED
     assert {each.name for each in found.named} == set(names)
 
@@ -216,7 +220,7 @@ def test_white_noise_decides_where_a_discrepancy_is_less_probable() -> None:
 def test_a_group_that_acts_is_ambiguous_though_no_member_is_certain() -> None:
     """A short boom: a vane and a late alpha look alike."""
     problem = offered([planted([effect(ARM)], {"vane-offset.arm": 2.0 * SHORT}, seed=3)])
-    found = decided(searched(problem))
+    found = decide(search_white_noise(problem))
     (named,) = found.named
     assert found.verdict is Verdict.AMBIGUOUS
     assert {named.name, *named.alternatives} >= {ARM, LATE}
@@ -227,9 +231,11 @@ def test_effects_that_vuongs_test_does_not_tell_apart_share_their_probability() 
     """The odds of each, by the sets that were fitted and the normal law, are at least its."""
     shared = 0
     for arm in (1.5 * SHORT, 2.0 * SHORT):
-        search = searched(offered([planted([effect(ARM)], {"vane-offset.arm": arm}, seed=2)]))
+        search = search_white_noise(
+            offered([planted([effect(ARM)], {"vane-offset.arm": arm}, seed=2)])
+        )
         best = search.best()
-        for named in decided(search).named:
+        for named in decide(search).named:
             assert named.probability + sum(named.alternatives.values()) <= 1.0 + 1e-9
             rest = best.names - {named.name}
             for key, other in search.visited.items():
@@ -266,7 +272,7 @@ def test_uncertain_motion_that_any_record_may_have_leaves_the_declared_model_sta
     odds: float, named: list[str]
 ) -> None:
     """A clean flight was ``unexplained`` because a phugoid was neither certain nor excluded."""
-    search = searched(offered([planted([], {}, seed=1)]))
+    search = search_white_noise(offered([planted([], {}, seed=1)]))
     root = search.root
     assert is_noise(root.fitted.fit)
     other, one = (
@@ -275,7 +281,7 @@ def test_uncertain_motion_that_any_record_may_have_leaves_the_declared_model_sta
         if (fitted := search.fit([effect(name)], root.fitted)) is not None
     )
     search.visited = {each.names: each for each in (root, other, one)}
-    found = _decided_under_white_noise(search, one)
+    found = _decide_under_white_noise(search, one)
     assert [each.name for each in found.named] == named
     assert found.verdict is (Verdict.AMBIGUOUS if named else Verdict.CONSISTENT)
     hinted = {each.name: each for each in found.hints}
@@ -299,7 +305,7 @@ def test_what_is_not_certain_is_left_out_where_a_weak_member_is_gone() -> None:
     """An accelerometer ahead with 1800 in its favour was not named: beside it stood a phugoid of
     one half, once a third effect was gone.
     """
-    search = searched(
+    search = search_white_noise(
         offered([planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=2)])
     )
     root = search.root
@@ -312,7 +318,7 @@ def test_what_is_not_certain_is_left_out_where_a_weak_member_is_gone() -> None:
         one = replace(search.store(fitted), weight=root.weight + weight)
         weighed[one.names] = one
     search.visited = weighed
-    found = _decided_under_white_noise(search, search.best())
+    found = _decide_under_white_noise(search, search.best())
     assert found.verdict is Verdict.TRACED
     assert [each.name for each in found.named] == [LATE]
 
@@ -369,16 +375,16 @@ def test_what_brings_little_where_the_declared_model_leaves_noise_is_a_hint() ->
         offered([planted([effect(ARM)], {"vane-offset.arm": arm}, seed=2)])
         for arm in (SHORT, 1.5 * SHORT)
     )
-    search = searched(shorter)
+    search = search_white_noise(shorter)
     assert is_noise(search.root.fitted.fit)
     assert 3.0 < search.best().weight - search.root.weight < 30.0
-    found = decided(search)
+    found = decide(search)
     assert found.verdict is Verdict.CONSISTENT and not found.named
     (hint,) = found.hints
     assert hint.name == ARM and "it brings little" in hint.reason
-    search = searched(short)
+    search = search_white_noise(short)
     assert not is_noise(search.root.fitted.fit)
-    assert [each.name for each in decided(search).named] == [ARM]
+    assert [each.name for each in decide(search).named] == [ARM]
 
 
 @pytest.mark.long
@@ -401,41 +407,41 @@ def test_a_second_cause_that_brings_little_is_named_where_kinematics_name_it() -
     both = [effect("sensor-scale:q"), effect(LATE)]
     values = {"sensor-scale:q.scale": 1.15, "sensor-delay:alpha.delay": 0.012}
     problem = offered([planted(both, values, seed=1)])
-    alone = decided(searched(problem))
+    alone = decide(search_white_noise(problem))
     assert [each.name for each in alone.named] == ["sensor-scale:q"]
     assert [each.name for each in alone.hints] == [ARM], "it stands for a late vane"
     assert "it brings little" in alone.hints[0].reason
-    backed = decided(searched(problem).with_kinematics([(LATE, ARM)]))
+    backed = decide(search_white_noise(problem).with_kinematics([(LATE, ARM)]))
     assert {each.name for each in backed.named} == {"sensor-scale:q", ARM}
     assert LATE in {name for each in backed.named for name in each.alternatives}
 
 
 def test_names_need_a_residual_that_is_noise_on_data_that_were_not_fitted() -> None:
     """Without a discrepancy nothing is named where held-out data say that no set is true."""
-    search = searched(
+    search = search_white_noise(
         offered([planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=2)])
     )
-    assert [each.name for each in decided(search).named] == [LATE]
-    doubted = decided(search, leaves_noise=lambda fitted: False)
+    assert [each.name for each in decide(search).named] == [LATE]
+    doubted = decide(search, leaves_noise=lambda fitted: False)
     assert doubted.verdict is Verdict.UNEXPLAINED and doubted.named == ()
     assert "not fitted" in doubted.hints[0].reason
 
 
 def test_a_declared_model_that_does_not_predict_other_data_is_not_consistent() -> None:
-    search = searched(offered([planted(seed=4)]))
-    assert decided(search).verdict is Verdict.CONSISTENT
-    doubted = decided(search, leaves_noise=lambda fitted: False)
+    search = search_white_noise(offered([planted(seed=4)]))
+    assert decide(search).verdict is Verdict.CONSISTENT
+    doubted = decide(search, leaves_noise=lambda fitted: False)
     assert doubted.verdict is Verdict.UNEXPLAINED and doubted.named == ()
 
 
 def test_a_frequency_above_half_the_sampling_rate_is_no_cause() -> None:
     servo = effect("actuator-second-order")
-    search = searched(offered([planted(seed=4)]))
+    search = search_white_noise(offered([planted(seed=4)]))
     for frequency, cause in ((40.0, True), (200.0, False)):
         values = {"actuator-second-order.frequency": frequency}
         fitted = SimpleNamespace(fitted=SimpleNamespace(values=SimpleNamespace(shared=values)))
-        assert _is_cause(servo, cast(WeighedSet, fitted), 0.02) is cause
-    assert decided(search).hints == ()
+        assert _is_physical_effect(servo, cast(WeighedSet, fitted), 0.02) is cause
+    assert decide(search).hints == ()
 
 
 def test_data_that_were_not_fitted_choose_among_likely_sets() -> None:
@@ -443,11 +449,11 @@ def test_data_that_were_not_fitted_choose_among_likely_sets() -> None:
     the delay predicts is not noise.
     """
     hidden = planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.02}, seed=2)
-    search = searched(problem_of([hidden], [effect(LATE), effect(ARM)], model=declared()))
+    search = search_white_noise(problem_of([hidden], [effect(LATE), effect(ARM)], model=declared()))
     (likeliest,) = search.best().names
     (other,) = {LATE, ARM} - {likeliest}
-    assert likeliest in {each.name for each in decided(search).named}
-    found = decided(search, leaves_noise=lambda fitted: likeliest not in fitted.names)
+    assert likeliest in {each.name for each in decide(search).named}
+    found = decide(search, leaves_noise=lambda fitted: likeliest not in fitted.names)
     assert found.verdict is Verdict.TRACED
     assert [(each.name, dict(each.alternatives)) for each in found.named] == [(other, {})]
 
@@ -455,16 +461,16 @@ def test_data_that_were_not_fitted_choose_among_likely_sets() -> None:
 def test_what_brings_little_is_named_where_data_that_were_not_fitted_need_it() -> None:
     both = [effect("sensor-scale:q"), effect(LATE)]
     values = {"sensor-scale:q.scale": 1.15, "sensor-delay:alpha.delay": 0.012}
-    search = searched(offered([planted(both, values, seed=1)]))
-    assert [each.name for each in decided(search).named] == ["sensor-scale:q"]
-    found = decided(search, leaves_noise=lambda fitted: len(fitted.names) > 1)
+    search = search_white_noise(offered([planted(both, values, seed=1)]))
+    assert [each.name for each in decide(search).named] == ["sensor-scale:q"]
+    found = decide(search, leaves_noise=lambda fitted: len(fitted.names) > 1)
     assert {each.name for each in found.named} == {"sensor-scale:q", ARM}
 
 
 def test_a_right_set_stays_where_it_leaves_hardly_more_than_noise_of_other_data() -> None:
     hidden = planted([effect(LATE)], {"sensor-delay:alpha.delay": 0.08}, seed=2)
-    search = searched(offered([hidden]))
-    found = decided(search, None, lambda fitted: False, lambda fitted: True)
+    search = search_white_noise(offered([hidden]))
+    found = decide(search, None, lambda fitted: False, lambda fitted: True)
     assert [each.name for each in found.named] == [LATE]
 
 
@@ -504,7 +510,7 @@ def test_another_fault_of_the_sensor_takes_the_place_of_what_kinematics_name() -
     search = Search(problem, (shown, scale), (discrepancy,))
     named = search.set_named_by_kinematics()
     assert named is not None and search.added(named) == {"sensor-scale:q"}
-    assert search.added(_other_forms(search, named)) == {"sensor-deadband:q"}
+    assert search.added(_exchange_fault_forms(search, named)) == {"sensor-deadband:q"}
 
 
 def test_kinematics_choose_among_effects_that_are_not_told_apart() -> None:

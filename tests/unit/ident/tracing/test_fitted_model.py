@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from ident.tracing.fitted_model import (
-    carried,
     compiled_with,
-    known_beforehand,
+    declared_priors,
     quantities,
+    start_and_guesses,
 )
 from ident.whole_record.layout import FitSettings, lay_out
 from sim.declaration.compile import compile_model
@@ -32,7 +32,7 @@ def test_values_are_carried_by_name_from_one_model_to_the_next() -> None:
     effects = (SensorDrift("q", "rad/s", 5e-4), SensorLag("q"), SensorScale("nz"))
     _, system = compiled_with(declared(), effects, OUTPUTS)
     layout = lay_out(records, system, FitSettings(max_step=0.02), local=["sensor-drift:q.slope"])
-    start, guesses = carried(layout, small.values, {"sensor-lag:q.time_constant": 0.123})
+    start, guesses = start_and_guesses(layout, small.values, {"sensor-lag:q.time_constant": 0.123})
     by_name = dict(zip(layout.names, start, strict=True))
     known = {**small.values.shared}
     for r, own in enumerate(small.values.own):
@@ -49,7 +49,7 @@ def test_values_are_carried_by_name_from_one_model_to_the_next() -> None:
         np.testing.assert_array_equal(guess, line.states)
     # Back: what the smaller model lacks is left behind.
     large = fit_of(problem, effects, small, {"sensor-lag:q.time_constant": 0.05})
-    back, _ = carried(small.fit.layout, large.values, {})
+    back, _ = start_and_guesses(small.fit.layout, large.values, {})
     shared = {**large.values.shared}
     assert {name: value for name, value in zip(small.fit.layout.shared, back, strict=False)} == {
         name: shared[name] for name in small.fit.layout.shared
@@ -61,7 +61,7 @@ def test_added_states_begin_at_rest() -> None:
     root = fit_of(problem)
     _, system = compiled_with(declared(), [ElasticMode()], OUTPUTS)
     layout = lay_out(problem.records, system, FitSettings(max_step=0.02))
-    _, guesses = carried(layout, root.values, {})
+    _, guesses = start_and_guesses(layout, root.values, {})
     assert guesses is not None
     np.testing.assert_array_equal(guesses[0][:2], root.fit.lines[0].states)
     assert not np.any(guesses[0][2:])
@@ -111,8 +111,8 @@ def test_a_bias_that_the_equations_know_of_has_its_prior_and_no_other_has() -> N
     """
     model = true_model("lateral").with_biases(["beta", "phi", "ny"])
     layout = lay_out([flown("lateral")], compile_model(model), FitSettings())
-    prior = known_beforehand(model, (), layout)
+    prior = declared_priors(model, (), layout)
     assert prior is not None
     assert [layout.names[i].partition(",")[0] for i in prior.positions] == ["bias_phi"]
     assert prior.mean == [0.0] and prior.information == pytest.approx(np.array([[0.05**-2]]))
-    assert known_beforehand(true_model("longitudinal").with_biases(["theta"]), (), layout) is None
+    assert declared_priors(true_model("longitudinal").with_biases(["theta"]), (), layout) is None

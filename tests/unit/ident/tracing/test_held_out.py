@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ident.tracing.fitted_model import FittedModel
-from ident.tracing.held_out import HeldOut, doubted, held_out, training_prior
+from ident.tracing.held_out import HeldOut, fails_residual_tests, held_out, training_prior
 from ident.tracing.predictive import prediction
 from ident.tracing.wrong_samples import measured_masks
 from sim.effects.disturbance.gusts import GustDiscrete
@@ -51,7 +51,7 @@ def test_a_frozen_fit_keeps_shared_parameters_bit_for_bit(fitted: FittedModel) -
     assert np.any(moved != 0)
     prior = training_prior(fitted)
     assert 0.5 * moved @ prior.information @ moved < 0.5 * len(shared) + 15.0
-    assert not doubted(out)
+    assert not fails_residual_tests(out)
 
 
 @pytest.mark.long
@@ -95,7 +95,7 @@ def test_two_events_are_each_placed_beside_the_other() -> None:
         "unmeasured-input.moment": -0.003,
     }
     out = held_out(fitted, [planted([push, gust], there, 9)], None, informed=False)
-    assert out.frozen is not None and not doubted(HeldOut(None, out.frozen))
+    assert out.frozen is not None and not fails_residual_tests(HeldOut(None, out.frozen))
     own = dict(zip(out.frozen.layout.names, out.frozen.theta, strict=True))
     assert own["unmeasured-input.start"] == pytest.approx(7.0, abs=0.15) and own[
         "gust-discrete.start"
@@ -107,7 +107,7 @@ def test_wrong_frozen_values_are_doubted(fitted: FittedModel) -> None:
         planted([SensorLag("q"), SensorScale("nz")], {**LAG, "sensor-scale:nz.scale": 0.6}, 9)
     ]
     without = fit_of(problem_of([planted(seed=1)]))
-    assert doubted(held_out(without, validation, None))
+    assert fails_residual_tests(held_out(without, validation, None))
 
 
 @pytest.mark.long

@@ -14,10 +14,10 @@ from ident.statistics.minimise import LocalModel, local_model
 from ident.whole_record import gauss_newton
 from ident.whole_record.gauss_newton import (
     Fit,
-    arrived,
-    carried,
     evaluate,
     fit_whole_records,
+    has_converged,
+    predicted_trajectories,
     without_sensitivities,
 )
 from ident.whole_record.layout import FitProblem, FitSettings, White, lay_out
@@ -76,7 +76,7 @@ def test_the_cost_alone_is_that_of_a_whole_evaluation(*, exact: bool) -> None:
     assert begun is not None
     theta = problem.start * 1.02
     whole, bare = (
-        evaluate(each, theta, carried(begun, theta))
+        evaluate(each, theta, predicted_trajectories(begun, theta))
         for each in (problem, without_sensitivities(problem))
     )
     assert whole is not None and bare is not None
@@ -132,14 +132,14 @@ def test_it_has_arrived_where_the_undamped_step_is_shorter_than_the_tolerance_or
     tolerance: float, enough: float, limit: float
 ) -> None:
     settings = FitSettings(tolerance=tolerance, enough=enough)
-    assert arrived(one_unknown(0.99 * limit), np.zeros(1), settings)
-    assert not arrived(one_unknown(1.01 * limit), np.zeros(1), settings)
+    assert has_converged(one_unknown(0.99 * limit), np.zeros(1), settings)
+    assert not has_converged(one_unknown(1.01 * limit), np.zeros(1), settings)
 
 
 def test_a_step_within_the_rounding_of_an_unknown_is_none() -> None:
     settings = FitSettings()
-    assert not arrived(one_unknown(0.5), np.array([1e9]), settings)
-    assert arrived(one_unknown(0.5), np.array([1e11]), settings)
+    assert not has_converged(one_unknown(0.5), np.array([1e9]), settings)
+    assert has_converged(one_unknown(0.5), np.array([1e11]), settings)
 
 
 def test_a_promise_does_not_depend_on_how_unknowns_are_combined() -> None:
@@ -213,7 +213,7 @@ def test_steps_follow_the_floor_of_a_curved_valley(monkeypatch: pytest.MonkeyPat
     record = Record(time, record_of(rng, 60).inputs, outputs)
     problem = FitProblem(lay_out([record], system, FitSettings(max_step=0.05, iterations=300)))
     curved = fit_whole_records(problem)
-    monkeypatch.setattr(gauss_newton, "_WAY", (0.0,))
+    monkeypatch.setattr(gauss_newton, "_CURVED_STEP_SHARES", (0.0,))
     straight = fit_whole_records(problem)
     assert curved is not None and straight is not None
     least = np.mean(record["place"].values)
