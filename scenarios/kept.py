@@ -39,7 +39,7 @@ def effect_of(content: Mapping[str, Any], own: Sequence[Traceable], where: str) 
     Raises
     ------
     DeclarationError : a user's effect that is not among ``own``, or a class that this version does
-    not have.
+        not have.
     """
     name = str(content.get("name", ""))
     if content.get("own"):
@@ -202,13 +202,17 @@ class KeptModel:
 
     Attributes
     ----------
-    made_by : ``"identify"`` or ``"diagnose"``. model : a name of ``MODELS``, or what a user's own
-    model calls itself. vehicle : name and hash of the vehicle file, ``vehicle_text`` its content;
-    None and empty where an own model went without one. own_file, effects_file : a user's model and
-    effects, which are run only when they are named again. biases : outputs with a free bias. spiked
-    : inputs whose isolated wrong samples are mended. weighed : the weight along the flight path
-    acts, by a measured attitude. before, after : of a diagnosis the declared model, and that with
-    the effects found; of an identification ``after`` alone, without effects.
+    made_by : ``"identify"`` or ``"diagnose"``.
+    model : a name of ``MODELS``, or what a user's own model calls itself.
+    vehicle : name and hash of the vehicle file, ``vehicle_text`` its content; None and empty where
+        an own model went without one.
+    own_file, effects_file : a user's model and effects, which are run only when they are named
+        again.
+    biases : outputs with a free bias.
+    spiked : inputs whose isolated wrong samples are mended.
+    weighed : the weight along the flight path acts, by a measured attitude.
+    before, after : of a diagnosis the declared model, and that with the effects found; of an
+        identification ``after`` alone, without effects.
     """
 
     made_by: str
@@ -306,7 +310,7 @@ def read_kept(folder: str | Path) -> KeptFile:
     Raises
     ------
     DeclarationError : no such folder, no study in it, or one that keeps no model; the line says
-    what to run.
+        what to run.
     """
     folder = Path(folder)
     if not folder.is_dir():

@@ -137,7 +137,8 @@ def predict_record(asked: PredictionRequest) -> PredictionResult:
     Raises
     ------
     DeclarationError : the folder keeps no model; a file of the user's that it rests on is not
-    named, or is another one. RecordError : anything in the record that keeps it from being used.
+        named, or is another one. RecordError : anything in the record that keeps it from being
+        used.
     """
     tests = read_tests(asked.tolerances) if asked.tolerances is not None else ()
     file = read_kept(asked.study)

@@ -38,8 +38,10 @@ class Tolerance:
 
     Attributes
     ----------
-    channel : its name. text : the tolerance with its unit, such as ``2 deg/s``.
-    share : of the measured value or of its peak, where that is more; 0 none. of : which of them.
+    channel : its name.
+    text : the tolerance with its unit, such as ``2 deg/s``.
+    share : of the measured value or of its peak, where that is more; 0 none.
+    of : which of them.
     """
 
     channel: str
@@ -75,7 +77,8 @@ class ObjectiveTest:
 
     Attributes
     ----------
-    name, title : for people. entry : of the table in the source.
+    name, title : for people.
+    entry : of the table in the source.
     requirements : all have to hold; of the alternatives of each, one.
     """
 
@@ -92,8 +95,10 @@ class ChannelVerdict:
 
     Attributes
     ----------
-    tolerance : asked. half_width : of the band, ``(N,)``. error : ``(N,)``, predicted less
-        measured, NaN where nothing was measured. requirement : number of the requirement.
+    tolerance : asked.
+    half_width : of the band, ``(N,)``.
+    error : ``(N,)``, predicted less measured, NaN where nothing was measured.
+    requirement : number of the requirement.
     """
 
     tolerance: Tolerance
@@ -212,7 +217,9 @@ def verdicts_of(
 
     Parameters
     ----------
-    tests : see `read_tests`. record : as measured. channels : m predicted ones.
+    tests : see `read_tests`.
+    record : as measured.
+    channels : m predicted ones.
     rows : ``(m, N)`` the prediction, in the record's units.
 
     Raises

@@ -177,8 +177,8 @@ def figure_structure(
 
     Parameters
     ----------
-    steps : of the coefficient ``axis``. spread : its variance, by which the predicted squared error
-        is drawn.
+    steps : of the coefficient ``axis``.
+    spread : its variance, by which the predicted squared error is drawn.
     shown : by caption: time (s), measured and modelled coefficient, each ``(M,)``.
     """
     sheet = make_sheet([1.7], (1.1, *(1.0,) * len(shown)), share_x=False, column_gap=0.65)

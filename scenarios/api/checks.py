@@ -283,8 +283,8 @@ def find_maneuvers(
     Parameters
     ----------
     record : a ``Record``, or whatever ``read_record`` takes.
-    channels : a channel map as in ``read_record``. columns : names of the columns of a file without
-        a header, in their order.
+    channels : a channel map as in ``read_record``.
+    columns : names of the columns of a file without a header, in their order.
     rate : Hz, of a file without a clock, or of the grid of a log's topics.
 
     Raises
@@ -525,11 +525,13 @@ def frequency_response(
     reference : with feedback, excitations that the noise does not reach, one for each input.
     channels, columns, start, stop, maneuver, maneuvers, hold, rate, lowpass : as in ``identify``.
     band : lowest and highest frequency, Hz; None takes it from the windows and the inputs' power.
-    window : lengths of the windows, s; none takes four. tapers : sine tapers instead of windows.
+    window : lengths of the windows, s; none takes four.
+    tapers : sine tapers instead of windows.
     coherence : least one of the usable band.
     fit : form of a transfer function for every output, or ``{output: form}``: ``"pitch"``,
         ``"roll"``, ``"dutch-roll"``, ``"roll-and-dutch-roll"``, or orders such as ``"1/2"``.
-    fix : parameters of the forms that are held. shared_poles : one denominator for all.
+    fix : parameters of the forms that are held.
+    shared_poles : one denominator for all.
     bandwidth : ``"rate"`` or ``"attitude"``, what the outputs are: gives bandwidth and phase delay.
     margins : ``"minus"`` or ``"plus"``: stability margins of a loop. ``input`` is the signal behind
         the sum, ``output`` the one that returns into it with this sign, ``reference`` the
@@ -537,7 +539,7 @@ def frequency_response(
     levels : class of aircraft and category of flight phase, ``"IV-A"``: levels of fitted forms.
     airspeed : m/s: n/alpha and CAP of a fitted ``"pitch"``.
     pilot : rad/s, closed-loop bandwidth of Neal and Smith's pilot; needs ``bandwidth``.
-        pilot_delay : s, of that pilot; None takes 0.25.
+    pilot_delay : s, of that pilot; None takes 0.25.
     model, vehicle : a linear model, built in or the path of your own, fitted to all responses at
         once, with the file of its constants and starting values. ``fix`` holds its parameters.
 

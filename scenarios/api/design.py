@@ -168,13 +168,17 @@ def design(
 
     Parameters
     ----------
-    model, vehicle : as in ``identify``. limits : a TOML file, or its content: ``{"nz_max": 2.5,
-    "elevator_rate": "40 deg/s"}``. tell : names of effects to be told apart, the first against each
-    other one. size : ``"typical"``, ``"found"``, or values of the first effect's own parameters.
+    model, vehicle : as in ``identify``.
+    limits : a TOML file, or its content: ``{"nz_max": 2.5, "elevator_rate": "40 deg/s"}``.
+    tell : names of effects to be told apart, the first against each other one.
+    size : ``"typical"``, ``"found"``, or values of the first effect's own parameters.
     value, noise, amplitude : derivatives, noise by output, largest deflection by input; numbers in
-    SI or texts with a unit. duration, rate : s, samples a second. band : Hz; a sweep and multisines
-    over it, compared by the frequency responses to expect (``coherence``). computer : a flight
-    computer moves the controls; False: a pilot, who makes no quick steps and no multisines.
+        SI or texts with a unit.
+    duration, rate : s, samples a second.
+    band : Hz; a sweep and multisines over it, compared by the frequency responses to expect
+        (``coherence``).
+    computer : a flight computer moves the controls; False: a pilot, who makes no quick steps and no
+        multisines.
 
     Raises
     ------
@@ -322,9 +326,12 @@ def structure(
         beta, p, q, r, ax, ay, az and the surfaces of the file.
     vehicle : file of model ``aircraft``; its terms are a baseline or are not used.
     validate : records whose coefficients are predicted, not fitted: ``predicted`` of the result.
-    method : ``"stepwise"`` or ``"orthogonal"``. degree : of the products of signals offered.
-    splines : knots in alpha. bandwidth : Hz, of the angular accelerations.
-    terms : path of a file with the terms offered. baseline : increments to the file's terms.
+    method : ``"stepwise"`` or ``"orthogonal"``.
+    degree : of the products of signals offered.
+    splines : knots in alpha.
+    bandwidth : Hz, of the angular accelerations.
+    terms : path of a file with the terms offered.
+    baseline : increments to the file's terms.
     hierarchical : a product enters after the linear terms of its symmetry.
     channels, columns, start, stop, maneuver, maneuvers, hold, rate, lowpass : as in ``identify``.
 

@@ -463,17 +463,18 @@ def survey(
 
     Parameters
     ----------
-    flights : the file that names model, vehicle and records. folder : where each flight's results
-    are kept, so that the next survey computes
-        only what is new; None takes a new one for temporary files. jobs : processes, all cores when
-        left out.
-    figures : of the flights' own pages. progress : told the stage and the share done, 0 to 1.
+    flights : the file that names model, vehicle and records.
+    folder : where each flight's results are kept, so that the next survey computes only what is
+        new; None takes a new one for temporary files.
+    jobs : processes, all cores when left out.
+    figures : of the flights' own pages.
+    progress : told the stage and the share done, 0 to 1.
     cluster : the address of a Dask scheduler, whose workers take the place of processes.
 
     Raises
     ------
     InputError : anything wrong in the file, in one line. A flight that cannot be used is told in
-    ``failed``.
+        ``failed``.
 
     Examples
     --------

@@ -305,17 +305,21 @@ def identify(
     ----------
     records : one record or several; each a ``Record`` or whatever ``read_record`` takes.
     model : ``"rigid"``, ... (``models()`` lists them), a model of your own (``own_model``), or the
-    path of its Python file. vehicle : what ``vehicle`` takes: a file, a name of the library,
-    numbers; None takes ``vehicle.toml`` beside the first record. method : output-error,
-    filter-error, frequency-domain, equation-error, ekf, ukf. validate : records that are predicted
-    with what was estimated from the others. profile : parameters whose profile-likelihood interval
-    is wanted; True: of every one. band : Hz, for frequency-domain. engine : of the extended Kalman
-    filter, filterpy or batched. channels : a channel map as in ``read_record``, for all records.
-    columns : names of the columns of files without a header, in their order. start, stop : the part
-    that is used, s; a list of each for several maneuvers. hold, rate, lowpass, trust_record : as
-    the command's options. maneuver : maneuvers that are used instead, by number or name, one or a
-    list. maneuvers : what ``find_maneuvers`` returned, or
-        the path of its ``maneuvers.toml``; None takes the one beside the record.
+        path of its Python file.
+    vehicle : what ``vehicle`` takes: a file, a name of the library, numbers; None takes
+        ``vehicle.toml`` beside the first record.
+    method : output-error, filter-error, frequency-domain, equation-error, ekf, ukf.
+    validate : records that are predicted with what was estimated from the others.
+    profile : parameters whose profile-likelihood interval is wanted; True: of every one.
+    band : Hz, for frequency-domain.
+    engine : of the extended Kalman filter, filterpy or batched.
+    channels : a channel map as in ``read_record``, for all records.
+    columns : names of the columns of files without a header, in their order.
+    start, stop : the part that is used, s; a list of each for several maneuvers.
+    hold, rate, lowpass, trust_record : as the command's options.
+    maneuver : maneuvers that are used instead, by number or name, one or a list.
+    maneuvers : what ``find_maneuvers`` returned, or the path of its ``maneuvers.toml``; None takes
+        the one beside the record.
     aircraft_class, category : by which levels of flying qualities are told.
 
     Raises
@@ -490,12 +494,11 @@ def predict(
     Parameters
     ----------
     study : the folder of an ``identify`` or ``diagnose``, or such a result.
-    record : a ``Record`` or whatever ``read_record`` takes. channels, columns, start, stop,
-        maneuver, maneuvers, trust_record : as in
-        ``identify``.
+    record : a ``Record`` or whatever ``read_record`` takes.
+    channels, columns, start, stop, maneuver, maneuvers, trust_record : as in ``identify``.
     rate : Hz, of a record without a clock; the study's reading of the others holds.
     model, effects : a model and effects of your own that the study rests on, or the paths of their
-    files.
+        files.
 
     Raises
     ------

@@ -295,16 +295,16 @@ def read_record(
 
     Parameters
     ----------
-    source : path of a file of any format that ``flightid map`` reads; a DataFrame, whose
-        time is a column ``time`` or its index (datetimes, timedeltas, or an index
-        named time); a mapping of names to arrays, or a structured array; a Dataset; a
-        TimeResponseData; a record.
+    source : path of a file of any format that ``flightid map`` reads; a DataFrame, whose time is a
+        column ``time`` or its index (datetimes, timedeltas, or an index named time); a mapping of
+        names to arrays, or a structured array; a Dataset; a TimeResponseData; a record.
     units : channel or column -> unit, of columns whose name does not say it, ``{"alpha": "deg"}``.
     channels : channel -> column where names are not ours, ``{"alpha": "AoA1"}`` or ``{"alpha":
-    ("AoA1", "deg")}``; or a channel map's path. inputs : which channels are controls; else
-    elevator, stick, aileron, rudder and thrust. hold : ``"previous"`` or ``"linear"``, how inputs
-    behave between samples; else as the sidecar says or the data do. name : what messages call a
-    record in memory; a file has its own.
+        ("AoA1", "deg")}``; or a channel map's path.
+    inputs : which channels are controls; else elevator, stick, aileron, rudder and thrust.
+    hold : ``"previous"`` or ``"linear"``, how inputs behave between samples; else as the sidecar
+        says or the data do.
+    name : what messages call a record in memory; a file has its own.
 
     Raises
     ------

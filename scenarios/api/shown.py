@@ -278,8 +278,10 @@ class Effect:
 
     Attributes
     ----------
-    name : as ``flightid.effects()`` lists it. sentence : in words, with its numbers.
-    parameters : its own, by local name. alternatives : effects that fit these data as well.
+    name : as ``flightid.effects()`` lists it.
+    sentence : in words, with its numbers.
+    parameters : its own, by local name.
+    alternatives : effects that fit these data as well.
     probability : that it acts, or each that could take its place, by name.
     """
 

@@ -99,7 +99,8 @@ class Study:
 
     Attributes
     ----------
-    name : the scenario's. kind : ``identification``, ``trace``, ``x29`` or ``sweep``.
+    name : the scenario's.
+    kind : ``identification``, ``trace``, ``x29`` or ``sweep``.
     details : everything that the library knows of it, of another type for each kind.
     """
 
@@ -281,7 +282,8 @@ def run(
     name : a scenario of the catalogue (``scenarios()`` lists them), or the path of a scenario file.
     seed : of the random numbers; the scenario's own when left out.
     set : entries of the scenario that are changed, ``{"flight.rate": 50}`` or
-    ``["flight.rate=50"]``. progress : told the stage and the share done, 0 to 1.
+        ``["flight.rate=50"]``.
+    progress : told the stage and the share done, 0 to 1.
 
     Raises
     ------

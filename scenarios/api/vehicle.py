@@ -287,7 +287,8 @@ class VehicleParameter:
 
         Parameters
         ----------
-        other : name of the parameter that it follows. factor, constant : SI and radians.
+        other : name of the parameter that it follows.
+        factor, constant : SI and radians.
 
         Raises
         ------

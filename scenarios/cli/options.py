@@ -439,7 +439,8 @@ class Preparation:
 
         Parameters
         ----------
-        records : beside which a file of maneuvers is looked for. trusted : of ``--trust-record``.
+        records : beside which a file of maneuvers is looked for.
+        trusted : of ``--trust-record``.
 
         Raises
         ------

@@ -249,8 +249,8 @@ def draft_map(
 
     Raises
     ------
-    FlightidError : the file cannot be read, or none of the channels that its names suggest;
-    ``out`` holds a map or vehicle file already.
+    FlightidError : the file cannot be read, or none of the channels that its names suggest; ``out``
+        holds a map or vehicle file already.
     """
     plan = plan_of(rate=rate, columns=columns)
     if out is not None:
@@ -414,7 +414,9 @@ def find_structure(
 
     Parameters
     ----------
-    request : records and vehicle file. options : how terms are offered and chosen. out : folder.
+    request : records and vehicle file.
+    options : how terms are offered and chosen.
+    out : folder.
     """
     from scenarios.structure.report import structure_text, write_structure
     from scenarios.structure.study import structure_of_files

@@ -234,7 +234,7 @@ def record_to_check(
     Raises
     ------
     RecordError : anything that keeps the file from being used, none of the channels in it, or
-    columns that are certainly not what they are called.
+        columns that are certainly not what they are called.
     """
     from scenarios.files.records import read_with_notes
     from scenarios.preparation.filtering import filtered, named

@@ -369,8 +369,9 @@ def diagnose_files(
     Parameters
     ----------
     request : the files and how they are read. With none to validate on, the last of several
-    records, or the last part of one, is held out. progress : told the stage and the share done, 0
-    to 1. trace : the loop; None takes ``ident.tracing.loop.diagnose``.
+        records, or the last part of one, is held out.
+    progress : told the stage and the share done, 0 to 1.
+    trace : the loop; None takes ``ident.tracing.loop.diagnose``.
 
     Raises
     ------

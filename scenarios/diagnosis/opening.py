@@ -129,8 +129,8 @@ def read_effects(source: str | Path | Source, model: Model) -> tuple[Traceable, 
     Raises
     ------
     DeclarationError : no such file, an error in it (with its line), no effects in it, an effect
-    that lacks an attribute or has
-        the name of one in the library, or none that can act on this model.
+        that lacks an attribute or has the name of one in the library, or none that can act on this
+        model.
     """
     source = source if isinstance(source, Source) else read_source(source, DeclarationError, WANTED)
     where = str(source.path)
@@ -462,8 +462,8 @@ class InputReading:
 
     Attributes
     ----------
-    opened, plan : the files, and how they are read. linear : what the loop is given with linear
-        inputs, once it was asked for.
+    opened, plan : the files, and how they are read.
+    linear : what the loop is given with linear inputs, once it was asked for.
     """
 
     opened: Opened

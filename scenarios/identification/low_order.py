@@ -84,11 +84,13 @@ def loes_filter_system(
     Parameters
     ----------
     model : from ``loes_model``; its values are the start (of alpha and q as well), its delay the
-    held one. record : gives the start of delta (the first stick) and of nz_0 (the first nz); alpha
-    and q are perturbations about trim. noise_std : R of alpha (rad), q (rad/s) and nz (g) as
-    deviations; those of alpha and q are their P0 too. process_density : of the rates of q, alpha or
-    delta, (unit/s)^2 s. engineering : deviations of what starts near zero, the state delta among
-    them.
+        held one.
+    record : gives the start of delta (the first stick) and of nz_0 (the first nz); alpha and q are
+        perturbations about trim.
+    noise_std : R of alpha (rad), q (rad/s) and nz (g) as deviations; those of alpha and q are their
+        P0 too.
+    process_density : of the rates of q, alpha or delta, (unit/s)^2 s.
+    engineering : deviations of what starts near zero, the state delta among them.
     """
     filtered = loes_filter_model(model)
     values, valid = record.output_array(["nz"])

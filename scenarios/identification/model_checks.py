@@ -356,8 +356,9 @@ def consider(
 
     Parameters
     ----------
-    model : as it was fitted, with its constants. sigmas : standard deviation of each uncertain
-        constant, in the constant's unit. estimate : the model's, from the data alone.
+    model : as it was fitted, with its constants.
+    sigmas : standard deviation of each uncertain constant, in the constant's unit.
+    estimate : the model's, from the data alone.
     estimated : the same estimation of another model.
 
     Returns

@@ -168,8 +168,8 @@ class PredictedResponses:
     frequency : Hz, ``(F,)``.
     inputs, outputs : names.
     coherence : ``(m, q, F)``, partial where there are several inputs, mean over draws.
-    random_error : ``(m, q, F)``, of the magnitude, median over draws. usable : ``(m, q)``, share of
-        the band, in its logarithm, with a coherence of 0.6 or more.
+    random_error : ``(m, q, F)``, of the magnitude, median over draws.
+    usable : ``(m, q)``, share of the band, in its logarithm, with a coherence of 0.6 or more.
     """
 
     frequency: np.ndarray

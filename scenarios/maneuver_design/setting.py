@@ -60,14 +60,16 @@ class DesignRequest:
 
     Attributes
     ----------
-    model, vehicle : as of ``identify``. limits : a TOML file, or its content.
+    model, vehicle : as of ``identify``.
+    limits : a TOML file, or its content.
     tell : names of effects to be told apart, the first against each other one.
     size : ``typical``, ``found`` (just found in the reference maneuver), or ``KEY=VALUE,...`` of
-    the first effect's own parameters. values : derivatives that are better known than from the
-    vehicle file. noise, amplitude : by output, by input. duration, rate : s and samples a second;
-    None: as the model's roots, or the band, ask for. band : Hz; sweeps and multisines over it,
-    compared by the frequency responses that they give. computer : a flight computer moves the
-    controls, not a pilot.
+        the first effect's own parameters.
+    values : derivatives that are better known than from the vehicle file.
+    noise, amplitude : by output, by input.
+    duration, rate : s and samples a second; None: as the model's roots, or the band, ask for.
+    band : Hz; sweeps and multisines over it, compared by the frequency responses that they give.
+    computer : a flight computer moves the controls, not a pilot.
     """
 
     model: str | OwnModel

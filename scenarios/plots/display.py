@@ -121,7 +121,7 @@ def symbol(name: str) -> str:
 
 
 def scaled_unit(unit: DisplayUnit, size: float) -> DisplayUnit:
-    """Return the unit times a power of 1000, so that tick labels of values of ``size`` are short."""
+    """Return the unit times a power of 1000, so that values of ``size`` have short tick labels."""
     if not (size > 0.0 and math.isfinite(size)) or 0.02 <= size < 2e4:
         return unit
     power = 3 * math.floor(math.log10(size) / 3.0)

@@ -58,9 +58,11 @@ class ReadSignals:
 
     Attributes
     ----------
-    signals : one a part. names, durations, rates : of the parts; s and Hz.
-    units : by the name of the signal. hold_steps : s, the step between input samples that the
-        record says are held between them; 0 where it does not.
+    signals : one a part.
+    names, durations, rates : of the parts; s and Hz.
+    units : by the name of the signal.
+    hold_steps : s, the step between input samples that the record says are held between them; 0
+        where it does not.
     notes : what was done, one sentence each.
     """
 

@@ -269,7 +269,8 @@ def coefficient_figure(found: FoundStructure, axes: Sequence[str], most: int = 4
 
     Parameters
     ----------
-    axes : coefficients, a row each. most : maneuvers shown at most.
+    axes : coefficients, a row each.
+    most : maneuvers shown at most.
     """
     from scenarios.plots.style import (
         BLUE,

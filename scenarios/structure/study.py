@@ -63,8 +63,10 @@ class StructureOptions:
 
     Attributes
     ----------
-    method : ``stepwise`` or ``orthogonal``. bandwidth : Hz, of the angular accelerations.
-    degree : of the products of signals that are offered. splines : knots in alpha.
+    method : ``stepwise`` or ``orthogonal``.
+    bandwidth : Hz, of the angular accelerations.
+    degree : of the products of signals that are offered.
+    splines : knots in alpha.
     terms : a TOML file with the terms offered, ``Cm = ["alpha", "alpha*elevator"]``.
     baseline : the vehicle file's terms stay, and increments to them are found.
     hierarchical : stepwise regression offers a product after the linear terms of its symmetry.
@@ -106,8 +108,11 @@ class FoundStructure:
     Attributes
     ----------
     aircraft : with the terms and values found (in addition to the baseline where there is one).
-    selections : by coefficient; other : by the method that was not asked for.
-    collinearity : by coefficient. histories : of each maneuver. files : that were read.
+    selections : by coefficient.
+    other : by the method that was not asked for.
+    collinearity : by coefficient.
+    histories : of each maneuver.
+    files : that were read.
     predicted : R2 by record and coefficient of records that were not fitted.
     """
 
@@ -183,7 +188,8 @@ def hold_of_inputs(
     Parameters
     ----------
     records : prepared, as of ``structure_of``; those that are linear already stay so.
-    aircraft : airframe and surfaces. bandwidth : Hz, of the angular accelerations.
+    aircraft : airframe and surfaces.
+    bandwidth : Hz, of the angular accelerations.
 
     Returns
     -------
@@ -319,7 +325,8 @@ def predicted_r2(found: FoundStructure, records: Sequence[Record]) -> dict[str, 
 
     Parameters
     ----------
-    found : the structure. records : as of ``structure_of``.
+    found : the structure.
+    records : as of ``structure_of``.
 
     Returns
     -------

@@ -83,7 +83,7 @@ def load_scenario(name: str, changes: Sequence[str] = ()) -> Scenario:
     Raises
     ------
     DeclarationError : there is no such scenario, or a key or value in it is wrong; file and key are
-    named.
+        named.
     """
     from scenarios.studies.reading import scenario_of
 

@@ -117,7 +117,7 @@ def fly_scenario(scenario: Scenario, seed: int, where: str = "") -> tuple[Record
     Raises
     ------
     DeclarationError : a maneuver lacks a number or moves an input that is not there, or noise is
-    declared for no output.
+        declared for no output.
     """
     flight = scenario.flight
     model = true_model(flight)
@@ -312,7 +312,7 @@ def declared_model(
     Raises
     ------
     DeclarationError : a derivative that is neither under ``start`` nor under ``held``, or a name
-    that is unknown.
+        that is unknown.
     """
     if estimation.own is not None:
         return own_declared(estimation, noise_std)

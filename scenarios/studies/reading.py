@@ -65,7 +65,7 @@ def truth_of(model: Model, values: Mapping[str, Quantity], where: str) -> Model:
     Raises
     ------
     DeclarationError : an unknown name, a wrong unit, a value beyond its bounds; ``where`` is the
-    key of the table.
+        key of the table.
     """
     for name in values:
         if name not in model.parameters:

@@ -53,7 +53,7 @@ def run_on_cluster(
     Raises
     ------
     FlightidError : Dask is not installed, no scheduler answers, it is lost, or a worker has not the
-    flightid that is here.
+        flightid that is here.
     """
     if not len(blocks):
         return

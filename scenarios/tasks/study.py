@@ -85,7 +85,7 @@ def run_study(work: Work, asked: TaskRequest, tell: Tell = lambda stage, share: 
     Raises
     ------
     FlightidError : the folder holds another study, or none to resume, cannot be written, or another
-    process writes there. KeyboardInterrupt : Ctrl-C, where no task had ended.
+        process writes there. KeyboardInterrupt : Ctrl-C, where no task had ended.
     """
     if asked.folder is None:
         if asked.resume:

@@ -69,8 +69,10 @@ class RollLoop:
 
     Attributes
     ----------
-    gain : rad/s2 of a full command. inv_T_roll : 1/s. delay : s, of servo and computer.
-    proportional, integral : command per rad/s, per rad. rate : frames a second.
+    gain : rad/s2 of a full command. inv_T_roll : 1/s.
+    delay : s, of servo and computer.
+    proportional, integral : command per rad/s, per rad.
+    rate : frames a second.
     """
 
     gain: float
@@ -88,10 +90,14 @@ class SweepScenario:
     Attributes
     ----------
     loop : the roll axis of a small aircraft; None where ``airframe`` of the X-29-like aircraft
-    flies. amplitude : of the excitation, in the unit of the command. low, high : Hz. duration : s.
-    flights :
-        how many are pooled. gyro : rad/s, rough_air : rad/s2, standard deviations.
-    form : of the transfer function that is fitted, empty for none. band : Hz, of the estimate.
+        flies.
+    amplitude : of the excitation, in the unit of the command.
+    low, high : Hz.
+    duration : s.
+    flights : how many are pooled.
+    gyro : rad/s, rough_air : rad/s2, standard deviations.
+    form : of the transfer function that is fitted, empty for none.
+    band : Hz, of the estimate.
     """
 
     name: str
@@ -368,9 +374,9 @@ class SweepStudy:
 
     Attributes
     ----------
-    records : of the flights. response : of the rate to the command, with the fitted form; None
-    where
-        none is fitted. loop : of the returned signal to the command, with its margins.
+    records : of the flights.
+    response : of the rate to the command, with the fitted form; None where none is fitted.
+    loop : of the returned signal to the command, with its margins.
     rows : what was estimated, with the truth.
     """
 

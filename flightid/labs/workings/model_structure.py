@@ -45,7 +45,9 @@ class Studied:
     Attributes
     ----------
     found : terms, steps and collinearity of each coefficient.
-    true : the aircraft. records : the maneuvers fitted. held_out : the one that never is.
+    true : the aircraft.
+    records : the maneuvers fitted.
+    held_out : the one that never is.
     """
 
     found: FoundStructure
@@ -180,8 +182,11 @@ def study(
 
     Parameters
     ----------
-    maneuvers : 1 to ``MOST``. kind : of ``KINDS``. linked : the rudder follows the aileron.
-    noise : of all sensors, times the usual. degree : of the products of signals offered.
+    maneuvers : 1 to ``MOST``.
+    kind : of ``KINDS``.
+    linked : the rudder follows the aileron.
+    noise : of all sensors, times the usual.
+    degree : of the products of signals offered.
     """
     from scenarios.structure.study import StructureOptions, predicted_r2, structure_of
 

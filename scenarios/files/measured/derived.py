@@ -45,7 +45,8 @@ def with_derived(
     inputs, outputs : channels that are asked for.
     rate : Hz, of the grid that topics are put on; None: of the fastest output's topic.
     hold : how inputs go on between their own samples; None: by the channel map, else by their
-        values. known : all channels and their units inside.
+        values.
+    known : all channels and their units inside.
 
     Raises
     ------
