@@ -138,7 +138,7 @@ def _refuse_hidden(ours: str) -> None:
 
 def _place_of(package: str) -> Path | None:
     """The folder of the package that the name leads to, or the file without its ending where it
-    leads to a module; None where nowhere.
+    leads to a module; None if nowhere.
     """
     loaded = sys.modules.get(package)
     try:

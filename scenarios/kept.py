@@ -130,7 +130,7 @@ def _value(content: Any) -> Any:
 
 
 def refuse_other_kind(value: Any, kind: Any) -> None:
-    """Raise TypeError where a value that was read is not of the type that is declared for it, or
+    """Raise TypeError if a value that was read is not of the type that is declared for it, or
     holds a number that is not finite.
     """
     from pydantic import ConfigDict, TypeAdapter, ValidationError
@@ -147,7 +147,7 @@ def refuse_other_kind(value: Any, kind: Any) -> None:
 
 
 def refuse_other_fields(content: Mapping[str, Any], kind: type) -> None:
-    """Raise TypeError where the values under the names of a dataclass's fields are not of their
+    """Raise TypeError if the values under the names of a dataclass's fields are not of their
     types; KeyError for a name it does not have.
     """
     hints = get_type_hints(kind)
@@ -181,7 +181,7 @@ _TRAINED = {
 class KeptReading:
     """How the fitted records were read and prepared.
 
-    ``hold`` of the inputs, ``by_hand`` where it was asked for; ``weight``: the lift that carries
+    ``hold`` of the inputs, ``by_hand`` where it was requested; ``weight``: the lift that carries
     the weight follows a measured pressure; ``flow``, ``attitude``: a measured airspeed or pitch
     attitude is used. ``rate``, ``lowpass``, ``trusted`` as in a ``Plan``; zero: none.
     """
@@ -204,7 +204,7 @@ class KeptModel:
     ----------
     made_by : ``"identify"`` or ``"diagnose"``.
     model : a name of ``MODELS``, or what a user's own model calls itself.
-    vehicle : name and hash of the vehicle file, ``vehicle_text`` its content; None and empty where
+    vehicle : name and hash of the vehicle file, ``vehicle_text`` its content; None and empty if
         an own model went without one.
     own_file, effects_file : a user's model and effects, which are run only when they are named
         again.
@@ -266,14 +266,14 @@ class KeptFile:
     content: Mapping[str, Any]
 
     def file(self, key: str) -> InputFile | None:
-        """Name and hash of a file, by ``vehicle``, ``model_file`` or ``effects_file``; None where
+        """Name and hash of a file, by ``vehicle``, ``model_file`` or ``effects_file``; None if
         there was none.
         """
         entry = self.content["files"].get(key)
         return None if entry is None else InputFile(entry["name"], entry["sha256"])
 
     def model(self, own: Sequence[Traceable] = ()) -> KeptModel:
-        """Return the model; ``own`` are the user's effects. Raises DeclarationError where it cannot
+        """Return the model; ``own`` are the user's effects. Raises DeclarationError if it cannot
         be made again.
         """
         try:

@@ -113,7 +113,7 @@ class FoundManeuvers:
         may be missing.
     maneuvers : in the order of their times.
     active : share of the time in which an input moves beyond its rest level.
-    path : of the file, None where the record is in memory.
+    path : of the file, None if the record is in memory.
     simulated : a program made it.
     unread : columns that look like channels and were not read, by channel: a channel map names
         them.
@@ -334,7 +334,7 @@ def maneuvers_table(found: FoundManeuvers) -> Table:
 
 
 def _kinds_text(found: FoundManeuvers) -> str:
-    """``"1 doublet, 2 sweep, 1 trim"``: how many of each kind; empty where nothing was found."""
+    """``"1 doublet, 2 sweep, 1 trim"``: how many of each kind; empty if nothing was found."""
     kinds = Counter(each.found.kind for each in found.maneuvers)
     return ", ".join(f"{count} {kind}" for kind, count in kinds.items())
 

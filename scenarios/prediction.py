@@ -97,7 +97,7 @@ class PredictionRequest:
 @dataclass(frozen=True, eq=False)
 class Simulation:
     """One free simulation of the record: ``rows`` ``(m, N)`` of its channels, and their errors;
-    None where it left all measure.
+    None if it left all measure.
     """
 
     rows: np.ndarray
@@ -347,7 +347,7 @@ def _warnings(ready: PreparedData) -> tuple[str, ...]:
 
 
 def figures_of(simulation: Simulation) -> Mapping[str, Mapping[str, float]]:
-    """rms error, fit in per cent, R squared and Theil's coefficient by channel; empty where the
+    """rms error, fit in per cent, R squared and Theil's coefficient by channel; empty if the
     simulation left all measure.
     """
     f = simulation.figures
@@ -424,7 +424,7 @@ def predicting_model(found: PredictionResult) -> str:
 
 
 def errors_table(found: PredictionResult) -> Table:
-    """Errors with the study's effects, and before that as declared where there are any."""
+    """Errors with the study's effects, and before that as declared if there are any."""
     before = (
         _rows(found, found.before, "as declared")
         if found.before is not None and found.kept.after.effects
@@ -454,8 +454,8 @@ def _rows(found: PredictionResult, simulation: Simulation, word: str) -> list[li
 
 
 def _verdict(found: PredictionResult) -> tuple[str, str]:
-    """Return whether the prediction is within the tolerances, and the tone; empty where none were
-    asked for.
+    """Return whether the prediction is within the tolerances, and the tone; empty if none were
+    requested.
     """
     if found.after.figures is None:
         return "no finite simulation", "open"

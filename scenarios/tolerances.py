@@ -97,7 +97,7 @@ class ChannelVerdict:
     ----------
     tolerance : asked.
     half_width : of the band, ``(N,)``.
-    error : ``(N,)``, predicted less measured, NaN where nothing was measured.
+    error : ``(N,)``, predicted less measured, NaN if nothing was measured.
     requirement : number of the requirement.
     """
 

@@ -88,7 +88,8 @@ class Check:
         return as_text(lambda out: print_check(self.details, out, KEPT))
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return one row a sensor fault, from all records together: value and sigma by output error
+        """Return one row per sensor fault, from all records together: value and sigma by output
+        error
         and by the smoother, gain, p, whether it stands.
         """
         import pandas
@@ -169,7 +170,7 @@ def check(
 
     Raises
     ------
-    InputError : anything in the records that keeps them from being used, in one line.
+    InputError : records or arguments that cannot be used; a message of one line.
 
     Examples
     --------
@@ -190,7 +191,7 @@ def check(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Maneuvers:
-    """The maneuvers of a record. ``details``: everything that the library knows of them."""
+    """The maneuvers of a record. ``details``: the complete internal result."""
 
     details: maneuvers.FoundManeuvers
 
@@ -217,7 +218,8 @@ class Maneuvers:
         return as_text(lambda out: print_maneuvers(self.details, out, KEPT))
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return one row a maneuver by its number: times of the input, the part to use, axis, kind,
+        """Return one row per maneuver by its number: times of the input, the part to use, axis,
+        kind,
         channel, amplitude (SI), t values.
         """
         import pandas
@@ -289,7 +291,7 @@ def find_maneuvers(
 
     Raises
     ------
-    InputError : anything in the record that keeps it from being searched, in one line.
+    InputError : a record that cannot be searched; a message of one line.
 
     Examples
     --------
@@ -308,7 +310,7 @@ def find_maneuvers(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FrequencyResponse:
-    """Frequency responses of m outputs to q inputs. ``details``: everything the library knows."""
+    """Frequency responses of m outputs to q inputs. ``details``: the complete internal result."""
 
     details: analysis.ResponseEstimates
 
@@ -419,7 +421,7 @@ class FrequencyResponse:
         """Return the fitted transfer function of one response as python-control's.
 
         ``output``, ``input`` : which; the first where they are not given. ``pade`` : order of the
-        approximation of its delay; 0 leaves the delay out. Raises InputError where none is fitted.
+        approximation of its delay; 0 leaves the delay out. Raises InputError if none is fitted.
         """
         import control
 

@@ -43,8 +43,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Design:
-    """Maneuvers compared before they are flown, the best first. ``details``: everything that the
-    library knows of it.
+    """Maneuvers compared before they are flown, the best first. ``details``: the complete internal
+    result.
     """
 
     details: designing.DesignResult
@@ -56,7 +56,7 @@ class Design:
 
     @property
     def chance(self) -> float:
-        """Probability, at least, that the best maneuver tells the effects apart; zero where none
+        """Probability, at least, that the best maneuver tells the effects apart; zero if none
         were named.
         """
         return self.details.best.chance
@@ -86,7 +86,7 @@ class Design:
         """Return the coherence and random error to expect of a response, by frequency in Hz; of the
         best kind or another.
 
-        Raises InputError where no band was asked for, or there is no such response.
+        Raises InputError if no band was requested, or there is no such response.
         """
         import pandas
 
@@ -105,7 +105,7 @@ class Design:
         return pandas.DataFrame(columns, index=pandas.Index(found.frequency, name="frequency_Hz"))
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return a row a kind, the best first: pace (s), peaks, mean sigma over the values, log
+        """Return one row per kind, the best first: pace (s), peaks, mean sigma over the values, log
         likelihood and chance.
         """
         import pandas
@@ -226,8 +226,8 @@ def _texts(some: Mapping[str, Any] | None) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Structure:
-    """Terms of the aerodynamic coefficients that records support. ``details``: everything that the
-    library knows of them.
+    """Terms of the aerodynamic coefficients that records support. ``details``: the complete
+    internal result.
     """
 
     details: structures.FoundStructure
@@ -242,7 +242,7 @@ class Structure:
 
     @property
     def r2(self) -> dict[str, float]:
-        """R2 of each coefficient on maneuvers left out; on those fitted where there is one."""
+        """R2 of each coefficient on maneuvers left out; on those fitted if there is one."""
         found = {}
         for axis, each in self.details.selections.items():
             left_out = each.held_out is not None and isfinite(each.held_out)
@@ -261,7 +261,7 @@ class Structure:
         return structure_text(self.details)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return one row a term: coefficient, text, value and standard deviation."""
+        """Return one row per term: coefficient, text, value and standard deviation."""
         import pandas
 
         sigmas = self.details.sigmas

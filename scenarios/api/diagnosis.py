@@ -68,7 +68,7 @@ class Diagnosis:
 
     Attributes
     ----------
-    details : everything that the library knows of the search and its files.
+    details : the complete internal result.
     """
 
     details: Tracing
@@ -157,7 +157,8 @@ class Diagnosis:
         return diagnosis_text(self.details, details=KEPT)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return one row a parameter: ``unit``, value and sigma of the declared model (``before``)
+        """Return one row per parameter: ``unit``, value and sigma of the declared model
+        (``before``)
         and with the effects (``after``).
         """
         import pandas
@@ -303,11 +304,11 @@ def diagnose(
         category : as in ``identify``.
     validate : records that are predicted; else the last of several is held out, or the last part of
     one. effects : effects of your own, or the path of a Python file with them. effort :
-    ``"normal"`` or ``"thorough"``. progress : told the stage and the share done, 0 to 1.
+    ``"normal"`` or ``"thorough"``. progress : called with the stage and the share done, 0 to 1.
 
     Raises
     ------
-    InputError : anything asked or in the records that keeps them from being used, in one line.
+    InputError : records or arguments that cannot be used; a message of one line.
 
     Examples
     --------
@@ -348,8 +349,8 @@ def _parameters(quantities: Mapping[str, Quantity]) -> Parameters:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Survey:
-    """What many flights of one aircraft show together. ``details``: everything that the library
-    knows of it. ``folder``: where flights are kept.
+    """What many flights of one aircraft show together. ``details``: the complete internal result.
+    ``folder``: where flights are kept.
     """
 
     details: surveying.SurveyResult
@@ -388,7 +389,7 @@ class Survey:
         return tuple(outlying(self.details))
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return the derivatives, one row a flight: value (``Cm_alpha``) and sigma
+        """Return the derivatives, one row per flight: value (``Cm_alpha``) and sigma
         (``Cm_alpha_std``) of each in SI, and the flight's conditions.
         """
         import pandas
@@ -403,7 +404,7 @@ class Survey:
         return pandas.DataFrame.from_dict(rows, orient="index").rename_axis("flight")
 
     def recurring(self) -> pandas.DataFrame:
-        """Return the effects, one row a flight: the probability that it has each."""
+        """Return the effects, one row per flight: the probability that it has each."""
         import pandas
 
         return pandas.DataFrame(
@@ -468,7 +469,7 @@ def survey(
         new; None takes a new one for temporary files.
     jobs : processes, all cores when left out.
     figures : of the flights' own pages.
-    progress : told the stage and the share done, 0 to 1.
+    progress : called with the stage and the share done, 0 to 1.
     cluster : the address of a Dask scheduler, whose workers take the place of processes.
 
     Raises

@@ -65,7 +65,7 @@ class Identification:
 
     Attributes
     ----------
-    details : everything that the library knows of the fit and its files.
+    details : the complete internal result.
     """
 
     details: Identified
@@ -185,7 +185,7 @@ class Identification:
         )
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return one row a parameter: ``unit``, ``value``, ``sigma``, ``start``."""
+        """Return one row per parameter: ``unit``, ``value``, ``sigma``, ``start``."""
         return self.parameters.to_dataframe()
 
     def to_markdown(self) -> str:
@@ -226,7 +226,7 @@ class Identification:
 
     def linearised(self) -> StateSpace:
         """Return the identified model as matrices about its point of reference, with units and
-        delays. Raises InputError where there is no such point.
+        delays. Raises InputError if there is no such point.
         """
         from scenarios.identification.low_order import state_space_of
 
@@ -324,7 +324,7 @@ def identify(
 
     Raises
     ------
-    InputError : anything asked or in the records that keeps them from being used, in one line.
+    InputError : records or arguments that cannot be used; a message of one line.
 
     Examples
     --------
@@ -374,8 +374,8 @@ class Saved(Protocol):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Prediction:
-    """A record predicted by a model that was not fitted to it. ``details``: everything that the
-    library knows of it.
+    """A record predicted by a model that was not fitted to it. ``details``: the complete internal
+    result.
     """
 
     details: predicting.PredictionResult

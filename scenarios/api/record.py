@@ -41,9 +41,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Record:
-    """Measured signals on one time base, as they came: nothing is converted before it is asked for.
+    """Measured signals on one time base, as they came: nothing is converted before it is requested.
 
-    ``record["alpha"]`` is a channel in SI and radians, NaN where a sample is missing; ``time`` in
+    ``record["alpha"]`` is a channel in SI and radians, NaN if a sample is missing; ``time`` in
     s. Channels are found by their names and units as in files (``alpha``, ``alpha_deg``, ``q
     [deg/s]``); columns that are no channel we know keep their names and numbers.
 
@@ -94,7 +94,7 @@ class Record:
 
     @cached_property
     def time(self) -> np.ndarray:
-        """Time stamps, s, shape ``(N,)``. Raises InputError where they do not increase or one is
+        """Time stamps, s, shape ``(N,)``. Raises InputError if they do not increase or one is
         missing.
         """
         return window_of(self.file)[0]
@@ -148,7 +148,7 @@ class Record:
         """Return the rows from ``start`` to ``stop`` (s, both included) as a record of their own;
         None leaves that end open.
 
-        Raises InputError where there is no such row.
+        Raises InputError if there is no such row.
         """
         from scenarios.api.records import rows_of_file
 

@@ -142,7 +142,7 @@ def columns_of(file: RecordFile) -> dict[str, ChannelColumn]:
 
 
 def refuse_unreadable(file: RecordFile, name: str) -> None:
-    """Raise RecordError where a channel's column is in the file and holds no sequence of
+    """Raise RecordError if a channel's column is in the file and holds no sequence of
     numbers.
     """
     found = _found(file, name) if name in CHANNEL_UNITS else None
@@ -272,7 +272,7 @@ def columns_of_frame(frame: pandas.DataFrame) -> dict[str, Any]:
     The time comes from the index where no column is named so and the index is one of times, or is
     named time.
 
-    Raises RecordError where two columns have one name.
+    Raises RecordError if two columns have one name.
     """
     import pandas
 
@@ -313,7 +313,7 @@ def rows_of_file(file: RecordFile, start: float | None, stop: float | None) -> R
     """Return the rows of a record file between two times, s, under a name that tells them; row
     numbers stay those of the file.
 
-    Raises RecordError where there is no such row.
+    Raises RecordError if there is no such row.
     """
     time, rows = window_of(file, start, stop)
     ends = (time[0] if start is None else start, time[-1] if stop is None else stop)
@@ -394,7 +394,7 @@ def _column(label: str, name: str, values: Any) -> np.ndarray:
 
 
 def _plain(values: Any) -> np.ndarray:
-    """Return a NumPy array; of a pandas column with NaN where a number is missing, and without its
+    """Return a NumPy array; of a pandas column with NaN if a number is missing, and without its
     time zone.
     """
     dtype = getattr(values, "dtype", None)
@@ -425,7 +425,7 @@ def _digest(table: CellTable) -> str:
 
 @dataclass(frozen=True)
 class ContainerFacts:
-    """What a container says of a record besides its numbers; None and empty where it does not say.
+    """What a container says of a record besides its numbers; None and empty if it does not say.
 
     ``unreadable``: names of variables that are not one value a sample, and why.
     """
@@ -506,7 +506,7 @@ def to_pandas(record: Recorded) -> pandas.DataFrame:
 
 def to_xarray(record: Recorded) -> xarray.Dataset:
     """Return the channels in SI over the coordinate ``time``, units as attributes. Raises
-    ImportError where xarray is not installed.
+    ImportError if xarray is not installed.
     """
     try:
         import xarray
@@ -520,7 +520,7 @@ def to_xarray(record: Recorded) -> xarray.Dataset:
 
 def to_control(record: Recorded) -> control.TimeResponseData:
     """Return the record as python-control's response: outputs ``(m, N)`` and inputs with labels;
-    NaN where a sample is missing.
+    NaN if a sample is missing.
     """
     import control
 

@@ -255,7 +255,7 @@ def plan_from(
 
 
 def with_parts(request: Request, asked: Named, found: Found) -> Request:
-    """Return the request with the parts of the maneuvers that are asked for as its segments. Raises
+    """Return the request with the parts of the maneuvers that are requested as its segments. Raises
     DeclarationError.
     """
     from scenarios.preparation.plan import DeclaredParts, with_maneuvers
@@ -326,8 +326,8 @@ def file_of(given: Source) -> RecordFile:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Flight:
-    """Records of a flight, those meant to be predicted, and the vehicle as it is declared (None
-    where the scenario has no vehicle file).
+    """Records of a flight, those meant to be predicted, and the vehicle as it is declared (None if
+    the scenario has no vehicle file).
     """
 
     records: tuple[ApiRecord, ...]

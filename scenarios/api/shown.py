@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 def write_report(save: Callable[[Path], Any], path: str | PathLike[str]) -> Path:
     """Write the page that ``save`` puts into a study's folder; returns the path. Raises
-    DeclarationError where it puts none there.
+    DeclarationError if it puts none there.
     """
     with TemporaryDirectory(prefix="flightid-") as scratch:
         folder = Path(scratch) / "study"

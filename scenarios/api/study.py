@@ -101,7 +101,7 @@ class Study:
     ----------
     name : the scenario's.
     kind : ``identification``, ``trace``, ``x29`` or ``sweep``.
-    details : everything that the library knows of it, of another type for each kind.
+    details : the complete internal result, of another type for each kind.
     """
 
     name: str
@@ -182,7 +182,7 @@ class Study:
         return self._runner.text(self.details)
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return one row a parameter: ``unit``, ``value``, ``sigma``, and where it is known
+        """Return one row per parameter: ``unit``, ``value``, ``sigma``, and where it is known
         ``true`` with the error in ``sigmas``.
         """
         frame = self.parameters.to_dataframe()
@@ -258,7 +258,7 @@ class Study:
 
 
 def _against(item: Parameter, true: Mapping[str, float]) -> tuple[str, str]:
-    """Return the true value, and how far the estimate is from it; dashes where there is none."""
+    """Return the true value, and how far the estimate is from it; dashes if there is none."""
     if item.name not in true:
         return "-", "-"
     return (
@@ -283,7 +283,7 @@ def run(
     seed : of the random numbers; the scenario's own when left out.
     set : entries of the scenario that are changed, ``{"flight.rate": 50}`` or
         ``["flight.rate=50"]``.
-    progress : told the stage and the share done, 0 to 1.
+    progress : called with the stage and the share done, 0 to 1.
 
     Raises
     ------
@@ -351,8 +351,8 @@ COLUMNS = ("unit", "reference", "bias", "scatter", "reported", "within_one", "wi
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Campaign:
-    """Estimates of many runs against what is true. ``details``: everything that the library knows
-    of it; ``noise_levels``: whether these are looked for also where no sigma is wrong."""
+    """Estimates of many runs against what is true. ``details``: the complete internal result;
+    ``noise_levels``: whether these are looked for also where no sigma is wrong."""
 
     details: campaigns.CampaignRuns
     noise_levels: bool = False
@@ -383,7 +383,7 @@ class Campaign:
         return self.details.pooled.interval
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Return one row a parameter: bias, scatter, reported sigma, shares of one- and two-sigma
+        """Return one row per parameter: bias, scatter, reported sigma, shares of one- and two-sigma
         intervals that hold the reference.
         """
         import pandas
@@ -435,7 +435,7 @@ class Campaign:
         return judge(self.details, levels=self.noise_levels)
 
     def estimates(self) -> pandas.DataFrame:
-        """Return one row a run: its seed, each estimate and its ``std_NAME``."""
+        """Return one row per run: its seed, each estimate and its ``std_NAME``."""
         import pandas
 
         pairs = {name: self.values[:, i] for i, name in enumerate(self.names)}

@@ -140,13 +140,13 @@ def page(heading: str, *parts: str) -> str:
 
 
 def sentences(lines: Sequence[str]) -> str:
-    """Return a list of sentences; nothing where there is none."""
+    """Return a list of sentences; nothing if there is none."""
     return f"<ul>{''.join(f'<li>{escape(line)}</li>' for line in lines)}</ul>" if lines else ""
 
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
     """Return a table whose first ``left`` columns stand at the left and the others at the right;
-    nothing where there is no row.
+    nothing if there is no row.
     """
     sides = ["left" if i < left else "right" for i in range(len(headings))]
     return _table(headings, rows, sides)

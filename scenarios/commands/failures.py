@@ -202,7 +202,7 @@ def report(error: BaseException) -> int:
 
 
 def _in_users_file(error: BaseException) -> str:
-    """File and line of the user's Python code that an error came through last; empty where it came
+    """File and line of the user's Python code that an error came through last; empty if it came
     through none.
     """
     found = ""

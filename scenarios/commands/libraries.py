@@ -367,7 +367,7 @@ def _print_block(heading: str, entries: Sequence[str]) -> None:
 
 
 def print_checks(model: Model) -> None:
-    """Print the checks of a user model that need no record. Raises ModelError where arrays or
+    """Print the checks of a user model that need no record. Raises ModelError if arrays or
     complex steps do not pass through it.
     """
     from scenarios.identification.model_checks import (

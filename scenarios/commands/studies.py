@@ -379,7 +379,7 @@ def run_campaign(
 
 
 def refuse_method(method: str | None) -> None:
-    """Raise DeclarationError where a method is named for what has one alone."""
+    """Raise DeclarationError if a method is named for what has one alone."""
     if method is not None:
         raise DeclarationError(
             "this campaign has no methods to choose from", where="--method", remedy="leave it out"

@@ -55,12 +55,12 @@ ACCELEROMETERS = ("nz", "az", "ny", "ay")
 
 @dataclass(frozen=True, eq=False)
 class CompatibilityCheck:
-    """A check with what it was made from. ``vehicle`` is None where no vehicle file was given or
+    """A check with what it was made from. ``vehicle`` is None if no vehicle file was given or
     found.
 
     ``declared_speed``: m/s, of the vehicle file, where a record has no airspeed of its own.
     ``declared_density``: kg/m3, of the vehicle file, where an airspeed was made of a dynamic
-    pressure. None where they were not used. ``notes`` say how records were prepared, ``look`` what
+    pressure. None if they were not used. ``notes`` say how records were prepared, ``look`` what
     their raw columns show, ``simulated`` whether a program made all of them, as the JSON beside
     them says.
     """
@@ -79,7 +79,7 @@ class CompatibilityCheck:
 
 def equivalent_constant(check: CompatibilityCheck, finding: SensorFinding) -> str:
     """Return the number of the vehicle file that, were it wrong, would look like the scale of an
-    accelerometer; empty where there is none.
+    accelerometer; empty if there is none.
 
     In alpha_dot = q - g nz/V a factor on the load factor is one on the airspeed; an airspeed V =
     sqrt(2 q/rho) of a dynamic pressure goes with the air's density.
@@ -107,7 +107,7 @@ def equivalent_constant(check: CompatibilityCheck, finding: SensorFinding) -> st
 def noise_levels(
     check: CompatibilityCheck, result: CheckResult | None = None
 ) -> dict[str, float | None]:
-    """Noise by channel (SI) of all records together or of one ``result``, None where the records do
+    """Noise by channel (SI) of all records together or of one ``result``, None if the records do
     not show it; nz may come from az.
     """
     out: dict[str, float | None] = {}

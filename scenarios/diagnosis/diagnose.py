@@ -1,5 +1,5 @@
-"""The tracing loop on files: records, vehicle and candidates together, a part held out where there
-is one, and a maneuver designed that would separate effects that these records cannot.
+"""The tracing loop on files: records, vehicle and candidates together, a part held out if there is
+one, and a maneuver designed that would separate effects that these records cannot.
 
 Types of a diagnosis of files, its model as the study folder keeps it, and overflows counted
 during a search.
@@ -71,10 +71,10 @@ from sim.record import Record
 
 @dataclass(frozen=True)
 class Inputs:
-    """All files that a diagnosis rests on; ``validation`` is empty where only a part of a file was
+    """All files that a diagnosis rests on; ``validation`` is empty if only a part of a file was
     held out, ``effects`` where none was named.
 
-    ``model`` is the file of a user's own model, None where it is built in.
+    ``model`` is the file of a user's own model, None if it is built in.
     """
 
     records: tuple[InputFile, ...]
@@ -89,10 +89,10 @@ class Tracing:
     """A diagnosis with what it was made from.
 
     ``records`` and ``validation`` are what was fitted and what was predicted; ``held_out_from`` is
-    the time (s) at which the last record was cut, None where whole records were predicted.
+    the time (s) at which the last record was cut, None if whole records were predicted.
     ``explanations`` and ``traits`` of the candidates by name. ``notes`` say how the records were
     prepared, one sentence each; ``doubts`` what in the files is likely to be wrong. ``kinematics``:
-    what the records say without any aerodynamics, None where it was not asked. ``look``: what their
+    what the records say without any aerodynamics, None if it was not asked. ``look``: what their
     raw columns show. ``overflows``: computations of the loop that left the range of numbers, and
     were left out. ``plan``: how the records were to be read. ``effort``: how far the search looked.
     ``flown``: by which class and category levels of flying qualities are told. ``decides``: the
@@ -125,7 +125,7 @@ class Tracing:
 
     @property
     def stick_unit(self) -> str:
-        """The stick's label, empty where there is no stick."""
+        """The stick's label, empty if there is no stick."""
         return next(
             (channel.unit for channel in self.records[0].inputs if channel.name == STICK), ""
         )
@@ -135,7 +135,7 @@ SPIKES = "sensor-spikes:"
 
 
 def kept_diagnosis(tracing: Tracing) -> KeptModel | None:
-    """Return the model that a diagnosis leaves; None where the loop did not say what it was fitted
+    """Return the model that a diagnosis leaves; None if the loop did not say what it was fitted
     with.
     """
     d, plan, vehicle = tracing.diagnosis, tracing.plan, tracing.vehicle
@@ -335,7 +335,7 @@ def _peaks(model: Model, records: Sequence[Record]) -> dict[str, float]:
 
 
 def _source(request: Request, vehicle: VehicleFile) -> Source | None:
-    """Return the vehicle file as it was read; None where an own model went without one."""
+    """Return the vehicle file as it was read; None if an own model went without one."""
     from scenarios.diagnosis.opening import vehicle_path_of
 
     path = vehicle_path_of(request)
@@ -370,7 +370,7 @@ def diagnose_files(
     ----------
     request : the files and how they are read. With none to validate on, the last of several
         records, or the last part of one, is held out.
-    progress : told the stage and the share done, 0 to 1.
+    progress : called with the stage and the share done, 0 to 1.
     trace : the loop; None takes ``ident.tracing.loop.diagnose``.
 
     Raises
@@ -539,7 +539,7 @@ def _named_by_kinematics(kinematics: Kinematics | None) -> list[tuple[str, ...]]
 
 def _kinematics(opened: Opened, posed: Posed, plan: Plan) -> Kinematics | None:
     """Return the check of the kinematics alone: on all that was read where one record is fitted,
-    else on the fitted records; None where there is none.
+    else on the fitted records; None if there is none.
     """
     own = opened.vehicle.own
     if not (is_of_aircraft(own) if own is not None else opened.vehicle.model in OF_MODEL):

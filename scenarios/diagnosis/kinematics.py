@@ -54,7 +54,7 @@ _TIMES = ("delay", "lag")  # sizes of these can be compared, of one channel
 
 @dataclass(frozen=True, eq=False)
 class Kinematics:
-    """A check of some of a diagnosis' records (``records``: their names). ``result`` is None where
+    """A check of some of a diagnosis' records (``records``: their names). ``result`` is None if
     none was possible, ``why`` says it. ``held_out``: data that a diagnosis does not fit took
     part.
     """

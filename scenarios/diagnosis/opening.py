@@ -326,8 +326,8 @@ class Posed:
     """What the loop is given of the records, and which files that is: ``fitted`` and ``validation``
     hold their names and hashes.
 
-    ``parted``: records that are predicted, each with the number of its parts in ``predicted``; none
-    where something is held out of ``records``. ``measured``: the fitted records with all that
+    ``parted``: records that are predicted, each with the number of its parts in ``predicted``;
+    none if something is held out of ``records``. ``measured``: the fitted records with all that
     they measure.
     """
 
@@ -430,7 +430,7 @@ def _biased(model: Model, records: Sequence[Record]) -> list[str]:
 
 
 def vehicle_path_of(request: Request) -> Path | Source | None:
-    """Return the vehicle file, None where an own model goes without one."""
+    """Return the vehicle file, None if an own model goes without one."""
     first = request.records[0]
     chosen = request.vehicle if request.vehicle is not None else vehicle_next_to(first)
     if chosen is None and not is_model_file(request.model):
@@ -458,12 +458,12 @@ READ_AGAIN = "what was found is likelier so than with held ones; --hold previous
 @dataclass(eq=False)
 class InputReading:
     """The other reading of the inputs of a diagnosis: linear between samples, prepared when it is
-    asked for.
+    requested.
 
     Attributes
     ----------
     opened, plan : the files, and how they are read.
-    linear : what the loop is given with linear inputs, once it was asked for.
+    linear : what the loop is given with linear inputs, once it was requested.
     """
 
     opened: Opened
@@ -484,7 +484,7 @@ class InputReading:
 
     def offered(self, posed: Posed) -> Callable[[], Data] | None:
         """The records that are fitted and those that are predicted, with linear inputs, for the
-        loop to ask for; None where inputs are linear already, or where somebody said how they move.
+        loop to ask for; None if inputs are linear already, or where somebody said how they move.
         """
         if not self.open or any(record.hold is not Hold.PREVIOUS for record in posed.records):
             return None

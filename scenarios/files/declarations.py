@@ -41,7 +41,7 @@ _KINDS = ("float", "int", "str", "constrained-str")
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """Return the content of a TOML file. Raises DeclarationError where it is missing, unreadable,
+    """Return the content of a TOML file. Raises DeclarationError if it is missing, unreadable,
     or as ``toml_of`` says.
     """
     return toml_of(read_toml_source(path))

@@ -42,7 +42,7 @@ class Window:
     ----------
     time : shape ``(N,)``, s, increasing.
     rows : the block of rows in the file's order.
-    order : position in the block of each sample; None where the block is in order as it is.
+    order : position in the block of each sample; None if the block is in order as it is.
     notes : what was done with the time stamps, one sentence each.
     """
 
@@ -149,7 +149,7 @@ def _chosen(
     """Return the columns by channel, the outputs to read, and those of them that are optional.
 
     ``names``: inputs, outputs and optional channels. Raises RecordError for an input without a
-    column, and where there is no output at all.
+    column, and if there is no output at all.
     """
     inputs, model_outputs, optional = names
     further: set[str] = set()
@@ -201,7 +201,7 @@ def window_of(
 
 def raw_column(file: RecordFile, index: int) -> np.ndarray:
     """Return the numbers of a column in the rows of the record, shape ``(N,)``, in no unit but the
-    file's; NaN where a cell is none. Raises RecordError.
+    file's; NaN if a cell is none. Raises RecordError.
     """
     window = _time(
         file.table, _clock_column(file, file.choices, CHANNEL_UNITS, None), None, None, None
@@ -210,7 +210,7 @@ def raw_column(file: RecordFile, index: int) -> np.ndarray:
 
 
 def refuse_without_clock(file: RecordFile) -> None:
-    """Raise RecordError where no column of a file is a clock, or the file is a log of several
+    """Raise RecordError if no column of a file is a clock, or the file is a log of several
     topics without a channel map.
     """
     if file.topics:
@@ -230,7 +230,7 @@ def has_clock(file: RecordFile, channel_map: Mapping[str, ColumnChoice] | None =
 
 
 def refuse_rate(file: RecordFile, channel_map: Mapping[str, ColumnChoice] | None = None) -> None:
-    """Raise RecordError where a file has one clock, so that no rate is missing: for a search among
+    """Raise RecordError if a file has one clock, so that no rate is missing: for a search among
     the samples as they were taken."""
     if has_clock(file, channel_map):
         raise RecordError(
@@ -242,7 +242,7 @@ def refuse_rate(file: RecordFile, channel_map: Mapping[str, ColumnChoice] | None
 
 def column_of(file: RecordFile, channel: str) -> SourceColumn:
     """Return the column of one of our channels by the file's own channel map. Raises RecordError
-    where there is none, as ``find_column`` else.
+    if there is none, as ``find_column`` else.
     """
     column = _columns(file, [channel], set(), file.choices, CHANNEL_UNITS)[channel]
     if column is None:
@@ -257,7 +257,7 @@ def _columns(
     channel_map: Mapping[str, ColumnChoice] | None,
     channel_units: Mapping[str, str],
 ) -> dict[str, SourceColumn | None]:
-    """Return the column of each channel, None where the file has none; a channel of ``further``
+    """Return the column of each channel, None if the file has none; a channel of ``further``
     counts as absent if the only similar header has another meaning.
     """
     header = file.table.header
@@ -282,7 +282,7 @@ def rows_between(time: np.ndarray, start: float | None, stop: float | None) -> s
     """Return the block of rows from ``start`` to ``stop``, s, both inclusive, by the fewest
     contradicted stamps.
 
-    ``time`` has shape ``(N,)`` and may hold NaN, which has no say. An end that was asked for stands
+    ``time`` has shape ``(N,)`` and may hold NaN, which has no say. An end that was requested stands
     at a row inside the window.
     """
     low, high = -math.inf if start is None else start, math.inf if stop is None else stop
@@ -312,7 +312,7 @@ def _clock_column(
     channel_units: Mapping[str, str],
     rate: float | None,
 ) -> SourceColumn | None:
-    """Return the column of the clock: ``time``, else another name of a clock; None where the file
+    """Return the column of the clock: ``time``, else another name of a clock; None if the file
     has none and its rate is known.
     """
     column = _columns(file, [TIME], set(), channel_map, channel_units)[TIME]

@@ -211,7 +211,7 @@ def _piece(handle: int) -> bytes:
 
 
 def _first_piece(handle: int) -> bytes:
-    """Return the first bytes of a pipe; none where no program has come to write into it before
+    """Return the first bytes of a pipe; none if no program has come to write into it before
     ``PIPE_TIMEOUT`` is over.
     """
     until = time.monotonic() + PIPE_TIMEOUT
@@ -301,7 +301,7 @@ def read_json(
 
 
 def json_or_none(path: Path) -> Any:
-    """Return the value of a JSON file that may be another's or damaged: None where there is none or
+    """Return the value of a JSON file that may be another's or damaged: None if there is none or
     it is no strict JSON.
     """
     try:
@@ -380,7 +380,7 @@ ZIP = b"PK\x03\x04"  # first bytes of the file
 
 
 def refuse_oversized(path: Path, content: bytes) -> None:
-    """Raise RecordError where a packed file unpacks to more than is read; a damaged file is for its
+    """Raise RecordError if a packed file unpacks to more than is read; a damaged file is for its
     reader to name.
     """
     suffix = path.suffix.lower()

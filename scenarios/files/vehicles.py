@@ -88,14 +88,14 @@ class VehicleFile:
         ``generalized_mass`` kg m2 and the starts ``CL_eta1 CL_etadot1 Cm_eta1 Cm_etadot1
         Ceta1_alpha Ceta1_q Ceta1_de Ceta1_eta1 Ceta1_etadot1`` of that mode, and the couplings
         ``Ceta1_eta2 ...`` that the file gives.
-    identity : name and hash of the file that was read, None where the values come from elsewhere.
-    aircraft_class, flight_phase : as the file has them, None where it does not say: class I to IV,
+    identity : name and hash of the file that was read, None if the values come from elsewhere.
+    aircraft_class, flight_phase : as the file has them, None if it does not say: class I to IV,
         category A to C of MIL-F-8785C.
     own : a user's own model with these numbers, None for those of ``MODELS``; ``own_file`` is the
         file that declares it.
     constraints : parameters that the file fixes, bounds or ties; their starts stand among the
         derivatives.
-    text : the file as it stands, empty where there is none.
+    text : the file as it stands, empty if there is none.
     uncertainty : standard deviations of constants, in their units (table ``[uncertainty]``); what
         is not there counts as known.
     """
@@ -130,7 +130,7 @@ def vehicle_with_file(name: str, file: InputFile | None) -> str:
 
 
 def vehicle_next_to(record: Path | RecordFile) -> Path | None:
-    """``vehicle.toml`` in a record's folder, None where there is none."""
+    """``vehicle.toml`` in a record's folder, None if there is none."""
     path = path_of(record)
     beside = path.parent / BESIDE if path is not None else None
     return beside if beside is not None and beside.is_file() else None
@@ -143,7 +143,7 @@ def files_read_unnamed(records: Sequence[RecordFile], vehicle: Path | None) -> t
     """Return a sentence that names the files that were read without being named: a vehicle file and
     the JSON files of records; empty without one.
 
-    ``vehicle``: the file that ``vehicle_next_to`` found, None where the vehicle file was named.
+    ``vehicle``: the file that ``vehicle_next_to`` found, None if the vehicle file was named.
     """
     names = [str(vehicle)] if vehicle is not None else []
     names += [
@@ -168,7 +168,7 @@ def read_vehicle(path: str | Path | Source | None, model: str | OwnModel) -> Veh
     """Return a vehicle file for one of ``MODELS``, as ``vehicle_of``, or for a user's own model,
     which alone can do without (None).
 
-    Raises DeclarationError, also where there is no such file.
+    Raises DeclarationError, also if there is no such file.
     """
     refuse_unknown_model(model, str(path.path if isinstance(path, Source) else path))
     if isinstance(model, OwnModel) or is_model_file(model):
@@ -185,7 +185,7 @@ def read_vehicle(path: str | Path | Source | None, model: str | OwnModel) -> Veh
 
 
 def own_vehicle(own: OwnModel, source: Source | None) -> VehicleFile:
-    """Return a user's own model with the numbers of a vehicle file, or with its own where there is
+    """Return a user's own model with the numbers of a vehicle file, or with its own if there is
     none.
     """
     if source is not None and "aerodynamics" in toml_of(source):
@@ -291,8 +291,8 @@ def _with_uncertainty(vehicle: VehicleFile, source: Source) -> VehicleFile:
 
 
 def read_any_vehicle(path: str | Path | Source) -> VehicleFile:
-    """Return a vehicle file of whichever model of an aircraft it is written for; its model is empty
-    where the file has only what a check of the kinematics uses. Raises DeclarationError where it is
+    """Return a vehicle file of whichever model of an aircraft it is written for; its model is
+    empty if the file has only what a check of the kinematics uses. Raises DeclarationError if it is
     for none, or wrong.
     """
     from scenarios.files.schemas import CHECK_ONLY

@@ -77,7 +77,7 @@ def write_responses(
     where known, ``true_NAME``.
 
     ``predicted`` and ``true``: ``(N,)`` by output at the record's samples. SI and radians; a cell
-    is empty where there is no number.
+    is empty if there is no number.
     """
     columns: dict[str, np.ndarray] = {TIME: record.time}
     columns |= {channel.name: channel.with_gaps() for channel in record.inputs}

@@ -125,7 +125,7 @@ SETTLED = (Outcome.CONVERGED, Outcome.AT_BOUND)
 
 
 def refuse_profile(method: str) -> None:
-    """Raise DeclarationError where a method has no likelihood to be followed."""
+    """Raise DeclarationError if a method has no likelihood to be followed."""
     if method not in PROFILED:
         what = f"{method} has no likelihood of whole records that a profile could follow"
         raise DeclarationError(
@@ -166,7 +166,7 @@ def profiled(
     band: tuple[float, float] | None = None,
 ) -> tuple[ProfileInterval, ...]:
     """Return the intervals of the parameters ``wanted`` (all where none is named) of a settled
-    estimate; none where it did not settle.
+    estimate; none if it did not settle.
 
     ``system`` is the one that was estimated; ``calm`` (filter error) the same without forcing;
     ``delays`` and ``band`` (frequency domain). The fit is made once more from what it found, which
@@ -281,7 +281,7 @@ def left_out(before: Record, after: Record) -> dict[str, np.ndarray]:
 
 
 def without(record: Record, masks: dict[str, np.ndarray]) -> Record:
-    """Return a record less some samples of its outputs; itself where there are none."""
+    """Return a record less some samples of its outputs; itself if there are none."""
     if not masks:
         return record
 
@@ -342,7 +342,7 @@ class RecordFit:
     """One record and its free simulation ``simulated (m, N)`` of ``outputs``; only initial state
     and biases were fitted to it.
 
-    ``figures`` of the outputs that it has; None where the simulation left all measure.
+    ``figures`` of the outputs that it has; None if the simulation left all measure.
     ``held_out``: it took no part in the estimate.
     """
 
@@ -459,7 +459,7 @@ def simulated(
     settings: FitSettings,
     local: Collection[str] = (),
 ) -> np.ndarray | None:
-    """Outputs ``(m, N)`` of a free simulation; None where it is not finite. A motion that grows is
+    """Outputs ``(m, N)`` of a free simulation; None if it is not finite. A motion that grows is
     followed in pieces, as in a fit.
     """
     known = {
@@ -597,15 +597,15 @@ class IdentificationResult:
     ``record`` is the first; the other segments of a fit are ``others``. ``notes`` say how the
     records were prepared and the fit was made, ``doubts`` what in the files is likely to be wrong,
     ``cautions`` what in the result is, ``look`` what the raw columns show. ``reading``: what the
-    other way to read inputs between samples changes, None where nothing is moved by more than a
+    other way to read inputs between samples changes, None if nothing is moved by more than a
     sigma or where it was not asked; ``decided`` the same where the data choose between the two.
-    ``modes``: numbers of the modes from which levels of flying qualities follow, None where there
-    are none. ``system``: the compiled model. ``tied``: parameters that follow others; ``at_bounds``
+    ``modes``: numbers of the modes from which levels of flying qualities follow, None if there are
+    none. ``system``: the compiled model. ``tied``: parameters that follow others; ``at_bounds``
     those that ended at a bound and are not among ``rows``. ``intervals`` by profile likelihood,
     where they were asked. ``fits``: each record simulated with the estimate, those held out last.
     ``band``: Hz, of a fit in the frequency domain. ``trained``: what another record is predicted
     with. ``engine``: of the filter, its ``name`` and a ``sentence``; empty without a filter.
-    ``considered``: what the uncertainty of constants adds to the sigmas, None where none is stated.
+    ``considered``: what the uncertainty of constants adds to the sigmas, None if none is stated.
     """
 
     record: Record

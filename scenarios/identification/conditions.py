@@ -86,7 +86,7 @@ def chosen_band(
     outputs: Sequence[str],
     band: tuple[float, float] | None,
 ) -> tuple[float, float]:
-    """Return the band that is asked for, else the data's own, Hz. Raises ModelError where the model
+    """Return the band that is requested, else the data's own, Hz. Raises ModelError if the model
     has no frequency response.
     """
     system = compile_model(model, outputs)
@@ -130,7 +130,7 @@ def with_weight_if_needed(
     model: Model, records: Sequence[Record], outputs: Sequence[str]
 ) -> tuple[Model, str]:
     """Return the model with or without the weight along the flight path, as the records say, and a
-    sentence; empty where no attitude is recorded.
+    sentence; empty if no attitude is recorded.
     """
     if ATTITUDE not in {signal.name for signal in model.equations.inputs}:
         return model, ""
@@ -502,7 +502,7 @@ def _moved_together(records: Sequence[Record], estimate: Estimate) -> bool:
 def _residuals(
     records: Sequence[Record], estimate: Estimate
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Measured minus fitted ``(m, N)`` a record, zero where a sample is missing, and which samples
+    """Measured minus fitted ``(m, N)`` a record, zero if a sample is missing, and which samples
     there are.
     """
     measured = [record.output_array(estimate.output_names) for record in records]

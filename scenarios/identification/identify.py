@@ -588,7 +588,7 @@ def _not_to_be_used(
     request: Request, vehicle: VehicleFile, found: IdentificationResult
 ) -> tuple[str, ...]:
     """Return the sentence that leads where residuals are not the noise alone, with the command that
-    says why; empty where they are, or where no diagnosis takes such a model.
+    says why; empty if they are, or where no diagnosis takes such a model.
     """
     failed_in = residual_phrase([test for test in found.tests if not test.passed])
     if not failed_in:

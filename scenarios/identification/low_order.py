@@ -219,7 +219,7 @@ def noise_levels(record: Record) -> dict[str, float]:
 
 def trim_of(record: Record, noise: Mapping[str, float]) -> dict[str, float]:
     """Return the levels of alpha, q and stick where the record begins at rest and off zero; empty
-    where it begins in motion or about zero.
+    if it begins in motion or about zero.
 
     At rest: for ``QUIET_START_TIME`` s the stick does not move at all and no output scatters by
     more than three noise deviations.
@@ -307,8 +307,8 @@ def linearised(
     """Return a model about level flight where it has totals, about rest elsewhere, of a falling
     body about the middle of its record.
 
-    ``own``: a user's own model, which says itself where it rests. Raises DeclarationError where
-    there is no such point.
+    ``own``: a user's own model, which says itself where it rests. Raises DeclarationError if there
+    is no such point.
     """
     names = set(system.state_names)
     if names.issuperset(LONGITUDINAL_STATES):

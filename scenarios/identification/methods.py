@@ -123,7 +123,7 @@ def _refuse_engine(engine: str, method: str) -> None:
 
 
 def engine_of(method: str, options: Options) -> dict[str, str]:
-    """Return the content of the key ``engine`` in the study file of a single filter; empty where
+    """Return the content of the key ``engine`` in the study file of a single filter; empty if
     the method is no filter.
     """
     if method == "ukf":

@@ -175,7 +175,7 @@ LEAST_DIRECTION_SHARE = 1e-3  # of such a direction that makes a parameter part 
 
 @dataclass(frozen=True)
 class Excited:
-    """How well a parameter would be known: ``sigma`` in its unit, infinite where no output shows
+    """How well a parameter would be known: ``sigma`` in its unit, infinite if no output shows
     it; ``beside`` those that it hides behind.
     """
 
@@ -440,7 +440,7 @@ def _sigma(value: float) -> Cell:
 
 
 def considered_content(considered: Considered | None) -> dict[str, Any]:
-    """Return the contributions for comparison.json; empty where no constant is uncertain."""
+    """Return the contributions for comparison.json; empty if no constant is uncertain."""
     if considered is None:
         return {}
     return {

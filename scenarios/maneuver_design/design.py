@@ -93,7 +93,7 @@ def within_limits(
     or scaled down until the response stays inside.
 
     ``start`` : the scale to begin with, and ``bound_by`` what made it so. Raises DeclarationError
-    where the limits leave nothing.
+    if the limits leave nothing.
     """
     amplitude = np.array([*setting.limits.amplitude.values()])[:, None]
     rate = np.array([setting.limits.rate.get(name, np.inf) for name in setting.limits.amplitude])
@@ -285,7 +285,7 @@ def barely_detectable(effect: Traceable, reference: Planned) -> Acting:
     """Return the effect between absence and its typical values, where its expected gain is what the
     loop asks of an addition.
 
-    Raises DeclarationError where even twice the typical values are not found in the reference
+    Raises DeclarationError if even twice the typical values are not found in the reference
     maneuver.
     """
     typical = {item.name: item.value for item in effect.parameters}
@@ -362,7 +362,7 @@ class DesignedManeuver:
     ``sigmas`` : expected standard deviations of the free parameters; ``criterion``: the geometric
     mean of these over the values, of those that are determined. ``contests`` of the effects that
     are to be told apart; ``chance``: that it tells whichever of them acts, at least. ``responses``
-    : frequency responses over the band that is asked for.
+    : frequency responses over the band that is requested.
     """
 
     kind: str

@@ -49,7 +49,7 @@ class Flyer:
 
     @property
     def text(self) -> str:
-        """The limits in a line, empty where there are none."""
+        """The limits in a line, empty if there are none."""
         if not self.shortest_step:
             return ""
         return (

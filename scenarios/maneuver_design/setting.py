@@ -140,7 +140,7 @@ class ManeuverLimits:
     rest: float = 0.0
 
     def corner(self, one: int) -> float:
-        """Return the corner of an input, rad/s; infinite where its rate is not limited."""
+        """Return the corner of an input, rad/s; infinite if its rate is not limited."""
         return self.corners[one] if self.corners else math.inf
 
     def slow_enough(self, one: int, row: np.ndarray) -> np.ndarray:
@@ -441,7 +441,7 @@ def _outputs_at(model: Model, rest: Mapping[str, float]) -> dict[str, float]:
 
 
 def _frequency(model: Model, rest: Mapping[str, float]) -> float:
-    """Geometric mean of the quicker roots, rad/s; one where there is none."""
+    """Geometric mean of the quicker roots, rad/s; one if there is none."""
     sizes = root_sizes(compile_model(model), list(rest.values()))
     quick = sizes[sizes > SLOW_ROOT_SHARE * np.max(sizes, initial=0.0)]
     return float(np.exp(np.mean(np.log(quick)))) if len(quick) else 1.0

@@ -87,10 +87,10 @@ Rows = Mapping[str, Sequence[ParameterColumn | None]]
 def figure_studies_estimates(
     rows: Rows, units: Mapping[str, str], labels: Sequence[str], title: str = ""
 ) -> Figure:
-    """Return a panel a parameter: estimate and published value of each study with bars of two
+    """Return one panel per parameter: estimate and published value of each study with bars of two
     standard deviations, true and condensed value.
 
-    ``rows``: by parameter one entry a study, None where it says nothing. Studies with names too
+    ``rows``: by parameter one entry a study, None if it says nothing. Studies with names too
     long for the axis are numbered there and named under the title.
     """
     panels = PanelsOverNames.of(len(rows), labels, "study", title)

@@ -55,7 +55,7 @@ from sim.truth.flight import Truth
 
 @dataclass(frozen=True, eq=False)
 class MethodOutputs:
-    """Outputs of a method by name, ``(N,)`` at the record's samples, NaN where missing."""
+    """Outputs of a method by name, ``(N,)`` at the record's samples, NaN if missing."""
 
     label: str
     outputs: Mapping[str, np.ndarray]
@@ -64,7 +64,7 @@ class MethodOutputs:
 def response_of(estimate: Estimate, label: str = "", record: int = 0) -> MethodOutputs:
     """Return the response that an estimate carries for its record number ``record``.
 
-    Of a filter it is the prediction one sample ahead, NaN where a sample was missing or the filter
+    Of a filter it is the prediction one sample ahead, NaN if a sample was missing or the filter
     had broken down.
     """
     values = np.array(estimate.fitted[record], dtype=float)

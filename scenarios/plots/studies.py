@@ -54,7 +54,8 @@ class Coverage:
 
 
 def figure_campaign(rows: Sequence[Coverage], title: str = "") -> Figure:
-    """Return a row a parameter: at the left the error of each run, mean and root mean square; at
+    """Return one row per parameter: at the left the error of each run, mean and root mean square;
+    at
     the right the share within two sigmas.
 
     Sigmas that are right give a bar from -1 to 1 and a share on the line. Errors beyond the axis
@@ -145,7 +146,8 @@ class SquaresPanel:
 def figure_coverage(
     rows: Sequence[CoverageRow], nominal: Sequence[float], title: str = ""
 ) -> Figure:
-    """Return a row a parameter, a panel for one, two and three sigmas: share of the runs with its
+    """Return one row per parameter, a panel for one, two and three sigmas: share of the runs with
+    its
     interval, the normal distribution's as a line.
     """
     rows = rows[:MOST_ROWS]
@@ -316,7 +318,8 @@ class DeterminedBy:
 
 
 def figure_determination(methods: Sequence[DeterminedBy], title: str = "") -> Figure:
-    """Above: strength of each direction, record against prior. Below: a row a parameter, sorted by
+    """Above: strength of each direction, record against prior. Below: one row per parameter,
+    sorted by
     what the first method leaves of its prior.
     """
     everything = sorted(methods[0].ratio, key=lambda name: methods[0].ratio[name])

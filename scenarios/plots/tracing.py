@@ -153,7 +153,7 @@ class _Round:
 def figure_evidence(
     candidates: Sequence[Candidate], standing: NamedEffects = NOTHING, title: str = ""
 ) -> Figure:
-    """Return a panel a round: the log posterior odds of each candidate against the model of the
+    """Return one panel per round: the log posterior odds of each candidate against the model of the
     round, as a bar and a number, and why it was not chosen.
 
     Filled bars were fitted, open ones are linearised. The rounds are those that led to what stands,

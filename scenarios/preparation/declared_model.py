@@ -104,8 +104,8 @@ def step_of(model: Model, interval: float, usual: float) -> float:
 
 
 def root_sizes(system: System, u: list[float]) -> np.ndarray:
-    """Return the sizes of the roots about the initial state, rad/s, integrators left out; none
-    where the slopes are not finite.
+    """Return the sizes of the roots about the initial state, rad/s, integrators left out; none if
+    the slopes are not finite.
     """
     p = system.parameters.values().tolist()
     slopes = complex_step_jacobian(
@@ -168,7 +168,7 @@ def better_by(
     has (``implausible_bias``): what such a fit leaves says nothing of its reading. It is left open
     too where one cannot be fitted or has no fewer unknowns than samples, and where a record by
     itself speaks against the sum of all: an effect that the model lacks may favour the wrong
-    reading in one maneuver, a right one is right in all. The gain is zero where no channel's
+    reading in one maneuver, a right one is right in all. The gain is zero if no channel's
     residual falls by the share ``least``. ``local`` are parameters of which each record has its
     own. Isolated wrong samples, which would outweigh all others in either residual, are left out.
     Controls count from their trim (``from_trim``).
@@ -268,7 +268,7 @@ def _undecided(fit: Fit, reading: Reading) -> str:
 
 
 def _implausible(*fits: Fit | None) -> list[np.ndarray]:
-    """Isolated wrong samples of each record by either fit, ``(m, N)``; none where a fit is
+    """Isolated wrong samples of each record by either fit, ``(m, N)``; none if a fit is
     missing.
     """
     finite = [
@@ -310,7 +310,7 @@ def likelier_by(
     before: Sequence[np.ndarray], after: Sequence[np.ndarray], known: Sequence[np.ndarray]
 ) -> float:
     """Return twice the log likelihood by which the second residuals are likelier than the first, in
-    effective samples; zero where records contradict.
+    effective samples; zero if records contradict.
 
     Residuals and their validity are ``(m, N)`` a record; each output has one noise level.
     """

@@ -65,7 +65,7 @@ class Guess:
     reason : why this one, in a few words.
     least, most : of its values, SI.
     samples : how many numbers it has.
-    fault : what is wrong with it, empty where nothing is.
+    fault : what is wrong with it, empty if nothing is.
     """
 
     channel: str
@@ -79,7 +79,7 @@ class Guess:
 
 @dataclass(frozen=True)
 class TopicSummary:
-    """A topic of a log: its name, columns, rows and samples a second (zero where it has no
+    """A topic of a log: its name, columns, rows and samples a second (zero if it has no
     clock).
     """
 
@@ -100,7 +100,7 @@ class Draft:
     guesses : channels found, in the order of our channels.
     faults : everything that is wrong with the file, one line each.
     unused : columns that no channel takes.
-    model : the model that the channels fit, empty where none does.
+    model : the model that the channels fit, empty if none does.
     clockless : the file has no clock, and no rate was given.
     """
 
@@ -289,7 +289,7 @@ def _guesses(
 
 
 def _guess(channel: str, topics: Sequence[Topic], degrees: Collection[str]) -> Guess | None:
-    """Return the best column of a channel, None where no name recalls one that moves; ``degrees``:
+    """Return the best column of a channel, None if no name recalls one that moves; ``degrees``:
     topics whose unlabelled angles are in degrees.
     """
     words = _recorder_names().get(channel, {})

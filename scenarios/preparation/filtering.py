@@ -36,7 +36,7 @@ class Parted:
     Attributes
     ----------
     name : of the record.
-    time : shape ``(N,)``, s, of all its rows; None where its parts are resampled.
+    time : shape ``(N,)``, s, of all its rows; None if its parts are resampled.
     count : number of its parts.
     """
 

@@ -86,7 +86,7 @@ def trim_sentence(record: Record, name: str) -> str:
 
 def _trim(record: Record, values: np.ndarray) -> float:
     """Return the mean of an input before it first leaves the neighbourhood of its beginning; zero
-    where it or the aircraft does not rest there.
+    if it or the aircraft does not rest there.
     """
     time = record.time
     span = float(np.ptp(values))
@@ -343,7 +343,7 @@ def flow_doubts(records: Sequence[Record], model: Model) -> list[str]:
 
 def _far(means: Mapping[str, float], model: Model, name: str) -> tuple[str, str, str] | None:
     """Return the records whose mean is more than ``NOTABLE_DIFFERENCE_SHARE`` off the declared
-    value, their means, and the declared one; None where all are near.
+    value, their means, and the declared one; None if all are near.
     """
     if not means:
         return None

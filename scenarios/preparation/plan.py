@@ -77,7 +77,7 @@ class Plan:
 
 
 def refuse_turned(start: float | None, stop: float | None, where: str) -> None:
-    """Raise DeclarationError where a part of a record, as a file declares it, ends before it
+    """Raise DeclarationError if a part of a record, as a file declares it, ends before it
     begins."""
     if start is not None and stop is not None and not start < stop:
         raise DeclarationError(
@@ -186,8 +186,8 @@ class Request:
     Attributes
     ----------
     records : files that are fitted or checked.
-    model : one of ``MODELS`` of the vehicle files, or a user's Python file or model; empty where
-        none is asked for.
+    model : one of ``MODELS`` of the vehicle files, or a user's Python file or model; empty if
+        none is requested.
     vehicle : constants and starting values; None takes ``vehicle.toml`` from the folder of the
         first record. An own model can do without.
     validate : files that are predicted, whole.
@@ -255,7 +255,7 @@ def column_choices(
     request: Request, allowed: Iterable[str] = CHANNEL_UNITS, *, surfaces: bool = False
 ) -> Mapping[str, ColumnChoice] | None:
     """The channel map that a request names, of the channels ``allowed``, with ``surfaces`` those
-    of any name as well, read now; None where it names none. Raises DeclarationError.
+    of any name as well, read now; None if it names none. Raises DeclarationError.
     """
     from scenarios.files.declarations import read_channel_map
 
@@ -329,7 +329,7 @@ def chosen_parts(parts: DeclaredParts, requested: Sequence[str | int]) -> tuple[
 
     Raises
     ------
-    DeclarationError : there is no such part, it is asked for twice, or two overlap.
+    DeclarationError : there is no such part, it is requested twice, or two overlap.
     """
     by_name = {each.name: each for each in parts.parts} | {
         str(each.number): each for each in parts.parts
@@ -434,7 +434,7 @@ def _beside(record: Path | RecordFile) -> Path:
 
 
 def _refuse_other(parts: DeclaredParts, record: Path | RecordFile) -> None:
-    """Raise DeclarationError where the file was made for a record of another content."""
+    """Raise DeclarationError if the file was made for a record of another content."""
     from scenarios.files.sources import read_source
     from sim.errors import RecordError
 

@@ -173,7 +173,7 @@ def refuse_unpredictable(
     """Nothing where each record can be predicted by a fit of others. Raises RecordError for one
     that says nothing, or too little.
 
-    ``option``: by which the records were named, empty where they are what the command is about.
+    ``option``: by which the records were named, empty if they are what the command is about.
     """
     for record in records:
         why = why_unpredictable(record, model)
@@ -252,7 +252,7 @@ _REMEDY = "give another record with --validate, or use more of this one"
 @dataclass(frozen=True, eq=False)
 class Split:
     """What is fitted and what is predicted. ``cut``: the time (s) at which the last record was cut,
-    None where it is held out whole.
+    None if it is held out whole.
     """
 
     fitted: tuple[Record, ...]

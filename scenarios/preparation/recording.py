@@ -139,7 +139,7 @@ def checked_records(
 
 
 def _refuse_endless(record: Record) -> None:
-    """Raise RecordError where the times go so far that no simulation reaches their end."""
+    """Raise RecordError if the times go so far that no simulation reaches their end."""
     with np.errstate(over="ignore"):
         usual = float(np.median(np.diff(record.time)))
         span = float(record.time[-1] - record.time[0])

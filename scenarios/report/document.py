@@ -67,7 +67,7 @@ class Number:
 
     @property
     def sigma_text(self) -> str:
-        """The sigma alone; empty where there is none."""
+        """The sigma alone; empty if there is none."""
         if not self.sigma:
             return ""
         if self.shown_sigma or self.digits is None:
@@ -129,7 +129,7 @@ def brief_estimate(value: float, sigma: float, mark: str = "") -> Cell:
 
 
 def known(value: float | None, digits: int | None = None, *, signed: bool = False) -> Cell:
-    """Return a number where there is one, else a dash."""
+    """Return a number if there is one, else a dash."""
     if value is None or not math.isfinite(value):
         return MISSING
     return Number(value, digits=digits, signed=signed)
@@ -141,7 +141,7 @@ def counted(value: int) -> Number:
 
 
 def formatted(value: float | None, form: str, unit: str = "") -> Cell:
-    """Return a number shown by a format such as ``+.2f``; a dash where there is none."""
+    """Return a number shown by a format such as ``+.2f``; a dash if there is none."""
     if value is None or not math.isfinite(value):
         return MISSING
     return Number(value, None, unit, shown=format(value, form))
@@ -248,7 +248,7 @@ class Table:
 
     ``printed``: how many rows stand on paper, the first of them; None is all.
 
-    Raises ModelError where a row has another length than the columns, a number has no unit, or a
+    Raises ModelError if a row has another length than the columns, a number has no unit, or a
     number stands as a word.
     """
 
@@ -309,7 +309,7 @@ def table(
 @dataclass(frozen=True)
 class Figure:
     """An SVG element with its caption; what a reader who cannot see it is told is its
-    ``aria-label``. ``plot``: its data, from which the page draws it so that it zooms; None where it
+    ``aria-label``. ``plot``: its data, from which the page draws it so that it zooms; None if it
     stays as it is.
     """
 
@@ -379,7 +379,7 @@ class Page:
 def section(
     title: str, *blocks: Block | None, parts: tuple[Section, ...] = ()
 ) -> tuple[Section, ...]:
-    """Return a section with what there is of its blocks; none where there is nothing in it, so that
+    """Return a section with what there is of its blocks; none if there is nothing in it, so that
     calls can be strung together.
     """
     there = tuple(
@@ -429,8 +429,8 @@ def reproduction(
 
 
 def typed() -> list[str]:
-    """Return the words of this process's command line, beginning with the program's name; none
-    where another program uses the library.
+    """Return the words of this process's command line, beginning with the program's name; none if
+    another program uses the library.
     """
     program, *words = sys.argv or [""]
     path = Path(program)

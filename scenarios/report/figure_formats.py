@@ -33,7 +33,7 @@ def formats_wanted(figures: bool | str | Sequence[str]) -> Formats:
 
 
 def formats_of(asked: Sequence[str] | None, none: bool = False) -> Formats:
-    """Return the formats that are asked for, in the order of ``FORMATS``: each text names one or
+    """Return the formats that are requested, in the order of ``FORMATS``: each text names one or
     several with commas between; None is ``USUAL``.
 
     ``none``, in the texts or as the second argument, asks for no figure. Raises DeclarationError
@@ -224,7 +224,7 @@ def caption_of(
     methods: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
     """The caption of ``fit``, ``fit_2`` and ``fit_METHOD`` alike, with the number of the record, or
-    the label that ``methods`` gives the method; the stem in words where there is none.
+    the label that ``methods`` gives the method; the stem in words if there is none.
     """
     known = [name for name in CAPTIONS if stem == name or stem.startswith(f"{name}_")]
     if not known:

@@ -32,11 +32,11 @@ class Curve:
 
     Parameters
     ----------
-    label : its name in the legend; empty where it has none.
+    label : its name in the legend; empty if it has none.
     kind : ``"line"``, ``"held"`` (each value until the next), ``"points"`` or ``"band"`` (between
         ``y`` and ``top``).
     colour : ``#rrggbb`` in small letters.
-    x, y : ``(N,)``, in the units of the axes; NaN where a sample is missing. ``x`` is finite and
+    x, y : ``(N,)``, in the units of the axes; NaN if a sample is missing. ``x`` is finite and
         does not fall.
     width : of a line or the diameter of a point, in points of print.
     dash : lengths of stroke and gap, in widths; empty for a full line.

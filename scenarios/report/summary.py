@@ -64,7 +64,7 @@ def folded(text: str, width: int, first: str = "", further: str = "") -> list[st
 
 
 def wrapped(text: str, width: int = WIDTH, indent: str = "") -> list[str]:
-    """Return a paragraph folded at words; its further lines are moved in. Nothing where there is no
+    """Return a paragraph folded at words; its further lines are moved in. Nothing if there is no
     text.
     """
     return folded(text, width, indent, indent + "  ") if text else []
@@ -157,8 +157,8 @@ def columns_of(
 def table_lines(
     columns: Sequence[TableColumn], *, title: str = "", width: int = WIDTH, keys: int = 1
 ) -> list[str]:
-    """Return a table as lines no longer than ``width`` characters if that can be; nothing where
-    there is no row.
+    """Return a table as lines no longer than ``width`` characters if that can be; nothing if there
+    is no row.
 
     ``keys``: how many of the first columns begin every block.
     """
@@ -370,7 +370,7 @@ def levels_heading(flown: FlightPhase) -> str:
 def levels_line(
     levels: Sequence[ModeLevel], flown: FlightPhase, tests: Sequence[ResidualTest]
 ) -> str:
-    """Return all levels in one line; empty where the model has no mode that the standard speaks of.
+    """Return all levels in one line; empty if the model has no mode that the standard speaks of.
 
     Probabilities are those of the sigmas: where a residual test fails, what the model lacks is not
     in them, and the line says so.
@@ -483,7 +483,7 @@ def written_to(folder: Path) -> str:
 
 
 def value_phrase(name: str, value: float, std: float, unit: str) -> str:
-    """``"Cm_alpha -1.657 +- 0.002 1/rad"``, in the unit in which it is shown."""
+    """``"Cm_alpha -1.657 +- 0.002 1/rad"``, in the unit for display."""
     if std > 0.0 and not determined(value, std):
         return f"{name} not determined"
     factor, text = shown_in(unit, name)
@@ -508,7 +508,7 @@ def result_phrase(
 
 
 def residual_phrase(tests: Sequence[ResidualTest]) -> str:
-    """``"consistent with noise in alpha and nz; not in q"``; empty where nothing was tested."""
+    """``"consistent with noise in alpha and nz; not in q"``; empty if nothing was tested."""
     channels = list(dict.fromkeys(test.channel.partition(",")[0] for test in tests))
     failed = [
         name

@@ -146,7 +146,7 @@ class ResponseEstimates:
     model: FittedResponseModel | None = None
 
     def unit(self, output: str, one: str) -> str:
-        """Unit of a response, ``"deg/s per deg"``; empty where neither signal has one."""
+        """Unit of a response, ``"deg/s per deg"``; empty if neither signal has one."""
         over, under = (self.units.get(name, "") or "1" for name in (output, one))
         if over == under:
             return ""

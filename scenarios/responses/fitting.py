@@ -138,7 +138,7 @@ class Fits:
     mismatches: tuple[Mismatch, ...]
 
     def of(self, row: int, column: int) -> tuple[FittedResponse, Mismatch] | None:
-        """Return the function of a response and its mismatch; None where none was fitted."""
+        """Return the function of a response and its mismatch; None if none was fitted."""
         if (row, column) not in self.places:
             return None
         at = self.places.index((row, column))
@@ -146,7 +146,7 @@ class Fits:
 
 
 def fits_of(responses: FrequencyResponses, names: Names, options: FitOptions) -> Fits | None:
-    """Fit the forms to the responses in their usable bands; None where no form is named.
+    """Fit the forms to the responses in their usable bands; None if no form is named.
 
     Raises DeclarationError, RecordError or ModelError in one line.
     """
@@ -371,7 +371,7 @@ class FittedResponseModel:
     file: InputFile | None = None
 
     def of(self, row: int, column: int) -> tuple[np.ndarray, np.ndarray] | None:
-        """Frequencies, rad/s, and response of the fitted model; None where it was not fitted."""
+        """Frequencies, rad/s, and response of the fitted model; None if it was not fitted."""
         if (row, column) not in self.places:
             return None
         at = self.places.index((row, column))
@@ -410,9 +410,9 @@ def model_fit_of(
     options: ModelOptions,
     hold_step: float | None = None,
 ) -> FittedResponseModel | None:
-    """Fit the model to all responses that have a usable band; None where none is named.
+    """Fit the model to all responses that have a usable band; None if none is named.
 
-    The model is linearised about rest, or about level flight where it has one, which stays where
+    The model is linearised about rest, or about level flight if it has one, which stays where
     the starting values have it. A delay of all inputs is free unless it is fixed. ``hold_step`` :
     s, hold of inputs whose hold was taken out of the responses: an output that the input moves at
     once does not lag by the hold, so that the model is sampled like the record.

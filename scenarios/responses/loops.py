@@ -49,7 +49,7 @@ class LoopMargins:
     name : ``"returned/command"``.
     sign : ``"minus"`` where the returned signal is subtracted.
     curve, margins : of all records together.
-    maneuvers : of each part by itself, None where it gives no estimate; ``parts``: their names,
+    maneuvers : of each part by itself, None if it gives no estimate; ``parts``: their names,
         ``reasons``: why, by name.
     worst : the least of each margin over the parts; empty with one part.
     cautions : what a user should know.
@@ -165,7 +165,7 @@ def _products(read: ReadSignals) -> np.ndarray:
 
 
 def fitting_sign(products: np.ndarray) -> str | None:
-    """Return the sign by which command and returned signal make up the reference; None where they
+    """Return the sign by which command and returned signal make up the reference; None if they
     do not decide it.
 
     A loop that subtracts has reference = command + returned, by which the two have regression

@@ -124,7 +124,7 @@ class Qualities:
     bandwidth, curve : where a kind of output is named.
     dropback : where ``pitch`` is fitted, s.
     form : quantities of a fitted form.
-    levels : of these, where limits are asked for.
+    levels : of these, where limits are requested.
     overshoot : of the pitch rate after a step, largest over steady.
     pilot : of Neal and Smith, or why there is none.
     flown : class and category of the levels.
@@ -331,7 +331,7 @@ def qualities_of(
 
 
 def quality_table(one: Qualities) -> Table | None:
-    """Return the numbers of one response with their 95 % intervals; None where there are none."""
+    """Return the numbers of one response with their 95 % intervals; None if there are none."""
     if not one.numbers:
         return None
     rows = [(quality_name(name), each, unit) for name, (each, unit) in one.numbers.items()]

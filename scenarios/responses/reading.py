@@ -140,7 +140,7 @@ def _with_distinct_names(records: list[Record], files: list[Path]) -> list[Recor
 
 
 def _refuse_other_kinds(records: Sequence[Record], step: float) -> None:
-    """Raise RecordError where records have another rate or other units than the first."""
+    """Raise RecordError if records have another rate or other units than the first."""
     for record in records[1:]:
         own = float(np.median(np.diff(record.time)))
         if abs(own / step - 1.0) > EVEN_SAMPLING_TOLERANCE:
@@ -221,7 +221,7 @@ def _rows_with_outputs(record: Record) -> tuple[Record, list[str]]:
 
 
 def _unit(file: RecordFile, name: str) -> str | None:
-    """The unit that a file states of a column; None where it states none or has no such column."""
+    """The unit that a file states of a column; None if it states none or has no such column."""
     tables: list[tuple[str, CellTable]] = [(topic.name, topic.table) for topic in file.topics]
     for prefix, table in tables or [("", file.table)]:
         for index, cell in enumerate(table.header):

@@ -34,7 +34,7 @@ SIMULATED = "simulated_"  # prefix of simulated outputs
 
 @dataclass(frozen=True, eq=False)
 class StudyResponses:
-    """Outputs of one study over ``time (N,)``, s: ``(N,)`` each, SI, by name, NaN where missing.
+    """Outputs of one study over ``time (N,)``, s: ``(N,)`` each, SI, by name, NaN if missing.
 
     ``predicted``: of the estimate; ``true``: empty if unknown. ``units`` of the channels;
     ``simulated``: whether the record is simulated.
@@ -190,8 +190,8 @@ class StudyColumn:
     outcome : code of the estimate, or the verdict.
     seed : None of a measured record.
     values, derived : parameters and derived quantities by name.
-    responses : outputs over time; None where the folder has none.
-    vehicle, model : names in the study; empty where it has none.
+    responses : outputs over time; None if the folder has none.
+    vehicle, model : names in the study; empty if it has none.
     """
 
     label: str

@@ -416,5 +416,5 @@ def _selection(each: Selection) -> Mapping[str, Any]:
 
 
 def _left_out(r2: float) -> dict[str, float]:
-    """R2 on maneuvers left out; nothing where there is one maneuver alone."""
+    """R2 on maneuvers left out; nothing if there is one maneuver alone."""
     return {"r2_left_out": r2} if math.isfinite(r2) else {}

@@ -107,7 +107,7 @@ class FoundStructure:
 
     Attributes
     ----------
-    aircraft : with the terms and values found (in addition to the baseline where there is one).
+    aircraft : with the terms and values found (in addition to the baseline if there is one).
     selections : by coefficient.
     other : by the method that was not asked for.
     collinearity : by coefficient.
@@ -263,7 +263,7 @@ def structure_of(
     ----------
     records : one a maneuver, with the inputs of the aircraft, airspeed, alpha, beta, p, q, r and
         ax, ay, az; SI and radians.
-    aircraft : airframe, surfaces and sensors; its terms are the baseline where that is asked for.
+    aircraft : airframe, surfaces and sensors; its terms are the baseline where that is requested.
     options : see `StructureOptions`.
 
     Returns

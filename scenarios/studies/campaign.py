@@ -245,7 +245,7 @@ def _rebuilt(again: Rebuilt, method: str) -> EstimatorRuns:
 
 
 def _nees(error: np.ndarray, covariance: np.ndarray) -> float | None:
-    """Normalised estimation error squared; None where the covariance has no inverse."""
+    """Normalised estimation error squared; None if the covariance has no inverse."""
     scale = np.sqrt(np.diagonal(covariance))
     if not np.all(scale > 0.0):
         return None

@@ -88,7 +88,7 @@ CONDITIONS = {
 class SurveyFlight:
     """One flight: its name, its request without anything open, and what it was flown at.
 
-    ``vehicle``: the vehicle file's text with what the flight changes of it, empty where there is
+    ``vehicle``: the vehicle file's text with what the flight changes of it, empty if there is
     none. ``condition``: values with units by name. ``digest``: of everything that its results
     depend on.
     """
@@ -389,7 +389,7 @@ def _condition(key: str, value: object, place: str) -> tuple[float, str]:
 
 
 def _in_one_unit(flights: Sequence[SurveyFlight], where: str) -> tuple[SurveyFlight, ...]:
-    """Each condition in the unit of the first flight that has it. Raises DeclarationError where it
+    """Each condition in the unit of the first flight that has it. Raises DeclarationError if it
     measures something else.
     """
     units: dict[str, str] = {}

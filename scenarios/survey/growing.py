@@ -83,7 +83,7 @@ class PooledFits:
         return self.folder / FOLDER / self.flights[number].name / KEPT
 
     def kept(self, number: int) -> Mapping[str, Any] | None:
-        """Return the fits of a flight as its folder has them; None where it has none of these."""
+        """Return the fits of a flight as its folder has them; None if it has none of these."""
         content = json_or_none(self.path(number))
         return (
             content
@@ -309,7 +309,7 @@ class Sent:
         return self.work.identity()
 
     def unready(self) -> tuple[str, str] | None:
-        """Why this machine cannot do the work, and the remedy; None where it can."""
+        """Why this machine cannot do the work, and the remedy; None if it can."""
         for path in self.inputs:
             if not (self.place / path).is_file():
                 return (
@@ -489,7 +489,7 @@ def run_flights(
 
 
 def last_survey(folder: Path) -> Mapping[str, Any]:
-    """Return the document of the last survey in a folder; empty where there is none."""
+    """Return the document of the last survey in a folder; empty if there is none."""
     content = json_or_none(folder / MAIN)
     return (
         content

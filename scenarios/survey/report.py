@@ -161,7 +161,7 @@ def rivals_phrase(each: Recurring) -> str:
 
 
 def drift_phrase(survey: SurveyResult, each: Derivative) -> str:
-    """``"Cm_alpha changes with mass by -3.0e-05 +- 1e-06 1/rad per kg"``; empty where it does not
+    """``"Cm_alpha changes with mass by -3.0e-05 +- 1e-06 1/rad per kg"``; empty if it does not
     change.
     """
     drift = each.drifts
@@ -520,7 +520,7 @@ def _flight(survey: SurveyResult, name: str) -> dict[str, Any]:
 
 
 def derivatives_text(survey: SurveyResult) -> str:
-    """``derivatives.csv``: a row a flight and derivative, with the flight's conditions; SI."""
+    """``derivatives.csv``: one row per flight and derivative, with the flight's conditions; SI."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(

@@ -183,7 +183,7 @@ def _ended(block: Sequence[Task], future: Future, result: Any, address: str) -> 
 
 
 def _threads(client: Client, address: str) -> int:
-    """Threads of all workers. Raises FlightidError where the scheduler does not answer."""
+    """Threads of all workers. Raises FlightidError if the scheduler does not answer."""
     scheduler = client.scheduler
     if client.status != "running" or scheduler is None:
         raise _lost(address)

@@ -58,7 +58,7 @@ def run_sent(
 
 
 class _One(Sequence[Sequence[Task]]):
-    """Blocks that are asked for one after another and put in as they come."""
+    """Blocks that are requested one after another and put in as they come."""
 
     block: Sequence[Task] = ()
 

@@ -59,7 +59,7 @@ class TaskRequest:
 
 
 class Blocks(Sequence[Sequence[Task]]):
-    """Blocks of the tasks that are missing, made when they are asked for: a study of a million
+    """Blocks of the tasks that are missing, made when they are requested: a study of a million
     takes no room for its tasks.
     """
 
@@ -241,7 +241,7 @@ def _take_away(folder: Path, made: Sequence[Path]) -> None:
 
 
 def _agree(wanted: Mapping[str, Any], asked: TaskRequest, folder: Path) -> None:
-    """The manifest of what is asked, written where there is none, compared with the one that is
+    """The manifest of what is asked, written if there is none, compared with the one that is
     there.
     """
     from scenarios.tasks.work import read_manifest, refuse_another, write_manifest

@@ -61,7 +61,7 @@ class Work(Protocol):
     ``columns`` : each column of a row and its type, one of ``"float" "int" "bool" "text"``, or
     ``"time"`` for seconds that something took and that no other run has to equal; a cell may be
     None. ``block`` : how many neighbouring tasks are computed at once, as one batch; blocks begin
-    at multiples of it, so that no task's row depends on how many are asked for, or on who works.
+    at multiples of it, so that no task's row depends on how many are requested, or on who works.
     Work may have ``quick`` True: a block takes less time than starting a process. It may have
     ``taken(row)``, which the process that asked calls with each row as it comes: it gives the row
     that is kept; and ``unready()``, which a worker of a cluster calls first: why it cannot do the
@@ -130,7 +130,7 @@ SHOWN = ("number", "seed", "error")  # of them, what a table begins with
 class RowTable:
     """Rows of the tasks that have ended, in the order of their numbers.
 
-    ``columns`` : each ``(N,)``, beginning with ``number``, ``seed`` and ``error`` (empty where
+    ``columns`` : each ``(N,)``, beginning with ``number``, ``seed`` and ``error`` (empty if
     there is a row); cells of tasks without a row are None, NaN in columns of floats. ``asked`` :
     how many tasks there were to be. ``times`` ``(N,)`` each, s : ``seconds`` of wall time, and the
     work's columns of type ``time``, which no two runs have in common.
@@ -157,7 +157,7 @@ class RowTable:
 def all_columns(work: Work) -> dict[str, str]:
     """Return the names and types of what is kept of a task: its own and those of the work.
 
-    Raises ValueError where the work names a column as one of ours, or a type that there is not.
+    Raises ValueError if the work names a column as one of ours, or a type that there is not.
     """
     for name, kind in work.columns.items():
         if name in OWN or kind not in KINDS:
@@ -276,7 +276,7 @@ def manifest_of(work: Work, root: int, count: int) -> dict[str, Any]:
 
 
 def read_manifest(folder: Path) -> dict[str, Any] | None:
-    """Return the manifest of a folder; None where there is none. Raises FlightidError where it
+    """Return the manifest of a folder; None if there is none. Raises FlightidError if it
     cannot be read.
     """
     path = folder / MANIFEST
@@ -334,7 +334,7 @@ def refuse_another(kept: Mapping[str, Any], asked: Mapping[str, Any], folder: Pa
 
 
 def _difference(place: str, old: Any, new: Any) -> str:
-    """Return the first difference of two JSON values in words; empty where they are equal."""
+    """Return the first difference of two JSON values in words; empty if they are equal."""
     if isinstance(old, dict) and isinstance(new, dict):
         for key in sorted({*old, *new}):
             found = _difference(
@@ -375,8 +375,8 @@ LOCK = ".lock"
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """One process a folder; the lock ends with its process, however that ends. Raises FlightidError
-    where another has it.
+    """One process a folder; the lock ends with its process, however that ends. Raises
+    FlightidError if another has it.
     """
     with open(folder / LOCK, "ab") as handle:
         try:
@@ -390,7 +390,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def _lock(descriptor: int) -> None:
-    """Lock an open file for this process until it is closed. Raises OSError where another process
+    """Lock an open file for this process until it is closed. Raises OSError if another process
     has locked it.
     """
     try:

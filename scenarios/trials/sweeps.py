@@ -89,7 +89,7 @@ class SweepScenario:
 
     Attributes
     ----------
-    loop : the roll axis of a small aircraft; None where ``airframe`` of the X-29-like aircraft
+    loop : the roll axis of a small aircraft; None if ``airframe`` of the X-29-like aircraft
         flies.
     amplitude : of the excitation, in the unit of the command.
     low, high : Hz.
@@ -375,7 +375,7 @@ class SweepStudy:
     Attributes
     ----------
     records : of the flights.
-    response : of the rate to the command, with the fitted form; None where none is fitted.
+    response : of the rate to the command, with the fitted form; None if none is fitted.
     loop : of the returned signal to the command, with its margins.
     rows : what was estimated, with the truth.
     """

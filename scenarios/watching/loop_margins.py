@@ -56,7 +56,7 @@ MAIN, HISTORY = "margins.json", "history.csv"
 @dataclass(frozen=True)
 class LoopNames:
     """The signals of a loop: ``command`` behind the sum, ``returned`` into it with ``sign``, and
-    the ``excitation`` that is added; None where it is not recorded."""
+    the ``excitation`` that is added; None if it is not recorded."""
 
     sign: str
     command: str
@@ -90,7 +90,7 @@ def loop_names(
 
 @dataclass(frozen=True, eq=False)
 class MarginPoint:
-    """Margins after a second of the stream: ``time`` s; ``band`` rad/s, usable; None where no
+    """Margins after a second of the stream: ``time`` s; ``band`` rad/s, usable; None if no
     frequency is."""
 
     time: float
@@ -124,7 +124,7 @@ class MarginSession:
 
 
 def take(session: MarginSession, rows: np.ndarray) -> list[MarginPoint]:
-    """Take rows ``(1 + S, N)``: time, command, excitation where there is one, returned; the margins
+    """Take rows ``(1 + S, N)``: time, command, excitation if there is one, returned; the margins
     of the seconds that are over, whatever pieces the rows came in."""
     if not rows.shape[1]:
         return []
@@ -226,7 +226,7 @@ def _even(session: MarginSession, block: np.ndarray) -> list[tuple[np.ndarray, i
 
 
 def _target(session: MarginSession) -> ResponseTarget | None:
-    """The broken-loop response along its usable band; None where that has less than three points.
+    """The broken-loop response along its usable band; None if that has less than three points.
 
     A stream has few windows of a frequency at first. Deviations are widened to Student's
     distribution, and besides its coherence a frequency needs a random error of at most 20 %
@@ -286,7 +286,7 @@ def _inside(margins: StabilityMargins, low: float, high: float) -> StabilityMarg
 
 
 def margins_of(session: MarginSession) -> LoopMargins | None:
-    """Return the margins after the last row; None where no frequency is usable."""
+    """Return the margins after the last row; None if no frequency is usable."""
     last = session.points[-1] if session.points else None
     target = _target(session)
     if last is None or last.margins is None or target is None:
@@ -344,7 +344,7 @@ def line(session: MarginSession, point: MarginPoint, left_out: int) -> str:
 
 def history_csv(session: MarginSession) -> str:
     """A line for each second: ``time``, the usable band, and of each margin its value, the ends of
-    its 95 % interval and its frequency; empty where it is not determined."""
+    its 95 % interval and its frequency; empty if it is not determined."""
     head = ["time", "band_low", "band_high"]
     head += [f"{name}{part}" for name in WORDS for part in ("", "_low", "_high", "_frequency")]
     lines = [",".join(head)]
@@ -392,7 +392,7 @@ def margin_content(session: MarginSession) -> dict[str, Any]:
 
 
 def refuse_short(session: MarginSession) -> None:
-    """Raise RecordError where the rate was never known."""
+    """Raise RecordError if the rate was never known."""
     if session.stream is None:
         what = f"less than {STARTING_TIME:g} s of rows that can be used"
         raise RecordError(what, where=session.name, remedy="stream a longer maneuver")

@@ -239,7 +239,7 @@ def comparisons(
     reference: Reference | None,
     hanging: Collection[str] = (),
 ) -> tuple[CrossValidation, ...]:
-    """Derived quantities, then parameters, each against the reference where there is one;
+    """Derived quantities, then parameters, each against the reference if there is one;
     ``hanging`` are those that depend on the start.
     """
     reference_values = {} if reference is None else reference.values

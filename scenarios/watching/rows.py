@@ -203,7 +203,7 @@ class Header:
 
     Attributes
     ----------
-    columns : of the channels in the order time, stick, alpha, q, nz; None where an output is
+    columns : of the channels in the order time, stick, alpha, q, nz; None if an output is
         absent, or the clock.
     width : number of cells in a row.
     name : of the stream.
@@ -325,13 +325,13 @@ def read_header(
 
 
 def is_row(line: bytes, name: str) -> bool:
-    """Whether a line holds numbers alone, so that it is no header. Raises RecordError where it is
+    """Whether a line holds numbers alone, so that it is no header. Raises RecordError if it is
     no comma-separated text."""
     return all(is_number(cell) or not cell.strip() for cell in header_cells(line, name))
 
 
 def header_cells(line: bytes, name: str) -> list[str]:
-    """The cells of a stream's first line. Raises RecordError where it is no comma-separated text in
+    """The cells of a stream's first line. Raises RecordError if it is no comma-separated text in
     UTF-8."""
     try:
         cells = [
@@ -357,7 +357,7 @@ def header_cells(line: bytes, name: str) -> list[str]:
 
 
 def _named(cells: list[str], name: str, names: Sequence[str]) -> list[str]:
-    """The header with the names that are given. Raises RecordError where they are not as many."""
+    """The header with the names that are given. Raises RecordError if they are not as many."""
     if names and len(names) != len(cells):
         what = f"{len(names)} names for {len(cells)} columns of {name}"
         raise RecordError(
@@ -408,7 +408,7 @@ def _refuse_other_rows(choices: Mapping[str, ColumnChoice], name: str) -> None:
 def _table(
     name: str, cells: Sequence[str], columns: Mapping[int, np.ndarray], rows: int
 ) -> CellTable:
-    """Return the rows of a stream as a table, NaN where a column is not read."""
+    """Return the rows of a stream as a table, NaN if a column is not read."""
     blank = np.full(rows, np.nan)
     return CellTable(
         name,
@@ -421,7 +421,7 @@ def _table(
 def read_lines(
     header: Header, lines: Sequence[bytes], first: int
 ) -> tuple[np.ndarray, list[int], list[Fault]]:
-    """Return the numbers ``(signals, N)`` in SI, NaN where a cell is empty, the row number of each,
+    """Return the numbers ``(signals, N)`` in SI, NaN if a cell is empty, the row number of each,
     and the lines that are no rows.
 
     ``first`` is the number of the first line. Empty lines are no fault.

@@ -89,7 +89,7 @@ UNITS = {"alpha": "rad", "q": "rad/s", "nz": "g"}
 class WatchStep(NamedTuple):
     """A row of the stream, the bank's state after it, how many spikes were left out by then, what
     other starts add to its deviations ``spread (n,)`` and to the delay's (s), their differences
-    ``(K, n)``, and the bank that was linearised anew, where there is one."""
+    ``(K, n)``, and the bank that was linearised anew, if there is one."""
 
     row: np.ndarray
     state: BankState
@@ -348,7 +348,7 @@ def steadiest(record: Record, first: int, last: int) -> int:
 
 
 def _on(bank: OnlineBank, state: BankState | None, rows: Rows) -> list[BankState]:
-    """Return the states after each of the rows, from the first row of all on where there is no
+    """Return the states after each of the rows, from the first row of all on if there is no
     state yet.
     """
     if state is not None:
@@ -379,10 +379,10 @@ class Watch:
 
     ``beside``: name of the JSON file that was read because it is beside the record, empty without
     one. ``columns``: names of the columns,
-    where there is no header or another one is wanted; ``rate``: Hz, where there is no clock.
+    if there is no header or another one is wanted; ``rate``: Hz, if there is no clock.
     ``signals``: what the stream is read for; of others than the low-order equivalent's there is no
     ``session``. ``omega``: rad/s, of the regression in the frequency domain. ``hold``: how inputs
-    move between rows there, None where the rows decide.
+    move between rows there, None if the rows decide.
     """
 
     name: str
@@ -483,7 +483,7 @@ def pieces(session: Session | None, rows: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def session_of(watch: Watch) -> Session:
-    """Return the session, which begins with the header. Raises RecordError where none came."""
+    """Return the session, which begins with the header. Raises RecordError if none came."""
     if watch.session is None:
         raise RecordError(
             "the stream is empty", where=watch.name, remedy="give a header row and one row a sample"
@@ -544,7 +544,7 @@ def courses_of(
     history: str, parameters: Mapping[str, Mapping[str, Any]]
 ) -> tuple[np.ndarray, dict[str, tuple[str, np.ndarray, np.ndarray]]]:
     """Return the times ``(N,)`` and by parameter its unit, values and standard deviations ``(N,)``,
-    NaN where a cell is empty; refined estimates where the history has them.
+    NaN if a cell is empty; refined estimates where the history has them.
     """
     rows = list(csv.reader(io.StringIO(history)))
     if len(rows) < 2:

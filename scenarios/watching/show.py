@@ -117,7 +117,7 @@ def line(session: SpectralSession, point: Point, left_out: int) -> str:
 def items_of(
     session: SpectralSession, estimate: Estimate | None, reference: Reference | None
 ) -> tuple[CrossValidation, ...]:
-    """Return the last estimate against the reference where there is one."""
+    """Return the last estimate against the reference if there is one."""
     return (
         ()
         if estimate is None

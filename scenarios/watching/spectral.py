@@ -129,7 +129,7 @@ def spectral_session(
     hold: Hold | None = None,
 ) -> SpectralSession:
     """A session for the outputs that a stream has, frequencies ``omega`` rad/s; ``hold``: of the
-    inputs between rows, None where the rows decide.
+    inputs between rows, None if the rows decide.
 
     Raises
     ------
@@ -278,7 +278,7 @@ def stream_warnings(session: SpectralSession) -> list[str]:
 
 
 def record_of(session: SpectralSession) -> Record:
-    """Return the rows so far as a record. Raises RecordError where there are fewer than two."""
+    """Return the rows so far as a record. Raises RecordError if there are fewer than two."""
     blocks = [*session.blocks, *session.waiting]
     table = np.concatenate(blocks, axis=1) if blocks else np.zeros((len(session.signals.names), 0))
     if table.shape[1] < 2:
@@ -346,7 +346,7 @@ def derived_quantities(
 
 
 def history_csv(session: SpectralSession) -> str:
-    """A line for each second: ``time``, and ``NAME``, ``NAME_std`` of each parameter, empty where
+    """A line for each second: ``time``, and ``NAME``, ``NAME_std`` of each parameter, empty if
     it is not determined."""
     lines = [
         ",".join(["time", *(cell for name in session.names for cell in (name, f"{name}_std"))])

@@ -78,7 +78,7 @@ class SoFar:
 
 
 def so_far(session: Session, step: WatchStep | None = None) -> SoFar:
-    """Return the estimate after a step, the last when None: the one that was linearised anew where
+    """Return the estimate after a step, the last when None: the one that was linearised anew if
     there is one.
     """
     step = session.last if step is None else step
@@ -180,7 +180,7 @@ def _derived_spread(
     differences: np.ndarray,
 ) -> dict[str, float]:
     """Typical differences of natural frequency and damping between estimates that differ by ``apart
-    (K, n)``; infinite where half have none.
+    (K, n)``; infinite if half have none.
     """
     each = [
         derived_of(replace(about, values=about.values + away), session.vehicle, (0.0, 0.0))
@@ -470,7 +470,7 @@ FILES = ("comparison.json", NAME, FREQUENCY, "record.csv", "record.json", CONTEN
 @dataclass(frozen=True, eq=False)
 class WatchOutcome:
     """The end of a watch: ``record`` the rows taken, ``refinement`` the identification from the
-    whole record, None where it was not made; ``online`` the last estimate on line, ``delays``
+    whole record, None if it was not made; ``online`` the last estimate on line, ``delays``
     those of its bank (s); ``standings`` of what counts."""
 
     record: Record

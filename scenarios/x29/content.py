@@ -316,7 +316,7 @@ def _margins(margins: Margins) -> dict[str, float]:
 
 
 def _against(study: LoopStudy) -> dict[str, Any]:
-    """Return the other scenario that the study is compared with, where there is one."""
+    """Return the other scenario that the study is compared with, if there is one."""
     against = study.scenario.against
     if study.other is None or study.differences is None or against is None:
         return {}

@@ -230,7 +230,7 @@ TURNED = ("delta", "L_delta", "M_delta", "delta_0")  # the paper's pseudo-contro
 
 @dataclass(frozen=True)
 class Printed:
-    """A printed value and the standard deviation from its printed variance, None where none is
+    """A printed value and the standard deviation from its printed variance, None if none is
     printed.
     """
 

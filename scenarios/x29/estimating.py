@@ -207,10 +207,10 @@ class Misfit:
     Attributes
     ----------
     rms : measured minus simulated over the noise's sigma, by output.
-    stretch, elsewhere : rms of q (over sigma) inside the scenario's stretch and outside; zero where
-        it has none.
+    stretch, elsewhere : rms of q (over sigma) inside the scenario's stretch and outside; zero if
+    it has none.
     peak_measured, peak_simulated : q at the largest |q| of the scenario's peak interval, rad/s;
-        zero where it has none.
+        zero if it has none.
     lag_one : lag-one correlation of the normalised q innovations.
     q_box : Ljung-Box statistic over 25 lags.
     low_share : share of the q innovations' power below a fifth of the Nyquist frequency; white
@@ -314,7 +314,7 @@ class LoopMethodResult:
 
     @property
     def frequency(self) -> float:
-        """Undamped natural frequency of its short period, rad/s; NaN where that does not
+        """Undamped natural frequency of its short period, rad/s; NaN if that does not
         oscillate.
         """
         v = self.values
@@ -540,7 +540,7 @@ def run_over_seeds(
     scenario: LoopScenario, start: Mapping[str, float], prior: str
 ) -> OverSeeds | None:
     """Return the paper's bank with the seeds 1 to ``scenario.seeds``; ``prior`` is its rule for P0.
-    None where no seeds are asked for.
+    None if no seeds are requested.
     """
     if not scenario.seeds:
         return None

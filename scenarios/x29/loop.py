@@ -43,7 +43,7 @@ class LinearCheck:
     apart : of q, with one departure from linearity left in at a time, and with none.
     stick : largest of the flown stick, in.
     sticks : largest of the same stick at other sizes, in.
-    curves : misfit of q at ``sticks``, whole and with departures taken out; NaN where the aircraft
+    curves : misfit of q at ``sticks``, whole and with departures taken out; NaN if the aircraft
         departs.
     limited : share of the flown frames in which a command, a rate or a travel limit was met.
     """

@@ -183,7 +183,7 @@ class OpenMargins:
     Attributes
     ----------
     effects : by open value, deg that the difference gains from the middle of its range to the high
-        end; of a straight line through all plausible points, empty where there are too few.
+        end; of a straight line through all plausible points, empty if there are too few.
     middle : deg at the middle of all ranges.
     explained : share of the variance.
     declared : flight less simulation of the airframes as they are declared, deg.
@@ -216,7 +216,7 @@ def margins_of(airframes: Sequence[str], plan: MarginPlan | None) -> dict[str, M
 
 
 def planned_margins(plan: MarginPlan | None, found: Mapping[str, Margins]) -> OpenMargins | None:
-    """Return the study of the first two airframes of ``found``, flight and simulation; None where
+    """Return the study of the first two airframes of ``found``, flight and simulation; None if
     there is no plan, no sample or no second airframe.
     """
     if plan is None or not plan.samples or len(found) < 2:

@@ -82,7 +82,7 @@ class LoopResult:
 @dataclass(frozen=True, eq=False)
 class ResponseCheck:
     """Without a filter: of the loop's own frequency response, with the paper's L_q (``loop``) and
-    with the ``flown`` one, on which L_alpha hangs; of the record's spectral estimate (None where
+    with the ``flown`` one, on which L_alpha hangs; of the record's spectral estimate (None if
     the record cannot give one)."""
 
     loop: EquivalentSystem
@@ -102,8 +102,8 @@ class LoopStudy:
     by airframe; ``engines`` how far another engine's filters are from the batched ones; ``second``
     how far filterpy is from the likeliest filter of the batched plain bank, None under another
     engine; ``linear`` the flown loop against the linear one; ``open_margins`` what the paper leaves
-    open of the margins, None where the scenario varies nothing; ``over_seeds`` the paper's bank on
-    flights with other seeds, None where the scenario asks for none.
+    open of the margins, None if the scenario varies nothing; ``over_seeds`` the paper's bank on
+    flights with other seeds, None if the scenario asks for none.
     """
 
     scenario: LoopScenario

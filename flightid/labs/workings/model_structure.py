@@ -283,7 +283,7 @@ def numbers(
 ) -> dict[str, float]:
     """What the key expects of a coefficient: number of terms, those of them that are true, R2 on
     maneuvers left out in turn and on the one that is never fitted, residual over noise, the largest
-    variance inflation and condition index; zero where nothing is left out."""
+    variance inflation and condition index; zero if nothing is left out."""
     studied = study(maneuvers, kind, linked, noise, degree)
     each, together = studied.found.selections[axis], studied.found.collinearity[axis]
     true = true_terms(axis)

@@ -137,7 +137,7 @@ def map_of(source: str) -> str:
 
 def kept(records: Sequence[tuple[str, bytes]], vehicle: str, channels: str = "") -> Kept:
     """Files as they came (name and content), the text of the vehicle file, and that of a channel
-    map, where there is one.
+    map, if there is one.
 
     Raises
     ------

@@ -53,7 +53,7 @@ class Leftover:
     ``rms`` in the channel's unit; ``correlation`` of neighbouring samples. ``peak`` (Hz): largest
     power per frequency; ``below`` (Hz): four fifths of the power lie below it. ``record`` (from 0),
     ``begin``, ``end`` (s): the ``LARGE_RESIDUAL_WINDOW`` with the largest mean square, ``times``
-    its root over ``rms``. ``company``: None where it goes with nothing that was looked at.
+    its root over ``rms``. ``company``: None if it goes with nothing that was looked at.
     """
 
     channel: str
@@ -70,7 +70,7 @@ class Leftover:
 
 
 def left_over(fitted: Sequence[FittedRecord], channel: str) -> Leftover | None:
-    """Describe the residuals of one channel after the fit; None where fewer than 20 samples of it
+    """Describe the residuals of one channel after the fit; None if fewer than 20 samples of it
     were used.
 
     It is compared with inputs and simulated outputs (which hold no noise), their rates, squares and
@@ -416,7 +416,7 @@ def leftover_sentence(left: Leftover, tracing: Tracing) -> str:
 
 
 def scatter_text(d: Diagnosis, name: str) -> str:
-    """``" (run-to-run scatter 0.8)"`` behind a derivative, empty where it is not known."""
+    """``" (run-to-run scatter 0.8)"`` behind a derivative, empty if it is not known."""
     return f" (run-to-run scatter {d.scatter[name]:.2g})" if name in d.scatter else ""
 
 

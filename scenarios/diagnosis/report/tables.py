@@ -173,7 +173,7 @@ def _moves(
 
 
 def move_cell(sigmas: float) -> Cell:
-    """Return a move in sigmas, marked beyond two; a dash where there is none."""
+    """Return a move in sigmas, marked beyond two; a dash if there is none."""
     if abs(sigmas) < 0.05:
         return MISSING
     mark = " *" if abs(sigmas) > MOVED_SIGMAS else "  "
@@ -259,13 +259,13 @@ def moved_title(d: Diagnosis) -> str:
 
 
 def moved(old: Quantity, new: Quantity) -> float:
-    """Return the change in standard deviations of both together; zero where neither is known."""
+    """Return the change in standard deviations of both together; zero if neither is known."""
     spread = math.hypot(old.std, new.std)
     return (new.value - old.value) / spread if spread > 0 and math.isfinite(spread) else 0.0
 
 
 def short(value: float) -> str:
-    """Three digits, no exponent below ten millions; a dash where there is no number."""
+    """Three digits, no exponent below ten millions; a dash if there is no number."""
     return (
         "-"
         if not math.isfinite(value)
@@ -278,7 +278,7 @@ def short(value: float) -> str:
 
 
 def level_cell(value: float) -> Cell:
-    """Return a root mean square with three digits; a dash where there is no number."""
+    """Return a root mean square with three digits; a dash if there is no number."""
     return Number(value, shown=short(value)) if math.isfinite(value) else MISSING
 
 
@@ -286,7 +286,7 @@ Levels = tuple[ModeLevel, ...]
 
 
 def levels_of(tracing: Tracing) -> tuple[Levels, Levels]:
-    """Return the levels under the declared model and under the one with the effects; empty where a
+    """Return the levels under the declared model and under the one with the effects; empty if a
     model has no mode that the standard speaks of.
     """
     d = tracing.diagnosis

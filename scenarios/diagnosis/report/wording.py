@@ -139,7 +139,7 @@ _TIMES = ("time", "start", "begin", "duration")
 
 @dataclass(frozen=True)
 class Wording:
-    """What the sentences need to know of the study: the name of the control, the stick's unit where
+    """What the sentences need to know of the study: the name of the control, the stick's unit if
     there is one, and the traits of the effects that were candidates, by name; those of all others
     stand with the library's. ``controls``: all inputs, of which the part of an effect's name behind
     the colon says on which it acts. ``channels`` in words, those that have some.
@@ -291,8 +291,8 @@ def _fields(claim: Claim, wording: Wording) -> dict[str, str]:
 
 
 def _stick_units(claim: Claim, wording: Wording) -> dict[str, str]:
-    """Return the units of those parameters that are counted in the stick's unit, by name; none
-    where another control flies.
+    """Return the units of those parameters that are counted in the stick's unit, by name; none if
+    another control flies.
     """
     if wording.control != "stick":
         return {}

@@ -247,7 +247,7 @@ def _dtype(letter: str) -> str:
 
 
 def _unit(layout: Any, column: str) -> str:
-    """The unit that the log states for a column, in our spelling; empty where it states none."""
+    """The unit that the log states for a column, in our spelling; empty if it states none."""
     return _OURS.get(text, text) if (text := layout.get_unit(column)) else ""
 
 

@@ -47,8 +47,8 @@ class CellTable:
     columns : one sequence a column: texts, or an array of whatever the file holds.
     rows : number of each row as the user sees it; the first line of a text file is row 1.
     ragged : cells found in the rows (by position) that have more or fewer than the header.
-    units : the row of units under the header, empty where a cell says nothing; none at all where
-        there is no such row.
+    units : the row of units under the header, empty if a cell says nothing; none at all if there
+    is no such row.
     separator : what stands between the cells of a text file, else empty.
     stated_apart : whether ``units`` are metadata of the file, which recorders fill in carelessly,
         and no row that somebody wrote.
@@ -166,7 +166,7 @@ def first_line(error: Exception) -> str:
 
 
 def header_cell(cell: str, file: str) -> str:
-    """Return a header cell on one line. Raises RecordError where it holds characters that cannot be
+    """Return a header cell on one line. Raises RecordError if it holds characters that cannot be
     seen, with which no channel would be found.
     """
     if any(
@@ -293,7 +293,7 @@ class Topic:
 
     Attributes
     ----------
-    name : name of the message, sheet or group in the file; empty where the file has one table only.
+    name : name of the message, sheet or group in the file; empty if the file has one table only.
     table : the columns, the clock among them.
     notes : sentences on how the reader understood the file.
     """
@@ -313,7 +313,7 @@ class Reader(Protocol):
     A mark of ``MAGIC`` that begins with a line break may stand at the begin of any of the first
     lines, below what a program wrote above.
     ``EXTRA`` names the optional dependency group of ``pyproject.toml`` that installs the library,
-    empty where none is needed.
+    empty if none is needed.
     """
 
     FORMAT: str
@@ -322,7 +322,7 @@ class Reader(Protocol):
     EXTRA: str
 
     def read(self, path: Path, raw: bytes) -> tuple[Topic, ...]:
-        """Return the topics of a file. Raises RecordError where it is damaged or holds no table."""
+        """Return the topics of a file. Raises RecordError if it is damaged or holds no table."""
 
 
 def table_of_columns(

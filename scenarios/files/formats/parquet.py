@@ -158,7 +158,7 @@ class _Collected:
         self.filled += len(values)
 
     def whole(self) -> np.ndarray:
-        """The column: numbers, times without a zone, or cells with None where one is empty."""
+        """The column: numbers, times without a zone, or cells with None if one is empty."""
         import pandas
         import pyarrow
 

@@ -200,7 +200,7 @@ def _is_remark(cell: object) -> bool:
 
 
 def _files_in(path: Path, raw: bytes) -> tuple[tuple[Path, bytes], ...]:
-    """Names and contents of the files in a ZIP archive. Raises RecordError where it holds none, too
+    """Names and contents of the files in a ZIP archive. Raises RecordError if it holds none, too
     many or too large ones, or is damaged.
     """
     try:
@@ -240,7 +240,7 @@ def _files_in(path: Path, raw: bytes) -> tuple[tuple[Path, bytes], ...]:
 def _one_log(path: Path, parts: Sequence[tuple[Path, tuple[Topic, ...]]]) -> tuple[Topic, ...]:
     """The files of an archive, one for each channel or instrument, as topics of one log.
 
-    Raises RecordError where a file is no table, or two have the same columns: those are records of
+    Raises RecordError if a file is no table, or two have the same columns: those are records of
     their own.
     """
     shown = ", ".join(str(each) for each, _ in parts[:6]) + (", ..." if len(parts) > 6 else "")

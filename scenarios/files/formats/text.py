@@ -326,7 +326,7 @@ def _text(path: Path, raw: bytes) -> tuple[str, tuple[str, ...]]:
 
 def _detected(text: str) -> tuple[str, int, bool] | None:
     """Separator, lines above the header, and whether there is a header, where the first line alone
-    cannot say; None where it can.
+    cannot say; None if it can.
 
     The first line can where one of commas, semicolons and tabs parts it and the next line into as
     many cells.
@@ -429,7 +429,7 @@ def _fast_table(path: Path, raw: bytes, at: int, begin: str, layout: Layout) -> 
 
 def _marked_columns(raw: bytes, at: int, separator: str, width: int) -> list[np.ndarray] | None:
     """Return the columns of the rows from a byte on, block by block, so that memory holds the file
-    and its numbers once; None where a cell is unusual.
+    and its numbers once; None if a cell is unusual.
 
     A column is one of numbers where all cells of its first block are; a cell further on that is
     none makes the careful reading necessary.
@@ -517,7 +517,7 @@ def _numeric_or_text(cells: np.ndarray) -> np.ndarray:
 
 
 def _blank_columns(raw: bytes, at: int, width: int) -> list[np.ndarray] | None:
-    """Return the columns of rows that are parted by blanks; None where a cell is no number or a row
+    """Return the columns of rows that are parted by blanks; None if a cell is no number or a row
     has another width.
     """
     try:

@@ -263,7 +263,7 @@ def _named_after(name: str, level: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _with_clock(level: Mapping[str, Any], clock: np.ndarray | None) -> Mapping[str, Any]:
-    """Return the level with the clock of the level above where it has none, and vectors as long as
+    """Return the level with the clock of the level above if it has none, and vectors as long as
     that one.
     """
     if clock is None or clock.ndim != 1 or any(word in level for word in CLOCKS):
@@ -366,7 +366,7 @@ def _rows(numeric: Mapping[str, np.ndarray]) -> int:
 
 
 def _upright(value: np.ndarray) -> np.ndarray:
-    """Return an array with one row a sample: vectors as one column, wide matrices turned."""
+    """Return an array with one row per sample: vectors as one column, wide matrices turned."""
     if value.ndim == 1:
         return value.reshape(-1, 1)
     return (

@@ -53,7 +53,7 @@ class Clock:
 
     Attributes
     ----------
-    time : shape ``(N,)``, s, NaN where a row has no readable time.
+    time : shape ``(N,)``, s, NaN if a row has no readable time.
     notes : what was decided on the way, one sentence each.
     origin : s, what was taken off, so that clocks of one log can be brought together.
     """
@@ -80,7 +80,7 @@ class Sorted:
 
 
 def counter_unit(name: str) -> str | None:
-    """Unit that a clock's name alone states, as ``TimeUS`` does; None where it states none."""
+    """Unit that a clock's name alone states, as ``TimeUS`` does; None if it states none."""
     return COUNTERS.get(name.strip().lower())
 
 
@@ -160,7 +160,7 @@ def seconds_of_counter(values: np.ndarray, unit: str | None, where: str = "the c
 
     Parameters
     ----------
-    values : shape ``(N,)``, NaN where missing.
+    values : shape ``(N,)``, NaN if missing.
     unit : ``s``, ``ms``, ``us`` or ``ns``; None: decided by the rate.
     where : the column, for a message.
 
@@ -242,7 +242,7 @@ def _unit_by_rate(values: np.ndarray, where: str) -> tuple[str, str]:
 
 
 def grid_of_coarse_stamps(time: np.ndarray) -> tuple[np.ndarray, str] | None:
-    """Return the even grid that was rounded to the stamps, and a sentence; None where the stamps
+    """Return the even grid that was rounded to the stamps, and a sentence; None if the stamps
     are exact enough or no even grid explains them.
 
     Parameters

@@ -40,7 +40,7 @@ class SourceColumn:
     header : the cell in the file.
     index : position in the table.
     unit : unit of the column's numbers; for the stick a label.
-    inside : the unit that they are converted to, empty where the unit is a label.
+    inside : the unit that they are converted to, empty if the unit is a label.
     """
 
     channel: str
@@ -315,7 +315,7 @@ class Sidecar:
     says_hold : whether the file says so, or ``hold`` is only the default.
     simulated : whether a program made the data; figures say so.
     units : channel -> unit of a column whose header carries none.
-    file : name of the JSON file; empty where there is none.
+    file : name of the JSON file; empty if there is none.
     """
 
     name: str | None = None
@@ -333,7 +333,7 @@ def sidecar_path(record: Path) -> Path:
 
 
 def read_sidecar(record: Path) -> Sidecar:
-    """Return the sidecar of a record file; the default one where there is none, or where that JSON
+    """Return the sidecar of a record file; the default one if there is none, or where that JSON
     is of another program.
 
     Raises
@@ -576,7 +576,7 @@ def path_of(record: Path | RecordFile) -> Path | None:
 def refuse_twice(
     records: Sequence[Path | RecordFile], remedy: str = "name each record once"
 ) -> None:
-    """Raise RecordError where two paths lead to the same file, or a record in memory is given
+    """Raise RecordError if two paths lead to the same file, or a record in memory is given
     twice.
     """
     seen: set[Path | int] = set()

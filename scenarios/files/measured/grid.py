@@ -63,7 +63,7 @@ class Wanted:
 
 def clock_place(table: CellTable) -> int | None:
     """The column that is the clock of a table: ``time`` before other names of clocks, before a
-    first column without a name that holds dates, as pandas writes an index; None where there is
+    first column without a name that holds dates, as pandas writes an index; None if there is
     none."""
     named = [index for index, cell in enumerate(table.header) if is_clock(split_header(cell)[0])]
     first = [
@@ -368,7 +368,7 @@ def on_grid(
     hold: str | None,
     channel_units: Mapping[str, str],
 ) -> tuple[np.ndarray, str, str]:
-    """Return a channel's values on the grid, NaN where an output has no sample, their unit, and how
+    """Return a channel's values on the grid, NaN if an output has no sample, their unit, and how
     it got there.
     """
     unit, unused = unit_of(wanted, topics, channel_units)

@@ -281,7 +281,7 @@ class TraceScenario:
     wrong : share by which the vehicle file's starting values are off, sign by turns; ``start`` are
         values that are given instead.
     expect : what should be found.
-    seed : used unless another is asked for.
+    seed : used unless another is requested.
     effort : how far the search looks, normal or thorough.
     """
 

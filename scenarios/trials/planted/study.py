@@ -218,7 +218,7 @@ def refit(
     records: Sequence[Record],
     fixed: Mapping[str, Quantity] | None = None,
 ) -> Fit | None:
-    """Return a trained model fitted to records, from what it was trained to; None where there is no
+    """Return a trained model fitted to records, from what it was trained to; None if there is no
     finite cost.
 
     Declared priors count once a record. ``fixed`` : estimates to which a prior of
@@ -458,9 +458,9 @@ class Scored:
 
     Attributes
     ----------
-    true : None where the truth has no such number.
+    true : None if the truth has no such number.
     comparable : the value that the fitted model should find.
-    before : None where there is none.
+    before : None if there is none.
     condensed : of a rigid model's derivative on a flexible aircraft, else None.
     open : the flight leaves this parameter open, with or without noise.
     comparable_before : as ``comparable``, of ``before``.
@@ -692,7 +692,7 @@ def _modes(
 
 def _true_modes(scenario: TraceScenario) -> dict[str, float]:
     """Return the frequencies and damping ratios of the true aircraft by its own equations; empty
-    where it has no rest at zero.
+    if it has no rest at zero.
     """
     flight = scenario.flight
     if flight.vehicle.startswith(CLOSED_LOOP):
