@@ -229,7 +229,7 @@ def verdicts_of(
     predicted = dict(zip(channels, rows, strict=True))
     found = []
     for test in tests:
-        told = []
+        verdicts = []
         for number, alternatives in enumerate(test.requirements):
             there = [each for each in alternatives if each.channel in predicted]
             if not there:
@@ -243,8 +243,8 @@ def verdicts_of(
                 channel = record[each.channel]
                 error = np.where(channel.valid, predicted[each.channel] - channel.values, np.nan)
                 half = each.half_width(channel, f"test {test.name}, {each.channel}")
-                told.append(ChannelVerdict(each, half, error, number))
-        found.append(ToleranceVerdict(test, tuple(told)))
+                verdicts.append(ChannelVerdict(each, half, error, number))
+        found.append(ToleranceVerdict(test, tuple(verdicts)))
     return tuple(found)
 
 

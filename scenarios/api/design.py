@@ -302,7 +302,7 @@ def structure(
     validate: Source | Sequence[Source] = (),
     *,
     method: str = structures.METHODS[0],
-    degree: int = structures.MOST_DEGREE,
+    degree: int = structures.DEFAULT_DEGREE,
     splines: int = 0,
     bandwidth: float = DERIVATIVE_BANDWIDTH,
     terms: str | PathLike[str] | None = None,

@@ -262,10 +262,10 @@ class Diagnosis:
         return f"<Diagnosis: {self.verdict}; {named}; {self.parameters!r:.500}>"
 
     def _repr_html_(self) -> str:
-        told = [f"{effect.name}: {effect.sentence}" for effect in self.effects]
+        sentences = [f"{effect.name}: {effect.sentence}" for effect in self.effects]
         return tables.page(
             f"{self.verdict.upper()}: {self.headline}",
-            tables.sentences(told),
+            tables.sentences(sentences),
             self.parameters.html_table(),
             tables.sentences(self.warnings),
         )

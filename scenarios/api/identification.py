@@ -452,12 +452,12 @@ class Prediction:
         return write_report(self.save, path)
 
     def __repr__(self) -> str:
-        told = ", ".join(
+        text = ", ".join(
             f"{name} {fit:.3g} %" for word, name, _, fit, *_ in self._rows() if word == "predicted"
         )
         return (
             f"<Prediction of {self.details.record.name} by the {self.details.kept.model} model: "
-            f"fit {told or 'left all measure'}>"
+            f"fit {text or 'left all measure'}>"
         )
 
     def _repr_html_(self) -> str:

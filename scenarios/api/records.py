@@ -97,10 +97,10 @@ def columns_of(file: RecordFile) -> dict[str, ChannelColumn]:
             and found.index not in taken
             and found.index not in file.table.unreadable
         ):
-            told = found.unit if name == STICK else unit
+            shown_unit = found.unit if name == STICK else unit
             taken[found.index] = (
                 name,
-                ChannelColumn(told, found.header, partial(_channel, file, name)),
+                ChannelColumn(shown_unit, found.header, partial(_channel, file, name)),
             )
     for name in (each for each in file.choices if each not in CHANNEL_UNITS):
         choice = file.choices[name]
@@ -122,7 +122,7 @@ def columns_of(file: RecordFile) -> dict[str, ChannelColumn]:
             and _numeric(file, index)
         ):
             name, unit_told = split_header(cell)
-            told = (
+            shown_unit = (
                 unit_told
                 or under[index]
                 or file.sidecar.units.get(name)
@@ -131,7 +131,7 @@ def columns_of(file: RecordFile) -> dict[str, ChannelColumn]:
             )
             taken[index] = (
                 name if name not in CHANNEL_UNITS else cell,
-                ChannelColumn(told, cell, partial(_raw, file, index)),
+                ChannelColumn(shown_unit, cell, partial(_raw, file, index)),
             )
     clock = clock_place(file.table)
     return {
@@ -575,13 +575,13 @@ def _of_dataset(dataset: xarray.Dataset) -> tuple[Mapping[str, Any], ContainerFa
         for name, each in every.items()
         if name not in variables
     }
-    told = _of_attributes(dataset.attrs)
+    facts = _of_attributes(dataset.attrs)
     units = {
         name: str(each.attrs["units"]) for name, each in variables.items() if "units" in each.attrs
     }
     columns = {name: each.to_numpy() for name, each in variables.items()}
     return columns, ContainerFacts(
-        {**told.units, **units}, told.name, told.hold, told.inputs, others
+        {**facts.units, **units}, facts.name, facts.hold, facts.inputs, others
     )
 
 
@@ -607,9 +607,9 @@ def opened_source(
     Nothing in it is looked at but what ``units`` and ``channels`` speak of. Raises RecordError and
     DeclarationError.
     """
-    content, told = unpacked(source)
-    known = {**told.units, **(units or {})}
-    held = plan_of(hold=told.hold if hold is None else hold).hold
+    content, facts = unpacked(source)
+    known = {**facts.units, **(units or {})}
+    held = plan_of(hold=facts.hold if hold is None else hold).hold
     if isinstance(content, Path):
         file = read_record_file(content)
         sidecar = replace(file.sidecar, units={**file.sidecar.units, **known})
@@ -618,7 +618,9 @@ def opened_source(
             sidecar=sidecar if held is None else replace(sidecar, hold=Hold(held), says_hold=True),
         )
     else:
-        file = file_of_columns(content, name or told.name, known, held, unreadable=told.unreadable)
+        file = file_of_columns(
+            content, name or facts.name, known, held, unreadable=facts.unreadable
+        )
     chosen = choices_of(channels, units or {})
     if chosen is not None:
         choices = (
@@ -628,7 +630,7 @@ def opened_source(
         )
         file = _computed(replace(file, choices=choices))
     refuse_units(units or {}, file)
-    return file, told.inputs
+    return file, facts.inputs
 
 
 def _computed(file: RecordFile) -> RecordFile:

@@ -185,16 +185,16 @@ def _as_well(same: SensorFinding, result: Compatibility) -> str:
     """Return the other faults that explain the records equally well, with their sizes."""
     by_name = {each.name: each for each in result.findings}
     known = [by_name[name] for name in same.group if name in by_name]
-    told = [f"{f.name} {with_sigma(Quantity(f.value, f.std, f.unit))}" for f in known]
-    told += [name for name in same.group if name not in by_name]
-    return f" or, equally well, {' or '.join(told)}" if told else ""
+    texts = [f"{f.name} {with_sigma(Quantity(f.value, f.std, f.unit))}" for f in known]
+    texts += [name for name in same.group if name not in by_name]
+    return f" or, equally well, {' or '.join(texts)}" if texts else ""
 
 
 def _compared(
     claim: Claim, mine: Quantity, same: SensorFinding, result: Compatibility
 ) -> Agreement:
     found = Quantity(same.value, same.std, same.unit)
-    told = f"kinematics alone give {same.name} {with_sigma(found)}{_as_well(same, result)}"
+    sentence = f"kinematics alone give {same.name} {with_sigma(found)}{_as_well(same, result)}"
     group = (
         ""
         if same.name == claim.name
@@ -205,12 +205,12 @@ def _compared(
             f"differs: {with_sigma(found)} against {with_sigma(mine)} in the diagnosis, "
             f"{_apart(found, mine):.1f} sigmas"
         )
-        return Agreement(claim.name, DIFFERS, found, f"{told}: {group}{words}")
+        return Agreement(claim.name, DIFFERS, found, f"{sentence}: {group}{words}")
     return Agreement(
         claim.name,
         AGREES,
         found,
-        f"{told}: {group}agrees with the diagnosis, {with_sigma(mine)}",
+        f"{sentence}: {group}agrees with the diagnosis, {with_sigma(mine)}",
     )
 
 
@@ -219,7 +219,7 @@ def _on_the_other_side(
 ) -> Agreement:
     """Return an arm where the kinematics found its twin, whose arm points the other way."""
     as_mine = Quantity(-found.value, found.std, found.unit)
-    told = (
+    sentence = (
         f"kinematics alone give {kin.name} {with_sigma(found)}, which they cannot tell from "
         f"{claim.name} {with_sigma(as_mine)}"
     )
@@ -228,12 +228,12 @@ def _on_the_other_side(
             f"differs from {with_sigma(mine)} in the diagnosis by {_apart(as_mine, mine):.1f} "
             "sigmas"
         )
-        return Agreement(claim.name, DIFFERS, found, f"{told}: {words}")
+        return Agreement(claim.name, DIFFERS, found, f"{sentence}: {words}")
     return Agreement(
         claim.name,
         AGREES,
         found,
-        f"{told}: agrees with the diagnosis, {with_sigma(mine)}",
+        f"{sentence}: agrees with the diagnosis, {with_sigma(mine)}",
     )
 
 
@@ -283,33 +283,33 @@ def _unproven(claim: Claim, mine: Quantity, item: SensorEstimate | None) -> Agre
             f"kinematics alone say nothing of {claim.name}: these channels cannot tell it",
         )
     found = Quantity(item.smoother.value, item.smoother.std, item.unit)
-    told = f"kinematics alone give {claim.name} {with_sigma(found)}"
+    sentence = f"kinematics alone give {claim.name} {with_sigma(found)}"
     absent = Quantity(1.0 if item.kind == "scale" else 0.0, 0.0, item.unit)
     if not item.agrees:
         return Agreement(
             claim.name,
             NOTHING,
             found,
-            f"{told}, but their two methods disagree: says nothing of the diagnosis",
+            f"{sentence}, but their two methods disagree: says nothing of the diagnosis",
         )
     if _differ(found, mine, worth_of(item)):
         return Agreement(
             claim.name,
             CONTRADICTS,
             found,
-            f"{told}: contradicts the {with_sigma(mine)} of the diagnosis",
+            f"{sentence}: contradicts the {with_sigma(mine)} of the diagnosis",
         )
     if _apart(found, absent) > AGREEING_SIGMAS:
         words = (
             f"agrees with the diagnosis, {with_sigma(mine)}, though it does not stand there by "
             "itself"
         )
-        return Agreement(claim.name, AGREES, found, f"{told}: {words}")
+        return Agreement(claim.name, AGREES, found, f"{sentence}: {words}")
     return Agreement(
         claim.name,
         NOTHING,
         found,
-        f"{told}: says nothing, neither against the diagnosis nor for it",
+        f"{sentence}: says nothing, neither against the diagnosis nor for it",
     )
 
 
@@ -462,15 +462,15 @@ def _level(
 
     if BANK in asked.channels:
         return records, []
-    kept, told = list[Record](), list[str]()
+    kept, notes = list[Record](), list[str]()
     for record in records:
         unbanked = replace(
             record, outputs=tuple(channel for channel in record.outputs if channel.name != BANK)
         )
         said = misled_by_bank([unbanked], settings.airspeed, settings.gravity)
-        told += said
+        notes += said
         kept += [] if said else [record]
-    return kept, told
+    return kept, notes
 
 
 def _taking_part(record: Record, asked: Relations) -> Record:
@@ -600,8 +600,8 @@ def right_clock(records: Sequence[Record]) -> str:
     std = float(np.std(residual)) / math.sqrt(max(size * share, 1e-300))
     if std > SURE or abs(slope - 1.0) > RIGHT * std:
         return ""
-    told = f"{number_text(slope, std)} +- {number_text(std, std)}"
+    slope_text = f"{number_text(slope, std)} +- {number_text(std, std)}"
     return (
-        f"the measured pitch attitude is {told} times "
+        f"the measured pitch attitude is {slope_text} times "
         f"the integral of the pitch rate: the clock is right, and {CLOCK} is no candidate"
     )

@@ -319,14 +319,14 @@ def _clock_column(
     table = file.table
     if column is not None:
         mapped = (channel_map or {}).get(TIME)
-        said = (
+        sentence = (
             column.unit
             if mapped is not None and mapped.unit is not None
             else stated_unit(table, column.index)
         )
-        if said is None and (TIME in file.sidecar.units or column.unit != CHANNEL_UNITS[TIME]):
-            said = column.unit  # ``time_ms``, or the sidecar's word
-        return replace(column, unit=said or "")
+        if sentence is None and (TIME in file.sidecar.units or column.unit != CHANNEL_UNITS[TIME]):
+            sentence = column.unit  # ``time_ms``, or the sidecar's word
+        return replace(column, unit=sentence or "")
     place = clock_place(table)
     if place is not None:
         return SourceColumn(
@@ -491,9 +491,9 @@ def _input(
         ]
     else:
         filled = np.interp(time, time[finite_rows], values[finite_rows])
-    said = "held" if chosen == "previous" else "joined by lines"
+    word = "held" if chosen == "previous" else "joined by lines"
     note = (
-        f"{column.channel} has a sample every {usual:.3g} s; between them it is {said} (hold in "
+        f"{column.channel} has a sample every {usual:.3g} s; between them it is {word} (hold in "
         "the channel map, or --hold, decides otherwise)"
     )
     return _converted(table, column, filled), note

@@ -519,7 +519,7 @@ def innovations_phrase(method: str, records: Sequence[Record], estimate: Estimat
     """
     if method != "filter-error" or len(estimate.fitted) != len(records):
         return ""
-    told = []
+    parts = []
     for row, name in enumerate(estimate.output_names):
         apart = [
             (record[name].values - fitted[row])[record[name].valid]
@@ -532,5 +532,5 @@ def innovations_phrase(method: str, records: Sequence[Record], estimate: Estimat
         unit = next(r[name].unit for r in records if name in r.output_names)
         factor, shown = shown_in(unit, name)
         size = factor * float(np.sqrt(np.mean(errors**2)))
-        told.append(f"{name} {size:.3g}{spaced(shown)}")
-    return f"one-step prediction is the measure: {', '.join(told)} rms; " if told else ""
+        parts.append(f"{name} {size:.3g}{spaced(shown)}")
+    return f"one-step prediction is the measure: {', '.join(parts)} rms; " if parts else ""

@@ -212,7 +212,7 @@ def _with_delay(found: Estimate, fit: Estimate, delay: str) -> Estimate:
     }
     moves = np.array([*(slopes.get(name, 0.0) for name in found.names), 1.0])
     covariance = np.pad(found.covariance, (0, 1)) + variance * np.outer(moves, moves)
-    said = (
+    sentence = (
         f"{delay} is that of the output-error fit: a pure delay has no state that a filter could "
         "estimate"
     )
@@ -222,7 +222,7 @@ def _with_delay(found: Estimate, fit: Estimate, delay: str) -> Estimate:
         units=(*found.units, fit.units[at]),
         values=np.append(found.values, fit.values[at]),
         covariance=covariance,
-        message="; ".join(text for text in (found.message, said) if text),
+        message="; ".join(text for text in (found.message, sentence) if text),
     )
 
 
@@ -262,12 +262,12 @@ def _by_filter_error(
     system, second = fitted(calm, calm.with_noise(replace(calm.noise, process_density=noise)))
     if second.outcome is not Outcome.CONVERGED or second.log_likelihood <= first[1].log_likelihood:
         return first
-    said = (
+    sentence = (
         f"white noise on {', '.join(noise)} and no sensor biases: the fit with vertical turbulence "
         "and biases did not settle"
     )
     return system, replace(
-        second, message="; ".join(text for text in (second.message, said) if text)
+        second, message="; ".join(text for text in (second.message, sentence) if text)
     )
 
 
@@ -303,20 +303,20 @@ def _filtered(
         estimate = _run_filter(record, system, first, method, options, steps)
     estimate = with_coloured_covariance(estimate)
     if calm and not estimate.message:
-        said = (
+        sentence = (
             f"{', '.join(calm)}: hardly any noise; a filter needs some, and assumes "
             f"{LEAST_NOISE:.1g} of the channel's scatter"
         )
         estimate = replace(
             estimate,
-            message=f"{said}: sigmas are those of that noise, and output-error gives smaller ones",
+            message=f"{sentence}: sigmas are those of that noise, and output-error gives smaller ones",
         )
     if not _values_of(fit) and not estimate.message:
-        said = (
+        sentence = (
             "the output-error fit that gives the filter its start did not settle "
             f"({fit.outcome.value}): it started from the vehicle file"
         )
-        estimate = replace(estimate, message=said)
+        estimate = replace(estimate, message=sentence)
     return system, estimate
 
 

@@ -424,8 +424,8 @@ def identification_summary(found: IdentificationResult, details: str = BELOW) ->
         f"; not determined: {', '.join(vague)}" if vague else ""
     )
     counts = ((len(found.doubts), "warning"), (len(found.cautions), "caution"))
-    said = [f"{n} {word}{'s' if n > 1 else ''}" for n, word in counts if n]
-    outcome += f"; {' and '.join(said)} below" if said else ""
+    counted = [f"{n} {word}{'s' if n > 1 else ''}" for n, word in counts if n]
+    outcome += f"; {' and '.join(counted)} below" if counted else ""
     return Summary(
         f"{named}, {samples} samples; {found.vehicle.name}, {found.vehicle.model} model, "
         f"{found.method}",

@@ -1,7 +1,7 @@
-"""The model that a vehicle file declares, and two readings of the same records compared by its
-fit.
+"""Comparison of two readings of the same records by fits of the declared model.
 
-Drafts of vehicle files: numbers that a record gives, all others as comments.
+A reading is an assumption on the records, such as inputs held or linear between samples. Also
+drafts of vehicle files: numbers from a record, all others as comments.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from sim.vehicles.factory import MODE_CONSTANTS, model_from_constants
 
 # ---- From a user's vehicle file to the model it declares
 
-# The vehicle file speaks of frequency and damping; the equations of omega and zeta.
+# The vehicle file has frequency and damping, the equations omega and zeta.
 FILE_NAMES = {"frequency": "omega", "damping": "zeta", "generalized_mass": "generalized_mass"}
 INTEGRATOR_ROOT = 1e-9  # rad/s, below which a root is an integrator
 # of a root's time: a Runge-Kutta step of that length is good to a millionth
@@ -146,8 +146,8 @@ Reading = tuple[Model, list[Record]]
 class Compared:
     """Comparison of two readings of the same records.
 
-    ``gain``: twice the log likelihood by which the second fits better, in effective samples; zero
-    if undecided. ``why_open``: why it is undecided, else empty.
+    ``gain``: twice the log likelihood ratio of the second to the first, for the effective number of
+    samples; zero if undecided. ``why_open``: reason if undecided, else empty.
     """
 
     gain: float
@@ -161,17 +161,18 @@ def better_by(
     least: float = 0.0,
     local: Collection[str] = (),
 ) -> Compared:
-    """Return twice the log likelihood by which the second reading fits better than the first, in
-    effective samples.
+    """Return twice the log likelihood ratio of the second reading to the first.
 
-    The question is left open where a fit has not converged or has a bias that no sensor and no trim
-    has (``implausible_bias``): what such a fit leaves says nothing of its reading. It is left open
-    too where one cannot be fitted or has no fewer unknowns than samples, and where a record by
-    itself speaks against the sum of all: an effect that the model lacks may favour the wrong
-    reading in one maneuver, a right one is right in all. The gain is zero if no channel's
-    residual falls by the share ``least``. ``local`` are parameters of which each record has its
-    own. Isolated wrong samples, which would outweigh all others in either residual, are left out.
-    Controls count from their trim (``from_trim``).
+    The comparison is undecided (gain zero) in these cases:
+
+    - a fit is impossible, does not converge, has an implausible bias (``implausible_bias``), or has
+      as many unknowns as samples;
+    - a single record contradicts the sum of all. A missing effect may favour the wrong reading in
+      one maneuver, but the correct reading fits best in all;
+    - no channel's residual falls by the share ``least``.
+
+    ``local``: parameters with a separate value for each record. Isolated wrong samples are left
+    out. Controls count from their trim (``from_trim``).
     """
     if any(
         np.max(np.abs(channel.values)) > LARGEST_NUMBER
@@ -214,11 +215,10 @@ def better_by(
 
 
 def from_trim(record: Record, model: Model) -> Record:
-    """Return the record with its controls counted from their trim, or from their mean where no rest
-    at the beginning tells it.
+    """Return the record with its controls counted from trim, or from their mean without a trim.
 
-    Derivatives of equations of perturbations do not notice; biases do, which else stand for the
-    motion that the trim deflection would make. Equations of totals keep their inputs.
+    For perturbation equations this changes only biases, which otherwise absorb the response to the
+    trim deflection. Inputs of equations of totals are not changed.
     """
     if of_totals(model):
         return record
@@ -309,10 +309,10 @@ def _without(record: Record, outputs: Sequence[str], wrong: np.ndarray) -> Recor
 def likelier_by(
     before: Sequence[np.ndarray], after: Sequence[np.ndarray], known: Sequence[np.ndarray]
 ) -> float:
-    """Return twice the log likelihood by which the second residuals are likelier than the first, in
-    effective samples; zero if records contradict.
+    """Return twice the log likelihood ratio of the second residuals to the first.
 
-    Residuals and their validity are ``(m, N)`` a record; each output has one noise level.
+    For the effective number of samples; zero if records contradict each other. Residuals and their
+    validity are ``(m, N)`` per record; each output has one noise level.
     """
     total = np.zeros(len(known))
     for i in range(len(known[0])):
@@ -402,9 +402,7 @@ def _some(records: Sequence[Record]) -> list[Record]:
 
 
 def vehicle_text(draft: Draft) -> str:
-    """Return a draft of the vehicle file for the model that the channels fit; the numbers that the
-    record does not have stand as comments.
-    """
+    """Return a draft of the vehicle file; numbers that the record lacks are comments."""
     model = draft.nearest or "rigid"
     if model == "ballistic":
         return _BALLISTIC.format(name=quoted(draft.file.path.stem))

@@ -47,17 +47,16 @@ class Plan:
 
     Attributes
     ----------
-    segments : each becomes a record of its own.
-    hold : behaviour of the inputs between samples; None: as the file's sidecar says, else as the
-        data say.
+    segments : each becomes a separate record.
+    hold : inputs between samples; None: by the file's sidecar, else by the data.
     rate : Hz, to which all channels are resampled behind one anti-alias filter; None keeps the
         samples. Of a file without a clock it is the rate of its rows, and of a log of several
         topics the rate of the grid that they are put on.
     lowpass : Hz, corner of one zero-phase filter for all channels; None leaves them unfiltered.
     columns : names of a file's columns, in their order, where it has no header or another one is
         wanted; none keeps its own.
-    trusted : what the raw columns show is only warned of; nothing is refused or set aside for it.
-    chosen : sentences on where the segments come from, where a file of maneuvers gave them.
+    trusted : faults of the raw columns only give warnings; no record or sample is rejected.
+    chosen : sentences on segments that come from a file of maneuvers.
     """
 
     segments: tuple[Segment, ...] = WHOLE
@@ -374,8 +373,7 @@ def with_maneuvers(
     requested: Sequence[str | int] | None,
     file: Path | DeclaredParts | None = None,
 ) -> Plan:
-    """Return the plan with the parts of maneuvers as its segments, as ``--from`` and ``--to`` of
-    each would give it, and a sentence on each.
+    """Return the plan with maneuvers as its segments, and a sentence on each.
 
     ``requested`` : numbers or names; None or empty leaves the plan alone. ``file`` : None takes
     ``maneuvers.toml`` beside the record.

@@ -19,7 +19,7 @@ from scenarios.report.quantities import determined, number_text, value_parts
 from scenarios.report.summary import NEXT, Summary
 from sim.errors import ModelError
 
-# ---- What stands in a cell of a page
+# ---- Cells of a page
 
 PURE = "1"  # the unit of counts, shares and ratios
 SIGMAS = "σ"  # the unit of an error in its own standard deviations
@@ -29,12 +29,11 @@ _BELOW = re.compile(r"(?:[A-Za-z0-9][A-Za-z0-9._+-]*/)*[A-Za-z0-9][A-Za-z0-9._+-
 
 @dataclass(frozen=True)
 class Number:
-    """A value with its standard deviation (None: it has none) in ``unit`` (empty: that of its
-    column or row).
+    """A value with its standard deviation, if any, in ``unit`` (empty: that of its column or row).
 
-    ``digits`` are behind the point; None takes as many as the sigma makes sensible, five
-    significant ones without it. ``signed`` shows a plus. ``shown`` replaces the digits of the value
-    and ``shown_sigma`` those of the sigma; a page still sorts and copies the value itself.
+    ``digits``: decimals; None: two digits of the sigma, or five significant digits without one.
+    ``signed``: shows a plus. ``shown``, ``shown_sigma``: replacement texts; a page still sorts and
+    copies the exact value.
 
     Raises ModelError for a value or a sigma that is not finite.
     """
@@ -106,7 +105,7 @@ class Link:
 
 
 Cell = Number | Link | str
-MISSING = "–"  # of a quantity that there is not
+MISSING = "–"  # for a missing quantity
 
 
 def estimate(value: float, sigma: float | None, unit: str = "") -> Cell:
@@ -188,7 +187,7 @@ def capital(text: str) -> str:
 
 # ---- The document that every page shows
 
-BY_ROW = "by row"  # the unit of a column whose rows have units of their own
+BY_ROW = "by row"  # unit of a column whose rows have different units
 # names such as 1_2 or nan are none
 _NUMBER = re.compile(r"[+−-]?(\d+\.?\d*|\.\d+)(e[+−-]?\d{1,2})?[ %]*", re.ASCII)
 TONES = ("good", "fair", "open", "plain")
@@ -196,8 +195,9 @@ TONES = ("good", "fair", "open", "plain")
 
 @dataclass(frozen=True)
 class Prose:
-    """A paragraph; ``kind`` is ``""``, ``"note"``, ``"value"``, ``"warning"`` or ``"code"``, of
-    which the first two are shown as sentences; ``term`` stands before it, bold.
+    """A paragraph, after a bold ``term`` if given.
+
+    ``kind``: ``""``, ``"note"``, ``"value"``, ``"warning"`` or ``"code"``.
     """
 
     text: str
@@ -207,7 +207,7 @@ class Prose:
 
 @dataclass(frozen=True)
 class Bullets:
-    """A list of sentences; ``numbered`` where their order says something."""
+    """A list of sentences; ``numbered`` if their order matters."""
 
     items: tuple[str, ...]
     numbered: bool = False
@@ -223,12 +223,14 @@ class Fold:
 
 @dataclass(frozen=True)
 class Column:
-    """A heading, and the unit of its numbers: None of words, ``BY_ROW``, ``"1"`` of counts and
-    ratios. ``code``: hashes and names of files.
+    """Heading and unit of a column.
 
-    The rest is for a terminal alone: ``printed`` replaces heading and unit; ``left`` and ``right``
-    place cells against the rule, words at the left; ``beside`` keeps the column in one block with
-    the one before it; ``together`` shows values and sigmas in one column.
+    ``unit``: None for words, ``BY_ROW``, ``"1"`` for counts and ratios. ``code``: the cells are
+    hashes or file names.
+
+    For a terminal only: ``printed`` replaces heading and unit; ``left``, ``right``: alignment
+    (default: words left, numbers right); ``beside``: not separated from the column before it when
+    a wide table is split; ``together``: values and sigmas in one column.
     """
 
     heading: str
@@ -243,13 +245,13 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of cells below columns; ``units`` of the rows where they have units of their own, which
-    the page shows behind the first column.
+    """Rows of cells below columns.
 
-    ``printed``: how many rows stand on paper, the first of them; None is all.
+    ``units``: by row, shown after the first column. ``printed``: number of rows on paper; None is
+    all.
 
-    Raises ModelError if a row has another length than the columns, a number has no unit, or a
-    number stands as a word.
+    Raises ModelError if a row and the columns differ in length, a number has no unit, or a number
+    is given as a word.
     """
 
     caption: str
@@ -295,7 +297,7 @@ class Table:
 def table(
     caption: str, *columns: tuple[Column, Sequence[Cell]] | None, units: Sequence[str] = ()
 ) -> Table:
-    """A table that is given by columns with their cells; None stands for a column left out."""
+    """Return a table from columns with their cells; None is skipped."""
     there = [each for each in columns if each is not None]
     rows = tuple(zip(*(cells for _, cells in there), strict=True))
     return Table(
@@ -353,8 +355,11 @@ class Reproduction:
 
 @dataclass(frozen=True)
 class Page:
-    """A page. ``kind`` says of what; ``verdict`` is a word or two, its ``tone`` one of ``TONES``,
-    ``sentence`` goes on from it; ``summary`` are the lines that are read first."""
+    """A page.
+
+    ``kind``: kind of study. ``verdict``: a word or two, with ``tone`` of ``TONES`` and a
+    continuing ``sentence``. ``summary``: the first lines.
+    """
 
     title: str
     kind: str
@@ -379,9 +384,7 @@ class Page:
 def section(
     title: str, *blocks: Block | None, parts: tuple[Section, ...] = ()
 ) -> tuple[Section, ...]:
-    """Return a section with what there is of its blocks; none if there is nothing in it, so that
-    calls can be strung together.
-    """
+    """Return a section with its non-empty blocks as a tuple; an empty tuple if there are none."""
     there = tuple(
         block
         for block in blocks
@@ -413,7 +416,7 @@ __all__ = [
 ]
 
 
-# ---- How what a page shows is done again
+# ---- How to repeat a study
 
 PROGRAM = "flightid"
 _PACKAGES = ("scenarios", PROGRAM)  # python -m

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from jinja2 import Template
 
 SCHEMA = "flightid/report/1"
-_LARGEST_REQUEST = 1_000_000  # of digits and rows that a page may ask for
+_LARGEST_REQUEST = 1_000_000  # upper limit of digits and rows in a page's document
 _TAG = "svg|g|defs|clipPath|rect|path|text|tspan|use"
 _ATTRIBUTE = (
     r'\s(?:href="#[\w-]+"|'
@@ -282,8 +282,7 @@ _DARK = {
         "f-orange": "#f0b23a",
     },
 }
-# Colours of the figures (`scenarios/plots/style.py`) by the name of the variable that stands for
-# them on a page.
+# CSS variable -> colour of the figures (`scenarios/plots/style.py`).
 _FIGURES = {
     **{
         "#000000": "f-black",
@@ -300,8 +299,7 @@ _FIGURES = {
 def page_html(page: Page) -> str:
     """Return the page; the same for the same content.
 
-    Its policy allows the one style and the one script that are in it, by their hashes, and nothing
-    from anywhere.
+    Its security policy allows only its own style and script, by their hashes.
     """
     from markupsafe import Markup
 
@@ -331,7 +329,7 @@ def page_html(page: Page) -> str:
     return escaped(text)
 
 
-# A frame is as high as its figure where the page around it lets that be seen.
+# Adapts the frame's height to the figure, if the surrounding page allows it.
 _FRAME = """(() => {
   const fit = () => { try { if (frameElement) frameElement.style.height = `${document.body.scrollHeight}px`; } catch { /* another origin */ } };
   new ResizeObserver(fit).observe(document.body);
@@ -340,8 +338,9 @@ _FRAMED = "body { display: flow-root; } figure { margin: 0; } figcaption:empty {
 
 
 def figure_html(figure: Figure) -> str:
-    """One figure as a document of its own, for a frame in a notebook: it zooms where the figure
-    has its data, and asks no other machine for anything. Its ground is light, as that of notebooks.
+    """Return one figure as an HTML document for a frame in a notebook.
+
+    Interactive if the figure has data. Loads nothing from the network; light background.
     """
     from html import escape
 
@@ -372,9 +371,7 @@ def _policy(style: str, script: str) -> str:
 
 
 def _plots(page: Page) -> dict[str, str]:
-    """Return the data of figures by name, as many of them from the first as keep the page short;
-    none of figures whose name is there twice.
-    """
+    """Return the data of the first figures by name, up to a total size, without duplicate names."""
     found, room = (
         {},
         MOST_DRAWING_CHARACTERS - sum(len(each.svg) for each in _figures(page.sections)),
@@ -449,7 +446,7 @@ def _rows(table: Table) -> list[tuple[tuple[Cell, ...], str]]:
 
 
 def _numeric(table: Table, at: int) -> bool:
-    """Return whether a column holds numbers, so that its heading stands at the right."""
+    """Return whether a column has numbers, so that its heading is right-aligned."""
     return any(isinstance(row[at], Number) for row in table.rows)
 
 

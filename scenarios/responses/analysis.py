@@ -353,8 +353,8 @@ def cautions_of(
         for column, one in enumerate(names.inputs):
             mean = float(estimated_responses.input_coherence[column].mean())
             if mean > CORRELATED_COHERENCE:
-                said = f"input {one} has a mean coherence of {mean:.2f} with the other inputs"
-                out.append(f"{said}: their responses are hard to separate, see their errors")
+                sentence = f"input {one} has a mean coherence of {mean:.2f} with the other inputs"
+                out.append(f"{sentence}: their responses are hard to separate, see their errors")
     return tuple(out)
 
 
@@ -366,10 +366,10 @@ def _leaks(responses: FrequencyResponses, names: Names) -> list[str]:
         places = responses.frequency[leaked]
         if places.size > LEAKED_FREQUENCY_SHARE * leaked.size:
             usable = int(np.count_nonzero(leaked & responses.usable[:, column].any(axis=0)))
-            said = f"{excitations[column]} has hardly any power between {places[0]:.3g} and"
+            sentence = f"{excitations[column]} has hardly any power between {places[0]:.3g} and"
             remark = f"{usable} of them count as usable" if usable else "none of them is usable"
             out.append(
-                f"{said} {places[-1]:.3g} Hz, where {places.size} of {leaked.size} frequencies "
+                f"{sentence} {places[-1]:.3g} Hz, where {places.size} of {leaked.size} frequencies "
                 f"hold what leaks from others ({remark}); name the swept --band"
             )
     return out

@@ -238,12 +238,12 @@ def cost_sentence(function: FittedResponse) -> str:
     """``"cost 12.3: hardly to be told from the data (below 50)"``."""
     cost = function.cost
     if cost <= NEARLY_PERFECT_COST:
-        said = f"close to the data (below {NEARLY_PERFECT_COST:g})"
+        verdict = f"close to the data (below {NEARLY_PERFECT_COST:g})"
     elif cost <= ACCEPTABLE_COST:
-        said = f"acceptable (below {ACCEPTABLE_COST:g})"
+        verdict = f"acceptable (below {ACCEPTABLE_COST:g})"
     else:
-        said = f"the form does not describe the response (above {ACCEPTABLE_COST:g})"
-    return f"cost {cost:.3g}: {said}"
+        verdict = f"the form does not describe the response (above {ACCEPTABLE_COST:g})"
+    return f"cost {cost:.3g}: {verdict}"
 
 
 def envelope_sentence(function: FittedResponse, mismatch: Mismatch) -> str:
@@ -306,8 +306,8 @@ def fit_cautions(fits: Fits | None) -> tuple[str, ...]:
                 f"deviation above {100 * LARGEST_CRAMER_RAO_SHARE:.0f} % or "
                 f"{100 * LARGEST_INSENSITIVITY_SHARE:.0f} % alone"
             )
-            said = f"{function.name}: {', '.join(uncertain)} hardly determined ({limits})"
-            out.append(f"{said}; fix one of them with --fix, or take a lower order")
+            sentence = f"{function.name}: {', '.join(uncertain)} hardly determined ({limits})"
+            out.append(f"{sentence}; fix one of them with --fix, or take a lower order")
     return tuple(out)
 
 
@@ -385,8 +385,8 @@ class FittedResponseModel:
             out.append(f"the search for the parameters of {self.model} did not end")
         for name, cost in zip(self.pairs, fit.costs, strict=True):
             if cost > ACCEPTABLE_COST:
-                said = f"above {ACCEPTABLE_COST:g}: it does not fit"
-                out.append(f"{name}: cost {cost:.3g} of {self.model}, {said}")
+                sentence = f"above {ACCEPTABLE_COST:g}: it does not fit"
+                out.append(f"{name}: cost {cost:.3g} of {self.model}, {sentence}")
         size = np.maximum(np.abs(fit.values), 1e-300)
         weak = (fit.cramer_rao > LARGEST_CRAMER_RAO_SHARE * size) | (
             fit.insensitivity > LARGEST_INSENSITIVITY_SHARE * size

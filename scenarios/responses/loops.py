@@ -237,7 +237,7 @@ def margin_lines(loop: LoopMargins) -> list[str]:
         ("gain_decrease", REQUIRED_GAIN, "dB"),
         ("phase_margin", REQUIRED_PHASE, "deg"),
     ]
-    said = []
+    lines = []
     for name, required, unit in sizes:
         if name in named:
             ends = sorted(
@@ -251,13 +251,13 @@ def margin_lines(loop: LoopMargins) -> list[str]:
                 if ends[1] < required
                 else "undecided"
             )
-            said.append(f"{WORDS[name]} of {required:g} {unit} {verdict}")
+            lines.append(f"{WORDS[name]} of {required:g} {unit} {verdict}")
     if loop.contradicted:
         out.append("not compared with MIL-F-9490D: the signals contradict the sign of the loop")
-    elif said:
+    elif lines:
         out.append(
             "MIL-F-9490D, below the first structural mode, with the 95 % intervals: "
-            f"{', '.join(said)}"
+            f"{', '.join(lines)}"
         )
     return [*out, *loop.margins.notes, *loop.reasons]
 

@@ -237,7 +237,7 @@ class SideBySide:
     @property
     def cautions(self) -> list[str]:
         """Sentences on studies that are of different vehicles or models."""
-        told = []
+        sentences = []
         for what, names, why in (
             ("vehicles", [c.vehicle for c in self.columns], "their parameters need not agree"),
             (
@@ -252,8 +252,8 @@ class SideBySide:
                     for column, name in zip(self.columns, names, strict=True)
                     if name
                 )
-                told.append(f"studies of different {what} ({each}): {why}")
-        return told
+                sentences.append(f"studies of different {what} ({each}): {why}")
+        return sentences
 
     def words(self, name: str) -> str:
         """Return the heading of a row: name of a parameter, words for a derived quantity."""

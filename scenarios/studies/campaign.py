@@ -46,7 +46,7 @@ def identity_of(scenario: Scenario, estimation: Estimation) -> dict[str, Any]:
 
     Texts such as labels are left out.
     """
-    said = {
+    estimation_fields = {
         field.name: getattr(estimation, field.name)
         for field in dataclasses.fields(estimation)
         if field.name not in WORDS
@@ -59,7 +59,7 @@ def identity_of(scenario: Scenario, estimation: Estimation) -> dict[str, Any]:
     return {
         "scenario": scenario.name,
         "flight": plain(flown),
-        "estimation": plain(said),
+        "estimation": plain(estimation_fields),
         "files": {file.name: file.sha256 for file in scenario.files},
     }
 

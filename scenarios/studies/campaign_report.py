@@ -168,15 +168,15 @@ def levels_sentence(found: Findings) -> str:
     over = f"over {levels.runs} runs"
     if not off:
         return f"noise levels by likelihood {over} agree with those that are assumed"
-    said = (
+    sentence = (
         f"noise levels by likelihood {over} disagree with those that are assumed: "
         f"{'; '.join(_off(item) for item in off)}"
     )
     forced = any(item.name in (STATES, PARAMETERS) and item.found > 0.0 for item in off)
     return (
-        f"{said}; that process noise stands for what the model cannot follow"
+        f"{sentence}; that process noise stands for what the model cannot follow"
         if forced and found.misfits
-        else said
+        else sentence
     )
 
 
@@ -311,22 +311,22 @@ def _noise(group: list[Finding], found: Findings) -> str:
 
 def _model(group: list[Finding], found: Findings) -> str:
     share = max(each.wrong.mean**2 / each.wrong.rms**2 for each in group)
-    said = f"bias makes up to {100 * share:.0f} % of the mean square error"
+    bias_text = f"bias makes up to {100 * share:.0f} % of the mean square error"
     if not any(each.wrong.too_small for each in group):
-        said += "; what is declared in its place, process noise, is more than it needs"
+        bias_text += "; what is declared in its place, process noise, is more than it needs"
     left = (
         f"at the reference values it leaves {group[0].strength:.2g} times the noise, the same in "
         "all runs"
     )
-    return f"the model cannot follow the flight: {left}; {said}"
+    return f"the model cannot follow the flight: {left}; {bias_text}"
 
 
 def _open(group: list[Finding], found: Findings) -> str:
     share = max(each.wrong.mean**2 / each.wrong.rms**2 for each in group)
-    said = f"bias makes up to {100 * share:.0f} % of the mean square error"
+    bias_text = f"bias makes up to {100 * share:.0f} % of the mean square error"
     return (
         "no cause was found: the model follows the flight, and nothing that was changed makes it "
-        f"right; {said}"
+        f"right; {bias_text}"
     )
 
 

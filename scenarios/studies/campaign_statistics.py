@@ -154,11 +154,11 @@ def _forced(
         record,
         outputs=tuple(replace(each, values=truth.outputs[each.name]) for each in record.outputs),
     )
-    told = replace(model, parameters=model.parameters.with_prior(prior))
+    with_prior = replace(model, parameters=model.parameters.with_prior(prior))
     once = replace(estimation, method="ekf", passes=1)
-    found = run_ekf(exact, compiled(once, told), filter_settings(once), by=filter_batched).only(
-        free
-    )
+    found = run_ekf(
+        exact, compiled(once, with_prior), filter_settings(once), by=filter_batched
+    ).only(free)
     information = np.linalg.inv(found.covariance) - np.diag(
         [prior[name] ** -2.0 for name in found.names]
     )
@@ -195,9 +195,12 @@ def _passes(
     n, width = len(prior), prior
     gain, left, stated = np.zeros((n, n)), np.eye(n), prior
     for _ in range(passes):
-        told = np.diag(np.where(np.isfinite(width), width, np.inf) ** -2.0)
-        covariance = inverse_information(data + told)[0]
-        gain, left = covariance + covariance @ told @ gain, covariance @ told @ left
+        prior_information = np.diag(np.where(np.isfinite(width), width, np.inf) ** -2.0)
+        covariance = inverse_information(data + prior_information)[0]
+        gain, left = (
+            covariance + covariance @ prior_information @ gain,
+            covariance @ prior_information @ left,
+        )
         stated = np.sqrt(np.diag(covariance))
         width = np.minimum(prior, spread * stated) if math.isfinite(spread) else prior
     return stated, gain, left
@@ -551,12 +554,12 @@ MEANINGS = {
 def squares_sentence(squares: Squares) -> str:
     """Return the mean of NEES or NIS over its degrees of freedom, with its expected interval."""
     low, high = squares.interval
-    said = (
+    sentence = (
         "as it should be" if squares.right else "too large" if squares.mean > high else "too small"
     )
     return (
         f"{squares.name} ({MEANINGS[squares.name]}) over its degrees of freedom: "
-        f"{_near_one(squares.mean)}, {said} (correct sigmas give "
+        f"{_near_one(squares.mean)}, {sentence} (correct sigmas give "
         f"{low:.3f} to {high:.3f} in 95 % of campaigns); {100 * squares.inside:.1f} % of the "
         "runs within their own 95 % interval"
     )

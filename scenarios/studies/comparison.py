@@ -105,14 +105,14 @@ def _names(data: VehicleData, origin: Origin, flight: FlightPlan) -> list[str]:
 
 def vehicle_line(flight: FlightPlan) -> str:
     """Return one line on unprinted or changed numbers of the vehicle; empty if there are none."""
-    told = [f"{', '.join(names)} ({words})" for words, names in vehicle_origins(flight).items()]
-    told += [
+    texts = [f"{', '.join(names)} ({words})" for words, names in vehicle_origins(flight).items()]
+    texts += [
         f"{name} flies with {flies}, printed {printed}"
         for name, (flies, printed) in misprints(flight).items()
     ]
     return (
-        f"numbers of {flight.vehicle} that its source does not give as flown: {'; '.join(told)}"
-        if told
+        f"numbers of {flight.vehicle} that its source does not give as flown: {'; '.join(texts)}"
+        if texts
         else ""
     )
 

@@ -336,9 +336,11 @@ def value_text(value: Any) -> str:
             return f"{value_text(value['value'])} +- {value_text(value['std'])}"
         return ", ".join(f"{name} {value_text(entry)}" for name, entry in value.items())
     if isinstance(value, list):
-        told = len(value) <= MOST_ENTRIES and not any(isinstance(entry, Mapping) for entry in value)
+        listed = len(value) <= MOST_ENTRIES and not any(
+            isinstance(entry, Mapping) for entry in value
+        )
         return (
-            ", ".join(value_text(entry) for entry in value) if told else f"({len(value)} entries)"
+            ", ".join(value_text(entry) for entry in value) if listed else f"({len(value)} entries)"
         )
     if isinstance(value, bool):
         return "yes" if value else "no"

@@ -406,8 +406,8 @@ def _longest_step(estimation: Estimation) -> float:
 
     For a user model, which may be much slower than an aircraft, the scenario's ``max_step``.
     """
-    told = estimation.own is not None and math.isfinite(estimation.max_step)
-    return estimation.max_step if told else min(FIT_STEP, estimation.max_step)
+    declared = estimation.own is not None and math.isfinite(estimation.max_step)
+    return estimation.max_step if declared else min(FIT_STEP, estimation.max_step)
 
 
 def filter_settings(estimation: Estimation) -> FilterSettings:

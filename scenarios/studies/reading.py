@@ -178,8 +178,8 @@ def own_declared(estimation: Estimation, noise_std: Mapping[str, float]) -> Mode
 
 def own_biases(model: Model, outputs: Iterable[str]) -> list[str]:
     """Return the outputs whose sensors have a free constant bias in the file."""
-    told = model.equations.biased_outputs if isinstance(model.equations, Biased) else ()
-    return [name for name in outputs if name in told]
+    declared = model.equations.biased_outputs if isinstance(model.equations, Biased) else ()
+    return [name for name in outputs if name in declared]
 
 
 # ---- From the flight tables of a scenario file to a FlightPlan

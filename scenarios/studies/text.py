@@ -200,13 +200,13 @@ def sweep_blocks(sweep: Sweep) -> list[Block]:
 
 def sweep_phrase(sweep: Sweep) -> str:
     """Return the degree of flexibility at which a rigid model fails each criterion, in one line."""
-    told = [
+    texts = [
         f"{each.name} from {each.degree:.3g} on"
         if each.degree is not None
         else f"{each.name} {_everywhere(each)}"
         for each in criteria_of(sweep.points)
     ]
-    return f"degree of flexibility from which a rigid model fails: {', '.join(told)}"
+    return f"degree of flexibility from which a rigid model fails: {', '.join(texts)}"
 
 
 def _everywhere(criterion: Criterion) -> str:

@@ -338,8 +338,8 @@ def line(session: MarginSession, point: MarginPoint, left_out: int) -> str:
         if margin.kind != "distance"
     ]
     lost = f", {left_out} line{'s' * (left_out != 1)} left out" if left_out else ""
-    said = "; ".join(texts) or "no margin is determined"
-    return f"{session.name}, {point.time:.2f} s{lost}: {said}"
+    text = "; ".join(texts) or "no margin is determined"
+    return f"{session.name}, {point.time:.2f} s{lost}: {text}"
 
 
 def history_csv(session: MarginSession) -> str:

@@ -158,8 +158,8 @@ def print_spectral_end(watch: Watch, session: SpectralSession) -> None:
             ),
         ]
     print_table(out, "", columns)
-    told = [*stream_warnings(session), *(f"note: {each}" for each in stream_notes(session))]
-    for sentence in told:
+    sentences = [*stream_warnings(session), *(f"note: {each}" for each in stream_notes(session))]
+    for sentence in sentences:
         out.print(sentence, highlight=False)
     if watch.reference is not None:
         out.print(against_items(items, watch.reference.name), highlight=False)

@@ -258,23 +258,23 @@ def stream_notes(session: SpectralSession) -> list[str]:
     """How inputs were taken to move between rows, and whether a measured airspeed was used."""
     if session.lag is not None or session.last is None:
         return []
-    told = [flow_sentence(record_of(session), session.declared)] if session.flow else []
+    sentences = [flow_sentence(record_of(session), session.declared)] if session.flow else []
     if session.system.inputs and len(session.readings) == 1:
         word = "held" if session.hold is Hold.PREVIOUS else "linear"
-        told.append(f"inputs {word} between samples: {BY_HAND}")
+        sentences.append(f"inputs {word} between samples: {BY_HAND}")
     elif session.hold is Hold.LINEAR:
-        told.append(
+        sentences.append(
             "inputs linear between samples: they explain the stream better than held ones (twice "
             f"the log likelihood {session.gain:.1f}); --hold previous holds them"
         )
-    return told
+    return sentences
 
 
 def stream_warnings(session: SpectralSession) -> list[str]:
     """Parameters that the stream does not determine; a measured airspeed far from the declared."""
     unknown = undetermined(session)
-    told = [f"{UNKNOWN} by this stream: {', '.join(unknown)}"] if unknown else []
-    return told + (flow_doubts([record_of(session)], session.declared) if session.flow else [])
+    sentences = [f"{UNKNOWN} by this stream: {', '.join(unknown)}"] if unknown else []
+    return sentences + (flow_doubts([record_of(session)], session.declared) if session.flow else [])
 
 
 def record_of(session: SpectralSession) -> Record:

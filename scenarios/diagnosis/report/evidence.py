@@ -278,7 +278,7 @@ def evidence_sentences(claim: Claim) -> list[str]:
     """
     if claim.spread is None:
         return []
-    told = (
+    sentence = (
         f"its log evidence is {claim.spread:.1f} times the scatter of that between blocks of a "
         "second"
         if math.isfinite(claim.spread)
@@ -286,7 +286,7 @@ def evidence_sentences(claim: Claim) -> list[str]:
     )
     values, apart = by_record_text(claim.by_record), apart_text(claim)
     each = f"from each of {len(claim.by_record)} records: {values}" if values else ""
-    return [part for part in (told, f"{each}, but {apart}" if each and apart else each) if part]
+    return [part for part in (sentence, f"{each}, but {apart}" if each and apart else each) if part]
 
 
 def apart_text(claim: Claim) -> str:

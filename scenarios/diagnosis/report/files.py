@@ -574,8 +574,8 @@ def write_evidence(path: Path, candidates: Sequence[Candidate]) -> None:
 
 
 def _cell(name: str, q: Quantity) -> str:
-    told = f"{q.value:.6g} +- {q.std:.2g} {q.unit}" if determined(q.value, q.std) else UNDETERMINED
-    return f"{name} = {told}"
+    text = f"{q.value:.6g} +- {q.std:.2g} {q.unit}" if determined(q.value, q.std) else UNDETERMINED
+    return f"{name} = {text}"
 
 
 def _write(path: Path, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:

@@ -192,11 +192,11 @@ def headline(tracing: Tracing) -> str:
     """
     d, wording = tracing.diagnosis, wording_of(tracing)
     claimed = [claim for claim in d.effects if claim.claimed]
-    told = " and ".join(group_sentence(claim, wording) for claim in claimed)
+    text = " and ".join(group_sentence(claim, wording) for claim in claimed)
     if not claimed:
         return _untouched(tracing)
     proven = [claim for claim in claimed if claim.spread is not None]
-    parts = [told if d.verdict is not Verdict.AMBIGUOUS else most_likely(told, claimed)]
+    parts = [text if d.verdict is not Verdict.AMBIGUOUS else most_likely(text, claimed)]
     if proven:
         parts = [
             "; ".join([group_sentence(claim, wording), *evidence_sentences(claim)])
@@ -298,8 +298,8 @@ def unclaimed_reasons(d: Diagnosis) -> list[str]:
     """
     if d.verdict is not Verdict.UNEXPLAINED:
         return []
-    told = {reason for claim in d.effects for reason in claim.reasons}
-    return [requirement.sentence for requirement in d.not_met if requirement.sentence not in told]
+    given = {reason for claim in d.effects for reason in claim.reasons}
+    return [requirement.sentence for requirement in d.not_met if requirement.sentence not in given]
 
 
 def _kinematic_lines(tracing: Tracing, width: int) -> list[str]:

@@ -365,17 +365,17 @@ def probability_sentence(claim: Claim) -> str:
         for name, p in shown_probability(claim).items()
         if name != claim.name
     )
-    told = f"Probability of this cause: {_percent(mine)}{f'; {rest}' if rest else ''}"
+    sentence = f"Probability of this cause: {_percent(mine)}{f'; {rest}' if rest else ''}"
     equal = [
         name
         for name in claim.alternatives
         if claim.probability.get(name, 1.0) < LEAST_PRINTED_SHARE
     ]
     if not equal:
-        return told
+        return sentence
     many = " and ".join(equal)
     fits = f"{many} {'fits' if len(equal) == 1 else 'fit'} these data equally well"
-    return f"{told}, by the priors alone: {fits}"
+    return f"{sentence}, by the priors alone: {fits}"
 
 
 def _percent(p: float) -> str:

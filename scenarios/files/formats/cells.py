@@ -382,9 +382,9 @@ def missing_library(error: ImportError, path: Path, format_name: str, extra: str
 def damaged(fault: BaseException, path: Path, format_name: str) -> RecordError:
     """Return the error for a file that the format's library cannot read."""
     text = re.sub(r"'?<[^<>]* object at 0x[0-9a-f]+>'?", "the file", str(fault)).strip()
-    said = " ".join(text.splitlines()[0].split())[:160] if text else type(fault).__name__
+    reason = " ".join(text.splitlines()[0].split())[:160] if text else type(fault).__name__
     return RecordError(
-        f"not a readable {format_name} file ({said})",
+        f"not a readable {format_name} file ({reason})",
         where=str(path),
         remedy="export it again, or save the record as CSV",
     )

@@ -141,8 +141,8 @@ def find_column(
     chosen = result or suffixed[:1]
     if not chosen:
         return None
-    said = chosen[0] in suffixed or split_header(chosen[0].header)[1] is not None
-    return _sound(_with_unit_under(chosen[0], under, file, said=said, lenient=lenient), file)
+    stated = chosen[0] in suffixed or split_header(chosen[0].header)[1] is not None
+    return _sound(_with_unit_under(chosen[0], under, file, said=stated, lenient=lenient), file)
 
 
 def _in_our_case(

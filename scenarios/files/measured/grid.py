@@ -117,12 +117,12 @@ def clock_of(table: CellTable, index: int, unit: str | None = None) -> Clock:
             clock = times_of_texts(list(column))
             if clock is not None:
                 return clock
-    said = unit if unit is not None else stated_unit(table, index)
+    stated = unit if unit is not None else stated_unit(table, index)
     values = numbers(table, index).values
-    if said in SECONDS or said is None:
-        return seconds_of_counter(values, said, f"{table.file}, column {table.header[index]!r}")
+    if stated in SECONDS or stated is None:
+        return seconds_of_counter(values, stated, f"{table.file}, column {table.header[index]!r}")
     return Clock(
-        np.asarray(to_si(values, said, "s", f"{table.file}, column {table.header[index]!r}"))
+        np.asarray(to_si(values, stated, "s", f"{table.file}, column {table.header[index]!r}"))
     )
 
 
@@ -165,12 +165,12 @@ def unit_of(
         return wanted.choice.unit, ""
     topic, index = next(iter(wanted.places.values()))
     table, inside = topics[topic].table, inside_unit(wanted.channel, channel_units)
-    said = stated_unit(table, index)
-    if not said or not inside or measures(said, inside):
-        return said or inside, ""
+    stated = stated_unit(table, index)
+    if not stated or not inside or measures(stated, inside):
+        return stated or inside, ""
     if not table.stated_apart:
-        to_si(1.0, said, inside, f"{table.file}, column {table.header[index]!r}")
-    return inside, f"the unit {said} that the file states is no unit of it and is not used"
+        to_si(1.0, stated, inside, f"{table.file}, column {table.header[index]!r}")
+    return inside, f"the unit {stated} that the file states is no unit of it and is not used"
 
 
 def measures(unit: str, inside: str) -> bool:
@@ -310,7 +310,7 @@ def grid_of(
         )
     if rate is not None:
         grid = begin + np.arange(int((end - begin) * rate * (1.0 + 1e-9)) + 1) / rate
-        said = f"an even grid of {rate:g} Hz"
+        grid_text = f"an even grid of {rate:g} Hz"
     else:
         fastest = min(dict.fromkeys(leading), key=lambda n: float(np.median(np.diff(clocks[n][0]))))
         time = clocks[fastest][0]
@@ -318,8 +318,8 @@ def grid_of(
         steps = np.diff(time)
         step = float(np.median(steps))
         jitter = float(np.median(np.abs(steps - step)))
-        said = f"the clock of {topics[fastest].name}, {1.0 / step:.4g} Hz"
-        said += (
+        grid_text = f"the clock of {topics[fastest].name}, {1.0 / step:.4g} Hz"
+        grid_text += (
             f" with a jitter of {1e3 * jitter:.2g} ms" if jitter > UNEVEN_CLOCK_SHARE * step else ""
         )
     if grid.size < 2:
@@ -329,10 +329,10 @@ def grid_of(
             remedy=f"they cover {spans}",
         )
     if len(used) == 1:
-        return grid, f"the rows are those of {said}"
+        return grid, f"the rows are those of {grid_text}"
     return (
         grid,
-        f"{len(used)} topics are put on one grid, {said}: "
+        f"{len(used)} topics are put on one grid, {grid_text}: "
         f"{', '.join(topics[n].name for n in used)}",
     )
 
@@ -422,7 +422,7 @@ def _laid(
         )
     if wanted.is_input and own > SAME_RATE * step:
         way = wanted.choice.hold or hold or ("previous" if leaps(values) else "linear")
-        said = (
+        sentence = (
             f"its own samples come every {own:.3g} s and are "
             f"{'held' if way == 'previous' else 'joined by lines'} between them"
         )
@@ -430,9 +430,9 @@ def _laid(
             return (
                 values[np.clip(np.searchsorted(time, at, side="right") - 1, 0, time.size - 1)],
                 own,
-                said,
+                sentence,
             )
-        return np.interp(at, time, values), own, said
+        return np.interp(at, time, values), own, sentence
     return np.interp(at, time, values), own, ""
 
 
