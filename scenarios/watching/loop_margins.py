@@ -44,10 +44,10 @@ from sim.errors import DeclarationError, RecordError
 LOWEST_FREQUENCY = 0.2  # Hz
 HIGHEST_FREQUENCY = 10.0  # Hz
 FEWEST_SAMPLES_PER_PERIOD = 5.0  # samples in a period of the highest frequency
-STARTING_TIME = 2.0  # s that are collected before the rate is known
-# of ln(omega), by which a crossing lies inside the band before its margin is shown
+STARTING_TIME = 2.0  # s of rows that determine the rate
+# least distance of a crossing from the band's end, in ln(omega), for a margin to be shown
 CROSSING_DISTANCE = 0.1
-# of a period of the highest frequency, one sample at least: joined by a line
+# longest interpolated gap, share of the shortest period
 LARGEST_BRIDGED_GAP = 0.1
 SCHEMA = "flightid/margins/1"
 MAIN, HISTORY = "margins.json", "history.csv"
@@ -100,12 +100,17 @@ class MarginPoint:
 
 @dataclass
 class MarginSession:
-    """A loop on its way; ``take`` changes it.
+    """State of an on-line estimate of loop margins; ``take`` changes it.
 
-    ``band`` : Hz, as asked for. ``stream`` : the recursive transforms, once the rate is known;
-    ``step`` s. ``waiting`` : rows ``(1 + S, N)`` of a second that is not over. ``last`` : the last
-    row that was taken. ``gaps`` : that were too long to be joined. ``points`` : one a second.
-    ``moments`` : sums of products of one, excitation, command and returned signal.
+    Attributes
+    ----------
+    band : Hz, as requested.
+    stream, step : the recursive transforms and sample interval (s), once the rate is known.
+    waiting : rows ``(1 + S, N)`` of an incomplete second.
+    last : the last row.
+    gaps : number of gaps that were too long to interpolate.
+    points : margins, one per second.
+    moments : sums of products of one, excitation, command and returned signal.
     """
 
     names: LoopNames
@@ -254,7 +259,7 @@ def _point(session: MarginSession, time: float) -> MarginPoint:
     band = float(target.omega[0]), float(target.omega[-1])
     margins = _inside(stability_margins(target), *band)
     if margins.gain_increase is None and margins.phase is None:
-        # The band has not reached a crossing yet, and the least distance lies beyond it.
+        # No crossing in the band yet; the least distance lies beyond it.
         margins = replace(margins, distance=None)
     return MarginPoint(time, margins, band)
 

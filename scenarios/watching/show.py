@@ -166,7 +166,7 @@ def print_spectral_end(watch: Watch, session: SpectralSession) -> None:
 
 
 def beside_lines(session: SpectralSession | None, bank: Estimate) -> list[str]:
-    """The estimate in the frequency domain against that of the bank, whose data it shares."""
+    """Return lines that compare the frequency-domain estimate with that of the bank."""
     estimate = None if session is None else last_estimate(session)
     if estimate is None:
         return []
@@ -353,7 +353,7 @@ class Show:
 
 @contextmanager
 def display(watch: Watch) -> Iterator[Show]:
-    """Context manager that gives the display; on a terminal a live table."""
+    """Context manager that gives the display: a live table on a terminal, else lines."""
     show = Show(watch)
     with show.live if show.live is not None else nullcontext():
         yield show
@@ -578,7 +578,7 @@ class FollowLoop:
 
 @contextmanager
 def served_loop(watch: Watch, session: MarginSession, port: int | None) -> Iterator[FollowLoop]:
-    """Context manager that serves the live page of a loop and gives the callable that feeds it."""
+    """Context manager that serves the live page of a loop and gives a function that feeds it."""
     with served_feed(port) as feed:
         yield FollowLoop(watch, session, feed)
 
