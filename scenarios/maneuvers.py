@@ -109,15 +109,13 @@ class FoundManeuvers:
     Attributes
     ----------
     identity : the file.
-    record : its channels that were searched, SI; controls stand among the outputs, where samples
-        may be missing.
+    record : searched channels, SI; controls are among the outputs, which may have missing samples.
     maneuvers : in the order of their times.
     active : share of the time in which an input moves beyond its rest level.
     path : of the file, None if the record is in memory.
-    simulated : a program made it.
-    unread : columns that look like channels and were not read, by channel: a channel map names
-        them.
-    surfaces : of the channel map that are no control of the search.
+    simulated : the record is simulated.
+    unread : columns that look like channels but need a channel map, by channel.
+    surfaces : of the channel map, not used as controls in the search.
     """
 
     identity: InputFile

@@ -1,4 +1,4 @@
-"""The model that a study keeps on another record: predicted, printed and written."""
+"""Prediction of another record by the stored model of a study."""
 
 from __future__ import annotations
 
@@ -80,9 +80,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PredictionRequest:
-    """What a prediction is asked: a study folder, a record and how its columns are named; ``model``
-    and ``effects`` are a user's files, run, or what such files hold. ``tolerances`` : tests of
-    simulator qualification, see `scenarios.tolerances`.
+    """Request of a prediction: a study folder, a record and its columns.
+
+    ``model``, ``effects``: a user's files or their content. ``tolerances``: tests of simulator
+    qualification, see `scenarios.tolerances`.
     """
 
     study: Path
@@ -111,10 +112,10 @@ class Simulation:
 
 @dataclass(frozen=True, eq=False)
 class PredictionResult:
-    """A record predicted by a study's model: ``after`` with what the study found; ``before``, of a
-    diagnosis, as declared.
+    """A record predicted by a study's model.
 
-    ``simulated``: a program made the record, by what the JSON beside it says.
+    ``after``: by the identified model. ``before``: by the declared model of a diagnosis.
+    ``simulated``: the record is simulated, according to its JSON file.
     """
 
     study: Path
@@ -247,9 +248,7 @@ def _by_diagnosis(
 
 
 def vehicle_of_study(file: KeptFile, model: Path | OwnModel | None) -> VehicleFile:
-    """Return the study's vehicle, from the text that it keeps; of a user's own model with the file
-    that is named again.
-    """
+    """Return the study's vehicle from the stored text; for a user's model with its file."""
     own, text = file.file("model_file"), file.content["vehicle_text"]
     chosen: str | OwnModel = file.content["model"]
     if chosen == AIRCRAFT and text:  # its equations are its vehicle file, which is not run
@@ -277,8 +276,7 @@ def vehicle_of_study(file: KeptFile, model: Path | OwnModel | None) -> VehicleFi
         return read_vehicle(None, chosen)
     with tempfile.TemporaryDirectory(prefix="flightid-") as folder:
         entry = file.file("vehicle")
-        # A study may be somebody else's: whatever name it gives its vehicle file, nothing is
-        # written outside this folder.
+        # A study may be untrusted: its file names must not lead outside this folder.
         named = Path(entry.name).name.lstrip(".") if entry is not None else ""
         path = Path(folder) / (named or "vehicle.toml")
         write_text(path, text)
@@ -315,7 +313,7 @@ def _same(path: Path, known: InputFile, option: str) -> str:
 
 
 def _plan(kept: KeptModel, asked: Plan) -> Plan:
-    """Return the study's preparation, and of the record the part that is asked."""
+    """Return the study's preparation, with the requested part of the record."""
     reading = kept.reading
     hold = Hold(reading.hold) if reading.by_hand else None
     trusted = reading.trusted or asked.trusted
@@ -465,7 +463,7 @@ def _verdict(found: PredictionResult) -> tuple[str, str]:
     return f"{passed} of {count} tests passed", "good" if passed == count else "open"
 
 
-# ---- The page of a prediction: how far a kept model is from a record that it has not seen
+# ---- The page of a prediction
 
 
 def prediction_page(found: PredictionResult, drawn: Sequence[Drawn] = ()) -> Page:

@@ -1,6 +1,4 @@
-"""`design` in Python, which maneuver to fly; `structure`, the terms of a model from records; and
-`export`, models that leave the tool.
-"""
+"""Design of maneuvers (`design`), model structure (`structure`) and `export` in Python."""
 
 from __future__ import annotations
 
@@ -56,9 +54,7 @@ class Design:
 
     @property
     def chance(self) -> float:
-        """Probability, at least, that the best maneuver tells the effects apart; zero if none
-        were named.
-        """
+        """Least probability that the best maneuver separates the named effects; zero without."""
         return self.details.best.chance
 
     @property
@@ -72,9 +68,7 @@ class Design:
         return self.details.request.command()
 
     def maneuver(self, kind: str | None = None) -> Record:
-        """Return the input to be flown, of the best kind or another: a record without outputs, SI,
-        held between samples.
-        """
+        """Return the input of a maneuver (default: the best) as a record without outputs, SI."""
         from scenarios.maneuver_design.report import input_of
 
         chosen = next(
@@ -83,8 +77,9 @@ class Design:
         return record_of(input_of(chosen))
 
     def coherence(self, output: str, input: str, kind: str | None = None) -> pandas.DataFrame:
-        """Return the coherence and random error to expect of a response, by frequency in Hz; of the
-        best kind or another.
+        """Return expected coherence and random error of a response, by frequency (Hz).
+
+        ``kind``: of the maneuver; default: the best.
 
         Raises InputError if no band was requested, or there is no such response.
         """
@@ -170,8 +165,8 @@ def design(
     ----------
     model, vehicle : as in ``identify``.
     limits : a TOML file, or its content: ``{"nz_max": 2.5, "elevator_rate": "40 deg/s"}``.
-    tell : names of effects to be told apart, the first against each other one.
-    size : ``"typical"``, ``"found"``, or values of the first effect's own parameters.
+    tell : names of effects to separate, the first from each of the others.
+    size : of the first effect: ``"typical"``, ``"found"`` (barely detectable), or parameter values.
     value, noise, amplitude : derivatives, noise by output, largest deflection by input; numbers in
         SI or texts with a unit.
     duration, rate : s, samples a second.
@@ -325,7 +320,7 @@ def structure(
     records : one a maneuver, each a ``Record`` or whatever ``read_record`` takes; airspeed, alpha,
         beta, p, q, r, ax, ay, az and the surfaces of the file.
     vehicle : file of model ``aircraft``; its terms are a baseline or are not used.
-    validate : records whose coefficients are predicted, not fitted: ``predicted`` of the result.
+    validate : records that are predicted, not fitted; see ``predicted`` of the result.
     method : ``"stepwise"`` or ``"orthogonal"``.
     degree : of the products of signals offered.
     splines : knots in alpha.

@@ -107,7 +107,7 @@ class Diagnosis:
 
     @cached_property
     def parameters(self) -> Parameters:
-        """Parameters of the declared model with the claimed effects beside them."""
+        """Parameters of the declared model, fitted together with the claimed effects."""
         return _parameters(self.details.diagnosis.after)
 
     @property
@@ -193,7 +193,7 @@ class Diagnosis:
         )
 
     def to_markdown(self) -> str:
-        """The parameters as a Markdown table, with the digits that their sigmas make sensible."""
+        """Return the parameters as a Markdown table, with digits by their sigmas."""
         return self.parameters.to_markdown()
 
     def to_latex(self) -> str:
@@ -215,9 +215,7 @@ class Diagnosis:
         return diagnosis_content(self.details, datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"))
 
     def to_state_space(self, pade: int = 4) -> control.StateSpace:
-        """Return the declared model with ``parameters``, as python-control's with named signals;
-        the claimed effects are no part of it.
-        """
+        """Return the declared model with ``parameters`` for python-control, without the effects."""
         from ident.flying_qualities.modes import to_control
         from scenarios.identification.low_order import linearised
         from sim.declaration.compile import compile_model

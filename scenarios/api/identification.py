@@ -117,7 +117,7 @@ class Identification:
 
     @property
     def intervals(self) -> dict[str, tuple[float, float]]:
-        """Profile-likelihood intervals where they were asked; an end that is open is infinite."""
+        """Profile-likelihood intervals, if requested; an open end is infinite."""
         ends = {each.name: (each.low, each.high) for each in self.details.found.intervals}
         return {
             name: (-math.inf if low is None else low, math.inf if high is None else high)
@@ -189,7 +189,7 @@ class Identification:
         return self.parameters.to_dataframe()
 
     def to_markdown(self) -> str:
-        """The parameters as a Markdown table, with the digits that their sigmas make sensible."""
+        """Return the parameters as a Markdown table, with digits by their sigmas."""
         return self.parameters.to_markdown()
 
     def to_latex(self) -> str:
@@ -320,7 +320,7 @@ def identify(
     maneuver : maneuvers that are used instead, by number or name, one or a list.
     maneuvers : what ``find_maneuvers`` returned, or the path of its ``maneuvers.toml``; None takes
         the one beside the record.
-    aircraft_class, category : by which levels of flying qualities are told.
+    aircraft_class, category : for levels of flying qualities.
 
     Raises
     ------

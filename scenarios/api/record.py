@@ -89,7 +89,7 @@ class Record:
 
     @property
     def output_names(self) -> tuple[str, ...]:
-        """Channels that are no controls."""
+        """Names of all channels but the controls."""
         return tuple(name for name in self.names if name not in self.input_names)
 
     @cached_property

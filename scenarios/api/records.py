@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     import xarray
 
 
-# ---- What a record says of itself to whatever converts or draws it
+# ---- Contents of a record, for conversion and plots
 
 
 class Recorded(Protocol):
@@ -89,7 +89,7 @@ def columns_of(file: RecordFile) -> dict[str, ChannelColumn]:
     """
     taken: dict[int, tuple[str, ChannelColumn]] = {}
     under = file.table.units or ("",) * len(file.table.header)
-    # what is mapped is nothing else
+    # a mapped column is no other channel
     for name in sorted(CHANNEL_UNITS, key=lambda each: each not in file.choices):
         found, unit = _found(file, name), CHANNEL_UNITS[name]
         if (
@@ -425,9 +425,9 @@ def _digest(table: CellTable) -> str:
 
 @dataclass(frozen=True)
 class ContainerFacts:
-    """What a container says of a record besides its numbers; None and empty if it does not say.
+    """Facts on a record in its container, besides the numbers; None or empty if not stated.
 
-    ``unreadable``: names of variables that are not one value a sample, and why.
+    ``unreadable``: variables without one value per sample, with the reason.
     """
 
     units: Mapping[str, str] = field(default_factory=dict)
@@ -585,7 +585,7 @@ def _of_dataset(dataset: xarray.Dataset) -> tuple[Mapping[str, Any], ContainerFa
     )
 
 
-# ---- Whatever holds a record, opened as a record file, with what is said of it
+# ---- Records in any form, opened as record files
 
 Units = Mapping[str, str]
 # A channel map: channel -> column, with its unit where the column does not say it; or the path of a

@@ -74,7 +74,7 @@ class Parameter:
 
     @property
     def determined(self) -> bool:
-        """Whether the record says anything of it."""
+        """Whether the record determines it."""
         return determined(self.value, self.sigma)
 
     def __float__(self) -> float:
@@ -125,7 +125,7 @@ class Parameters(Mapping[str, Parameter]):
         return pandas.DataFrame(columns, index=index)
 
     def to_markdown(self) -> str:
-        """Return a Markdown table with the digits that the sigmas make sensible."""
+        """Return a Markdown table with digits by the sigmas."""
         from scenarios.report.folder import to_markdown
 
         return to_markdown(self._table(""))
@@ -175,7 +175,7 @@ def write_sheets(path: str | PathLike[str], sheets: Mapping[str, Parameters]) ->
 
 
 def row_of(item: Parameter) -> tuple[str, str, str, str]:
-    """Name, unit, value and sigma with the digits that the sigma makes sensible."""
+    """Return name, unit, value and sigma with digits by the sigma."""
     unit = item.unit if item.unit != "1" else ""
     if not item.determined:
         return item.name, unit, "not determined", "-"

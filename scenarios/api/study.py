@@ -95,7 +95,7 @@ Settings = Mapping[str, Any] | Sequence[str] | None
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Study:
-    """A scenario that has been run: what is true, what was estimated, how sure.
+    """Result of a scenario: true values, estimates and sigmas.
 
     Attributes
     ----------
@@ -138,9 +138,7 @@ class Study:
 
     @cached_property
     def true(self) -> dict[str, float]:
-        """True values by name, of those parameters that have one; what the fitted model should find
-        where that is another.
-        """
+        """True values by name; for a simplified model, the values that it should find."""
         if self.kind == IDENTIFICATION:
             return {
                 row.name: row.reference
@@ -192,7 +190,7 @@ class Study:
         return frame
 
     def to_markdown(self) -> str:
-        """The parameters as a Markdown table, with the digits that their sigmas make sensible."""
+        """Return the parameters as a Markdown table, with digits by their sigmas."""
         return self.parameters.to_markdown()
 
     def to_latex(self) -> str:
@@ -351,8 +349,11 @@ COLUMNS = ("unit", "reference", "bias", "scatter", "reported", "within_one", "wi
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Campaign:
-    """Estimates of many runs against what is true. ``details``: the complete internal result;
-    ``noise_levels``: whether these are looked for also where no sigma is wrong."""
+    """Estimates of many runs, compared with the truth.
+
+    ``details``: the complete internal result. ``noise_levels``: noise levels are estimated even if
+    no sigma is wrong.
+    """
 
     details: campaigns.CampaignRuns
     noise_levels: bool = False
@@ -374,7 +375,7 @@ class Campaign:
 
     @property
     def coverage(self) -> float:
-        """Share of two-sigma intervals of all parameters that hold the reference."""
+        """Share of two-sigma intervals, over all parameters, that contain the reference."""
         return self.details.pooled.within_two
 
     @property

@@ -78,8 +78,8 @@ def maneuvers(
     from scenarios.commands.records import search_record
 
     plan = plan_of(rate=rate, columns=columns)
-    with output.of("maneuvers.json") as settings:
-        search_record(record, channels, plan, settings.out, settings.figures)
+    with output.of("maneuvers.json") as target:
+        search_record(record, channels, plan, target.out, target.figures)
 
 
 # ---- flightid response
@@ -202,7 +202,7 @@ def response(
 
     plan = preparation.plan(records)
     request = Request(tuple(records), channels=preparation.channels, plan=plan)
-    with output.of("responses.json") as settings:
+    with output.of("responses.json") as target:
         respond(
             request,
             (tuple(inputs or ()), tuple(outputs or ()), tuple(references or ())),
@@ -211,8 +211,8 @@ def response(
             bandwidth,
             margins,
             (levels, airspeed),
-            settings.out,
-            settings.figures,
+            target.out,
+            target.figures,
             (pilot, pilot_delay),
             (model, vehicle),
         )
@@ -282,14 +282,9 @@ def identify(
         aircraft_class=aircraft_class,
         flight_phase=category,
     )
-    with output.of("comparison.json") as settings:
+    with output.of("comparison.json") as target:
         identify_records(
-            request,
-            method,
-            settings.out,
-            settings.figures,
-            options_of(profile, band, engine),
-            matrices,
+            request, method, target.out, target.figures, options_of(profile, band, engine), matrices
         )
 
 
@@ -346,8 +341,8 @@ def diagnose(
         aircraft_class,
         category,
     )
-    with output.of("diagnosis.json") as settings:
-        diagnose_records(request, settings.out, settings.figures, progress=settings.progress)
+    with output.of("diagnosis.json") as target:
+        diagnose_records(request, target.out, target.figures, progress=target.progress)
 
 
 # ---- flightid check
@@ -366,11 +361,11 @@ def check(
     from scenarios.commands.records import check_records
 
     plan = preparation.plan(records, trusted=trust)
-    with output.of("compatibility.json") as settings:
+    with output.of("compatibility.json") as target:
         check_records(
             Request(tuple(records), vehicle=vehicle, channels=preparation.channels, plan=plan),
-            settings.out,
-            settings.figures,
+            target.out,
+            target.figures,
         )
 
 
@@ -443,14 +438,9 @@ def survey(
         quiet=quiet,
         as_json=as_json,
         documents=["survey.json"],
-    ) as settings:
+    ) as target:
         survey_records(
-            flights,
-            settings.out,
-            jobs,
-            settings.figures,
-            progress=settings.progress,
-            cluster=cluster,
+            flights, target.out, jobs, target.figures, progress=target.progress, cluster=cluster
         )
 
 
@@ -578,22 +568,20 @@ def watch(
     )
     if margins is not None:
         names = loop_names(margins, inputs or (), outputs or (), excitation)
-        with output_options(out, (), quiet=quiet, as_json=as_json, documents=[MAIN]) as settings:
-            watch_loop(
-                record, names, channels, settings.out, idle, until_end, page, port, plan, band
-            )
+        with output_options(out, (), quiet=quiet, as_json=as_json, documents=[MAIN]) as target:
+            watch_loop(record, names, channels, target.out, idle, until_end, page, port, plan, band)
         return
     assert model is not None
     with output_options(
         out, (), quiet=quiet, as_json=as_json, documents=["comparison.json"]
-    ) as settings:
+    ) as target:
         watch_stream(
             record,
             model,
             vehicle,
             reference,
             channels,
-            settings.out,
+            target.out,
             idle,
             until_end,
             refine,

@@ -58,11 +58,9 @@ class CompatibilityCheck:
     """A check with what it was made from. ``vehicle`` is None if no vehicle file was given or
     found.
 
-    ``declared_speed``: m/s, of the vehicle file, where a record has no airspeed of its own.
-    ``declared_density``: kg/m3, of the vehicle file, where an airspeed was made of a dynamic
-    pressure. None if they were not used. ``notes`` say how records were prepared, ``look`` what
-    their raw columns show, ``simulated`` whether a program made all of them, as the JSON beside
-    them says.
+    ``declared_speed`` (m/s), ``declared_density`` (kg/m3): of the vehicle file; None if not used.
+    ``notes``: on the preparation. ``look``: check of the raw columns. ``simulated``: all records
+    are simulated, according to their JSON files.
     """
 
     result: Compatibility
@@ -209,9 +207,7 @@ def settings_of(vehicle: VehicleFile) -> CompatibilitySettings:
 
 
 def _airspeed_of(vehicle: VehicleFile) -> float | None:
-    """Return the declared airspeed; of equations that know the airspeed the one that they are
-    referred to.
-    """
+    """Return the declared or reference airspeed of the vehicle file."""
     known = [vehicle.constants[name] for name in AIRSPEEDS if name in vehicle.constants]
     if not known and vehicle.own is not None and AIRSPEEDS[0] in vehicle.own.initial:
         known = [vehicle.own.initial[AIRSPEEDS[0]].value]  # where the motion begins
@@ -225,11 +221,10 @@ def record_to_check(
     choices: Mapping[str, ColumnChoice] | None = None,
     vehicle: VehicleFile | None = None,
 ) -> tuple[Record, tuple[str, ...], RecordCheck]:
-    """Return a part of a file with every channel that the kinematics know, sentences on how it was
-    prepared, and what its raw columns show.
+    """Return a part of a file for the kinematic check, notes, and the check of raw columns.
 
-    ``choices``: a channel map. ``vehicle``: its air density makes an airspeed of a recorded dynamic
-    pressure where none is recorded.
+    ``choices``: a channel map. ``vehicle``: gives the air density to compute airspeed from dynamic
+    pressure.
 
     Raises
     ------
@@ -239,7 +234,7 @@ def record_to_check(
     from scenarios.files.records import read_with_notes
     from scenarios.preparation.filtering import filtered, named
 
-    # An input tells where a load may jump between two samples; it may be absent, and may have gaps.
+    # Inputs show where loads may jump between samples; they are optional and may have gaps.
     known = (*CHANNELS, PRESSURE, *INPUTS)
     named_file = with_names(file, plan.columns)
     read, notes = read_with_notes(
@@ -302,9 +297,7 @@ def _expected(vehicle: VehicleFile | None) -> Expectations:
 
 
 def _with_speed(record: Record, vehicle: VehicleFile | None) -> tuple[Record, str]:
-    """Return the record without its dynamic pressure, but with the airspeed that this makes where
-    none is recorded and the air's density is known.
-    """
+    """Return the record with airspeed computed from dynamic pressure, if needed and possible."""
     if PRESSURE not in record.output_names:
         return record, ""
     pressure = record[PRESSURE]

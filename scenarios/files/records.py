@@ -76,8 +76,8 @@ def read_with_notes(
     that no argument names are not read. Row numbers in messages are those of the file: the first
     line of a CSV file is row 1, the first sample of a Parquet or MAT file is row 1.
 
-    The rows from ``start`` to ``stop`` are one block in the order of the file. Each end is placed
-    where it contradicts the fewest time stamps; wrong stamps inside are reported.
+    The rows from ``start`` to ``stop`` are one block of the file. Its ends are placed so that the
+    fewest time stamps contradict them; wrong stamps inside are reported.
 
     Parameters
     ----------
@@ -230,8 +230,7 @@ def has_clock(file: RecordFile, channel_map: Mapping[str, ColumnChoice] | None =
 
 
 def refuse_rate(file: RecordFile, channel_map: Mapping[str, ColumnChoice] | None = None) -> None:
-    """Raise RecordError if a file has one clock, so that no rate is missing: for a search among
-    the samples as they were taken."""
+    """Raise RecordError if a rate is given for a file with a clock, for a search for maneuvers."""
     if has_clock(file, channel_map):
         raise RecordError(
             "the file has a clock of its own",
@@ -279,11 +278,9 @@ def _columns(
 
 
 def rows_between(time: np.ndarray, start: float | None, stop: float | None) -> slice:
-    """Return the block of rows from ``start`` to ``stop``, s, both inclusive, by the fewest
-    contradicted stamps.
+    """Return the rows from ``start`` to ``stop`` (s, inclusive) with the fewest wrong stamps.
 
-    ``time`` has shape ``(N,)`` and may hold NaN, which has no say. An end that was requested stands
-    at a row inside the window.
+    ``time``: ``(N,)``, may have NaN, which are ignored. A requested end is at a row in the window.
     """
     low, high = -math.inf if start is None else start, math.inf if stop is None else stop
     inside = (time >= low) & (time <= high)
@@ -547,7 +544,7 @@ def _sized(table: CellTable, column: SourceColumn) -> Numbers:
 
 
 def _check_cells(table: CellTable, column: SourceColumn, content: Numbers, rows: slice) -> None:
-    """Refuse, within the window, the first row that is ragged, holds text or an infinite number."""
+    """Raise RecordError for the first row that is ragged, or has text or an infinite number."""
     inside = range(rows.start, rows.stop)
     for position in sorted(set(table.ragged) & set(inside))[:1]:
         what = f"{table.ragged[position]} cells under a header of {len(table.header)}"

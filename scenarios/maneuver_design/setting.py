@@ -49,7 +49,7 @@ from sim.maneuvers import (
 from sim.maths import complex_step_jacobian
 from sim.record import Channel, Hold, Record
 
-# ---- What a design is asked, in the words of its command line, which do it again
+# ---- Request of a design, in the words of its command line
 
 TYPICAL, JUST_FOUND = "typical", "found"
 
@@ -62,12 +62,12 @@ class DesignRequest:
     ----------
     model, vehicle : as of ``identify``.
     limits : a TOML file, or its content.
-    tell : names of effects to be told apart, the first against each other one.
+    tell : names of effects to separate, the first from each of the others.
     size : ``typical``, ``found`` (just found in the reference maneuver), or ``KEY=VALUE,...`` of
         the first effect's own parameters.
     values : derivatives that are better known than from the vehicle file.
     noise, amplitude : by output, by input.
-    duration, rate : s and samples a second; None: as the model's roots, or the band, ask for.
+    duration, rate : s, samples per second; None: by the model's roots or the band.
     band : Hz; sweeps and multisines over it, compared by the frequency responses that they give.
     computer : a flight computer moves the controls, not a pilot.
     """
@@ -247,7 +247,7 @@ OVER_A_BAND = ("sweep", "multisine")  # kinds that take a band
 PACE_IS = {"3-2-1-1": "step", "doublet": "step", "sweep": "up to", "multisine": "up to"}
 
 
-# ---- From what is asked to what flies
+# ---- From the request to the setting
 
 # Standard deviations of usual instruments, SI and g, where nobody names any.
 INSTRUMENTS: Mapping[str, float] = {

@@ -142,7 +142,7 @@ def units_shown(design: DesignResult) -> Mapping[str, str]:
 
 # ---- Tables
 
-# outputs whose extremes stand in the table, those that the model has
+# outputs with extremes in the table, if the model has them
 SHOWN = ("nz", "alpha", "q", "beta", "p", "r", "phi", "ny", "airspeed")
 
 

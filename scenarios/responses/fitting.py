@@ -43,7 +43,7 @@ from sim.errors import DeclarationError, ModelError, RecordError
 
 # ---- Transfer functions fitted to the estimated responses
 
-NO_DELAY = 1e-9  # s, below which a delay is rounding
+NO_DELAY = 1e-9  # s, smaller delays are rounding errors
 # limit of the Cramer-Rao bound, share of a value (Tischler and Remple)
 LARGEST_CRAMER_RAO_SHARE = 0.2
 # limit of the insensitivity, share of a value (Tischler and Remple)
@@ -235,7 +235,7 @@ def _mismatch(
 
 
 def cost_sentence(function: FittedResponse) -> str:
-    """``"cost 12.3: hardly to be told from the data (below 50)"``."""
+    """Return ``"cost 12.3: close to the data (below 50)"``."""
     cost = function.cost
     if cost <= NEARLY_PERFECT_COST:
         verdict = f"close to the data (below {NEARLY_PERFECT_COST:g})"
@@ -356,8 +356,9 @@ class ModelOptions:
 
 @dataclass(frozen=True, eq=False)
 class FittedResponseModel:
-    """A model fitted to the responses at ``places`` ``(row, column)``; ``model`` its name,
-    ``units`` by parameter, ``sentences`` on what was done, ``file`` the vehicle file that was read.
+    """A linear model fitted to the responses at ``places`` ``(row, column)``.
+
+    ``model``: its name. ``units``: by parameter. ``sentences``: notes. ``file``: vehicle file.
     """
 
     model: str
@@ -412,10 +413,10 @@ def model_fit_of(
 ) -> FittedResponseModel | None:
     """Fit the model to all responses that have a usable band; None if none is named.
 
-    The model is linearised about rest, or about level flight if it has one, which stays where
-    the starting values have it. A delay of all inputs is free unless it is fixed. ``hold_step`` :
-    s, hold of inputs whose hold was taken out of the responses: an output that the input moves at
-    once does not lag by the hold, so that the model is sampled like the record.
+    The model is linearised about rest, or about level flight at the starting values. A delay of all
+    inputs is free unless fixed. ``hold_step``: s, hold of the inputs, which was removed from the
+    responses. Outputs with direct feedthrough have no lag by the hold, so the model is sampled as
+    the record is.
 
     Raises
     ------

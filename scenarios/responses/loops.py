@@ -47,14 +47,13 @@ class LoopMargins:
     Attributes
     ----------
     name : ``"returned/command"``.
-    sign : ``"minus"`` where the returned signal is subtracted.
+    sign : ``"minus"`` if the returned signal is subtracted.
     curve, margins : of all records together.
-    maneuvers : of each part by itself, None if it gives no estimate; ``parts``: their names,
-        ``reasons``: why, by name.
-    worst : the least of each margin over the parts; empty with one part.
-    cautions : what a user should know.
-    contradicted : whether excitation, command and returned signal say the other sign; the margins
-        are then those of another loop.
+    maneuvers : margins of each part, None without an estimate; ``parts``: names of the parts,
+        ``reasons``: why there is no estimate, by name.
+    worst : smallest value of each margin over the parts; empty with one part.
+    cautions : on the result.
+    contradicted : the signals have the opposite sign; the margins are then those of another loop.
     """
 
     name: str
@@ -70,7 +69,7 @@ class LoopMargins:
 
 
 def refuse_loop(sign: str | None, names: Names) -> None:
-    """Raise DeclarationError for no sign of a loop, or for signals that are no single loop."""
+    """Raise DeclarationError without a sign, or if the signals are not a single loop."""
     if sign is None:
         return
     if sign not in (MINUS, PLUS):
@@ -165,8 +164,7 @@ def _products(read: ReadSignals) -> np.ndarray:
 
 
 def fitting_sign(products: np.ndarray) -> str | None:
-    """Return the sign by which command and returned signal make up the reference; None if they
-    do not decide it.
+    """Return the sign of the feedback according to the signals; None if undecided.
 
     A loop that subtracts has reference = command + returned, by which the two have regression
     coefficients of one sign.
@@ -229,7 +227,7 @@ def interval_text(margin: Margin) -> str:
 
 
 def margin_lines(loop: LoopMargins) -> list[str]:
-    """Comparison of the margins with the required ones, and what is undetermined."""
+    """Return lines that compare the margins with the required ones."""
     out = []
     named = loop.margins.named
     sizes = [

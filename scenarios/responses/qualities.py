@@ -278,15 +278,17 @@ def qualities_of(
     limits: LevelOptions = NO_LEVELS,
     pilot: PilotDemand | None = None,
 ) -> tuple[Qualities, ...]:
-    """Flying qualities of every response with a usable band; ``kind`` : of the outputs, rate or
-    attitude; None leaves bandwidth and phase delay out. ``limits`` : of the levels of fitted
-    forms. ``pilot`` : what is asked of Neal and Smith's."""
+    """Return the flying qualities of every response with a usable band.
+
+    ``kind``: of outputs, rate or attitude; None: no bandwidth and phase delay. ``limits``: of
+    levels of fitted forms. ``pilot``: of the Neal-Smith criterion.
+    """
     limits.refuse_unused(fits)
     if pilot is not None and kind is None:
         remedy = f"say what the outputs are with --bandwidth, {RATE} or {ATTITUDE}"
         raise DeclarationError("a pilot needs an attitude", where="--pilot", remedy=remedy)
     out = []
-    # With a pitch rate beside it a second-order response is that of the angle of attack.
+    # If there is also a pitch rate, a second-order response is that of the angle of attack.
     lateral = fits is None or all(each.form.name != PITCH for each in fits.fit.functions)
     for row, output in enumerate(names.outputs):
         for column, one in enumerate(names.inputs):

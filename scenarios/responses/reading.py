@@ -1,7 +1,7 @@
 """Signals of record files by the names of their columns, for frequency responses.
 
-A name is a channel of flightid, which is then read as everywhere (SI, radians), or the header of
-any column, whose numbers and unit stay as they are. Of a log of several topics ``TOPIC.FIELD``.
+A name is a channel of flightid (SI, radians), or the header of any column, whose numbers and unit
+are not changed; ``TOPIC.FIELD`` in a log of several topics.
 """
 
 from __future__ import annotations
@@ -199,10 +199,10 @@ def _read(
 
 
 def _rows_with_outputs(record: Record) -> tuple[Record, list[str]]:
-    """The record without the rows in which outputs are missing for long, and what was left out.
+    """Return the record without long dropouts of outputs, and notes on them.
 
-    A line through a dropout is no response to what the input does meanwhile. Of outputs at a lower
-    rate than the rows, their own rows are kept.
+    Interpolation over a dropout would hide the response. For outputs at a lower rate, only rows
+    with samples are kept.
     """
     valid = np.all([channel.valid for channel in record.outputs], axis=0)
     if valid.all() or np.count_nonzero(valid) < FEWEST_SAMPLES:

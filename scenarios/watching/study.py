@@ -117,7 +117,7 @@ def first_pass_so_far(session: Session, step: WatchStep | None = None) -> SoFar:
     }
     hanging |= {name for name, far in ended.items() if far >= began.get(name, np.inf)}
     spans = {**ended, "delay": step.delay_spread}
-    # Not at the ends of the grid of delays.
+    # A spread as wide as a uniform distribution over the grid: the delay is undetermined.
     hanging |= {"delay"} if step.delay_spread >= float(np.ptp(bank.delays)) / 12.0**0.5 else set()
     wide = {
         name: (value, float(np.hypot(sigma, spans.get(name, 0.0))))
