@@ -1,9 +1,8 @@
-"""Columns of topics with clocks of their own, on one grid of times.
+"""Merge columns of topics with different clocks on one time grid.
 
-Rules of the merge, each said in a note: the grid is the clock of the fastest topic that an output
-comes from, over the time that all topics share; a faster column passes a zero-phase low-pass first;
-an output that is slower has samples only at the grid times nearest to its own, so that the fit
-knows its rate; an input is continued between its own samples, held or linear.
+The grid is the clock of the fastest topic with an output, over the time common to all topics.
+Faster columns are low-pass filtered (zero phase). Slower outputs have samples only at the grid
+times nearest to their own. Inputs are held or linear between their samples. Notes report this.
 """
 
 from __future__ import annotations
@@ -62,9 +61,10 @@ class Wanted:
 
 
 def clock_place(table: CellTable) -> int | None:
-    """The column that is the clock of a table: ``time`` before other names of clocks, before a
-    first column without a name that holds dates, as pandas writes an index; None if there is
-    none."""
+    """Return the column with the clock of a table, or None.
+
+    In this order: ``time``, other names of clocks, an unnamed first column with dates (pandas).
+    """
     named = [index for index, cell in enumerate(table.header) if is_clock(split_header(cell)[0])]
     first = [
         index for index in named if split_header(table.header[index])[0].strip().lower() == TIME
@@ -151,11 +151,10 @@ def stated_unit(table: CellTable, index: int) -> str | None:
 def unit_of(
     wanted: Wanted, topics: Sequence[Topic], channel_units: Mapping[str, str]
 ) -> tuple[str | None, str]:
-    """Return the unit of a channel's numbers, and a sentence on a stated one that is not used;
-    None: columns of stated units are computed with in SI.
+    """Return the unit of a channel's numbers, and a note on an unused stated unit.
 
-    The unit of the choice goes first, then the one that the file states for a column that is taken
-    as it stands.
+    The unit of the choice has precedence over that of the file. None for expressions over columns
+    with units, which are computed in SI.
 
     Raises
     ------
@@ -261,7 +260,7 @@ def merged(
 def topic_clocks(
     file: RecordFile, topics: Sequence[Topic], used: Sequence[int]
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Topic -> times in order, s, from one origin, and the rows that they belong to."""
+    """Return ordered times (s, common origin) and their rows, by topic."""
     result: dict[int, Clock] = {}
     for number in used:
         table = topics[number].table
@@ -437,9 +436,7 @@ def _laid(
 
 
 def leaps(values: np.ndarray) -> bool:
-    """Return whether a signal rests most of the time, to the last digit, and moves in single steps,
-    as a command that a computer holds.
-    """
+    """Return whether a signal is constant except for single steps, as a computer's command."""
     moves = np.diff(values) != 0.0
     return bool(np.mean(moves) < 0.3) if moves.size else True
 

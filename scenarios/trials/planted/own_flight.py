@@ -1,7 +1,6 @@
 """Flights of a user model from options of the command line: maneuvers, noise and hidden effects.
 
-What is made is the document of a scenario, as its file would have it, so that everything behind it
-is that of scenarios.
+The options become the document of a scenario file, which is then processed as any scenario.
 """
 
 from __future__ import annotations
@@ -188,8 +187,9 @@ def _value(text: str) -> Any:
 def _usual(
     needed: Sequence[str], amplitude: float, pulse: float, place: int, count: int
 ) -> dict[str, Any]:
-    """Return the properties of a maneuver that the roots suggest; inputs one after the other, of
-    multisines each with harmonics of its own.
+    """Return default properties of a maneuver, by the model's roots.
+
+    Inputs move one after the other; multisines have separate harmonics.
     """
     usual = {
         "amplitude": amplitude,
