@@ -307,7 +307,7 @@ class OutputOptions:
     progress: bool
 
 
-_COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # of a terminal
+_COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # escape sequences of a terminal
 
 
 class _Copied(io.TextIOBase):

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 # ---- flightid list, flightid effects and flightid vehicles: what there is
 
-TERMINAL_COLUMNS = 80  # of a terminal, which a list fits
+TERMINAL_COLUMNS = 80  # width of lists
 UNLIMITED = 1e9  # in SI: what effects write for no bound
 
 
@@ -233,7 +233,7 @@ def _believed(effect: Effect, name: str, factor: float) -> str:
 # ---- flightid models
 
 SAME_VALUE_TOLERANCE = 1e-12  # relative, of a call with arrays to single ones: rounding
-SLOPE_TOLERANCE = 1e-5  # of complex steps to differences, whose own error is smaller
+SLOPE_TOLERANCE = 1e-5  # between complex steps and differences, whose error is smaller
 
 
 def show_models(name: str | None) -> None:

@@ -216,7 +216,7 @@ class Overflows:
         return counting
 
 
-DESIGN_DIGITS = 4  # of every number that is asked: what is printed is what was designed with
+DESIGN_DIGITS = 4  # digits of a design's inputs, so that printed numbers repeat it
 # s, shortest and longest flight of a design
 SHORTEST, LONGEST = 10.0, 20.0
 # a hand is quicker, in peaks a second, where it does not go to the full deflection

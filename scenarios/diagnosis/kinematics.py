@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from scenarios.files.vehicles import VehicleFile
     from scenarios.preparation.plan import Plan, Segment
 
-RECORDS_NAMED = 4  # of those checked
+RECORDS_NAMED = 4  # checked records that are named
 AGREEING_SIGMAS = 3.0  # standard deviations within which two values agree
 PARAMETERS = {
     "delay": "delay",

@@ -221,7 +221,7 @@ def _first_piece(handle: int) -> bytes:
 # ---- JSON and TOML texts as plain values, with limits on size and depth
 
 DEEPEST_NESTING = 64  # tables and lists inside each other
-MOST_DIGITS = 300  # of a whole number, which then fits into a float
+MOST_DIGITS = 300  # longest whole number, so that it fits into a float
 _documents_SHOWN = 40  # characters of what is wrong
 
 

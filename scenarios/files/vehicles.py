@@ -66,7 +66,7 @@ _READERS = {"rigid": ("rigid", "flexible")}
 _SHARE = re.compile(r"\s*(\d+\.?\d*|\.\d+)\s*%\s*", re.ASCII)
 _MODAL_START = re.compile(r"(?:C[Lm]_eta(?:dot)?(\d+)|Ceta(\d+)_\w+)")
 RELATIVE_PRIOR = 0.5
-OF_TYPICAL = 0.01  # of the largest start, where one is zero
+OF_TYPICAL = 0.01  # typical size of a zero start, share of the largest one
 
 
 @dataclass(frozen=True)

@@ -68,7 +68,7 @@ PAPER_START = {
     "inv_tau": 7.92,
     "delay": 0.0,
 }
-SIMULATION_SHARE = 0.1  # of the flight's noise deviations: R / 100
+SIMULATION_SHARE = 0.1  # share of the flight's noise sigmas: R / 100
 
 
 def loes_filter_system(

@@ -36,7 +36,7 @@ ACCELERATION_DENSITY = 1.0  # (m/s2)^2 s, start of the noise that forces a falli
 TURBULENCE = "gust-turbulence"
 # Starting process noise: share of a state's typical change in one second.
 PROCESS_NOISE_SHARE = 0.1
-TRIAL_OFFSET = 0.1  # from rest, where rates are tried for a parameter that acts
+TRIAL_OFFSET = 0.1  # offset from rest at which effects of parameters on rates are tested
 FILTER_AGREEMENT_SIGMAS = 3.0  # prior of a filter's first pass about a fit, in sigmas of the fit
 # prior of a filter about a fit, in sigmas of the fit; the data then count 1 + 1/400 times
 FILTER_PRIOR_SIGMAS = 20.0

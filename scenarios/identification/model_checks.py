@@ -41,7 +41,7 @@ PULSES_BETWEEN_DOUBLETS = 8.0  # pulses from one doublet to the next
 STEPS_PER_PULSE = 20.0  # steps in a pulse, and within the quickest root's time
 MOST_STEPS = 4000
 RUNAWAY_GROWTH = 1e6  # growth beyond which a motion has run away
-LARGEST_SLOPE = 1e20  # of a slope by any unknown
+LARGEST_SLOPE = 1e20  # limit of sensitivities
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,11 +164,11 @@ def _stepped(value: float, column: int, count: int) -> np.ndarray:
 SHAPE = (3, 5)
 # distance of points at which functions are compared, share of a value
 TRIAL_OFFSET = 0.01
-DIFFERENCE_STEP_SHARE = 1e-6  # of a value, or of ``TRIAL_OFFSET``: step of central differences
-NOISE_SHARE = 0.01  # of an output's largest value: the noise in which the parameters are sought
-# of the largest eigenvalue of the scaled information, below which a direction is not in the data
+DIFFERENCE_STEP_SHARE = 1e-6  # step of central differences over the value or ``TRIAL_OFFSET``
+NOISE_SHARE = 0.01  # assumed noise over an output's largest value
+# Eigenvalue of the scaled information over the largest one, below which a direction is unknown.
 UNDETERMINED_EIGENVALUE_SHARE = 1e-10
-LEAST_DIRECTION_SHARE = 1e-3  # of such a direction that makes a parameter part of it
+LEAST_DIRECTION_SHARE = 1e-3  # component of a parameter in such a direction
 
 
 @dataclass(frozen=True)

@@ -84,7 +84,7 @@ ANGLE_OF_ATTACK = 8.0 * DEGREE  # rad, on either side of the trim
 PITCH_LIMIT = 20.0 * DEGREE  # rad, on either side of the trim
 AIRSPEED_LIMIT_SHARE = 0.1  # share of the airspeed, on either side
 DEFLECTION_LIMIT = 5.0 * DEGREE
-THRUST_LIMIT_SHARE = 0.05  # of the weight
+THRUST_LIMIT_SHARE = 0.05  # share of the weight
 
 
 @dataclass(frozen=True)

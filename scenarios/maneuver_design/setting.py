@@ -116,9 +116,9 @@ class DesignRequest:
 
 # ---- Maneuvers of equal peak amplitude and equal length
 
-TAPER = 0.05  # of a sweep's length
-SWEEP_START_SHARE = 0.3  # of the roots' frequency, where a sweep begins if its length allows
-MOST_HARMONICS = 60  # of all inputs together
+TAPER = 0.05  # tapered share of a sweep
+SWEEP_START_SHARE = 0.3  # lowest frequency of a sweep over that of the roots
+MOST_HARMONICS = 60  # over all inputs
 
 
 @dataclass(frozen=True)
@@ -263,12 +263,12 @@ INSTRUMENTS: Mapping[str, float] = {
     },
     **{"airspeed": 0.2, "theta": 0.0015, "nx": 0.004},
 }
-NOISE_SHARE = 0.01  # of an output's largest move under doublets, of a user's own model
+NOISE_SHARE = 0.01  # user models: noise over the largest response to doublets
 SAMPLE_RATE = 50.0  # samples a second
 DURATION = 20.0  # s
-SAMPLES_PER_PULSE = 20.0  # of a user model: samples in a pulse
-PULSES = 40.0  # of a user model: pulses in its flight
-SLOW_ROOT_SHARE = 0.1  # of the quickest root: a slower one sets no step
+SAMPLES_PER_PULSE = 20.0  # user models: samples in a pulse
+PULSES = 40.0  # user models: pulses in a flight
+SLOW_ROOT_SHARE = 0.1  # roots slower than this share of the fastest do not affect the step
 PER_PERIOD = 10.0  # samples in a period of the highest frequency of a band
 SWEEP_PERIODS = 5.0  # periods of its lowest frequency for each input
 MOST_SAMPLES = 20_000  # a design simulates hundreds of flights

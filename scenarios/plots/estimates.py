@@ -388,7 +388,7 @@ def _short(value: float) -> str:
 
 # ---- Innovations of a filter with their bounds, and their autocorrelation
 
-EXPECTED_OUTSIDE = math.erfc(math.sqrt(2.0))  # of a Gaussian, outside two standard deviations
+EXPECTED_OUTSIDE = math.erfc(math.sqrt(2.0))  # share of a Gaussian outside two sigmas
 OF_PRIOR = 5.0  # bounds wider than this multiple of 90 % of the bounds come from the prior
 _FEWEST_SAMPLES = 8  # samples that an autocorrelation needs
 

@@ -50,8 +50,8 @@ COLOURS: Mapping[str, str] = {
     "throttle": ORANGE,
     "all": GREY,
 }
-SHOWN = ("nz", "phi", "airspeed", "height", "altitude")  # of the motion
-LONG_PAUSE = 0.3  # of the recorded time, from which on a pause is cut out
+SHOWN = ("nz", "phi", "airspeed", "height", "altitude")  # motion channels that are drawn
+LONG_PAUSE = 0.3  # share of the recorded time; longer pauses are cut out
 MOST_COLUMNS = 4  # columns of panels in a figure
 NARROWEST_PANEL_SHARE = 0.2  # width of the narrowest panel, share of the widest
 ENVELOPE_BINS = 1500  # along a panel, more than it has pixels
@@ -214,7 +214,7 @@ def envelope(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
 # ---- Maneuvers that are compared: inputs and responses over time, with limits
 
 _LIMIT: dict[str, Any] = {"color": BLACK, "linestyle": (0, (4, 2)), "linewidth": 0.8}
-_IN_SIGHT = 1.6  # of what is flown: limits farther off are left out of the panel
+_IN_SIGHT = 1.6  # limits beyond this multiple of the motion are not drawn
 
 
 @dataclass(frozen=True, eq=False)

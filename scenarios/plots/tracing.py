@@ -346,7 +346,7 @@ def _odds(c: Candidate) -> str:
 
 # ---- The parameters of effects from each record by itself
 
-MOST_DRAWN_PARAMETERS = 4  # of one effect that are drawn
+MOST_DRAWN_PARAMETERS = 4  # drawn parameters of one effect
 
 
 def figure_replication(effects: Sequence[Replicated], title: str = "") -> Figure:

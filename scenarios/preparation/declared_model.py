@@ -34,7 +34,7 @@ from sim.vehicles.factory import MODE_CONSTANTS, model_from_constants
 # The vehicle file has frequency and damping, the equations omega and zeta.
 FILE_NAMES = {"frequency": "omega", "damping": "zeta", "generalized_mass": "generalized_mass"}
 INTEGRATOR_ROOT = 1e-9  # rad/s, below which a root is an integrator
-# of a root's time: a Runge-Kutta step of that length is good to a millionth
+# Runge-Kutta step over a root's time constant: error of about 1e-6.
 RESOLVED_STEP_SHARE = 0.15
 MOST_SUB_STEPS = 200.0  # sub-steps between samples: what is quicker still does not show
 RARE_SAMPLE_STEPS = 10.0  # usual sub-steps: samples that lie farther apart are of a slower motion
@@ -135,9 +135,9 @@ CONTRADICTING_LOG_LIKELIHOOD_RATIO = 2.0  # the same of one record, beyond which
 COMPARISON_SETTINGS = FitSettings(max_step=0.02, iterations=60, enough=0.5, coloured=False)
 LARGEST_NUMBER = 1e50
 MOST_COMPARED_SAMPLES = 3000  # samples that the comparison looks at
-# of an input's steps: where so many are nothing at all, a computer may have held it
+# Share of zero steps of an input above which a computer may hold it.
 UNMOVED_STEP_SHARE = 0.7
-# of the other steps: where so many follow one another, a hand or an actuator moved it through them
+# Share of the other steps in sequences above which a hand or an actuator moved it.
 IN_PASSING = 0.5
 Reading = tuple[Model, list[Record]]
 

@@ -40,7 +40,7 @@ BEYOND = {"rad": 1.6, "rad/s": 8.0}
 NEVER = {"rad": BEYOND["rad"], "rad/s": 20.0}
 MOST_UNUSED = 60  # columns of a log that are listed without a channel
 COMMENT_WIDTH = 100  # characters of a line of a draft
-EVEN_CLOCK_TOLERANCE = 1e-3  # of the step, by which the steps of a clock may differ
+EVEN_CLOCK_TOLERANCE = 1e-3  # relative deviation of a clock's steps
 MOST_GAP_SHARE = 0.02  # share of the steps of a clock that may be gaps
 # topics that hold no measured motion
 NO_MEASUREMENT = re.compile(r"setpoint|_sp\b|status|innov|target|reference|command")

@@ -170,9 +170,9 @@ def _rows(record: Record, begin: int, end: int) -> Record:
 
 
 FILTER_ORDER = 4
-BELOW_HALF = 0.8  # of half the new rate: corner of the filter ahead of resampling
-EVEN_SAMPLING_TOLERANCE = 0.01  # of the interval, by which even samples may be off
-# of the rate, within which a record has the rate that is asked for already
+BELOW_HALF = 0.8  # anti-alias corner over the new Nyquist frequency
+EVEN_SAMPLING_TOLERANCE = 0.01  # relative deviation of even sample intervals
+# Relative difference of rates below which a record is not resampled.
 SAME_RATE_TOLERANCE = 1e-6
 FILTERING_FEWEST = 40  # samples that a filter needs to be of use
 # periods of the corner, about a gap, in which a filtered sample rests on what was filled in

@@ -31,12 +31,12 @@ from sim.record import Channel, Hold, Record
 
 # ---- What a measured record needs before it is fitted: inputs about their trim
 
-REST_SHARE = 0.05  # of an input's span, within which it rests
+REST_SHARE = 0.05  # share of an input's span; smaller motion is rest
 SHORTEST_REST = 0.3  # s of rest at the beginning, without which nothing is known of the trim
-OFFSET_SHARE = 0.1  # of an input's span, that its middle is from zero where a zero is no trim
+OFFSET_SHARE = 0.1  # share of an input's span; a zero trim farther from its middle
 # channels in which a motion shows at once
 QUICK = ("alpha", "q", "nz", "az", "beta", "p", "r", "ny", "ay")
-# of a channel's scatter over the record, by which it may change while the aircraft rests
+# Largest change of a channel at rest, share of its scatter over the record.
 STILL_SHARE = 0.3
 
 
@@ -192,7 +192,7 @@ MEASURED = ("airspeed", "dynamic_pressure")
 SPEED_SMOOTHING_TIME = 1.0
 SPIKE_MEDIANS = 9.0  # medians of the distance from the neighbours' median
 TRIM_AVERAGING_TIME = 0.5  # s, over which the trim's pressure is the mean
-NOTABLE_DIFFERENCE_SHARE = 0.1  # of the declared airspeed or density, from which a word is due
+NOTABLE_DIFFERENCE_SHARE = 0.1  # relative difference from the declared value
 
 
 @dataclass(frozen=True)
@@ -454,7 +454,7 @@ def _spikes(values: np.ndarray) -> np.ndarray:
 # ---- A measured pitch attitude as a recorded input of the equations
 
 PARTLY = "the pitch attitude is not measured in all records: a phugoid keeps its own"
-LEAST_SAMPLE_SHARE = 0.5  # of the samples, without which a channel with gaps tells no motion
+LEAST_SAMPLE_SHARE = 0.5  # share of valid samples that a channel needs
 
 
 def wants_attitude(model: Model) -> bool:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 SPEED, DENSITY, LIFT, ATTITUDE = "airspeed_change", "density_change", "lift", "theta"
 # inputs of the equations that are measured motion: no control, which alone excites
 MEASURED_MOTION = (SPEED, DENSITY, LIFT, ATTITUDE)
-BY_HAND = "chosen by hand"  # of a hold, in the sentences on how records were prepared
+BY_HAND = "chosen by hand"  # word for a hold given by the user
 
 
 @dataclass(frozen=True)

@@ -238,13 +238,13 @@ def _still(channel: Channel) -> bool:
 LEAST_EXCITATION_SHARE = 0.3
 EARLIEST_CUT_SHARE = 0.1  # earliest cut, share of the duration
 LATEST_CUT_SHARE = 0.8  # latest cut, share of the duration
-LEAST_HELD_OUT_EXCITATION = 0.1  # of the excitation, for the held-out part
+LEAST_HELD_OUT_EXCITATION = 0.1  # share of the excitation in the held-out part
 FEWEST_PART_SAMPLES = 20  # samples in either part
-# of all samples, that the other records must hold where the last is kept out whole
+# Share of all samples that the other records need if the last is held out whole.
 LEAST_REMAINING_SHARE = 0.3
 FEWEST_TRIM_SAMPLES = 5  # fewest samples that show the trim
 TRIM_SAMPLE_SHARE = 0.02  # share of the samples that show the trim
-_REST_SHARE = 0.02  # of the input's largest movement
+_REST_SHARE = 0.02  # share of the input's largest movement
 _REST_TIME = 0.5  # s
 _REST_NOISE_SIGMAS = 4.0  # sigmas of the noise on a recorded input that a resting one stays within
 _REMEDY = "give another record with --validate, or use more of this one"

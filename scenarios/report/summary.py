@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 # ---- Paragraphs that fit a terminal
 
 WIDTH = 118  # columns where the output is no terminal, and the most that a wide one is used
-TEXT_WIDTH = 100  # of a paragraph; longer lines are hard to read
+TEXT_WIDTH = 100  # width of a paragraph; longer lines are hard to read
 _FIXED = "\N{NO-BREAK SPACE}"
 # Blanks that must not break: before a sigma or unit, after a comparison sign.
 _JOINED = re.compile(

@@ -23,7 +23,7 @@ from scenarios.preparation.plan import Plan
 from sim.errors import DeclarationError, RecordError
 from sim.record import Channel, Hold, Record
 
-EVEN_SAMPLING_TOLERANCE = 0.01  # of the step, by which even samples may be off
+EVEN_SAMPLING_TOLERANCE = 0.01  # relative deviation of even sample intervals
 MOST_MISSING = 0.1  # share of an output's samples that may be joined by lines
 FEWEST_SAMPLES = 64  # samples of a record
 

@@ -405,7 +405,7 @@ def _content(each: Finding) -> dict[str, Any]:
 
 # ---- The page of a campaign
 
-TWO_SIGMA = 0.9545  # of a normal distribution
+TWO_SIGMA = 0.9545  # coverage of a normal distribution
 
 
 def campaign_page(

@@ -63,7 +63,7 @@ def _text(value: str) -> str:
 
 # ---- The flights of a survey as its file declares them
 
-FORM = "1"  # of what is kept of a flight: another one is computed again
+FORM = "1"  # version of stored results; others are recomputed
 # Quantities that are conditions wherever they are given, in the unit in which they are kept.
 CONDITIONS = {
     **{

@@ -110,7 +110,7 @@ def starts_of(diagnoses: DiagnosesByFlight, names: Sequence[str]) -> dict[str, f
 # effects that a search may name, for which the chance of a false recurrence is counted
 LIBRARY_SIZE = 60
 EQUAL_CHI_SQUARE = 3.0  # twice the log likelihood, as in a diagnosis: below it two names are equal
-CLEAR_CHI_SQUARE = 10.0  # of that sum. chosen, as what an addition has to bring in a diagnosis
+CLEAR_CHI_SQUARE = 10.0  # least gain; chosen, as for an effect in a diagnosis
 PRESENT_PROBABILITY = 0.5  # probability from which an effect belongs to a flight's model
 
 
@@ -363,7 +363,7 @@ def _recurring_of(
 # twice the log likelihood, of a flight's own effect beside those that recur. chosen, as in a
 # diagnosis
 NEEDED_CHI_SQUARE = 10.0
-MOST_ROUNDS = 4  # of asking flights for their own effects again; far more than it takes
+MOST_ROUNDS = 4  # repetitions of the search; usually fewer
 
 
 def recurring_with_other_effects(

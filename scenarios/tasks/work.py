@@ -125,7 +125,7 @@ OWN: Mapping[str, str] = {
     "passing": "bool",
     "seconds": "time",
 }
-SHOWN = ("number", "seed", "error")  # of them, what a table begins with
+SHOWN = ("number", "seed", "error")  # first columns of a table
 
 
 @dataclass(frozen=True, eq=False)

@@ -57,7 +57,7 @@ from sim.record import Channel, Hold, Record
 if TYPE_CHECKING:
     from rich.console import Console
 
-MOST_SAMPLES = 200_000  # of all flights together
+MOST_SAMPLES = 200_000  # over all flights
 
 
 @dataclass(frozen=True)
@@ -237,9 +237,9 @@ def sweep_scenario_of(document: Mapping[str, Any], name: str, where: str) -> Swe
     )
 
 
-TAPER_SHARE = 0.02  # of the duration, at both ends of the sweep
+TAPER_SHARE = 0.02  # tapered share at both ends of the sweep
 AIR_TIME = 0.5  # s, time constant of rough air
-UNSTABLE_ROLL_RATE = 1e6  # of a roll rate, rad/s, from which the loop is unstable
+UNSTABLE_ROLL_RATE = 1e6  # rad/s; a larger roll rate means instability
 FINE_FREQUENCIES = 20_000  # frequencies of the true distance from -1
 SPLINE_FREQUENCIES = 1_000  # frequencies between which splines give the true margins, to 1e-7
 

@@ -295,7 +295,7 @@ def misfit(
 
 # ---- The same record estimated in other ways than the scenario's own
 
-RESTART_PASSES = 5  # of plain filters that start again from their own result
+RESTART_PASSES = 5  # restarts of plain filters from their own result
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from sim.record import Record
 
 SCENARIO = "rigid"
-VARIANCE = 0.016  # of alpha in deg^2 and of q in (deg/s)^2: the scenario's own
+VARIANCE = 0.016  # noise variance of alpha, deg^2, and of q, (deg/s)^2, in the scenario
 METHODS = {"extended Kalman filter": "ekf", "output error": "output-error"}
 DENSITIES = (0.0, 0.003, 0.01, 0.03, 0.1)  # (deg/s)^2/s on pitch rate
 

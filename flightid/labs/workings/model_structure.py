@@ -32,10 +32,10 @@ NOISE = {
     **dict.fromkeys(("ax", "ay", "az"), 0.02),
 }
 AXES = ("Cm", "Cn", "Cl", "CL", "CY", "CD")
-HIDDEN = {"Cm": {"alpha*elevator": 5.0}, "Cl": {"alpha*beta": -0.9}}  # of no real aircraft
+HIDDEN = {"Cm": {"alpha*elevator": 5.0}, "Cl": {"alpha*beta": -0.9}}  # invented terms
 FOLLOWS, OWN = 0.6, 0.02  # shares of aileron and of its own movement in a rudder that is linked
-_SIZES = (1.0, -0.75, 1.2, -1.1, 0.85, -0.9, 1.0)  # of the pulses of each maneuver
-_STRETCH = (1.0, 1.25, 0.85, 1.1, 0.75, 1.35, 1.0)  # of their durations
+_SIZES = (1.0, -0.75, 1.2, -1.1, 0.85, -0.9, 1.0)  # relative sizes of the pulses of each maneuver
+_STRETCH = (1.0, 1.25, 0.85, 1.1, 0.75, 1.35, 1.0)  # relative durations
 
 
 @dataclass(frozen=True, eq=False)

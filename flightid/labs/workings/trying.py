@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from scenarios.studies.study import MethodResult, StudyResult
 
 KEPT = 64  # studies that are remembered: some hundred kB each
-PREFIX = "flightid-"  # of folders for what is computed on files
+PREFIX = "flightid-"  # prefix of temporary folders
 ALONE = "methods=[]"  # a change of a scenario: its main method alone
 
 

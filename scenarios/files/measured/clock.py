@@ -25,7 +25,7 @@ HIGHEST_CLOCK_RATE = 50_000.0
 DOUBTFUL_CLOCK_RATE = 1000.0
 LEAST_DATE_STAMP = 1e8  # s; larger stamps are dates
 LATEST_EPOCH_STAMP = 4.2e9  # s: seconds since 1970 stay below it until the year 2103
-# of a day or a week, by which the first stamp after its end may be late
+# Largest delay of the first stamp after the end of a day or week, share of it.
 ROLLOVER_DELAY_SHARE = 1e-3
 HOUR = 3600.0  # s
 DAY = 86400.0  # s
@@ -34,7 +34,7 @@ CALENDAR_DAYS = ((25_569.0, 73_415.0), (719_529.0, 767_376.0))
 # Least share of uneven steps that is attributed to rounding of the stamps. Measured: correct for
 # all of 1500 records at 10 to 400 Hz with 2 to 4 digits; 0.05 fails for 33 Hz in 0.01 s.
 ROUNDED_STEP_SHARE = 0.01
-COARSE_STAMP_SHARE = 0.01  # of the step, from which the digits of the stamps limit it
+COARSE_STAMP_SHARE = 0.01  # rounding of the stamps over the step that counts as coarse
 # share of the rows that may stand in the wrong place; in order, a record has none and this decides
 # nothing
 MOST_DISPLACED_SHARE = 0.02

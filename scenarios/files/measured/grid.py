@@ -34,7 +34,7 @@ FILTER_ORDER = 4
 SI_TRIED = ("rad", "rad/s", "m/s", "m", "s", "N", "Pa", "m/s2", "kg", "kg/m3", "m2", "rad/s2")
 NO_NAMES = ("", "index", "unnamed: 0")  # headers of an index that has no name
 FIRST_CELLS = 5  # cells that say whether a column holds dates
-UNEVEN_CLOCK_SHARE = 0.1  # of the step, from which an uneven clock is said
+UNEVEN_CLOCK_SHARE = 0.1  # relative deviation that is reported as an uneven clock
 Place = tuple[int, int]  # topic and column
 
 

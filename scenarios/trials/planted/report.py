@@ -354,7 +354,7 @@ def truth_content(study: TraceStudy) -> dict[str, Any]:
 
 
 def trace_comparison(study: TraceStudy) -> dict[str, Any]:
-    """Return the content of ``comparison.json``: fit with effects; declared model under ``methods``."""
+    """Return the content of ``comparison.json``; the declared model is under ``methods``."""
     d = study.tracing.diagnosis
     derived = {
         when: {

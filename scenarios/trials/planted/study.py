@@ -70,7 +70,7 @@ OPEN_PRIOR_SIGMAS = 100.0
 UNDETERMINED_SIGMAS = 3.0
 TURBULENCE = "gust-turbulence"
 NOTABLE_SIGMAS = 1.0  # sigma of the estimate, from which a difference is told
-NUMERICAL_SIGMAS = 0.1  # of a sigma: integration and sampling
+NUMERICAL_SIGMAS = 0.1  # error of integration and sampling
 NOISE_SEED = 7  # any draw gives the same sum of squares
 
 
@@ -82,8 +82,8 @@ class Comparable:
     ----------
     values : by parameter, SI; those of an effect by its full name.
     derived : frequencies and damping ratios of the fitted model at these values, by name.
-    open : parameters that this flight does not determine. Their reference is the condensed value of a
-        derivative, or the best fitting value nearest to the estimate.
+    open : parameters that this flight does not determine. Their reference is the condensed value
+        of a derivative, or the best fitting value nearest to the estimate.
     basis : where the values come from, in a sentence.
     """
 
