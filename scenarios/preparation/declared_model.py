@@ -36,8 +36,8 @@ FILE_NAMES = {"frequency": "omega", "damping": "zeta", "generalized_mass": "gene
 INTEGRATOR_ROOT = 1e-9  # rad/s, below which a root is an integrator
 # Runge-Kutta step over a root's time constant: error of about 1e-6.
 RESOLVED_STEP_SHARE = 0.15
-MOST_SUB_STEPS = 200.0  # sub-steps between samples: what is quicker still does not show
-RARE_SAMPLE_STEPS = 10.0  # usual sub-steps: samples that lie farther apart are of a slower motion
+MOST_SUB_STEPS = 200.0  # sub-steps between samples; faster motion is not resolved
+RARE_SAMPLE_STEPS = 10.0  # longer sample intervals, in usual sub-steps, indicate slow motion
 
 
 def model_of_file(vehicle: VehicleFile) -> Model:
@@ -71,10 +71,9 @@ def model_of_file(vehicle: VehicleFile) -> Model:
 
 
 def outputs_with_bias(model: Model, outputs: Sequence[str]) -> list[str]:
-    """Outputs with a free constant bias: those that the equations name, else all except an
-    altitude.
+    """Return outputs with a free bias: those of the equations, else all except an altitude.
 
-    On a falling body a bias of the altitude is equivalent to another ballistic coefficient.
+    For a falling body, a bias of the altitude is equivalent to another ballistic coefficient.
     """
     if isinstance(model.equations, Biased):
         return [name for name in outputs if name in model.equations.biased_outputs]
@@ -82,11 +81,10 @@ def outputs_with_bias(model: Model, outputs: Sequence[str]) -> list[str]:
 
 
 def step_for(model: Model, records: Sequence[Record], usual: float) -> float:
-    """Return the longest integration sub-step, s: ``usual`` but for an own model, whose motion may
-    be a thousand times slower or faster than an aircraft's.
+    """Return the longest integration sub-step, s: ``usual`` except for a user's model.
 
-    A share of the quickest root's time, never longer than the usual one or, where samples are
-    rarer, than the sampling interval.
+    For a user's model, which may be much slower or faster than an aircraft, a share of the fastest
+    root's time constant, at most ``usual`` or a long sample interval.
     """
     if not is_own(model) or not records:
         return usual
@@ -94,7 +92,7 @@ def step_for(model: Model, records: Sequence[Record], usual: float) -> float:
 
 
 def step_of(model: Model, interval: float, usual: float) -> float:
-    """Sub-step of a user model for samples ``interval`` apart, s."""
+    """Return the sub-step of a user model for samples ``interval`` apart, s."""
     sizes = root_sizes(compile_model(model), inputs_at_rest(model))
     quick = RESOLVED_STEP_SHARE / float(np.max(sizes)) if len(sizes) else math.inf
     return min(
@@ -104,8 +102,9 @@ def step_of(model: Model, interval: float, usual: float) -> float:
 
 
 def root_sizes(system: System, u: list[float]) -> np.ndarray:
-    """Return the sizes of the roots about the initial state, rad/s, integrators left out; none if
-    the slopes are not finite.
+    """Return magnitudes of the roots at the initial state, rad/s, without integrators.
+
+    Empty if the Jacobian is not finite.
     """
     p = system.parameters.values().tolist()
     slopes = complex_step_jacobian(
@@ -127,14 +126,13 @@ def _coupling(name: str, modes: int) -> bool:
 
 # ---- Two readings of the same records
 
-# of twice the log likelihood, in samples that count as independent, from which a reading is no
-# chance
+# Twice the log likelihood ratio (effective samples) above which a reading is accepted.
 DECISIVE_LOG_LIKELIHOOD_RATIO = 10.0
-CONTRADICTING_LOG_LIKELIHOOD_RATIO = 2.0  # the same of one record, beyond which it contradicts
-# within a half of the log likelihood of the minimum
+CONTRADICTING_LOG_LIKELIHOOD_RATIO = 2.0  # the same for one contradicting record
+# accuracy: half a unit of the log likelihood
 COMPARISON_SETTINGS = FitSettings(max_step=0.02, iterations=60, enough=0.5, coloured=False)
 LARGEST_NUMBER = 1e50
-MOST_COMPARED_SAMPLES = 3000  # samples that the comparison looks at
+MOST_COMPARED_SAMPLES = 3000  # samples used in the comparison
 # Share of zero steps of an input above which a computer may hold it.
 UNMOVED_STEP_SHARE = 0.7
 # Share of the other steps in sequences above which a hand or an actuator moved it.
@@ -179,7 +177,7 @@ def better_by(
         for record in first[1]
         for channel in record.channels
     ):
-        return Compared(0.0, "a number is beyond all measure")  # whoever fits it says so
+        return Compared(0.0, "a number is beyond all measure")  # reported by the fit
     first, second = (
         (model, [from_trim(record, model) for record in some]) for model, some in (first, second)
     )
@@ -204,7 +202,7 @@ def better_by(
     ):
         return Compared(0.0, "a fit has no finite likelihood")
     if any(fit.counts.sum() <= len(fit.theta) for fit in (old, new)):
-        # both readings fit, and what is left is rounding
+        # residuals are rounding errors
         return Compared(0.0, "as many unknowns as samples")
     if why := _undecided(old, first) or _undecided(new, second):
         return Compared(0.0, why)
@@ -233,19 +231,17 @@ def from_trim(record: Record, model: Model) -> Record:
 
 
 def implausible_bias(value: float, measured: np.ndarray) -> bool:
-    """Return whether the bias of an output of perturbations cannot be its reading at trim,
-    ``measured (N,)`` being its samples.
+    """Return whether the bias of an output cannot be its trim value; ``measured``: ``(N,)``.
 
-    With controls about their trim an aircraft moves about its trim: that lies between the channel's
-    extremes, or beyond them by no more than the motion between them where the record shows one side
-    of the motion only.
+    The trim value lies between the extremes of the samples, or beyond them by at most their range
+    if the motion is on one side of trim only.
     """
     low, high = float(np.min(measured)), float(np.max(measured))
     return not low - (high - low) <= value <= high + (high - low)
 
 
 def _undecided(fit: Fit, reading: Reading) -> str:
-    """Why a fit does not decide on its reading; else empty."""
+    """Return why a fit cannot decide on its reading; else empty."""
     if fit.outcome is not Outcome.CONVERGED:
         return "a fit has not converged"
     if of_totals(reading[0]):
@@ -268,9 +264,7 @@ def _undecided(fit: Fit, reading: Reading) -> str:
 
 
 def _implausible(*fits: Fit | None) -> list[np.ndarray]:
-    """Isolated wrong samples of each record by either fit, ``(m, N)``; none if a fit is
-    missing.
-    """
+    """Return isolated wrong samples of each record by either fit, ``(m, N)``; empty without."""
     finite = [
         fit
         for fit in fits
@@ -345,9 +339,7 @@ def held_by_computer(record: Record) -> bool:
 
 
 def _leaps(steps: np.ndarray) -> bool:
-    """Return whether an input that rests most of the time moves in single steps: a surface passes
-    through several samples on its way.
-    """
+    """Return whether an input rests mostly and moves in single steps, unlike a moving surface."""
     moves = steps != 0.0
     onward = moves[1:] & moves[:-1] & (np.sign(steps[1:]) == np.sign(steps[:-1]))
     passing = float(np.sum(onward)) / max(1.0, float(np.sum(moves)))

@@ -32,8 +32,8 @@ from sim.record import Channel, Hold, Record
 # ---- What a measured record needs before it is fitted: inputs about their trim
 
 REST_SHARE = 0.05  # share of an input's span; smaller motion is rest
-SHORTEST_REST = 0.3  # s of rest at the beginning, without which nothing is known of the trim
-OFFSET_SHARE = 0.1  # share of an input's span; a zero trim farther from its middle
+SHORTEST_REST = 0.3  # s of rest at the beginning that a trim needs
+OFFSET_SHARE = 0.1  # share of an input's span; a median closer to zero needs no trim
 # channels in which a motion shows at once
 QUICK = ("alpha", "q", "nz", "az", "beta", "p", "r", "ny", "ay")
 # Largest change of a channel at rest, share of its scatter over the record.

@@ -1,6 +1,4 @@
-"""A document as a page, HTML in one file that asks no other machine for anything; and as JSON and
-back, so that its page can be made again without computing.
-"""
+"""Conversion of a document to an HTML page (one file, no network access) and to and from JSON."""
 
 from __future__ import annotations
 
@@ -53,7 +51,7 @@ Kind = TypeVar("Kind")
 
 
 def page_content(page: Page) -> dict[str, Any]:
-    """Return the content of ``report.json``; what has its usual value is left out."""
+    """Return the content of ``report.json``, without default values."""
     return {
         "schema": SCHEMA,
         "title": page.title,
@@ -67,7 +65,7 @@ def page_content(page: Page) -> dict[str, Any]:
         "sections": [_section(each) for each in page.sections],
         "reproduction": {
             "commands": list(page.reproduction.commands),
-            # in their order, which keys would lose
+            # a list keeps the order
             "versions": [list(pair) for pair in page.reproduction.versions.items()],
             "seed": page.reproduction.seed,
             "inputs": [list(each) for each in page.reproduction.inputs],
@@ -76,10 +74,10 @@ def page_content(page: Page) -> dict[str, Any]:
 
 
 def page_of(content: Mapping[str, Any]) -> Page:
-    """Return the page that ``page_content`` describes; a study may be somebody else's, so that
-    every value is of its kind and figures only draw.
+    """Return the page from the content of ``report.json``.
 
-    Raises KeyError, TypeError or ValueError for a content that describes none.
+    Content may be untrusted: types are checked, and figures may only contain drawings. Raises
+    KeyError, TypeError or ValueError for invalid content.
     """
     if content["schema"] != SCHEMA:
         raise ValueError(content["schema"])
@@ -241,9 +239,7 @@ def _count(value: Any) -> int:
 
 
 def _drawing(value: Any) -> str:
-    """Return the ``<svg>`` of a figure as our renderer writes it: elements that draw, and no
-    attribute that runs or loads anything.
-    """
+    """Return the ``<svg>`` of a figure if it has only drawing elements, no scripts or links."""
     text = _text(value)
     parts = text.split("<")
     if (
@@ -255,7 +251,7 @@ def _drawing(value: Any) -> str:
     return text
 
 
-# characters of drawings and their data on one page, which stays below 3 MB
+# limit of drawings and their data on one page, in characters
 MOST_DRAWING_CHARACTERS = 2_500_000
 _DARK = {
     **{
@@ -282,7 +278,7 @@ _DARK = {
         "f-orange": "#f0b23a",
     },
 }
-# CSS variable -> colour of the figures (`scenarios/plots/style.py`).
+# Colour of the figures (`scenarios/plots/style.py`) -> CSS variable.
 _FIGURES = {
     **{
         "#000000": "f-black",

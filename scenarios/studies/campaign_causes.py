@@ -209,7 +209,7 @@ def _by_prior(wrong: Wrong, bound: Bound | None, statistics: CampaignStatistics)
     """Return a finding if the prior has so large a part in the stated sigma that it predicts the
     errors.
     """
-    # If the method reports other sigmas than the bound (process noise), the bound's are not its.
+    # With other reported sigmas, as with process noise, the bound does not apply to the method.
     if (
         bound is None
         or abs(math.log(wrong.statistics.reported / float(bound.stated[wrong.at])))
