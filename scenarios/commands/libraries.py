@@ -50,9 +50,7 @@ def list_scenarios() -> None:
 
 
 def show_scenario(name: str) -> None:
-    """The file of a scenario as it stands, so that ``flightid list rigid > mine.toml`` makes a copy
-    to edit.
-    """
+    """Print a scenario's file unchanged, for ``flightid list rigid > mine.toml``."""
     from scenarios.studies.catalogue import scenario_text
 
     print(scenario_text(name), end="")
@@ -115,7 +113,7 @@ def show_effects(name: str | None) -> None:
 
 
 def _parameters(effect: Effect) -> list[TableColumn]:
-    """Start, bounds and what is believed without asking, of each parameter."""
+    """Return start, bounds and default range of each parameter."""
     from scenarios.report.quantities import shown_in, unit_cell
 
     shown = [shown_in(item.unit, item.name) for item in effect.parameters]
@@ -280,9 +278,7 @@ def _explanation(equations: Equations) -> str:
 
 
 def show_example(name: str | None) -> None:
-    """The file of the scenario ``own-model`` as it stands, so that ``flightid models --example >
-    my_model.py`` makes a copy to edit.
-    """
+    """Print the example of a model file, for ``flightid models --example > my_model.py``."""
     if name is not None:
         raise DeclarationError(
             f"a model is named as well, {name!r}",
@@ -295,7 +291,7 @@ def show_example(name: str | None) -> None:
 
 
 def _built_in(name: str) -> tuple[Equations, Mapping[str, str], Mapping[str, str]]:
-    """Equations of a model, and names with units of its constants and of what is estimated."""
+    """Return the equations of a model, and its constants and parameters with units."""
     from scenarios.files.aircraft_files import example
     from scenarios.files.vehicles import AIRCRAFT
     from sim.vehicles.factory import FAMILIES, MODE_CONSTANTS, mode_units
@@ -448,7 +444,7 @@ def lab_files() -> dict[int, Path]:
 
 
 def title_of(path: Path) -> str:
-    """Return the title that a notebook gives itself."""
+    """Return the title in a notebook."""
     found = _TITLE.search(path.read_text(encoding="utf-8"))
     return found[1] if found else path.stem
 

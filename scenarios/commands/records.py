@@ -38,7 +38,7 @@ from sim.errors import DeclarationError, RecordError
 if TYPE_CHECKING:
     from scenarios.structure.study import StructureOptions
 
-# ---- flightid check: what the kinematics alone say of the sensors, printed and written
+# ---- flightid check: sensor faults by kinematics
 
 
 def check_records(request: Request, out: Path | None, figures: Formats) -> None:

@@ -191,7 +191,7 @@ def group_sentence(claim: Claim, wording: Wording) -> str:
 
 
 def most_likely(told: str, claimed: Sequence[Claim]) -> str:
-    """Return the effects ``told`` of an ambiguous verdict, replaced by more likely alternatives."""
+    """Return ``"most likely ..."``, or the effects ``told`` with more likely alternatives."""
     likelier = []
     for claim in claimed:
         leader = max(claim.probability, key=claim.probability.__getitem__, default=claim.name)
