@@ -154,7 +154,7 @@ INTERRUPTED_EXIT_CODE = 130  # exit code of what Ctrl-C ended: 128 and the numbe
 
 
 class Stopped(Exception):
-    """Ctrl-C, hidden from the command-line library, which would print a line; text: stored results."""
+    """Ctrl-C, hidden from the command-line library; its text names the stored results."""
 
 
 def report(error: BaseException) -> int:
