@@ -113,7 +113,7 @@ def show_effects(name: str | None) -> None:
 
 
 def _parameters(effect: Effect) -> list[TableColumn]:
-    """Return start, bounds and default range of each parameter."""
+    """Return start, bounds and plausible range of each parameter."""
     from scenarios.report.quantities import shown_in, unit_cell
 
     shown = [shown_in(item.unit, item.name) for item in effect.parameters]

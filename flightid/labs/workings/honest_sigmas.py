@@ -31,9 +31,11 @@ def changes(
     told: float = 0.0,
     method: str = "extended Kalman filter",
 ) -> tuple[str, ...]:
-    """Changes of the scenario: sensors' noise that the estimator believes in over the true one,
-    process noise on pitch rate that acts and that the filter is told ((deg/s)^2/s), and the
-    estimator."""
+    """Return changes of the scenario.
+
+    Assumed over true sensor noise, true and assumed process noise on pitch rate ((deg/s)^2/s), and
+    the estimator.
+    """
     variance = VARIANCE * believed**2
     of_filter = {"ekf": f'{{q = "{told:g} (deg/s)^2/s"}}' if told else "{}"}.get(
         METHODS[method], "{}"

@@ -259,7 +259,7 @@ def held_out(studied: Studied, axis: str) -> str:
 
 
 def told(studied: Studied, axis: str) -> list[str]:
-    """What the command would say of a coefficient, and of surfaces that move together."""
+    """Return the command's sentences on a coefficient and on surfaces that move together."""
     from scenarios.structure.report import findings
 
     lines = findings(studied.found)
